@@ -1,0 +1,83 @@
+#include "math/block_matrix.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+namespace softhand {
+
+void BlockPattern::add(int row, int column) {
+  if (row < 0 || column < 0 || row >= block_count_ || column >= block_count_) {
+    throw std::out_of_range("BlockPattern: block (" + std::to_string(row) + ", " + std::to_string(column) + ") outside " +
+                            std::to_string(block_count_));
+  }
+  pairs_.emplace_back(std::min(row, column), std::max(row, column));
+}
+
+void BlockPattern::add_clique(std::span<const int> blocks) {
+  for (std::size_t a = 0; a < blocks.size(); ++a) {
+    for (std::size_t b = 0; b <= a; ++b) add(blocks[a], blocks[b]);
+  }
+}
+
+std::vector<std::pair<int, int>> BlockPattern::lower_triangle() const {
+  std::vector<std::pair<int, int>> all = pairs_;
+  for (int block = 0; block < block_count_; ++block) all.emplace_back(block, block);
+  std::sort(all.begin(), all.end());
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  return all;
+}
+
+BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
+  const auto pairs = pattern.lower_triangle();
+  column_start_.assign(static_cast<std::size_t>(pattern.block_count()) + 1, 0);
+  row_.reserve(pairs.size());
+  for (const auto& [column, row] : pairs) {
+    ++column_start_[static_cast<std::size_t>(column) + 1];
+    row_.push_back(row);
+  }
+  for (std::size_t c = 1; c < column_start_.size(); ++c) column_start_[c] += column_start_[c - 1];
+  values_.assign(9 * row_.size(), 0.0);
+}
+
+BlockSlot BlockMatrix::find(int row, int column) const {
+  const bool transposed = row < column;
+  const int c = std::min(row, column);
+  const int r = std::max(row, column);
+  if (c >= 0 && r < block_count()) {
+    const auto begin = row_.begin() + column_start_[static_cast<std::size_t>(c)];
+    const auto end = row_.begin() + column_start_[static_cast<std::size_t>(c) + 1];
+    const auto found = std::lower_bound(begin, end, r);
+    if (found != end && *found == r) return {static_cast<std::int32_t>(found - row_.begin()), transposed};
+  }
+  throw std::out_of_range("BlockMatrix: no block (" + std::to_string(row) + ", " + std::to_string(column) + ") in the pattern");
+}
+
+void BlockMatrix::set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
+
+void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
+  y.setZero(3 * block_count());
+  for (int column = 0; column < block_count(); ++column) {
+    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)]; k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
+      const int row = row_[static_cast<std::size_t>(k)];
+      const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+      y.segment<3>(3 * row) += block * x.segment<3>(3 * column);
+      if (row != column) y.segment<3>(3 * column) += block.transpose() * x.segment<3>(3 * row);
+    }
+  }
+}
+
+Eigen::MatrixXd BlockMatrix::dense() const {
+  Eigen::MatrixXd full = Eigen::MatrixXd::Zero(3 * block_count(), 3 * block_count());
+  for (int column = 0; column < block_count(); ++column) {
+    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)]; k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
+      const int row = row_[static_cast<std::size_t>(k)];
+      const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+      full.block<3, 3>(3 * row, 3 * column) = block;
+      if (row != column) full.block<3, 3>(3 * column, 3 * row) = block.transpose();
+    }
+  }
+  return full;
+}
+
+}  // namespace softhand

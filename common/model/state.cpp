@@ -1,0 +1,28 @@
+#include "model/state.hpp"
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+
+void apply_increment(State& state, const VectorX& direction, double scale) {
+  const DofLayout layout = state.layout();
+  state.node_positions += scale * Eigen::Map<const Eigen::Matrix3Xd>(direction.data(), 3, layout.node_count);
+  for (int body = 0; body < layout.body_count; ++body) {
+    Pose& pose = state.body_poses[static_cast<std::size_t>(body)];
+    const auto delta = direction.segment<6>(3 * layout.body_translation_block(body));
+    pose = increment(pose, scale * delta.head<3>(), scale * delta.tail<3>());
+  }
+}
+
+bool all_finite(const State& state) {
+  if (!state.node_positions.allFinite() || !state.node_velocities.allFinite()) return false;
+  for (const Pose& pose : state.body_poses) {
+    if (!pose.position.allFinite() || !pose.orientation.coeffs().allFinite()) return false;
+  }
+  for (const Twist& twist : state.body_velocities) {
+    if (!twist.linear.allFinite() || !twist.angular.allFinite()) return false;
+  }
+  return true;
+}
+
+}  // namespace softhand

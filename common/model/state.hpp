@@ -1,0 +1,38 @@
+// State: everything that varies, in one process's hand simulation. Written by the solver only (the scene places it at start and on
+// repositioning).
+#pragma once
+
+#include <vector>
+
+#include "math/types.hpp"
+
+namespace softhand {
+
+/// Which block (of three degrees of freedom) belongs to what: nodes first, then two blocks a body (translation, rotation).
+struct DofLayout {
+  int node_count = 0;
+  int body_count = 0;
+
+  int block_count() const { return node_count + 2 * body_count; }
+  int dof_count() const { return 3 * block_count(); }
+  int node_block(int node) const { return node; }
+  int body_translation_block(int body) const { return node_count + 2 * body; }
+  int body_rotation_block(int body) const { return node_count + 2 * body + 1; }
+};
+
+struct State {
+  Eigen::Matrix3Xd node_positions;   ///< 3 x nodes, metres, world
+  Eigen::Matrix3Xd node_velocities;  ///< 3 x nodes, m/s, world
+  std::vector<Pose> body_poses;      ///< centre-of-mass frames in the world; the 21 bones first, then mirrored objects
+  std::vector<Twist> body_velocities;  ///< of the centre of mass, world axes
+
+  DofLayout layout() const { return {static_cast<int>(node_positions.cols()), static_cast<int>(body_poses.size())}; }
+};
+
+/// state := state (+) scale * direction. Nodes and translations are added; rotations are spatial increments: exp(w) R.
+void apply_increment(State& state, const VectorX& direction, double scale = 1.0);
+
+/// True when every number in the state is finite.
+bool all_finite(const State& state);
+
+}  // namespace softhand
