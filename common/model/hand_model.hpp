@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -109,9 +110,22 @@ void save_hand(const HandModel& hand, const std::string& path);
 /// The same hand for the other side: every frame mirrored as S R S, S = diag(-1, 1, 1).
 HandModel mirrored(const HandModel& hand);
 
-/// The hand fitted to a user: `joints` are one frame of tracked joint poses in any common frame (all 26 valid), `radii` their skin
-/// radii (values <= 0: keep the model's). Bone lengths and joint offsets become the user's; mesh, bones and attachments are blended along,
-/// without remeshing. Throws std::invalid_argument where a length ratio is outside [0.5, 2].
-HandModel fitted(const HandModel& hand, const std::array<Pose, kJointCount>& joints, const std::array<double, kJointCount>& radii);
+/// What a tracker's frames tell of a user's skeleton, whatever the pose.
+struct MeasuredSkeleton {
+  /// Origin of each joint in the frame of the joint that carries its bone's proximal end (`parent_of(body_of(joint))`'s joint; for tips their own
+  /// distal joint), metres. Wrist: zero.
+  std::array<Vector3, kJointCount> offsets{};
+  /// Orientation of the metacarpals II-V in the wrist's frame, by joint; others identity. Sources differ here by convention.
+  std::array<Quaternion, kJointCount> metacarpal_orientations{};
+  std::array<double, kJointCount> radii{};  ///< metres; <= 0 where the source has none
+};
+
+/// Mean over `frames` (each: all 26 joints in any common frame). Throws std::invalid_argument when there is none.
+MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>> frames, const std::array<double, kJointCount>& radii);
+
+/// The hand fitted to a user: bone lengths, joint offsets and thickness become the user's; mesh, bones and attachments are blended along,
+/// without remeshing (FACTS.md, "Scaling to a user"). Throws std::invalid_argument where a length ratio is outside [0.5, 2] or a tetrahedron
+/// would turn over.
+HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user);
 
 }  // namespace softhand

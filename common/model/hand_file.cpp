@@ -1,0 +1,338 @@
+// The hand file: JSON, version 1, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight significant digits for
+// physical quantities), so that a file is small, diffs well, and writing what was read gives the same bytes.
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "model/hand_model.hpp"
+
+namespace softhand {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kVersion = 1;
+constexpr const char* kFormat = "softhand-hand";
+constexpr const char* kUnits = "m kg s N rad";
+
+double to_grid(double value, double step) { return std::round(value / step) * step; }
+
+// The nearest double to a short decimal: through text, because value/step*step leaves 0.30000000000000004.
+double short_decimal(double value, const char* format) {
+  char text[40];
+  std::snprintf(text, sizeof text, format, value);
+  const double rounded = std::strtod(text, nullptr);
+  return rounded == 0 ? 0.0 : rounded;
+}
+double metres(double value) { return short_decimal(to_grid(value, 1e-7), "%.7f"); }
+double quantity(double value) { return short_decimal(value, "%.8g"); }
+double fraction(double value) { return short_decimal(value, "%.6f"); }
+
+template <typename Round>
+Json vector_json(const Vector3& v, Round round) {
+  return Json::array({round(v.x()), round(v.y()), round(v.z())});
+}
+Json quaternion_json(const Quaternion& q) {
+  const double sign = q.w() < 0 ? -1.0 : 1.0;
+  return Json::array({quantity(sign * q.x()), quantity(sign * q.y()), quantity(sign * q.z()), quantity(sign * q.w())});
+}
+
+const std::map<JointKind, std::string> kKindNames{
+    {JointKind::free, "free"}, {JointKind::ball, "ball"}, {JointKind::saddle, "saddle"}, {JointKind::hinge, "hinge"}};
+
+// Reads one field after another and says which one was wrong.
+class FieldReader {
+ public:
+  FieldReader(const Json& json, std::string file, std::string path) : json_(json), file_(std::move(file)), path_(std::move(path)) {}
+
+  [[noreturn]] void fail(const std::string& expected) const { throw std::runtime_error(file_ + ": " + path_ + ": expected " + expected); }
+
+  FieldReader operator[](const char* key) const {
+    if (!json_.is_object()) fail("an object with the field '" + std::string(key) + "'");
+    const auto found = json_.find(key);
+    const std::string inner = path_.empty() ? key : path_ + "." + key;
+    if (found == json_.end()) throw std::runtime_error(file_ + ": " + inner + ": missing");
+    return {*found, file_, inner};
+  }
+  FieldReader at(std::size_t i) const { return {json_[i], file_, path_ + "[" + std::to_string(i) + "]"}; }
+  std::size_t size() const {
+    if (!json_.is_array()) fail("an array");
+    return json_.size();
+  }
+  void expect_keys(std::initializer_list<const char*> keys) const {
+    for (const auto& [key, value] : json_.items()) {
+      if (std::none_of(keys.begin(), keys.end(), [&key](const char* known) { return key == known; })) {
+        throw std::runtime_error(file_ + ": " + (path_.empty() ? key : path_ + "." + key) + ": unknown field");
+      }
+    }
+  }
+  double number() const {
+    if (!json_.is_number()) fail("a number");
+    return json_.get<double>();
+  }
+  std::int32_t index() const {
+    if (!json_.is_number_integer()) fail("an integer");
+    const auto value = json_.get<std::int64_t>();
+    if (value < 0 || value > std::numeric_limits<std::int32_t>::max()) fail("an index >= 0");
+    return static_cast<std::int32_t>(value);
+  }
+  std::string string() const {
+    if (!json_.is_string()) fail("a string");
+    return json_.get<std::string>();
+  }
+  Vector3 vector() const {
+    if (size() != 3) fail("3 numbers");
+    return {at(0).number(), at(1).number(), at(2).number()};
+  }
+  Quaternion quaternion() const {
+    if (size() != 4) fail("a quaternion x y z w");
+    const Quaternion q(at(3).number(), at(0).number(), at(1).number(), at(2).number());
+    if (!(std::abs(q.norm() - 1.0) < 1e-3)) fail("a unit quaternion x y z w");
+    return q.normalized();
+  }
+  std::array<double, 2> range() const {
+    if (size() != 2) fail("a minimum and a maximum");
+    return {at(0).number(), at(1).number()};
+  }
+  /// Flat array, `width` items a record.
+  std::size_t records(std::size_t width) const {
+    const std::size_t items = size();
+    if (items % width != 0) fail("a multiple of " + std::to_string(width) + " items, found " + std::to_string(items));
+    return items / width;
+  }
+
+ private:
+  const Json& json_;
+  std::string file_;
+  std::string path_;
+};
+
+Json body_json(const HandModel& hand, int b) {
+  const BodyModel& body = hand.bodies[static_cast<std::size_t>(b)];
+  const auto kind = kKindNames.at(body.joint.kind);
+  const Matrix3& i = body.inertia;
+  return Json{
+      {"name", kBodyNames[static_cast<std::size_t>(b)]},
+      {"mass", quantity(body.mass)},
+      {"centre_of_mass", vector_json(body.joint_from_body.position, metres)},
+      {"orientation", quaternion_json(body.joint_from_body.orientation)},
+      {"inertia", Json::array({quantity(i(0, 0)), quantity(i(1, 1)), quantity(i(2, 2)), quantity(i(0, 1)), quantity(i(0, 2)), quantity(i(1, 2))})},
+      {"bone",
+       {{"start", vector_json(body.bone_start, metres)},
+        {"end", vector_json(body.bone_end, metres)},
+        {"start_radius", metres(body.bone_start_radius)},
+        {"end_radius", metres(body.bone_end_radius)}}},
+      {"joint",
+       {{"kind", kind},
+        {"position_stiffness", quantity(body.joint.position_stiffness)},
+        {"orientation_stiffness", quantity(body.joint.orientation_stiffness)},
+        {"limit_stiffness", quantity(body.joint.limit_stiffness)},
+        {"flexion_range", Json::array({quantity(body.joint.flexion_range[0]), quantity(body.joint.flexion_range[1])})},
+        {"abduction_range", Json::array({quantity(body.joint.abduction_range[0]), quantity(body.joint.abduction_range[1])})}}},
+      {"coupling",
+       {{"linear_stiffness", quantity(body.coupling_linear_stiffness)},
+        {"angular_stiffness", quantity(body.coupling_angular_stiffness)},
+        {"force_cap", quantity(body.coupling_force_cap)},
+        {"torque_cap", quantity(body.coupling_torque_cap)}}}};
+}
+
+BodyModel read_body(const FieldReader& reader) {
+  reader.expect_keys({"name", "mass", "centre_of_mass", "orientation", "inertia", "bone", "joint", "coupling"});
+  BodyModel body;
+  body.mass = reader["mass"].number();
+  body.joint_from_body = {reader["centre_of_mass"].vector(), reader["orientation"].quaternion()};
+  const FieldReader inertia = reader["inertia"];
+  if (inertia.size() != 6) inertia.fail("6 numbers: xx yy zz xy xz yz");
+  const auto i = [&inertia](std::size_t k) { return inertia.at(k).number(); };
+  body.inertia << i(0), i(3), i(4), i(3), i(1), i(5), i(4), i(5), i(2);
+  const FieldReader bone = reader["bone"];
+  body.bone_start = bone["start"].vector();
+  body.bone_end = bone["end"].vector();
+  body.bone_start_radius = bone["start_radius"].number();
+  body.bone_end_radius = bone["end_radius"].number();
+  const FieldReader joint = reader["joint"];
+  const std::string kind = joint["kind"].string();
+  const auto found = std::find_if(kKindNames.begin(), kKindNames.end(), [&kind](const auto& entry) { return entry.second == kind; });
+  if (found == kKindNames.end()) joint["kind"].fail("free, ball, saddle or hinge");
+  body.joint = {found->first, joint["position_stiffness"].number(), joint["orientation_stiffness"].number(), joint["limit_stiffness"].number(),
+                joint["flexion_range"].range(), joint["abduction_range"].range()};
+  const FieldReader coupling = reader["coupling"];
+  body.coupling_linear_stiffness = coupling["linear_stiffness"].number();
+  body.coupling_angular_stiffness = coupling["angular_stiffness"].number();
+  body.coupling_force_cap = coupling["force_cap"].number();
+  body.coupling_torque_cap = coupling["torque_cap"].number();
+  return body;
+}
+
+}  // namespace
+
+void save_hand(const HandModel& hand, const std::string& path) {
+  Json json;
+  json["format"] = kFormat;
+  json["version"] = kVersion;
+  json["units"] = kUnits;
+  json["name"] = hand.name;
+  json["side"] = hand.side == Side::left ? "left" : "right";
+  json["notice"] = hand.notice;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    json["joints"].push_back({{"name", kJointNames[j]},
+                              {"position", vector_json(hand.rest_joints[j].position, metres)},
+                              {"orientation", quaternion_json(hand.rest_joints[j].orientation)},
+                              {"radius", metres(hand.joint_radii[j])}});
+  }
+  for (int b = 0; b < kBodyCount; ++b) json["bodies"].push_back(body_json(hand, b));
+  for (const Material& m : hand.materials) {
+    json["materials"].push_back({{"name", m.name},
+                                 {"density", quantity(m.density)},
+                                 {"youngs_modulus", quantity(m.youngs_modulus)},
+                                 {"poisson_ratio", quantity(m.poisson_ratio)},
+                                 {"strain_limit_energy", quantity(m.strain_limit_energy)},
+                                 {"strain_limit_stiffness", quantity(m.strain_limit_stiffness)}});
+  }
+  // Big arrays are flat, each on one line of its own.
+  const auto flat = [&json](const char* key, const auto& fill) {
+    Json array = Json::array();
+    fill(array);
+    json[key] = std::move(array);
+  };
+  flat("nodes", [&](Json& a) { for (const Vector3& x : hand.nodes) for (int k = 0; k < 3; ++k) a.push_back(metres(x[k])); });
+  flat("tetrahedra", [&](Json& a) { for (const auto& t : hand.tetrahedra) for (const auto n : t) a.push_back(n); });
+  flat("tetrahedron_material", [&](Json& a) { for (const auto m : hand.tetrahedron_material) a.push_back(m); });
+  flat("surface", [&](Json& a) { for (const auto& t : hand.surface) for (const auto n : t) a.push_back(n); });
+  flat("node_body", [&](Json& a) { for (const auto b : hand.node_body) a.push_back(b); });
+  flat("attachment_body", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.body); });
+  flat("attachment_tetrahedron", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.tetrahedron); });
+  flat("attachment_weights", [&](Json& a) { for (const auto& x : hand.attachments) for (const auto w : x.weights) a.push_back(fraction(w)); });
+  flat("attachment_stiffness", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(short_decimal(x.stiffness, "%.5g")); });
+  flat("skin_tetrahedron", [&](Json& a) { for (const auto& x : hand.skin_vertices) a.push_back(x.tetrahedron); });
+  flat("skin_weights", [&](Json& a) { for (const auto& x : hand.skin_vertices) for (const auto w : x.weights) a.push_back(short_decimal(static_cast<double>(w), "%.4f")); });
+  flat("skin_triangles", [&](Json& a) { for (const auto& t : hand.skin_triangles) for (const auto n : t) a.push_back(n); });
+
+  std::ofstream out(path);
+  out << "{\n";
+  bool first = true;
+  for (const auto& [key, value] : json.items()) {
+    out << (first ? "" : ",\n") << '"' << key << "\": ";
+    first = false;
+    const bool records = value.is_array() && !value.empty() && value.front().is_object();
+    if (!records) {
+      out << value.dump();
+      continue;
+    }
+    out << "[\n";
+    for (std::size_t i = 0; i < value.size(); ++i) out << "  " << value[i].dump() << (i + 1 < value.size() ? ",\n" : "\n]");
+  }
+  out << "\n}\n";
+  out.flush();
+  if (!out) throw std::runtime_error(path + ": cannot be written");
+}
+
+HandModel load_hand(const std::string& path) {
+  std::ifstream in(path);
+  if (!in) throw std::runtime_error(path + ": cannot be opened");
+  Json json;
+  try {
+    json = Json::parse(in);
+  } catch (const Json::parse_error& error) {
+    throw std::runtime_error(path + ": not a hand file: " + error.what());
+  }
+  const FieldReader root(json, path, "");
+  if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
+  if (root["version"].index() != kVersion) root["version"].fail(std::to_string(kVersion));
+  if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");
+  root.expect_keys({"format", "version", "units", "name", "side", "notice", "joints", "bodies", "materials", "nodes", "tetrahedra",
+                    "tetrahedron_material", "surface", "node_body", "attachment_body", "attachment_tetrahedron", "attachment_weights",
+                    "attachment_stiffness", "skin_tetrahedron", "skin_weights", "skin_triangles"});
+  HandModel hand;
+  hand.name = root["name"].string();
+  hand.notice = root["notice"].string();
+  const std::string side = root["side"].string();
+  if (side != "left" && side != "right") root["side"].fail("left or right");
+  hand.side = side == "left" ? Side::left : Side::right;
+
+  const FieldReader joints = root["joints"];
+  if (joints.size() != kJointCount) joints.fail("26 joints");
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    joints.at(j).expect_keys({"name", "position", "orientation", "radius"});
+    if (joints.at(j)["name"].string() != kJointNames[j]) joints.at(j)["name"].fail("'" + std::string(kJointNames[j]) + "'");
+    hand.rest_joints[j] = {joints.at(j)["position"].vector(), joints.at(j)["orientation"].quaternion()};
+    hand.joint_radii[j] = joints.at(j)["radius"].number();
+  }
+  const FieldReader bodies = root["bodies"];
+  if (bodies.size() != kBodyCount) bodies.fail("21 bodies");
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    if (bodies.at(b)["name"].string() != kBodyNames[b]) bodies.at(b)["name"].fail("'" + std::string(kBodyNames[b]) + "'");
+    hand.bodies[b] = read_body(bodies.at(b));
+  }
+  const FieldReader materials = root["materials"];
+  for (std::size_t m = 0; m < materials.size(); ++m) {
+    const FieldReader r = materials.at(m);
+    r.expect_keys({"name", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness"});
+    hand.materials.push_back({r["name"].string(), r["density"].number(), r["youngs_modulus"].number(), r["poisson_ratio"].number(),
+                              r["strain_limit_energy"].number(), r["strain_limit_stiffness"].number()});
+  }
+
+  const FieldReader nodes = root["nodes"];
+  for (std::size_t n = 0; n < nodes.records(3); ++n) {
+    hand.nodes.emplace_back(nodes.at(3 * n).number(), nodes.at(3 * n + 1).number(), nodes.at(3 * n + 2).number());
+  }
+  const auto read_indices = [&root](const char* key, auto& out) {
+    const FieldReader field = root[key];
+    constexpr std::size_t width = std::tuple_size_v<typename std::remove_reference_t<decltype(out)>::value_type>;
+    out.resize(field.records(width));
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      for (std::size_t k = 0; k < width; ++k) out[i][k] = field.at(width * i + k).index();
+    }
+  };
+  const auto read_bytes = [&root](const char* key, std::vector<std::uint8_t>& out) {
+    const FieldReader field = root[key];
+    for (std::size_t i = 0; i < field.size(); ++i) {
+      const std::int32_t value = field.at(i).index();
+      if (value > 255) field.at(i).fail("an index below 256");
+      out.push_back(static_cast<std::uint8_t>(value));
+    }
+  };
+  read_indices("tetrahedra", hand.tetrahedra);
+  read_bytes("tetrahedron_material", hand.tetrahedron_material);
+  read_indices("surface", hand.surface);
+  read_bytes("node_body", hand.node_body);
+
+  const FieldReader attachment_body = root["attachment_body"];
+  const FieldReader attachment_tetrahedron = root["attachment_tetrahedron"];
+  const FieldReader attachment_weights = root["attachment_weights"];
+  const FieldReader attachment_stiffness = root["attachment_stiffness"];
+  hand.attachments.resize(attachment_body.size());
+  if (attachment_tetrahedron.size() != hand.attachments.size()) attachment_tetrahedron.fail("as many items as attachment_body");
+  if (attachment_weights.records(4) != hand.attachments.size()) attachment_weights.fail("four items for each of attachment_body");
+  if (attachment_stiffness.size() != hand.attachments.size()) attachment_stiffness.fail("as many items as attachment_body");
+  for (std::size_t a = 0; a < hand.attachments.size(); ++a) {
+    Attachment& attachment = hand.attachments[a];
+    attachment.body = attachment_body.at(a).index();
+    attachment.tetrahedron = attachment_tetrahedron.at(a).index();
+    attachment.stiffness = attachment_stiffness.at(a).number();
+    double sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) sum += attachment.weights[k] = attachment_weights.at(4 * a + k).number();
+    if (!(std::abs(sum - 1.0) < 1e-4)) attachment_weights.at(4 * a).fail("four weights with sum 1");
+    for (double& w : attachment.weights) w /= sum;
+  }
+  const FieldReader skin_tetrahedron = root["skin_tetrahedron"];
+  const FieldReader skin_weights = root["skin_weights"];
+  hand.skin_vertices.resize(skin_tetrahedron.size());
+  if (skin_weights.records(4) != hand.skin_vertices.size()) skin_weights.fail("four items for each of skin_tetrahedron");
+  for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) {
+    hand.skin_vertices[v].tetrahedron = skin_tetrahedron.at(v).index();
+    for (std::size_t k = 0; k < 4; ++k) hand.skin_vertices[v].weights[k] = static_cast<float>(skin_weights.at(4 * v + k).number());
+  }
+  read_indices("skin_triangles", hand.skin_triangles);
+  try {
+    validate(hand, path);
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(error.what());
+  }
+  return hand;
+}
+
+}  // namespace softhand
