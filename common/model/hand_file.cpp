@@ -205,7 +205,18 @@ void save_hand(const HandModel& hand, const std::string& path) {
   flat("node_body", [&](Json& a) { for (const auto b : hand.node_body) a.push_back(b); });
   flat("attachment_body", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.body); });
   flat("attachment_tetrahedron", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.tetrahedron); });
-  flat("attachment_weights", [&](Json& a) { for (const auto& x : hand.attachments) for (const auto w : x.weights) a.push_back(fraction(w)); });
+  // The last weight is what the rounded others leave, so that a reader finds a sum of 1.
+  flat("attachment_weights", [&](Json& a) {
+    for (const auto& x : hand.attachments) {
+      double rest = 1;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double w = fraction(x.weights[k]);
+        a.push_back(w);
+        rest -= w;
+      }
+      a.push_back(fraction(rest));
+    }
+  });
   flat("attachment_stiffness", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(short_decimal(x.stiffness, "%.5g")); });
   flat("skin_tetrahedron", [&](Json& a) { for (const auto& x : hand.skin_vertices) a.push_back(x.tetrahedron); });
   flat("skin_weights", [&](Json& a) { for (const auto& x : hand.skin_vertices) for (const auto w : x.weights) a.push_back(short_decimal(static_cast<double>(w), "%.4f")); });
