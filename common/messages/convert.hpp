@@ -1,0 +1,41 @@
+// Between wire form and mathematical values. `all_finite` is what every loop asks before it believes or publishes a message.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string_view>
+
+#include "math/types.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+inline Vector3 to_vector(const Vec3& v) { return {v[0], v[1], v[2]}; }
+inline Vec3 to_wire(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
+inline Quaternion to_quaternion(const Vec4& q) { return {q[3], q[0], q[1], q[2]}; }
+inline Vec4 to_wire(const Quaternion& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+inline Pose to_pose(const Vec3& position, const Vec4& orientation) { return {to_vector(position), to_quaternion(orientation)}; }
+
+template <std::size_t n>
+bool all_finite(const std::array<double, n>& values) {
+  return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
+}
+
+/// Pose of a joint sample; the caller has checked its flags.
+inline Pose to_pose(const JointSample& joint) { return to_pose(joint.position, joint.orientation); }
+
+/// Copies `text` into a zero-terminated field, cutting what does not fit.
+template <std::size_t n>
+void set_text(std::array<char, n>& field, std::string_view text) {
+  const std::size_t length = std::min(text.size(), n - 1);
+  std::memcpy(field.data(), text.data(), length);
+  std::fill(field.begin() + static_cast<std::ptrdiff_t>(length), field.end(), '\0');
+}
+/// The text up to its zero, or the whole field.
+template <std::size_t n>
+std::string_view get_text(const std::array<char, n>& field) {
+  return {field.data(), static_cast<std::size_t>(std::find(field.begin(), field.end(), '\0') - field.begin())};
+}
+
+}  // namespace softhand

@@ -1,0 +1,373 @@
+#include "cli/outcome.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kPressingForce = 3.0;        // N, VALIDATION.md G5
+constexpr double kClosedFist = 0.060;         // m, middle tip to middle metacarpal joint
+constexpr double kHeldMovement = 0.005;       // m in the palm's frame
+constexpr double kAtRest = 0.005;             // m/s
+constexpr double kLargestShift = 0.030;       // s, over which a constant lag is looked for; searched to twice that
+
+double seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+// The sample at a time, linearly between neighbours (orientation: shortest arc); nothing outside the samples.
+template <typename Sample, typename Get>
+std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get) {
+  const auto after = std::lower_bound(samples.begin(), samples.end(), time, [](const Sample& s, double t) { return seconds(s.time) < t; });
+  if (after == samples.end() || (after == samples.begin() && seconds(after->time) > time)) return std::nullopt;
+  if (after == samples.begin()) return get(*after);
+  const auto before = after - 1;
+  const double span = seconds(after->time) - seconds(before->time);
+  const double u = span > 0 ? (time - seconds(before->time)) / span : 1.0;
+  const Pose a = get(*before);
+  const Pose b = get(*after);
+  return Pose{(1 - u) * a.position + u * b.position, a.orientation.slerp(u, b.orientation)};
+}
+
+std::optional<Phase> find(const std::vector<Phase>& phases, const std::string& name) {
+  for (const Phase& phase : phases) {
+    if (phase.name == name) return phase;
+  }
+  return std::nullopt;
+}
+
+std::size_t joint(Joint j) { return static_cast<std::size_t>(index_of(j)); }
+
+bool valid(const Skeleton& skeleton) {
+  return std::all_of(skeleton.joints.begin(), skeleton.joints.end(), [](const JointSample& j) { return (j.flags & kJointValid) != 0; });
+}
+
+std::array<Pose, kJointCount> poses_of(const Skeleton& skeleton) {
+  std::array<Pose, kJointCount> poses;
+  for (std::size_t j = 0; j < kJointCount; ++j) poses[j] = to_pose(skeleton.joints[j]);
+  return poses;
+}
+
+}  // namespace
+
+double percentile(std::vector<double> values, double q) {
+  if (values.empty()) return std::nan("");
+  const auto at = static_cast<std::size_t>(std::min(q * static_cast<double>(values.size()), static_cast<double>(values.size() - 1)));
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(at), values.end());
+  return values[at];
+}
+
+void Outcome::on_tracked(const Skeleton& skeleton) {
+  if (valid(skeleton)) tracked_.push_back({skeleton.stamp.sample_time, poses_of(skeleton)});
+}
+
+void Outcome::on_simulated(const Skeleton& skeleton) {
+  for (const JointSample& j : skeleton.joints) {
+    if (!all_finite(j.position) || !all_finite(j.orientation) || !all_finite(j.linear_velocity) || !all_finite(j.angular_velocity)) {
+      ++nonfinite_;
+      return;
+    }
+  }
+  simulated_.push_back({skeleton.stamp.sample_time, poses_of(skeleton)});
+}
+
+void Outcome::on_contacts(const Contacts& contacts) {
+  ContactSample sample{contacts.stamp.sample_time, {}, {}, {}};
+  for (std::size_t f = 0; f < sample.finger_force.size(); ++f) {
+    const FingerContact& finger = contacts.fingers[f];
+    if (!all_finite(finger.force) || !all_finite(finger.centre) || !std::isfinite(finger.area)) ++nonfinite_;
+    sample.finger_force[f] = to_vector(finger.force).norm();
+    sample.finger_object[f] = finger.object;
+    sample.finger_contacts[f] = finger.contact_count;
+  }
+  contacts_.push_back(sample);
+  for (const Contact& contact : contacts.contacts) {
+    if (!all_finite(contact.force) || !all_finite(contact.point) || !std::isfinite(contact.penetration)) ++nonfinite_;
+    const auto finger = std::min<std::size_t>(contact.finger, 5);
+    penetrations_.push_back({sample.time, contact.finger, contact.penetration, sample.finger_force[finger]});
+  }
+}
+
+void Outcome::on_coupling(const ObjectCoupling& coupling) {
+  for (const ObjectTwin& twin : coupling.twins) {
+    if (!all_finite(twin.position) || !all_finite(twin.orientation) || !all_finite(twin.contact_force) || !all_finite(twin.linear_velocity)) {
+      ++nonfinite_;
+      continue;
+    }
+    twins_.push_back({coupling.stamp.sample_time, twin.object, twin.owned != 0, to_pose(twin.position, twin.orientation),
+                      to_vector(twin.linear_velocity), to_vector(twin.contact_force)});
+  }
+}
+
+void Outcome::on_objects(const WorldObjects& objects) {
+  for (const ObjectState& object : objects.objects) {
+    if (!all_finite(object.position) || !all_finite(object.orientation) || !all_finite(object.linear_velocity)) {
+      ++nonfinite_;
+      continue;
+    }
+    objects_.push_back({objects.stamp.sample_time, object.object, to_pose(object.position, object.orientation), to_vector(object.linear_velocity)});
+  }
+}
+
+void Outcome::on_bone_wrench(const BoneWrench& wrench) {
+  std::array<double, 6> finger{};
+  double hand = 0;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    if (!all_finite(wrench.bones[b].coupling_force) || !all_finite(wrench.bones[b].coupling_torque)) {
+      ++nonfinite_;
+      return;
+    }
+    const double force = to_vector(wrench.bones[b].coupling_force).norm();
+    finger[static_cast<std::size_t>(finger_of(static_cast<Body>(b)))] += force;
+    hand += force;
+  }
+  for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger_coupling_ = std::max(largest_finger_coupling_, finger[f]);
+  largest_hand_coupling_ = std::max(largest_hand_coupling_, hand);
+}
+
+void Outcome::on_device(const DeviceState& state) {
+  for (const double command : state.commands) {
+    if (!std::isfinite(command)) ++nonfinite_;
+  }
+  const Chain& chain = state.stamp.chain;
+  if (state.live == 0 || state.kind != 0 || chain.tracker_sample == 0 || chain.wrench_published == 0) return;
+  const auto ms = [](Nanoseconds from, Nanoseconds to) { return from == 0 || to == 0 ? std::nan("") : static_cast<double>(to - from) * 1e-6; };
+  const Nanoseconds to_hand = chain.intermediate_published != 0 ? chain.intermediate_published : chain.tracked_published;
+  latencies_.push_back({{ms(chain.tracker_sample, chain.tracked_published), ms(chain.tracked_published, chain.intermediate_published),
+                         ms(to_hand, chain.simulated_published), ms(chain.simulated_published, chain.wrench_published),
+                         ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
+}
+
+Json Outcome::pinch(const OutcomeFrame& frame) const {
+  const double start = seconds(frame.motion_start);
+  Json json;
+  std::vector<TwinSample> twins;
+  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
+
+  double slip = std::nan("");
+  double weight_ratio = std::nan("");
+  double inertia_ratio = std::nan("");
+  double lifted = std::nan("");
+  double turned = std::nan("");
+  const auto hold = find(frame.phases, "hold");
+  if (hold) {
+    // Slip: movement of the object in the frames of the two distal bones since the hold began, whichever is larger.
+    std::array<std::optional<Vector3>, 2> reference;
+    double force_sum = 0;
+    std::size_t count = 0;
+    for (const TwinSample& twin : twins) {
+      const double t = seconds(twin.time) - start;
+      if (t < hold->begin || t > hold->end || !twin.owned) continue;
+      force_sum += twin.contact_force.y();
+      ++count;
+      std::size_t k = 0;
+      for (const Joint distal : {Joint::thumb_distal, Joint::index_distal}) {
+        const auto bone = pose_at(simulated_, seconds(twin.time), [distal](const HandSample& s) { return s.joints[joint(distal)]; });
+        if (bone) {
+          const Vector3 local = bone->inverse() * twin.pose.position;
+          if (!reference[k]) reference[k] = local;
+          const double moved = (local - *reference[k]).norm() * 1e3;
+          slip = std::isnan(slip) ? moved : std::max(slip, moved);
+        }
+        ++k;
+      }
+    }
+    if (count > 0) weight_ratio = force_sum / static_cast<double>(count) / (frame.object_mass * frame.gravity);
+    const auto before = find(frame.phases, "lift");
+    if (before && !twins.empty()) {
+      const auto pose_of = [](const TwinSample& s) { return s.pose; };
+      const auto low = pose_at(twins, start + before->begin, pose_of);
+      const auto high = pose_at(twins, start + hold->end - 0.05, pose_of);
+      if (low && high) lifted = (high->position.y() - low->position.y()) * 1e3;
+    }
+  }
+  if (const auto turn = find(frame.phases, "turn"); turn && !twins.empty()) {
+    const auto pose_of = [](const TwinSample& s) { return s.pose; };
+    const auto from = pose_at(twins, start + turn->begin, pose_of);
+    const auto to = pose_at(twins, start + turn->end, pose_of);
+    if (from && to) turned = rotation_log(to->orientation * from->orientation.conjugate()).norm() * 180.0 / M_PI;
+  }
+  if (const auto shake = find(frame.phases, "shake"); shake && frame.shake_frequency > 0) {
+    // Position and force as c + s sin(wt) + k cos(wt), least squares over whole periods; a = -w^2 x; the ratio is the in-phase part.
+    const double w = 2 * M_PI * frame.shake_frequency;
+    std::vector<const TwinSample*> window;
+    const double settle = shake->begin + 2.0 / frame.shake_frequency;  // transients die out first
+    const double periods = std::floor((shake->end - settle) * frame.shake_frequency + 1e-9);
+    for (const TwinSample& twin : twins) {
+      const double t = seconds(twin.time) - start;
+      if (twin.owned && t >= settle && t < settle + periods / frame.shake_frequency) window.push_back(&twin);
+    }
+    if (window.size() >= 12 && periods >= 1) {
+      Eigen::MatrixXd basis(window.size(), 3);
+      Eigen::MatrixXd data(window.size(), 6);
+      for (std::size_t i = 0; i < window.size(); ++i) {
+        const double phase = w * (seconds(window[i]->time) - start);
+        const auto row = static_cast<Eigen::Index>(i);
+        basis.row(row) << 1.0, std::sin(phase), std::cos(phase);
+        data.row(row) << window[i]->pose.position.transpose(), window[i]->contact_force.transpose();
+      }
+      const Eigen::MatrixXd fit = basis.colPivHouseholderQr().solve(data);
+      const auto x = fit.block<2, 3>(1, 0);
+      const auto f = fit.block<2, 3>(1, 3);
+      const double power = x.squaredNorm();
+      if (power > 1e-10) inertia_ratio = -(f.cwiseProduct(x)).sum() / (frame.object_mass * w * w * power);
+    }
+  }
+
+  std::vector<double> depths;
+  std::size_t hard = 0;
+  for (const Penetration& p : penetrations_) {
+    if (p.depth <= 0) continue;
+    if (p.finger_force <= kPressingForce) {
+      depths.push_back(p.depth * 1e3);
+    } else {
+      ++hard;
+    }
+  }
+  const std::size_t touching = depths.size() + hard;
+
+  double largest_finger = 0;
+  for (const ContactSample& c : contacts_) {
+    for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
+  }
+
+  // Released: in the last half second nothing touches the object, and it lies still.
+  Json released = nullptr;
+  if (!contacts_.empty() && !objects_.empty()) {
+    const double end = seconds(contacts_.back().time);
+    bool touched = false;
+    for (const ContactSample& c : contacts_) {
+      if (seconds(c.time) < end - 0.5) continue;
+      for (std::size_t f = 0; f < c.finger_force.size(); ++f) touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
+    }
+    double speed = std::nan("");
+    for (const ObjectSample& o : objects_) {
+      if (o.object == frame.object) speed = o.velocity.norm();
+    }
+    released = !touched && speed < kAtRest;
+  }
+
+  json["held_slip_mm"] = number(slip);
+  json["carried_weight_ratio"] = number(weight_ratio);
+  json["inertia_ratio"] = number(inertia_ratio);
+  json["lifted_mm"] = number(lifted);
+  json["turned_deg"] = number(turned);
+  json["penetration_p95_mm"] = number(percentile(depths, 0.95));
+  json["penetration_max_mm"] = number(depths.empty() ? std::nan("") : *std::max_element(depths.begin(), depths.end()));
+  json["pressing_harder_fraction"] = number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
+  json["finger_force_max_n"] = largest_finger;
+  json["released"] = released;
+  return json;
+}
+
+Json Outcome::following(const OutcomeFrame& frame) const {
+  Json json;
+  constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
+  // Free motion: no finger touches anything, nor did within the last 0.3 s.
+  std::vector<double> touching;
+  for (const ContactSample& c : contacts_) {
+    if (std::any_of(c.finger_contacts.begin(), c.finger_contacts.end(), [](std::uint32_t n) { return n > 0; })) touching.push_back(seconds(c.time));
+  }
+  const auto free_motion = [&touching](double t) {
+    const auto later = std::lower_bound(touching.begin(), touching.end(), t - 0.3);
+    return later == touching.end() || *later > t;
+  };
+  const double first = tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
+  const auto rms_at = [&](double shift) {
+    double sum = 0;
+    std::size_t count = 0;
+    for (const HandSample& sample : simulated_) {
+      const double t = seconds(sample.time);
+      if (t < first || !free_motion(t)) continue;
+      for (const Joint tip : tips) {
+        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; });
+        if (!wanted) continue;
+        sum += (wanted->position - sample.joints[joint(tip)].position).squaredNorm();
+        ++count;
+      }
+    }
+    return count == 0 ? std::nan("") : std::sqrt(sum / static_cast<double>(count)) * 1e3;
+  };
+  double best_shift = 0;
+  double best = rms_at(0);
+  for (double shift = -kLargestShift; shift <= 2 * kLargestShift + 1e-9; shift += 0.001) {
+    const double rms = rms_at(shift);
+    if (rms < best) {
+      best = rms;
+      best_shift = shift;
+    }
+  }
+  json["fingertip_rms_mm"] = number(best);
+  json["lag_ms"] = number(std::isnan(best) ? best : best_shift * 1e3);
+  json["fingertip_rms_unshifted_mm"] = number(rms_at(0));
+
+  // Held while closed.
+  std::vector<TwinSample> twins;
+  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
+  std::size_t closed_samples = 0;
+  std::size_t held_samples = 0;
+  std::optional<Vector3> reference;
+  double largest_movement = 0;
+  for (const ContactSample& c : contacts_) {
+    const double t = seconds(c.time);
+    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; });
+    const auto root = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; });
+    if (!tip || !root) continue;
+    if ((tip->position - root->position).norm() >= kClosedFist) {
+      reference.reset();
+      continue;
+    }
+    ++closed_samples;
+    int fingers = 0;
+    for (std::size_t f = 0; f < kFingerCount; ++f) fingers += c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object;
+    const auto palm = pose_at(simulated_, t, [](const HandSample& s) { return s.joints[joint(Joint::palm)]; });
+    const auto object = pose_at(twins, t, [](const TwinSample& s) { return s.pose; });
+    if (fingers < 2 || !palm || !object) continue;
+    const Vector3 local = palm->inverse() * object->position;
+    if (!reference) reference = local;
+    const double moved = (local - *reference).norm();
+    largest_movement = std::max(largest_movement, moved);
+    if (moved < kHeldMovement) ++held_samples;
+  }
+  json["held_fraction"] = closed_samples == 0 ? Json(nullptr) : Json(static_cast<double>(held_samples) / static_cast<double>(closed_samples));
+  json["closed_samples"] = closed_samples;
+  json["held_movement_max_mm"] = largest_movement * 1e3;
+  return json;
+}
+
+Json Outcome::summary(const OutcomeFrame& frame) const {
+  Json json = frame.recorded ? following(frame) : pinch(frame);
+  json["nonfinite_published"] = nonfinite_;
+  json["finger_coupling_max_n"] = largest_finger_coupling_;
+  json["hand_coupling_max_n"] = largest_hand_coupling_;
+  constexpr std::array<const char*, 6> hops{"tracker", "tracking", "hand", "wrench", "device", "total"};
+  for (const auto& [key, q] : {std::pair{"motion_to_force_ms_p50", 0.50}, std::pair{"motion_to_force_ms_p99", 0.99}}) {
+    Json entry;
+    for (std::size_t h = hops.size(); h-- > 0;) {
+      std::vector<double> values;
+      for (const LatencySample& sample : latencies_) {
+        if (std::isfinite(sample.hops_ms[h])) values.push_back(sample.hops_ms[h]);
+      }
+      const Json value = number(percentile(values, q));
+      if (h == 5) {
+        entry["total"] = value;
+      } else {
+        entry["hops"][hops[h]] = value;
+      }
+    }
+    json[key] = entry;
+  }
+  return json;
+}
+
+}  // namespace softhand

@@ -1,0 +1,98 @@
+// Outcome: what a run showed, from the messages alone, so that `simulate` (virtual clock) and `up` (real processes) judge by the same rule.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+#include "math/types.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+/// A named part of the motion, in seconds of the motion's own time.
+struct Phase {
+  std::string name;  ///< approach, close, lift, hold, shake, turn, lower, release, retreat, ...
+  double begin = 0;
+  double end = 0;
+};
+
+/// What to judge by. Times are seconds since `motion_start` on the messages' clock.
+struct OutcomeFrame {
+  std::vector<Phase> phases;
+  Nanoseconds motion_start = 0;
+  std::uint32_t object = 0;    ///< id of the object that is grasped
+  double object_mass = 0;      ///< kg
+  double gravity = 9.81;       ///< m/s^2 along -Y
+  double shake_frequency = 0;  ///< Hz; 0 = not shaken
+  bool recorded = false;       ///< judge following and holding of a recorded hand instead of the pinch
+};
+
+/// Collects copies of what it needs; not for real-time threads.
+class Outcome {
+ public:
+  void on_tracked(const Skeleton& skeleton);
+  void on_simulated(const Skeleton& skeleton);
+  void on_contacts(const Contacts& contacts);
+  void on_coupling(const ObjectCoupling& coupling);
+  void on_objects(const WorldObjects& objects);
+  void on_bone_wrench(const BoneWrench& wrench);
+  void on_device(const DeviceState& state);
+
+  /// Keys and meaning: docs/outcome.md. A figure that cannot be told from what was seen is null.
+  nlohmann::ordered_json summary(const OutcomeFrame& frame) const;
+
+ private:
+  struct HandSample {
+    Nanoseconds time;
+    std::array<Pose, kJointCount> joints;
+  };
+  struct ContactSample {
+    Nanoseconds time;
+    std::array<double, 6> finger_force;           // N, magnitude per finger on any object
+    std::array<std::uint32_t, 6> finger_object;
+    std::array<std::uint32_t, 6> finger_contacts;
+  };
+  struct Penetration {
+    Nanoseconds time;
+    std::uint32_t finger;
+    double depth;
+    double finger_force;
+  };
+  struct TwinSample {
+    Nanoseconds time;
+    std::uint32_t object;
+    bool owned;
+    Pose pose;
+    Vector3 velocity;
+    Vector3 contact_force;
+  };
+  struct ObjectSample {
+    Nanoseconds time;
+    std::uint32_t object;
+    Pose pose;
+    Vector3 velocity;
+  };
+  struct LatencySample {
+    std::array<double, 6> hops_ms;  // tracker, tracking, hand, wrench, device, total
+  };
+
+  nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
+  nlohmann::ordered_json following(const OutcomeFrame& frame) const;
+
+  std::vector<HandSample> tracked_;
+  std::vector<HandSample> simulated_;
+  std::vector<ContactSample> contacts_;
+  std::vector<Penetration> penetrations_;
+  std::vector<TwinSample> twins_;
+  std::vector<ObjectSample> objects_;
+  std::vector<LatencySample> latencies_;
+  std::uint64_t nonfinite_ = 0;
+  double largest_finger_coupling_ = 0;  // N
+  double largest_hand_coupling_ = 0;    // N
+};
+
+/// Value at fraction q of the sorted values; NaN where there is none.
+double percentile(std::vector<double> values, double q);
+
+}  // namespace softhand
