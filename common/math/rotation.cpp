@@ -79,6 +79,12 @@ Matrix3 log_second_derivative(const Vector3& v, const Vector3& y) {
   return 0.5 * (h + h.transpose());
 }
 
+Matrix3 rotated_arm_second_derivative(const Vector3& arm, const Vector3& y) {
+  // exp(d) arm = arm + d x arm + (d (d . arm) - arm |d|^2)/2 + O(d^3)
+  const Matrix3 outer = y * arm.transpose();
+  return 0.5 * (outer + outer.transpose()) - y.dot(arm) * Matrix3::Identity();
+}
+
 Pose increment(const Pose& pose, const Vector3& translation, const Vector3& rotation) {
   return {pose.position + translation, (rotation_exp(rotation) * pose.orientation).normalized()};
 }

@@ -23,6 +23,10 @@ Matrix3 left_jacobian_inverse(const Vector3& v);
 /// y . log(exp(d) exp(v)) = y . v + y . J d + 1/2 d . H d + O(d^3), J = left_jacobian_inverse(v).
 Matrix3 log_second_derivative(const Vector3& v, const Vector3& y);
 
+/// Second derivative of the rotated arm, contracted: the symmetric H with
+/// y . exp(d) arm = y . arm + y . (d x arm) + 1/2 d . H d + O(d^3).
+Matrix3 rotated_arm_second_derivative(const Vector3& arm, const Vector3& y);
+
 /// Pose moved by a spatial increment: position + translation, exp(rotation) * orientation (renormalised).
 Pose increment(const Pose& pose, const Vector3& translation, const Vector3& rotation);
 

@@ -1,0 +1,1 @@
+softhand_test(math ${CMAKE_CURRENT_LIST_DIR}/math_test.cpp LINK softhand_math)
