@@ -1,0 +1,37 @@
+// Answers to messages (METHOD.md section 5): every module receives every message and says what it did with it.
+#pragma once
+
+#include <charconv>
+#include <optional>
+#include <string_view>
+
+#include "messages/convert.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+/// True where the message names this module or all of them.
+inline bool is_addressed(const Message& message, std::string_view module) {
+  const std::string_view to = get_text(message.module);
+  return to == "*" || to == module;
+}
+
+/// A number that fills the whole of `text`; none otherwise, nor for infinities and not-a-number.
+inline std::optional<double> parse_number(std::string_view text) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+/// The reply of `module`; its stamp is the sender's to fill.
+inline MessageReply reply_to(const Message& message, std::string_view module, std::uint32_t result, std::string_view text) {
+  MessageReply reply;
+  reply.id = message.id;
+  set_text(reply.module, module);
+  reply.result = result;
+  set_text(reply.text, text);
+  return reply;
+}
+
+}  // namespace softhand

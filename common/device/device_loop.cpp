@@ -1,0 +1,137 @@
+#include "device/device_loop.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "device/answer.hpp"
+
+namespace softhand {
+namespace {
+constexpr double kSecondsPerNanosecond = 1e-9;
+}
+
+void describe(OptionVisitor& v, DeviceLoopOptions& o) {
+  v.number("rate_hz", o.rate_hz, "Hz", {10, 10000}, "Rate at which commands are written to the device.");
+  v.number("stale_after", o.stale_after, "s", {0.005, 0.045}, "Age of the newest input after which every command is zero at once.");
+  v.number("gain", o.gain, "1", {0, 1}, "Factor on every command.");
+  v.flag("enabled", o.enabled, "Whether the motors are on from the start; the message `motors` switches them.");
+}
+
+DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind)
+    : options_(options), limits_(limits), gain_(options.gain), enabled_(options.enabled) {
+  if (limits.actuators < 1 || limits.actuators > kMaxActuators) throw std::invalid_argument("device: actuators: expected 1 to 32");
+  if (!(limits.minimum_command <= 0) || !(limits.maximum_command > 0) || !std::isfinite(limits.maximum_command) || !std::isfinite(limits.minimum_command)) {
+    throw std::invalid_argument("device: expected finite minimum_command <= 0 < maximum_command");
+  }
+  if (!(limits.slew > 0)) throw std::invalid_argument("device: slew: expected a positive number");
+  state_.device = device;
+  state_.kind = kind;
+  state_.commands.count = static_cast<std::uint32_t>(limits.actuators);
+}
+
+bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp) {
+  if (any_ && stamp.epoch == stamp_.epoch && stamp.sequence <= stamp_.sequence) {
+    ++counters_.repeated;
+    return false;
+  }
+  ++counters_.accepted;
+  any_ = true;
+  arrival_ = now;
+  stamp_ = stamp;
+  state_.hand = hand;
+  return true;
+}
+
+bool DeviceGuard::fresh(Nanoseconds now) const {
+  if (!any_) return false;
+  // By arrival; and by the publisher's stamp, so that a backlog does not count as news. A stamp of another clock says nothing.
+  const double since_arrival = static_cast<double>(now - arrival_) * kSecondsPerNanosecond;
+  const double since_publish = static_cast<double>(now - stamp_.publish_time) * kSecondsPerNanosecond;
+  const double age = since_publish >= 0 && since_publish < 10 ? std::max(since_arrival, since_publish) : since_arrival;
+  return age <= options_.stale_after;
+}
+
+const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> wanted, bool source_live) {
+  const bool live = fresh(now) && source_live;
+  if (was_live_ && !live) ++state_.stale;
+  was_live_ = live;
+  if (!live || !enabled_) {
+    zero(now);
+    state_.live = live ? 1 : 0;
+    return state_;
+  }
+  // After a stall the slew limit still counts one nominal period: a late step must not jump.
+  const double period = 1 / options_.rate_hz;
+  const double elapsed = std::clamp(static_cast<double>(now - last_step_) * kSecondsPerNanosecond, 0.0, period);
+  const double reach = limits_.slew * elapsed;
+  bool clamped = false, slewed = false;
+  for (std::size_t i = 0; i < limits_.actuators; ++i) {
+    double command = gain_ * wanted[i];
+    if (!std::isfinite(command)) {
+      ++counters_.nonfinite;
+      state_.commands[i] = 0;
+      continue;
+    }
+    const double inside = std::clamp(command, limits_.minimum_command, limits_.maximum_command);
+    clamped = clamped || inside != command;
+    const double next = std::clamp(inside, state_.commands[i] - reach, state_.commands[i] + reach);
+    slewed = slewed || next != inside;
+    state_.commands[i] = next;
+  }
+  state_.clamped += clamped ? 1 : 0;
+  state_.slewed += slewed ? 1 : 0;
+  state_.live = 1;
+  last_step_ = now;
+  ++state_.stamp.sequence;
+  state_.stamp.sample_time = state_.stamp.publish_time = now;
+  state_.stamp.chain = stamp_.chain;
+  return state_;
+}
+
+const DeviceState& DeviceGuard::zero(Nanoseconds now) {
+  std::fill(state_.commands.begin(), state_.commands.end(), 0.0);
+  state_.live = 0;
+  last_step_ = now;
+  ++state_.stamp.sequence;
+  state_.stamp.sample_time = state_.stamp.publish_time = now;
+  state_.stamp.chain = stamp_.chain;
+  return state_;
+}
+
+MessageReply DeviceGuard::answer(const Message& message, const std::string& module) {
+  if (!is_addressed(message, module)) return reply_to(message, module, kReplyIgnored, "not for this module");
+  const std::string_view key = get_text(message.key), value = get_text(message.value);
+  if (key == "motors") {
+    if (value != "on" && value != "off") return reply_to(message, module, kReplyRefused, "motors: expected on or off");
+    enabled_ = value == "on";
+    return reply_to(message, module, kReplyApplied, enabled_ ? "motors on" : "motors off, commands zero");
+  }
+  if (key == "gain") {
+    const auto gain = parse_number(value);
+    if (!gain || *gain < 0 || *gain > 1) return reply_to(message, module, kReplyRefused, "gain: expected a number from 0 to 1");
+    gain_ = *gain;
+    return reply_to(message, module, kReplyApplied, "gain set");
+  }
+  return reply_to(message, module, kReplyIgnored, "unknown key; known: motors, gain");
+}
+
+void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
+  status.input_age_ms = any_ ? static_cast<double>(now - arrival_) * 1e-6 : -1;
+  const auto add = [&status](std::string_view name, double value) {
+    NamedValue counter;
+    set_text(counter.name, name);
+    counter.value = value;
+    status.counters.push_back(counter);
+  };
+  add("accepted", static_cast<double>(counters_.accepted));
+  add("repeated", static_cast<double>(counters_.repeated));
+  add("nonfinite", static_cast<double>(counters_.nonfinite));
+  add("clamped", state_.clamped);
+  add("slewed", state_.slewed);
+  add("stale", state_.stale);
+  add("live", state_.live);
+  add("motors", enabled_ ? 1 : 0);
+}
+
+}  // namespace softhand

@@ -1,0 +1,136 @@
+// The driver SDK of haptic and tactile devices: what a driver implements, and the safety around every driver.
+//
+// A driver turns what the simulation sends into wanted commands, one number an actuator, and writes commands to its device. Everything that
+// keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale input, on non-finite numbers, when disabled and
+// on exit. A driver is one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "messages/messages.hpp"
+#include "runtime/options.hpp"
+
+namespace softhand {
+
+/// What a device may be asked for at most. Units are the device's own: N for haptic, N or 0..1 for tactile.
+struct DeviceLimits {
+  std::size_t actuators = 0;   ///< 1 to kMaxActuators
+  double minimum_command = 0;  ///< <= 0; a brake that can only resist has 0
+  double maximum_command = 0;  ///< > 0
+  double slew = 0;             ///< > 0, change per second
+};
+
+template <typename Input>
+class DeviceDriver {
+ public:
+  virtual ~DeviceDriver() = default;
+  virtual DeviceLimits limits() const = 0;
+  /// What the device should do for this input; one number an actuator, zero on entry. Need not respect the limits. Real-time.
+  virtual void command(const Input& input, std::span<double> wanted) = 0;
+  /// Hands commands, which respect the limits, to the device. Real-time: does not block, allocate or throw.
+  virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
+};
+using HapticDriver = DeviceDriver<BoneWrench>;
+using TactileDriver = DeviceDriver<Contacts>;
+
+struct DeviceLoopOptions {
+  double rate_hz = 1000;
+  double stale_after = 0.04;
+  double gain = 1;
+  bool enabled = true;
+};
+void describe(OptionVisitor& v, DeviceLoopOptions& o);
+
+struct DeviceCounters {
+  std::uint64_t accepted = 0;   ///< inputs
+  std::uint64_t repeated = 0;   ///< inputs with an old sequence; they do not keep commands alive
+  std::uint64_t nonfinite = 0;  ///< wanted commands that were not finite, and were zeroed
+};
+
+/// The safety that does not depend on the kind of input.
+class DeviceGuard {
+ public:
+  /// Throws std::invalid_argument where the limits make no sense. `kind` 0 haptic, 1 tactile.
+  DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind);
+
+  /// True where `stamp` is newer than all before it: then its input may be turned into commands.
+  bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
+  /// True while the newest input is young enough to act on.
+  bool fresh(Nanoseconds now) const;
+  /// Commands of this step from `wanted` (size actuators). `source_live` false: the input itself says that its source is dead.
+  const DeviceState& limit(Nanoseconds now, std::span<const double> wanted, bool source_live);
+  /// Zeroes at once: on exit.
+  const DeviceState& zero(Nanoseconds now);
+  MessageReply answer(const Message& message, const std::string& module);
+  void fill_status(LoopStatus& status, Nanoseconds now) const;
+
+  std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
+  const DeviceCounters& counters() const { return counters_; }
+
+ private:
+  DeviceLoopOptions options_;
+  DeviceLimits limits_;
+  double gain_;
+  bool enabled_;
+  bool any_ = false;
+  bool was_live_ = false;
+  Nanoseconds arrival_ = 0;
+  Nanoseconds last_step_ = 0;
+  Stamp stamp_;
+  DeviceState state_;
+  DeviceCounters counters_;
+};
+
+/// A coupling force whose simulated hand is gone is no force; contacts are published by the simulation itself.
+inline bool source_is_live(const BoneWrench& input) { return input.simulated_valid != 0; }
+inline bool source_is_live(const Contacts&) { return true; }
+
+template <typename Input>
+class DeviceLoop {
+ public:
+  DeviceLoop(const DeviceLoopOptions& options, std::unique_ptr<DeviceDriver<Input>> driver, std::uint32_t device, std::uint32_t kind)
+      : driver_(std::move(driver)), guard_(options, driver_->limits(), device, kind), actuators_(driver_->limits().actuators) {}
+  /// Zeroes the device if `stop` was not called.
+  ~DeviceLoop() {
+    if (!stopped_) stop(0);
+  }
+  DeviceLoop(const DeviceLoop&) = delete;
+  DeviceLoop& operator=(const DeviceLoop&) = delete;
+
+  /// One step; `input` is what arrived since the last, null = nothing. Writes to the device.
+  const DeviceState& step(Nanoseconds now, const Input* input) {
+    if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
+      wanted_.fill(0);
+      driver_->command(*input, {wanted_.data(), actuators_});
+      source_live_ = source_is_live(*input);
+    }
+    const DeviceState& state = guard_.limit(now, {wanted_.data(), actuators_}, source_live_);
+    driver_->write(now, guard_.commands());
+    return state;
+  }
+  /// Zeroes the device: on exit, also by signal.
+  const DeviceState& stop(Nanoseconds now) {
+    stopped_ = true;
+    const DeviceState& state = guard_.zero(now);
+    driver_->write(now, guard_.commands());
+    return state;
+  }
+  MessageReply answer(const Message& message, const std::string& module) { return guard_.answer(message, module); }
+  void fill_status(LoopStatus& status, Nanoseconds now) const { guard_.fill_status(status, now); }
+  const DeviceCounters& counters() const { return guard_.counters(); }
+
+ private:
+  std::unique_ptr<DeviceDriver<Input>> driver_;
+  DeviceGuard guard_;
+  std::size_t actuators_;
+  std::array<double, kMaxActuators> wanted_{};
+  bool source_live_ = false;
+  bool stopped_ = false;
+};
+
+}  // namespace softhand

@@ -1,0 +1,229 @@
+#include "device/tracked_input.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kSecondsPerNanosecond = 1e-9;
+constexpr double kMaximumCoordinate = 1e3;         // m
+constexpr double kMaximumHandExtent = 0.5;         // m from the wrist; the longest hands measure 0.25
+constexpr double kMaximumAngularSpeed = 60;        // rad/s; fast finger flicks reach 40
+constexpr Nanoseconds kFuture = 5'000'000;         // a sample this far ahead of its arrival has another clock
+constexpr Nanoseconds kPast = 1'000'000'000;       // and so has one this old
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+
+// The joint that carries `joint` along when it is not seen: that of the parent bone; for the wrist the middle metacarpal.
+Joint neighbour_of(Joint joint) {
+  if (joint == Joint::wrist) return Joint::middle_metacarpal;
+  const Body body = body_of(joint);
+  return joint_of(body) == joint ? joint_of(parent_of(body)) : joint_of(body);
+}
+
+Pose mount(const std::array<double, 3>& position, const std::array<double, 4>& orientation, const char* key) {
+  const Pose pose = to_pose(position, orientation);
+  if (!all_finite(position) || !all_finite(orientation) || std::abs(pose.orientation.norm() - 1) > 1e-3) {
+    throw std::invalid_argument(std::string(key) + ": expected finite numbers and a unit quaternion xyzw");
+  }
+  return {pose.position, pose.orientation.normalized()};
+}
+
+}  // namespace
+
+void describe(OptionVisitor& v, TrackedInputOptions& o) {
+  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2}, "A sample is extrapolated by its age, at most by this; after that it is held.");
+  v.number("velocity_smoothing", o.velocity_smoothing, "s", {0, 0.2}, "Time constant of the low pass on velocities estimated from samples.");
+  v.number("stale_after", o.stale_after, "s", {0.01, 10}, "Age of the newest sample after which the status says that the tracker is stale.");
+  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100}, "A jump of the wrist beyond this between samples moves the skeleton there at once.");
+  v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100}, "A joint faster than this between samples counts as having jumped: no velocity is made of it.");
+  v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10}, "Where a device on a headset sits, in the head's frame.");
+  v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
+  v.numbers("desk_mount_position", o.desk_mount_position.data(), 3, "m", {-1000, 1000}, "Where a device on a desk stands in the world.");
+  v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
+}
+
+TrackedInput::TrackedInput(const TrackedInputOptions& options)
+    : options_(options),
+      headset_mount_(mount(options.headset_mount_position, options.headset_mount_orientation, "headset_mount_orientation")),
+      desk_mount_(mount(options.desk_mount_position, options.desk_mount_orientation, "desk_mount_orientation")) {}
+
+void TrackedInput::add_head_pose(const HeadPose& head) {
+  if (head.valid == 0 || !all_finite(head.position) || !all_finite(head.orientation)) return;
+  const Quaternion orientation = to_quaternion(head.orientation);
+  if (!(orientation.norm() > 0.5 && orientation.norm() < 2)) return;
+  if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) {
+    // A head tracker whose clock went back starts a new history; a late sample is not worth keeping.
+    if (head.stamp.sample_time > heads_[(head_count_ - 1) % heads_.size()].time - kPast) return;
+    head_count_ = 0;
+  }
+  heads_[head_count_++ % heads_.size()] = {head.stamp.sample_time, {to_vector(head.position), orientation.normalized()}};
+}
+
+bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) const {
+  if (frame == 0) {
+    out = Pose{};
+    return true;
+  }
+  if (frame == 2) {
+    out = desk_mount_;
+    return true;
+  }
+  if (frame != 1 || head_count_ == 0) return false;
+  const std::uint64_t kept = std::min<std::uint64_t>(head_count_, heads_.size());
+  const auto back = [this](std::uint64_t i) -> const TimedPose& { return heads_[(head_count_ - 1 - i) % heads_.size()]; };
+  // The pair around `time`; a sample newer than the newest head pose is extrapolated from the last pair, by 50 ms at most.
+  std::uint64_t i = 1;
+  while (i + 1 < kept && back(i).time > time) ++i;
+  if (kept == 1) {
+    out = back(0).pose * headset_mount_;
+    return true;
+  }
+  const TimedPose& older = back(i);
+  const TimedPose& newer = back(i - 1);
+  const double span = static_cast<double>(newer.time - older.time) * kSecondsPerNanosecond;
+  const double wanted = static_cast<double>(time - older.time) * kSecondsPerNanosecond;
+  const double fraction = std::clamp(wanted, 0.0, span + options_.extrapolation_limit) / span;
+  const Vector3 turn = rotation_log(newer.pose.orientation * older.pose.orientation.conjugate());
+  out = increment(older.pose, fraction * (newer.pose.position - older.pose.position), fraction * turn) * headset_mount_;
+  return true;
+}
+
+void TrackedInput::estimate_velocity(Track& track, const Pose& pose, double elapsed) const {
+  const Vector3 linear = (pose.position - track.pose.position) / elapsed;
+  const Vector3 angular = rotation_log(pose.orientation * track.pose.orientation.conjugate()) / elapsed;
+  if (!(linear.norm() <= options_.maximum_speed) || !(angular.norm() <= kMaximumAngularSpeed)) {
+    track.velocity = Twist{};
+    return;
+  }
+  const double gain = elapsed / (elapsed + options_.velocity_smoothing);
+  track.velocity.linear += gain * (linear - track.velocity.linear);
+  track.velocity.angular += gain * (angular - track.velocity.angular);
+}
+
+bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
+  const bool same_writer = any_ && sample.stamp.epoch == stamp_.epoch && sample.source == source_;
+  if (same_writer && sample.stamp.sequence <= stamp_.sequence) {
+    ++counters_.refused_order;
+    return false;
+  }
+  Nanoseconds time = sample.stamp.sample_time;
+  if (time > now + kFuture || time < now - kPast) {
+    ++counters_.implausible_clock;
+    time = now;
+  }
+  if (any_ && time <= time_) {
+    ++counters_.refused_order;
+    return false;
+  }
+  Pose world_from_device;
+  if (!mount_at(sample.frame, time, world_from_device)) {
+    ++counters_.refused_mount;
+    return false;
+  }
+
+  std::array<Pose, kJointCount> poses;
+  std::array<bool, kJointCount> good{};
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const JointSample& joint = sample.joints[j];
+    if ((joint.flags & kJointValid) == 0) continue;
+    if (!all_finite(joint.position) || !all_finite(joint.orientation)) {
+      ++counters_.refused_nonfinite;
+      continue;
+    }
+    const Quaternion orientation = to_quaternion(joint.orientation);
+    const double norm = orientation.coeffs().stableNorm();
+    if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) || !(norm >= 0.5 && norm <= 2.0)) {
+      ++counters_.refused_implausible;
+      continue;
+    }
+    poses[j] = world_from_device * Pose{to_vector(joint.position), orientation.normalized()};
+    good[j] = true;
+  }
+  const std::size_t wrist = index(Joint::wrist);
+  if (good[wrist]) {
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      if (!good[j] || (poses[j].position - poses[wrist].position).norm() <= kMaximumHandExtent) continue;
+      ++counters_.refused_implausible;
+      good[j] = false;
+    }
+  }
+
+  // Joints that were not seen ride on their neighbour: the wrist on the middle metacarpal, then every bone on its parent, which has
+  // the lower index. Where the neighbour is missing too, a joint stays where it was.
+  std::array<bool, kJointCount> placed = good;
+  const auto carry = [&](Joint joint) {
+    const std::size_t j = index(joint);
+    if (placed[j] || !tracks_[j].seen) return;
+    const std::size_t n = index(neighbour_of(joint));
+    poses[j] = placed[n] && tracks_[j].attached ? poses[n] * tracks_[j].from_neighbour : tracks_[j].pose;
+    placed[j] = true;
+    ++counters_.inferred;
+  };
+  carry(Joint::wrist);
+  for (std::size_t j = index(Joint::thumb_metacarpal); j < kJointCount; ++j) {
+    if (joint_of(body_of(static_cast<Joint>(j))) == static_cast<Joint>(j)) carry(static_cast<Joint>(j));
+  }
+
+  const double elapsed = static_cast<double>(time - time_) * kSecondsPerNanosecond;
+  const bool jumped =
+      any_ && placed[wrist] && tracks_[wrist].seen && (poses[wrist].position - tracks_[wrist].pose.position).norm() > options_.reposition_distance;
+  if (jumped) ++counters_.repositioned;
+  if (jumped || !any_) repositioned_ = true;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    if (!placed[j]) continue;
+    Track& track = tracks_[j];
+    if (!track.seen || jumped) {
+      track.velocity = Twist{};
+    } else {
+      estimate_velocity(track, poses[j], elapsed);
+    }
+    track.pose = poses[j];
+    const std::size_t n = index(neighbour_of(static_cast<Joint>(j)));
+    if (good[j] && good[n]) {
+      track.from_neighbour = poses[n].inverse() * poses[j];
+      track.attached = true;
+    }
+    if (good[j]) track.seen = true;
+  }
+  stamp_ = sample.stamp;
+  time_ = time;
+  source_ = sample.source;
+  confidence_ = std::isfinite(sample.confidence) ? std::clamp(sample.confidence, 0.0, 1.0) : 0.0;
+  any_ = true;
+  ++counters_.accepted;
+  return true;
+}
+
+const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now) {
+  const double age_now = any_ ? age(now) : 0.0;
+  const double ahead = std::clamp(age_now, 0.0, options_.extrapolation_limit);
+  const bool held = age_now > options_.extrapolation_limit;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Track& track = tracks_[index(joint_of(static_cast<Body>(b)))];
+    BodyTarget& target = targets_[b];
+    target.valid = track.seen;
+    if (!track.seen) continue;
+    target.pose = increment(track.pose, ahead * track.velocity.linear, ahead * track.velocity.angular);
+    target.velocity = held ? Twist{} : track.velocity;
+  }
+  return targets_;
+}
+
+double TrackedInput::age(Nanoseconds now) const { return any_ ? static_cast<double>(now - time_) * kSecondsPerNanosecond : -1.0; }
+
+bool TrackedInput::stale(Nanoseconds now) const { return !any_ || age(now) > options_.stale_after; }
+
+bool TrackedInput::take_repositioned() {
+  const bool was = repositioned_;
+  repositioned_ = false;
+  return was;
+}
+
+}  // namespace softhand

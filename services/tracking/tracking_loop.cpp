@@ -1,0 +1,336 @@
+#include "tracking/tracking_loop.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include "device/answer.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kSecondsPerNanosecond = 1e-9;
+// A bone that the hand file leaves uncoupled follows its tracker all the same, with at least this bandwidth.
+constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
+constexpr int kRotationIterations = 4;
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+
+// Secant of a capped spring: the force k_eff |stretch| never exceeds cap (METHOD.md section 6).
+double capped(double stiffness, double stretch, double cap) { return stiffness * stretch > cap ? cap / stretch : stiffness; }
+
+// Isotropic inertia of a body about its joint's origin.
+double inertia_about_joint(const BodyModel& body) {
+  return (body.inertia.trace() + 2 * body.mass * body.joint_from_body.position.squaredNorm()) / 3;
+}
+
+double tracked_stiffness(double ratio, double coupling, double inertia) { return std::max(ratio * coupling, inertia * kMinimumBandwidth * kMinimumBandwidth); }
+
+// Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero. `old_periods` = how
+// many hand periods the copies are old.
+double growth_of(const TrackingOptions& o, double mass, double coupling, int old_periods) {
+  const double m1 = o.mass_fraction * mass;
+  const double k1 = tracked_stiffness(o.stiffness_ratio, coupling, m1);
+  const double kf = o.feedback_ratio * coupling;
+  const double b1 = 2 * o.damping_ratio * std::sqrt(k1 * m1);
+  const double b2 = 2 * std::sqrt(coupling * mass);
+  const double h = 1 / o.rate_hz, H = 1 / o.hand_rate_hz;
+  const int steps = std::max(1, static_cast<int>(std::lround(H / h)));
+  const double limit = o.input.extrapolation_limit;
+  double x = 1, v = 0, y = -1, w = 0;
+  double x_old = x, v_old = v, y_old = y, w_old = w;  // as published one hand period ago
+  const double scale = std::sqrt(mass / coupling);
+  const auto norm = [&] { return std::sqrt(x * x + y * y + scale * scale * (v * v + w * w)); };
+  double log_growth = 0;
+  constexpr int kSettle = 100, kMeasure = 400;
+  for (int period = 0; period < kSettle + kMeasure; ++period) {
+    const double y_copy = old_periods > 0 ? y_old : y, w_copy = old_periods > 0 ? w_old : w;
+    const double x_copy = old_periods > 0 ? x_old : x, v_copy = old_periods > 0 ? v_old : v;
+    y_old = y, w_old = w, x_old = x, v_old = v;
+    const double x_age = std::min(old_periods * H, limit);
+    const double dy = (mass * w / H + coupling * (x_copy + v_copy * x_age - y) + b2 * v_copy) / (mass / (H * H) + b2 / H + coupling);
+    for (int s = 0; s < steps; ++s) {
+      const double y_age = std::min(old_periods * H + s * h, limit);
+      const double dx = (m1 * v / h - k1 * x - kf * (x - y_copy - w_copy * y_age)) / (m1 / (h * h) + b1 / h + k1 + kf);
+      x += dx;
+      v = dx / h;
+    }
+    y += dy;
+    w = dy / H;
+    // Renormalised, so that growth is measured over many periods without overflow; everything is linear.
+    const double size = norm();
+    if (!(size > 0)) return 0;
+    if (period >= kSettle) log_growth += std::log(size);
+    for (double* value : {&x, &v, &y, &w, &x_old, &v_old, &y_old, &w_old}) *value /= size;
+  }
+  return std::exp(log_growth / kMeasure);
+}
+
+}  // namespace
+
+double chain_growth(const TrackingOptions& options, const HandModel& hand) {
+  double worst = 0;
+  for (const BodyModel& body : hand.bodies) {
+    for (int old_periods : {0, 1}) {
+      if (body.coupling_linear_stiffness > 0) worst = std::max(worst, growth_of(options, body.mass, body.coupling_linear_stiffness, old_periods));
+      if (body.coupling_angular_stiffness > 0) {
+        worst = std::max(worst, growth_of(options, inertia_about_joint(body), body.coupling_angular_stiffness, old_periods));
+      }
+    }
+  }
+  return worst;
+}
+
+void check_stability(const TrackingOptions& options, const HandModel& hand) {
+  const double growth = chain_growth(options, hand);
+  if (growth < 1) return;
+  // The nearest values that pass: less feedback first, since it costs least; then a stiffer, lighter intermediate layer.
+  TrackingOptions better = options;
+  for (int attempt = 0; attempt < 40 && chain_growth(better, hand) >= 1; ++attempt) {
+    if (better.feedback_ratio > 0.1) {
+      better.feedback_ratio = std::max(0.1, better.feedback_ratio * 0.8);
+    } else {
+      better.mass_fraction = std::max(0.001, better.mass_fraction * 0.8);
+      better.stiffness_ratio = std::min(1000.0, better.stiffness_ratio * 1.1);
+    }
+  }
+  char text[320];
+  std::snprintf(text, sizeof text,
+                "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: small deviations grow %.4f times a hand "
+                "period; expected less than 1, e.g. stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
+                options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, options.hand_rate_hz, growth,
+                better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
+  throw std::invalid_argument(text);
+}
+
+TrackingLoop::TrackingLoop(const TrackingOptions& options, const HandModel& hand, HandKey key)
+    : options_(options), time_step_(1 / options.rate_hz), feedback_ratio_(options.feedback_ratio), key_(key), input_(options.input) {
+  check_stability(options, hand);
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const BodyModel& body = hand.bodies[b];
+    Bone& bone = bones_[b];
+    bone.mass = options.mass_fraction * body.mass;
+    bone.inertia = options.mass_fraction * inertia_about_joint(body);
+    bone.coupling_linear = body.coupling_linear_stiffness;
+    bone.coupling_angular = body.coupling_angular_stiffness;
+    bone.force_cap = body.coupling_force_cap;
+    bone.torque_cap = body.coupling_torque_cap;
+    bone.tracked_linear = tracked_stiffness(options.stiffness_ratio, bone.coupling_linear, bone.mass);
+    bone.tracked_angular = tracked_stiffness(options.stiffness_ratio, bone.coupling_angular, bone.inertia);
+    bone.damping_linear = 2 * options.damping_ratio * std::sqrt(bone.tracked_linear * bone.mass);
+    bone.damping_angular = 2 * options.damping_ratio * std::sqrt(bone.tracked_angular * bone.inertia);
+  }
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Joint own = joint_of(body_of(static_cast<Joint>(j)));
+    if (index(own) != j) joint_in_body_[j] = hand.rest_joints[index(own)].inverse() * hand.rest_joints[j];
+    radii_[j] = hand.joint_radii[j];
+  }
+  contact_forces_.fill(Vector3::Zero());
+}
+
+void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
+  if (simulated_any_ && simulated.stamp.epoch == simulated_stamp_.epoch && simulated.stamp.sequence <= simulated_stamp_.sequence) return;
+  simulated_stamp_ = simulated.stamp;
+  simulated_arrival_ = now;
+  simulated_any_ = true;
+  for (std::size_t b = 1; b < kBodyCount; ++b) {
+    Bone& bone = bones_[b];
+    const JointSample& joint = simulated.joints[index(joint_of(static_cast<Body>(b)))];
+    const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
+                      all_finite(joint.angular_velocity) && std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 &&
+                      to_vector(joint.position).norm() < 1e4;
+    bone.simulated_seen = good;
+    if (!good) {
+      ++simulated_refused_;
+      continue;
+    }
+    bone.simulated = {to_vector(joint.position), to_quaternion(joint.orientation).normalized()};
+    bone.simulated_velocity = {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)};
+  }
+}
+
+Pose TrackingLoop::simulated_at(const Bone& bone, double age) const {
+  return increment(bone.simulated, age * bone.simulated_velocity.linear, age * bone.simulated_velocity.angular);
+}
+
+void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh) const {
+  const double h = time_step_;
+  const bool feedback = simulated_fresh && bone.simulated_seen && feedback_ratio_ > 0;
+  const Pose copy = feedback ? simulated_at(bone, simulated_age) : Pose{};
+
+  // Translation: quadratic up to the caps, whose secants are taken at the start of the step.
+  const Vector3 to_tracked = target.pose.position - bone.pose.position;
+  const Vector3 to_copy = feedback ? Vector3(copy.position - bone.pose.position) : Vector3::Zero();
+  const double k1 = capped(bone.tracked_linear, to_tracked.norm(), options_.stiffness_ratio * bone.force_cap);
+  const double k2 = feedback ? capped(feedback_ratio_ * bone.coupling_linear, to_copy.norm(), feedback_ratio_ * bone.force_cap) : 0.0;
+  const Vector3 step = (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) /
+                       (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
+
+  // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm (the Jacobian of log leaves its own
+  // argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and needs one division.
+  const Vector3 stretch = rotation_log(bone.pose.orientation * target.pose.orientation.conjugate());
+  const Vector3 stretch_copy = feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
+  const double a1 = capped(bone.tracked_angular, stretch.norm(), options_.stiffness_ratio * bone.torque_cap);
+  const double a2 = feedback ? capped(feedback_ratio_ * bone.coupling_angular, stretch_copy.norm(), feedback_ratio_ * bone.torque_cap) : 0.0;
+  const double curvature = bone.inertia / (h * h) + bone.damping_angular / h + a1 + a2;
+  Vector3 theta = Vector3::Zero();
+  Quaternion orientation = bone.pose.orientation;
+  for (int iteration = 0; iteration < kRotationIterations; ++iteration) {
+    Vector3 gradient = bone.inertia / (h * h) * (theta - h * bone.velocity.angular) + bone.damping_angular / h * theta +
+                       a1 * rotation_log(orientation * target.pose.orientation.conjugate());
+    if (feedback) gradient += a2 * rotation_log(orientation * copy.orientation.conjugate());
+    const Vector3 change = -gradient / curvature;
+    theta += change;
+    orientation = (rotation_exp(theta) * bone.pose.orientation).normalized();
+    if (change.squaredNorm() < 1e-24) break;
+  }
+
+  bone.pose.position += step;
+  bone.pose.orientation = orientation;
+  bone.velocity.linear = step / h;
+  bone.velocity.angular = theta / h;
+}
+
+const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
+  if (input.head != nullptr) input_.add_head_pose(*input.head);
+  if (input.tracked != nullptr) input_.add_sample(*input.tracked, now);
+  if (input.simulated != nullptr) take_simulated(*input.simulated, now);
+  if (input.contacts != nullptr) {
+    contact_forces_.fill(Vector3::Zero());
+    contacts_arrival_ = now;
+    for (const Contact& contact : input.contacts->contacts) {
+      if (contact.body < kBodyCount && all_finite(contact.force)) contact_forces_[contact.body] += to_vector(contact.force);
+    }
+  }
+
+  const std::array<BodyTarget, kBodyCount>& targets = input_.targets(now);
+  const bool reposition = input_.take_repositioned() || reposition_asked_;
+  reposition_asked_ = false;
+  const double since_arrival = static_cast<double>(now - simulated_arrival_) * kSecondsPerNanosecond;
+  const bool fresh = simulated_any_ && since_arrival <= options_.simulated_stale_after;
+  // The copy's age by its own stamp where that is believable, else since it arrived.
+  const double by_stamp = static_cast<double>(now - simulated_stamp_.sample_time) * kSecondsPerNanosecond;
+  const double age = std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
+
+  output_.valid = false;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    Bone& bone = bones_[b];
+    if (!targets[b].valid) continue;
+    output_.valid = true;
+    if (reposition || !bone.placed) {
+      bone.pose = targets[b].pose;
+      bone.velocity = targets[b].velocity;
+      bone.placed = true;
+    } else {
+      move(bone, targets[b], age, fresh);
+    }
+  }
+  ++sequence_;
+  publish_skeleton(now);
+  if (input.wrench_wanted) publish_wrench(now, targets, age, fresh);
+  return output_;
+}
+
+void TrackingLoop::publish_skeleton(Nanoseconds now) {
+  Skeleton& out = output_.intermediate;
+  const Stamp& tracked = input_.stamp();
+  out.hand = key_;
+  out.stamp.sequence = sequence_;
+  out.stamp.sample_time = out.stamp.publish_time = now;
+  out.stamp.chain = tracked.chain;
+  out.stamp.chain.tracker_sample = tracked.sample_time;
+  out.stamp.chain.tracked_published = tracked.publish_time;
+  out.stamp.chain.intermediate_published = now;
+  out.confidence = input_.stale(now) ? 0.0 : input_.confidence();
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Bone& bone = bones_[static_cast<std::size_t>(index_of(body_of(static_cast<Joint>(j))))];
+    JointSample& joint = out.joints[j];
+    joint.flags = bone.placed ? kJointValid : 0;
+    joint.velocity_valid = bone.placed ? 1 : 0;
+    if (!bone.placed) continue;
+    const Pose pose = bone.pose * joint_in_body_[j];
+    const Vector3 lever = pose.position - bone.pose.position;
+    joint.position = to_wire(pose.position);
+    joint.orientation = to_wire(pose.orientation);
+    joint.linear_velocity = to_wire(Vector3(bone.velocity.linear + bone.velocity.angular.cross(lever)));
+    joint.angular_velocity = to_wire(bone.velocity.angular);
+    joint.radius = radii_[j];
+  }
+}
+
+void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age, bool simulated_fresh) {
+  BoneWrench& out = output_.wrench;
+  out.hand = key_;
+  out.stamp.sequence = sequence_;
+  out.stamp.sample_time = out.stamp.publish_time = now;
+  out.stamp.chain = simulated_stamp_.chain;
+  out.stamp.chain.simulated_published = simulated_stamp_.publish_time;
+  out.stamp.chain.wrench_published = now;
+  out.simulated_valid = simulated_fresh ? 1 : 0;
+  const bool contacts_fresh = simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <= options_.simulated_stale_after;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Bone& bone = bones_[b];
+    BoneSample& sample = out.bones[b];
+    sample = BoneSample{};
+    if (!bone.placed) continue;
+    sample.tracked_position = to_wire(targets[b].pose.position);
+    sample.tracked_orientation = to_wire(targets[b].pose.orientation);
+    sample.intermediate_position = to_wire(bone.pose.position);
+    sample.intermediate_orientation = to_wire(bone.pose.orientation);
+    // The forearm's frame is not on the wire: it follows the wrist, whose coupling the carpus reports.
+    if (!simulated_fresh || !bone.simulated_seen) continue;
+    const Pose copy = simulated_at(bone, simulated_age);
+    sample.simulated_position = to_wire(copy.position);
+    sample.simulated_orientation = to_wire(copy.orientation);
+    const Vector3 stretch = copy.position - bone.pose.position;
+    const Vector3 turn = rotation_log(copy.orientation * bone.pose.orientation.conjugate());
+    sample.coupling_force = to_wire(Vector3(capped(bone.coupling_linear, stretch.norm(), bone.force_cap) * stretch));
+    sample.coupling_torque = to_wire(Vector3(capped(bone.coupling_angular, turn.norm(), bone.torque_cap) * turn));
+    if (contacts_fresh) sample.contact_force = to_wire(contact_forces_[b]);
+  }
+}
+
+MessageReply TrackingLoop::answer(const Message& message, const std::string& module) {
+  if (!is_addressed(message, module)) return reply_to(message, module, kReplyIgnored, "not for this module");
+  const std::string_view key = get_text(message.key);
+  if (key == "reposition") {
+    reposition_asked_ = true;
+    return reply_to(message, module, kReplyApplied, "intermediate skeleton set to the tracked one");
+  }
+  if (key == "feedback_ratio") {
+    const auto value = parse_number(get_text(message.value));
+    if (!value || *value < 0 || *value > options_.feedback_ratio) {
+      return reply_to(message, module, kReplyRefused, "feedback_ratio: expected a number from 0 to the configured value");
+    }
+    feedback_ratio_ = *value;
+    return reply_to(message, module, kReplyApplied, "feedback_ratio set");
+  }
+  return reply_to(message, module, kReplyIgnored, "unknown key; known: reposition, feedback_ratio");
+}
+
+void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
+  const double age = input_.age(now);
+  status.input_age_ms = age < 0 ? -1 : age * 1e3;
+  const TrackedInputCounters& c = input_.counters();
+  const auto add = [&status](std::string_view name, std::uint64_t value) {
+    NamedValue counter;
+    set_text(counter.name, name);
+    counter.value = static_cast<double>(value);
+    status.counters.push_back(counter);
+  };
+  add("accepted", c.accepted);
+  add("refused_nonfinite", c.refused_nonfinite);
+  add("refused_implausible", c.refused_implausible);
+  add("refused_order", c.refused_order);
+  add("refused_mount", c.refused_mount);
+  add("implausible_clock", c.implausible_clock);
+  add("inferred", c.inferred);
+  add("repositioned", c.repositioned);
+  add("simulated_refused", simulated_refused_);
+  add("stale", input_.stale(now) ? 1 : 0);
+}
+
+}  // namespace softhand

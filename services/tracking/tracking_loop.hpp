@@ -1,0 +1,100 @@
+// The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of the simulated skeleton.
+//
+// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its absolute damping and two
+// couplings of eq. 18. The unknowns of one bone are its joint frame's position and orientation. The bone's mass is lumped at the joint with an
+// isotropic inertia: the layer's inertia is a regulariser of ours, not anatomy, and lumped it has no lever arm, so that translation and rotation
+// separate and both have closed forms. The coupling to the tracker is capped like the hand's own, `stiffness_ratio` times higher.
+#pragma once
+
+#include <array>
+#include <string>
+
+#include "device/tracked_input.hpp"
+#include "messages/messages.hpp"
+#include "model/hand_model.hpp"
+#include "tracking/tracking_options.hpp"
+
+namespace softhand {
+
+/// What arrived since the last step; null = nothing new. Pointers need to live during the call only.
+struct TrackingInput {
+  const Skeleton* tracked = nullptr;
+  const Skeleton* simulated = nullptr;
+  const HeadPose* head = nullptr;
+  const Contacts* contacts = nullptr;
+  bool wrench_wanted = true;  ///< false where nobody reads bone_wrench: it is left as it was
+};
+
+struct TrackingOutput {
+  Skeleton intermediate;
+  BoneWrench wrench;
+  bool valid = false;  ///< false before the first tracked sample: nothing is to be published
+};
+
+/// Growth per hand period of small deviations of the worst bone, by running the linear chain of intermediate and simulated bone with states
+/// that are up to one hand period old. Stable below 1.
+double chain_growth(const TrackingOptions& options, const HandModel& hand);
+
+/// Throws std::invalid_argument with the growth and the nearest stable values where `chain_growth` is not below 1.
+void check_stability(const TrackingOptions& options, const HandModel& hand);
+
+class TrackingLoop {
+ public:
+  /// Checks stability. Of `hand` only the skeleton is used: rest joints, masses, couplings.
+  TrackingLoop(const TrackingOptions& options, const HandModel& hand, HandKey key);
+
+  /// One step of 1/rate_hz that ends at `now`. The result is valid until the next call.
+  const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);
+  /// Answers `reposition` (any value: the intermediate jumps to the tracked skeleton) and `feedback_ratio` (0 to the configured one).
+  MessageReply answer(const Message& message, const std::string& module);
+
+  const TrackedInput& input() const { return input_; }
+  /// Adds the input age and the counters of what was refused.
+  void fill_status(LoopStatus& status, Nanoseconds now) const;
+
+ private:
+  struct Bone {
+    double mass = 0;                // kg
+    double inertia = 0;             // kg m^2
+    double coupling_linear = 0;     // k_l of the hand file, N/m
+    double coupling_angular = 0;    // k_a, N m/rad
+    double force_cap = 0;           // N, of the hand file
+    double torque_cap = 0;          // N m
+    double tracked_linear = 0;      // k_l to the tracked skeleton
+    double tracked_angular = 0;
+    double damping_linear = 0;      // N s/m
+    double damping_angular = 0;     // N m s/rad
+    Pose pose;                      // of the joint frame, world
+    Twist velocity;
+    Pose simulated;                 // copy, at its own time
+    Twist simulated_velocity;
+    bool placed = false;
+    bool simulated_seen = false;
+  };
+
+  void take_simulated(const Skeleton& simulated, Nanoseconds now);
+  Pose simulated_at(const Bone& bone, double age) const;
+  void move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh) const;
+  void publish_skeleton(Nanoseconds now);
+  void publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age, bool simulated_fresh);
+
+  TrackingOptions options_;
+  double time_step_;
+  double feedback_ratio_;
+  HandKey key_;
+  TrackedInput input_;
+  std::array<Bone, kBodyCount> bones_{};
+  std::array<Pose, kJointCount> joint_in_body_{};  // constant place of each joint in its body's joint frame
+  std::array<double, kJointCount> radii_{};
+  std::array<Vector3, kBodyCount> contact_forces_{};
+  Nanoseconds simulated_arrival_ = 0;
+  Nanoseconds contacts_arrival_ = 0;
+  Stamp simulated_stamp_;
+  bool simulated_any_ = false;
+  bool reposition_asked_ = false;
+  std::uint64_t sequence_ = 0;
+  std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values
+  TrackingOutput output_;
+};
+
+}  // namespace softhand

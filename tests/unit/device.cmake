@@ -1,0 +1,1 @@
+softhand_test(device ${CMAKE_CURRENT_LIST_DIR}/device_test.cpp LINK softhand_device)

@@ -1,0 +1,192 @@
+// The safety around every device driver.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <vector>
+
+#include "device/device_loop.hpp"
+#include "device/record_log.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+constexpr Nanoseconds kStart = 5'000 * kMillisecond;
+
+struct Written {
+  std::vector<std::vector<double>> commands;
+};
+
+// Asks for the x-force of the first two bones.
+class FakeDriver : public HapticDriver {
+ public:
+  explicit FakeDriver(Written& written) : written_(written) {}
+  DeviceLimits limits() const override { return {2, -3, 3, 500}; }
+  void command(const BoneWrench& input, std::span<double> wanted) override {
+    wanted[0] = input.bones[0].coupling_force[0];
+    wanted[1] = input.bones[1].coupling_force[0];
+  }
+  void write(Nanoseconds, std::span<const double> commands) override { written_.commands.emplace_back(commands.begin(), commands.end()); }
+
+ private:
+  Written& written_;
+};
+
+BoneWrench wrench(double first, double second, std::uint64_t sequence, Nanoseconds time) {
+  BoneWrench w;
+  w.simulated_valid = 1;
+  w.stamp.sequence = sequence;
+  w.stamp.epoch = 1;
+  w.stamp.publish_time = time;
+  w.bones[0].coupling_force[0] = first;
+  w.bones[1].coupling_force[0] = second;
+  return w;
+}
+
+class Device : public ::testing::Test {
+ protected:
+  Written written;
+  DeviceLoop<BoneWrench> loop{DeviceLoopOptions{}, std::make_unique<FakeDriver>(written), 3, 0};
+  Nanoseconds now = kStart;
+  std::uint64_t sequence = 0;
+
+  const DeviceState& feed(double first, double second, int steps = 1) {
+    const DeviceState* state = nullptr;
+    for (int i = 0; i < steps; ++i) {
+      now += kMillisecond;
+      const BoneWrench w = wrench(first, second, ++sequence, now);
+      state = &loop.step(now, &w);
+    }
+    return *state;
+  }
+};
+
+TEST_F(Device, CommandsAreClampedAndSlewed) {
+  const DeviceState first = feed(10, -10);
+  EXPECT_NEAR(first.commands[0], 0.5, 1e-9);  // 500 N/s for 1 ms
+  EXPECT_NEAR(first.commands[1], -0.5, 1e-9);
+  EXPECT_EQ(first.slewed, 1u);
+  const DeviceState later = feed(10, -10, 100);
+  EXPECT_EQ(later.commands[0], 3);
+  EXPECT_EQ(later.commands[1], -3);
+  EXPECT_EQ(later.clamped, 101u);
+  for (std::size_t i = 1; i < written.commands.size(); ++i) {
+    EXPECT_LE(std::abs(written.commands[i][0] - written.commands[i - 1][0]), 0.5 + 1e-9);
+  }
+  EXPECT_EQ(later.live, 1u);
+}
+
+TEST_F(Device, StaleInputZeroesWithin50MillisecondsAndComesBack) {
+  feed(2, 2, 50);
+  const Nanoseconds died = now;
+  bool zero_in_time = false;
+  for (int i = 0; i < 100; ++i) {
+    now += kMillisecond;
+    const DeviceState& state = loop.step(now, nullptr);
+    if (now - died <= 50 * kMillisecond && state.commands[0] == 0) zero_in_time = true;
+    if (now - died > 50 * kMillisecond) {
+      EXPECT_EQ(state.commands[0], 0);
+    }
+  }
+  EXPECT_TRUE(zero_in_time);
+  EXPECT_EQ(loop.step(now, nullptr).stale, 1u);
+  EXPECT_EQ(loop.step(now, nullptr).live, 0u);
+  EXPECT_NEAR(feed(2, 2).commands[0], 0.5, 1e-9);  // from zero, by the slew limit
+}
+
+TEST_F(Device, RepeatedAndBackloggedInputDoesNotKeepItAlive) {
+  feed(2, 2, 50);
+  const BoneWrench same = wrench(2, 2, sequence, now);
+  for (int i = 0; i < 60; ++i) {
+    now += kMillisecond;
+    loop.step(now, &same);
+  }
+  EXPECT_EQ(written.commands.back()[0], 0);
+  EXPECT_EQ(loop.counters().repeated, 60u);
+  const BoneWrench backlog = wrench(2, 2, sequence + 1, now - 60 * kMillisecond);
+  EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0);
+}
+
+TEST_F(Device, DeadSimulationZeroes) {
+  feed(2, 2, 50);
+  BoneWrench dead = wrench(2, 2, ++sequence, now += kMillisecond);
+  dead.simulated_valid = 0;
+  EXPECT_EQ(loop.step(now, &dead).commands[0], 0);
+}
+
+TEST_F(Device, NonFiniteIsZeroAndCounted) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    const DeviceState& state = feed(bad, 1, 20);
+    EXPECT_EQ(state.commands[0], 0);
+    EXPECT_EQ(state.commands[1], 1);
+  }
+  EXPECT_EQ(loop.counters().nonfinite, 40u);
+}
+
+TEST_F(Device, StopWritesZeroes) {
+  feed(2, 2, 50);
+  loop.stop(now);
+  EXPECT_EQ(written.commands.back(), (std::vector<double>{0, 0}));
+}
+
+TEST(DeviceExit, DestructorWritesZeroes) {
+  Written written;
+  {
+    DeviceLoop<BoneWrench> loop({}, std::make_unique<FakeDriver>(written), 3, 0);
+    for (int i = 1; i < 20; ++i) {
+      const BoneWrench w = wrench(2, 2, static_cast<std::uint64_t>(i), kStart + i * kMillisecond);
+      loop.step(kStart + i * kMillisecond, &w);
+    }
+    ASSERT_GT(written.commands.back()[0], 0);
+  }
+  EXPECT_EQ(written.commands.back()[0], 0);
+}
+
+TEST_F(Device, MessagesSwitchMotorsAndGain) {
+  Message message;
+  set_text(message.module, "glove");
+  set_text(message.key, "motors");
+  set_text(message.value, "off");
+  EXPECT_EQ(loop.answer(message, "other").result, kReplyIgnored);
+  EXPECT_EQ(loop.answer(message, "glove").result, kReplyApplied);
+  EXPECT_EQ(feed(2, 2, 20).commands[0], 0);
+  set_text(message.value, "on");
+  loop.answer(message, "glove");
+  set_text(message.key, "gain");
+  set_text(message.value, "0.5");
+  EXPECT_EQ(loop.answer(message, "glove").result, kReplyApplied);
+  EXPECT_EQ(feed(2, 2, 20).commands[0], 1);
+  set_text(message.value, "1.5");
+  EXPECT_EQ(loop.answer(message, "glove").result, kReplyRefused);
+}
+
+TEST(DeviceLimitsCheck, SenselessLimitsAreRefused) {
+  EXPECT_THROW(DeviceGuard({}, {0, 0, 1, 1}, 0, 0), std::invalid_argument);
+  EXPECT_THROW(DeviceGuard({}, {33, 0, 1, 1}, 0, 0), std::invalid_argument);
+  EXPECT_THROW(DeviceGuard({}, {1, 1, 2, 1}, 0, 0), std::invalid_argument);
+  EXPECT_THROW(DeviceGuard({}, {1, 0, 1, 0}, 0, 0), std::invalid_argument);
+}
+
+TEST(RecordLog, WritesEveryRecordOnceInOrder) {
+  const std::string path = ::testing::TempDir() + "softhand_record_log.csv";
+  {
+    RecordLog<int> log(path, 1024, "value\n", [](const int& value, std::string& text) { text += std::to_string(value) + "\n"; });
+    for (int i = 0; i < 1000; ++i) ASSERT_TRUE(log.push(i));
+    EXPECT_EQ(log.dropped(), 0u);
+  }
+  std::ifstream in(path);
+  std::string line;
+  std::getline(in, line);
+  EXPECT_EQ(line, "value");
+  for (int i = 0; i < 1000; ++i) {
+    ASSERT_TRUE(std::getline(in, line));
+    ASSERT_EQ(line, std::to_string(i));
+  }
+  EXPECT_THROW(RecordLog<int>("/nonexistent/log", 8, "", [](const int&, std::string&) {}), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace softhand

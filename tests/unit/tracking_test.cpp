@@ -1,0 +1,426 @@
+// Laws of the tracking loop and of what it does with a tracker's samples.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "support/block_hand.hpp"
+#include "tracking/tracking_loop.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+constexpr Nanoseconds kStart = 10'000 * kMillisecond;
+constexpr std::size_t kWrist = 1, kIndexTip = 10, kIndexDistal = 9, kIndexIntermediate = 8;
+
+const HandModel& hand() {
+  static const HandModel model = testing::block_hand();
+  return model;
+}
+
+Skeleton skeleton_at(const Pose& wrist, std::uint64_t sequence, Nanoseconds time) {
+  Skeleton out;
+  out.stamp.sequence = sequence;
+  out.stamp.epoch = 7;
+  out.stamp.sample_time = out.stamp.publish_time = time;
+  out.confidence = 1;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Pose pose = wrist * hand().rest_joints[j];
+    out.joints[j].position = to_wire(pose.position);
+    out.joints[j].orientation = to_wire(pose.orientation);
+    out.joints[j].flags = kJointValid | kJointTracked;
+  }
+  return out;
+}
+
+Pose still() { return {Vector3(0.1, 1.2, -0.3), Quaternion::Identity()}; }
+
+// Runs the loop at 1 kHz with a tracker at `rate`, whose wrist is at `wrist(t)`; `after(t, output)` sees each step.
+template <typename Motion, typename After>
+void run(TrackingLoop& loop, double seconds, double rate, Motion wrist, After after, Nanoseconds latency = 0) {
+  std::uint64_t sent = 0;
+  for (int i = 0; i < static_cast<int>(seconds * 1000); ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const double t = i * 1e-3;
+    Skeleton sample;
+    TrackingInput input;
+    const auto due = static_cast<std::uint64_t>(std::floor((t - static_cast<double>(latency) * 1e-9) * rate + 1e-9) + 1);
+    if (t * 1e9 >= static_cast<double>(latency) && due > sent) {
+      sent = due;
+      const double taken = static_cast<double>(due - 1) / rate;
+      sample = skeleton_at(wrist(taken), due, kStart + static_cast<Nanoseconds>(taken * 1e9));
+      input.tracked = &sample;
+    }
+    after(t, loop.step(now, input));
+  }
+}
+
+Vector3 position(const Skeleton& s, std::size_t joint) { return to_vector(s.joints[joint].position); }
+
+TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
+  TrackingLoop loop({}, hand(), {});
+  run(loop, 0.5, 90, [](double) { return still(); }, [](double, const TrackingOutput& out) {
+    ASSERT_TRUE(out.valid);
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const Pose expected = still() * hand().rest_joints[j];
+      EXPECT_LT((position(out.intermediate, j) - expected.position).norm(), 1e-12) << kJointNames[j];
+      EXPECT_LT(rotation_log(to_quaternion(out.intermediate.joints[j].orientation) * expected.orientation.conjugate()).norm(), 1e-7);
+    }
+  });
+}
+
+TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
+  TrackingLoop loop({}, hand(), {});
+  EXPECT_FALSE(loop.step(kStart, {}).valid);
+}
+
+// FACTS.md, "Skeleton chain": 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms late.
+TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
+  TrackingLoop loop({}, hand(), {});
+  const double speed = 0.8;
+  const auto wrist = [&](double t) { return Pose{Vector3(speed * t, 1, 0), Quaternion::Identity()}; };
+  double sum = 0, worst = 0;
+  int count = 0;
+  run(loop, 2, 90, wrist, [&](double t, const TrackingOutput& out) {
+    if (t < 1) return;
+    const double lag = ((wrist(t) * hand().rest_joints[kIndexTip]).position.x() - position(out.intermediate, kIndexTip).x()) / speed;
+    sum += lag;
+    worst = std::max(worst, std::abs(lag));
+    ++count;
+    EXPECT_NEAR(out.intermediate.joints[kIndexTip].linear_velocity[0], speed, 0.01);
+  }, 20 * kMillisecond);
+  RecordProperty("lag_ms", std::to_string(1e3 * sum / count));
+  EXPECT_GT(sum / count, 0);
+  EXPECT_LT(worst, 2e-3);
+}
+
+TEST(Tracking, LagOfAShakenHandIsAFewMilliseconds) {
+  TrackingLoop loop({}, hand(), {});
+  // 3 Hz, 5 cm: 0.94 m/s. The lag is the shift that fits best: phase by projection on sine and cosine.
+  const double omega = 2 * std::numbers::pi * 3;
+  const auto wrist = [&](double t) { return Pose{Vector3(0.05 * std::sin(omega * t), 1, 0), Quaternion::Identity()}; };
+  double in = 0, quadrature = 0;
+  const double offset = hand().rest_joints[kIndexTip].position.x();
+  run(loop, 3, 90, wrist, [&](double t, const TrackingOutput& out) {
+    if (t < 1) return;
+    const double x = position(out.intermediate, kIndexTip).x() - offset;
+    in += x * std::sin(omega * t);
+    quadrature += x * std::cos(omega * t);
+  }, 11 * kMillisecond);
+  const double lag = -std::atan2(quadrature, in) / omega;
+  RecordProperty("lag_ms", std::to_string(1e3 * lag));
+  EXPECT_LT(std::abs(lag), 4e-3);
+}
+
+TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
+  TrackingLoop loop({}, hand(), {});
+  const double speed = 2 * std::numbers::pi;  // 720 degrees in 2 s
+  std::uint64_t sequence = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const double t = i * 1e-3;
+    const Pose wrist{Vector3(0, 1, 0), Quaternion(Eigen::AngleAxisd(speed * t, Vector3(1, 2, 2) / 3))};
+    TrackingInput input;
+    Skeleton sample;
+    if (i % 11 == 0) {
+      sample = skeleton_at(wrist, ++sequence, kStart + i * kMillisecond);
+      if (sequence % 2 == 0) {
+        for (auto& joint : sample.joints) {
+          for (double& x : joint.orientation) x = -x;
+        }
+      }
+      input.tracked = &sample;
+    }
+    const TrackingOutput& out = loop.step(kStart + i * kMillisecond, input);
+    if (i < 200) continue;
+    const Vector3 error = rotation_log(to_quaternion(out.intermediate.joints[kWrist].orientation) * wrist.orientation.conjugate());
+    ASSERT_LT(error.norm(), speed * 3e-3) << t;
+    ASSERT_NEAR(to_vector(out.intermediate.joints[kWrist].angular_velocity).norm(), speed, 0.1);
+  }
+}
+
+// VALIDATION.md section 1: couplings in series, offset F (1/k1 + 1/k2): the simulated hand is held off by a wall at distance d, so the
+// intermediate is pulled by k_feedback against k1.
+TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
+  TrackingOptions options;
+  TrackingLoop loop(options, hand(), {});
+  const double d = 0.004;
+  TrackingOutput last;
+  std::uint64_t sequence = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const Skeleton tracked = skeleton_at(still(), ++sequence, now);
+    Pose held = still();
+    held.position.y() += d;
+    const Skeleton simulated = skeleton_at(held, sequence, now);
+    TrackingInput input;
+    input.tracked = &tracked;
+    input.simulated = &simulated;
+    last = loop.step(now, input);
+  }
+  const double kf = options.feedback_ratio * 500, k1 = 15 * 500;
+  const double offset = position(last.intermediate, kIndexDistal).y() - (still() * hand().rest_joints[kIndexDistal]).position.y();
+  EXPECT_NEAR(offset, d * kf / (kf + k1), 1e-8);
+  const BoneSample& bone = last.wrench.bones[8];
+  ASSERT_EQ(last.wrench.simulated_valid, 1u);
+  EXPECT_NEAR(bone.coupling_force[1], 500 * (d - offset), 1e-5);
+  EXPECT_NEAR(bone.coupling_force[0], 0, 1e-9);
+}
+
+TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
+  TrackingOptions options;
+  TrackingLoop loop(options, hand(), {});
+  std::uint64_t sequence = 0;
+  bool zeroed = false;
+  for (int i = 0; i < 200; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const Skeleton tracked = skeleton_at(still(), ++sequence, now);
+    Pose far = still();
+    far.position.y() += 0.3;
+    const Skeleton simulated = skeleton_at(far, sequence, now);
+    TrackingInput input;
+    input.tracked = &tracked;
+    if (i < 100) input.simulated = &simulated;
+    const TrackingOutput& out = loop.step(now, input);
+    double total = 0;
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      const double force = to_vector(out.wrench.bones[b].coupling_force).norm();
+      EXPECT_LE(force, hand().bodies[b].coupling_force_cap * (1 + 1e-12));
+      total += force;
+    }
+    EXPECT_LE(total, 100.0);
+    if (i == 99) {
+      EXPECT_GT(total, 50);
+    }
+    if (i > 99 + 1e3 * options.simulated_stale_after) {
+      EXPECT_EQ(total, 0);
+      EXPECT_EQ(out.wrench.simulated_valid, 0u);
+      zeroed = true;
+    }
+  }
+  EXPECT_TRUE(zeroed);
+}
+
+TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersLive) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e308}) {
+    TrackingLoop loop({}, hand(), {});
+    std::uint64_t sequence = 0;
+    for (int i = 0; i < 500; ++i) {
+      const Nanoseconds now = kStart + i * kMillisecond;
+      const Pose wrist{Vector3(0.3e-3 * i, 1, 0), Quaternion::Identity()};
+      Skeleton sample = skeleton_at(wrist, ++sequence, now);
+      if (i >= 250) sample.joints[kIndexIntermediate].position[1] = bad;
+      TrackingInput input;
+      input.tracked = &sample;
+      const TrackingOutput& out = loop.step(now, input);
+      for (std::size_t j = 0; j < kJointCount; ++j) {
+        ASSERT_TRUE(all_finite(out.intermediate.joints[j].position));
+        ASSERT_TRUE(all_finite(out.intermediate.joints[j].linear_velocity));
+        // The refused joint rides on its neighbour, so all of them keep up.
+        ASSERT_LT((position(out.intermediate, j) - (wrist * hand().rest_joints[j]).position).norm(), 2e-3) << kJointNames[j];
+      }
+    }
+    const TrackedInputCounters& c = loop.input().counters();
+    EXPECT_EQ(c.refused_nonfinite + c.refused_implausible, 250u);
+    EXPECT_EQ(c.inferred, 250u);
+  }
+}
+
+TEST(Tracking, QuaternionsOfAnyReasonableLengthAreNormalised) {
+  struct Case {
+    double length;
+    bool good;
+  };
+  for (const Case c : {Case{0.5, true}, Case{2, true}, Case{1e-20, false}, Case{0, false}, Case{5e-324, false}, Case{3, false}}) {
+    TrackedInput input({});
+    Skeleton sample = skeleton_at(still(), 1, kStart);
+    for (double& x : sample.joints[kIndexDistal].orientation) x *= c.length;
+    ASSERT_TRUE(input.add_sample(sample, kStart));
+    EXPECT_EQ(input.counters().refused_implausible, c.good ? 0u : 1u) << c.length;
+    EXPECT_NEAR(input.targets(kStart)[8].pose.orientation.norm(), 1, 1e-12);
+  }
+}
+
+TEST(Tracking, DuplicatesSwapsAndEqualStampsAreIgnored) {
+  TrackedInput input({});
+  EXPECT_TRUE(input.add_sample(skeleton_at(still(), 5, kStart), kStart));
+  EXPECT_FALSE(input.add_sample(skeleton_at(still(), 5, kStart), kStart));
+  EXPECT_FALSE(input.add_sample(skeleton_at(still(), 4, kStart - kMillisecond), kStart));
+  EXPECT_FALSE(input.add_sample(skeleton_at(still(), 6, kStart), kStart + kMillisecond));
+  EXPECT_EQ(input.counters().refused_order, 3u);
+  EXPECT_TRUE(input.add_sample(skeleton_at(still(), 7, kStart + kMillisecond), kStart + kMillisecond));
+  // A restarted tracker counts from 1 again under a new epoch.
+  Skeleton restarted = skeleton_at(still(), 1, kStart + 2 * kMillisecond);
+  restarted.stamp.epoch = 8;
+  EXPECT_TRUE(input.add_sample(restarted, kStart + 2 * kMillisecond));
+}
+
+TEST(Tracking, AnotherClockIsReplacedByTheTimeOfArrival) {
+  for (const Nanoseconds shift : {3'600'000 * kMillisecond, -3'600'000 * kMillisecond}) {
+    TrackedInput input({});
+    for (int i = 1; i <= 50; ++i) {
+      const Nanoseconds now = kStart + i * 11 * kMillisecond;
+      const Pose wrist{Vector3(0.011 * i * 0.5, 0, 0), Quaternion::Identity()};
+      ASSERT_TRUE(input.add_sample(skeleton_at(wrist, static_cast<std::uint64_t>(i), now + (i < 25 ? 0 : shift)), now));
+      EXPECT_LT((input.targets(now)[1].pose.position - wrist.position).norm(), 1e-12);
+      if (i > 10) {
+        EXPECT_NEAR(input.targets(now)[1].velocity.linear.x(), 0.5, 0.01);
+      }
+    }
+    EXPECT_EQ(input.counters().implausible_clock, 26u);
+  }
+}
+
+TEST(Tracking, FreezeHoldsAndIsFlaggedStaleWithin100Milliseconds) {
+  TrackingLoop loop({}, hand(), {});
+  Vector3 at_hold = Vector3::Zero();
+  std::uint64_t sequence = 0;
+  const double speed = 0.5;
+  for (int i = 0; i < 3000; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    TrackingInput input;
+    Skeleton sample;
+    if (i <= 990 && i % 11 == 0) {
+      sample = skeleton_at({Vector3(speed * i * 1e-3, 1, 0), Quaternion::Identity()}, ++sequence, now);
+      input.tracked = &sample;
+    }
+    const TrackingOutput& out = loop.step(now, input);
+    if (i == 990 + 100) {
+      EXPECT_TRUE(loop.input().stale(now));
+      EXPECT_EQ(out.intermediate.confidence, 0);
+      at_hold = position(out.intermediate, kWrist);
+      // Extrapolated by 50 ms at most.
+      EXPECT_NEAR(at_hold.x(), speed * (0.990 + 0.05), 1e-3);
+    }
+    if (i > 1200) {
+      EXPECT_LT((position(out.intermediate, kWrist) - at_hold).norm(), 1e-4);
+    }
+  }
+}
+
+TEST(Tracking, TeleportRepositionsAtOnceAndMakesNoVelocity) {
+  TrackingLoop loop({}, hand(), {});
+  const auto wrist = [](double t) { return Pose{Vector3(t < 1 ? 0 : 10, 1, 0), Quaternion::Identity()}; };
+  run(loop, 2, 90, wrist, [&](double t, const TrackingOutput& out) {
+    EXPECT_LT(to_vector(out.intermediate.joints[kIndexTip].linear_velocity).norm(), 1e-6) << t;
+    const double x = position(out.intermediate, kWrist).x();
+    EXPECT_TRUE(std::abs(x) < 1e-6 || std::abs(x - 10) < 1e-6) << x;
+  });
+  EXPECT_EQ(loop.input().counters().repositioned, 1u);
+}
+
+TEST(Tracking, ReturnFromADropoutFarAwayIsFollowedWithoutOvershoot) {
+  TrackingLoop loop({}, hand(), {});
+  std::uint64_t sequence = 0;
+  double highest = 0, speed = 0;
+  for (int i = 0; i < 4000; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    TrackingInput input;
+    Skeleton sample;
+    if (i % 11 == 0 && (i < 1000 || i > 3000)) {
+      sample = skeleton_at({Vector3(i < 1000 ? 0 : 0.3, 1, 0), Quaternion::Identity()}, ++sequence, now);
+      input.tracked = &sample;
+    }
+    const TrackingOutput& out = loop.step(now, input);
+    highest = std::max(highest, position(out.intermediate, kWrist).x());
+    speed = std::max(speed, std::abs(out.intermediate.joints[kWrist].linear_velocity[0]));
+    if (i > 3200) {
+      EXPECT_NEAR(position(out.intermediate, kWrist).x(), 0.3, 1e-4);
+    }
+  }
+  EXPECT_LT(highest, 0.31);
+  EXPECT_LT(speed, 20);  // the cap on the coupling to the tracker bounds it
+}
+
+TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
+  TrackedInputOptions options;
+  options.headset_mount_position = {0, -0.05, -0.08};
+  TrackedInput input(options);
+  const double speed = 1.5;  // rad/s of the head about the vertical
+  const auto head_at = [&](double t) { return Pose{Vector3(0.2 * t, 1.6, 0), Quaternion(Eigen::AngleAxisd(speed * t, Vector3::UnitY()))}; };
+  const Pose mount{Vector3(0, -0.05, -0.08), Quaternion::Identity()};
+  const Pose hand_in_world{Vector3(0.1, 1.3, -0.4), Quaternion::Identity()};
+  EXPECT_FALSE([&] {
+    Skeleton s = skeleton_at(hand_in_world, 1, kStart);
+    s.frame = 1;
+    return input.add_sample(s, kStart);
+  }());
+  EXPECT_EQ(input.counters().refused_mount, 1u);
+  for (int i = 0; i < 20; ++i) {
+    HeadPose head;
+    head.valid = 1;
+    head.stamp.sample_time = kStart + i * 14 * kMillisecond;
+    const Pose pose = head_at(i * 0.014);
+    head.position = to_wire(pose.position);
+    head.orientation = to_wire(pose.orientation);
+    input.add_head_pose(head);
+  }
+  std::uint64_t sequence = 1;
+  for (const double t : {0.101, 0.15, 0.2, 0.28}) {
+    const Nanoseconds time = kStart + static_cast<Nanoseconds>(t * 1e9);
+    Skeleton s = skeleton_at((head_at(t) * mount).inverse() * hand_in_world, ++sequence, time);
+    s.frame = 1;
+    ASSERT_TRUE(input.add_sample(s, time + 30 * kMillisecond));
+    EXPECT_LT((input.targets(time)[1].pose.position - hand_in_world.position).norm(), 1e-4) << t;
+  }
+}
+
+TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
+  EXPECT_LT(chain_growth({}, hand()), 1);
+  // FACTS.md: equal masses, k1 = k2/10 and a spring back as strong as the forward one.
+  TrackingOptions bad;
+  bad.mass_fraction = 1;
+  bad.stiffness_ratio = 1;
+  bad.feedback_ratio = 1;
+  bad.damping_ratio = 0.1;
+  const double growth = chain_growth(bad, hand());
+  ASSERT_GT(growth, 1);
+  try {
+    TrackingLoop loop(bad, hand(), {});
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    const std::string text = error.what();
+    TrackingOptions offered = bad;
+    ASSERT_EQ(std::sscanf(text.c_str() + text.find("e.g."), "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf", &offered.stiffness_ratio,
+                          &offered.feedback_ratio, &offered.mass_fraction),
+              3)
+        << text;
+    EXPECT_LT(chain_growth(offered, hand()), 1) << text;
+  }
+}
+
+TEST(Tracking, SameInputsGiveTheSameBits) {
+  const auto last = [] {
+    TrackingLoop loop({}, hand(), {});
+    Skeleton result;
+    run(loop, 1, 90, [](double t) { return Pose{Vector3(std::sin(9 * t), 1, 0), rotation_exp(Vector3(t, 2 * t, 0))}; },
+        [&](double, const TrackingOutput& out) { result = out.intermediate; });
+    return result;
+  };
+  const Skeleton a = last(), b = last();
+  for (std::size_t j = 0; j < kJointCount; ++j) EXPECT_EQ(a.joints[j].position, b.joints[j].position);
+}
+
+TEST(Tracking, EveryMessageIsAnswered) {
+  TrackingLoop loop({}, hand(), {});
+  Message message;
+  message.id = 42;
+  set_text(message.module, "hand");
+  EXPECT_EQ(loop.answer(message, "tracking").result, kReplyIgnored);
+  set_text(message.module, "*");
+  set_text(message.key, "feedback_ratio");
+  set_text(message.value, "0.05");
+  const MessageReply reply = loop.answer(message, "tracking");
+  EXPECT_EQ(reply.result, kReplyApplied);
+  EXPECT_EQ(reply.id, 42u);
+  set_text(message.value, "0.9");
+  EXPECT_EQ(loop.answer(message, "tracking").result, kReplyRefused);
+  set_text(message.value, "nan");
+  EXPECT_EQ(loop.answer(message, "tracking").result, kReplyRefused);
+}
+
+}  // namespace
+}  // namespace softhand
