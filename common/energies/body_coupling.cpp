@@ -1,0 +1,164 @@
+#include "energies/body_coupling.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <utility>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+// A spring of stiffness k whose force is capped; d is the length of its stretch.
+struct CappedSpring {
+  double energy;
+  double secant;  // force = secant * stretch
+  bool capped;
+};
+
+CappedSpring capped_spring(double k, double cap, double d) {
+  if (k * d <= cap) return {0.5 * k * d * d, k, false};
+  return {cap * d - 0.5 * cap * cap / k, cap / d, true};
+}
+
+// Second derivative with respect to the stretch. Past the cap only the directions across the stretch keep a stiffness.
+Matrix3 exact_stiffness(const CappedSpring& spring, const Vector3& stretch) {
+  Matrix3 result = spring.secant * Matrix3::Identity();
+  if (spring.capped) result -= spring.secant / stretch.squaredNorm() * stretch * stretch.transpose();
+  return result;
+}
+
+void check_gains(const std::string& name, const CouplingGains& gains) {
+  const auto refuse = [&name](const char* field, double value, const char* expected) {
+    throw std::invalid_argument(name + ": " + field + " is " + std::to_string(value) + ", expected " + expected);
+  };
+  const auto not_negative = [&refuse](const char* field, double value) {
+    if (!(value >= 0) || !(value < std::numeric_limits<double>::infinity())) refuse(field, value, "a finite number >= 0");
+  };
+  not_negative("linear_stiffness", gains.linear_stiffness);
+  not_negative("angular_stiffness", gains.angular_stiffness);
+  not_negative("linear_damping", gains.linear_damping);
+  not_negative("angular_damping", gains.angular_damping);
+  if (!(gains.force_cap > 0)) refuse("force_cap", gains.force_cap, "a number > 0");
+  if (!(gains.torque_cap > 0)) refuse("torque_cap", gains.torque_cap, "a number > 0");
+}
+
+}  // namespace
+
+BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, DofLayout layout) : name_(std::move(name)) {
+  sites_.reserve(sites.size());
+  for (const CouplingSite& given : sites) {
+    check_gains(name_, given.gains);
+    Site site;
+    site.body = given.body;
+    site.body_from_frame = given.body_from_frame;
+    site.gains = given.gains;
+    site.blocks = Clique<2>({layout.body_translation_block(given.body), layout.body_rotation_block(given.body)});
+    sites_.push_back(site);
+  }
+}
+
+void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocity) {
+  Site& s = at(site);
+  s.active = true;
+  s.target = target;
+  s.target_velocity = velocity;
+}
+
+void BodyCoupling::set_gains(int site, const CouplingGains& gains) { at(site).gains = gains; }
+
+void BodyCoupling::add_pattern(BlockPattern& pattern) const {
+  for (const Site& site : sites_) site.blocks.add_pattern(pattern);
+}
+
+void BodyCoupling::bind(const BlockMatrix& matrix) {
+  for (Site& site : sites_) site.blocks.bind(matrix);
+}
+
+void BodyCoupling::begin_step(const State& state, double time_step) {
+  for (Site& s : sites_) {
+    s.pulls = s.active;
+    if (!s.pulls) continue;
+    const Pose start = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
+    const double damping = s.gains.linear_damping / time_step;
+    const double angular_damping = s.gains.angular_damping / time_step;
+    s.stiffness = s.gains.linear_stiffness + damping;
+    s.angular_stiffness = s.gains.angular_stiffness + angular_damping;
+    s.position_target = s.target.position;
+    if (damping > 0) {
+      s.position_target +=
+          damping / s.stiffness * (start.position + time_step * s.target_velocity.linear - s.target.position);
+    }
+    s.orientation_target = s.target.orientation;
+    if (angular_damping > 0) {
+      const Quaternion advanced = rotation_exp(time_step * s.target_velocity.angular) * start.orientation;
+      const Vector3 arc = rotation_log(s.target.orientation * advanced.conjugate());
+      s.orientation_target = (rotation_exp(s.gains.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
+    }
+  }
+}
+
+Wrench BodyCoupling::wrench(int site, const State& state) const {
+  const Site& s = at(site);
+  if (!s.pulls) return {};
+  const Pose frame = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
+  const Vector3 stretch = frame.position - s.position_target;
+  const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
+  return {-capped_spring(s.stiffness, s.gains.force_cap, stretch.norm()).secant * stretch,
+          -capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn};
+}
+
+double BodyCoupling::value(const State& state) const {
+  double energy = 0;
+  for (const Site& s : sites_) {
+    if (!s.pulls) continue;
+    const Pose frame = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
+    const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
+    energy += capped_spring(s.stiffness, s.gains.force_cap, (frame.position - s.position_target).norm()).energy +
+              capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm()).energy;
+  }
+  return energy;
+}
+
+void BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
+  for (int site = 0; site < site_count(); ++site) {
+    const Site& s = at(site);
+    if (!s.pulls) continue;
+    // The log's Jacobian leaves the turn itself unchanged, J^-T phi = phi, so the gradient of the angular part is the torque.
+    const Wrench w = wrench(site, state);
+    const Vector3 arm = state.body_poses[static_cast<std::size_t>(s.body)].orientation * s.body_from_frame.position;
+    Clique<2>::Gradient local;
+    local << -w.force, -(w.torque + arm.cross(w.force));
+    s.blocks.add(gradient, local);
+  }
+}
+
+void BodyCoupling::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  for (const Site& s : sites_) {
+    if (!s.pulls) continue;
+    const Pose& body = state.body_poses[static_cast<std::size_t>(s.body)];
+    const Pose frame = body * s.body_from_frame;
+    const Vector3 arm = body.orientation * s.body_from_frame.position;
+    const Vector3 stretch = frame.position - s.position_target;
+    const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
+    const CappedSpring linear = capped_spring(s.stiffness, s.gains.force_cap, stretch.norm());
+    const CappedSpring angular = capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm());
+    const Matrix3 lever = -skew(arm);  // d(frame position)/d(rotation)
+
+    Matrix3 translation = linear.secant * Matrix3::Identity();
+    Matrix3 rotation = angular.secant * Matrix3::Identity();
+    if (curvature == Curvature::exact) {
+      translation = exact_stiffness(linear, stretch);
+      const Matrix3 jacobian = left_jacobian_inverse(turn);
+      rotation = jacobian.transpose() * exact_stiffness(angular, turn) * jacobian + log_second_derivative(turn, angular.secant * turn) +
+                 rotated_arm_second_derivative(arm, linear.secant * stretch);
+    }
+    Clique<2>::Hessian local;
+    local.topLeftCorner<3, 3>() = translation;
+    local.bottomLeftCorner<3, 3>() = lever.transpose() * translation;
+    local.bottomRightCorner<3, 3>() = lever.transpose() * translation * lever + rotation;
+    s.blocks.add(hessian, local);
+  }
+}
+
+}  // namespace softhand

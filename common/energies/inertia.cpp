@@ -1,0 +1,164 @@
+#include "energies/inertia.hpp"
+
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kHeldStiffness = 1e9;         // N/m: 10 N move a held body by 10 nm within the step
+constexpr double kHeldAngularStiffness = 1e7;  // N m/rad
+constexpr double kLargestTurn = 3.0;           // rad a step
+
+Matrix3 in_world(const Matrix3& inertia, const Quaternion& orientation) {
+  const Matrix3 r = orientation.toRotationMatrix();
+  return r * inertia * r.transpose();
+}
+
+Vector3 turn_from(const Pose& start, const Pose& now) { return rotation_log(now.orientation * start.orientation.conjugate()); }
+
+}  // namespace
+
+Inertia::Inertia(std::vector<double> node_masses, int body_count)
+    : node_masses_(std::move(node_masses)), bodies_(static_cast<std::size_t>(body_count)) {
+  for (std::size_t n = 0; n < node_masses_.size(); ++n) {
+    if (!(node_masses_[n] > 0) || !std::isfinite(node_masses_[n])) {
+      throw std::invalid_argument("Inertia: the mass of node " + std::to_string(n) + " is " + std::to_string(node_masses_[n]) +
+                                  ", expected a finite number > 0");
+    }
+  }
+  const auto nodes = static_cast<Eigen::Index>(node_masses_.size());
+  node_gravity_ = node_start_ = node_target_ = Eigen::Matrix3Xd::Zero(3, nodes);
+}
+
+void Inertia::set_node_gravity(const Vector3& gravity) { node_gravity_.colwise() = gravity; }
+
+void Inertia::set_dynamic(int body, double mass, const Matrix3& inertia, const Vector3& gravity) {
+  BodyInertia& b = bodies_[static_cast<std::size_t>(body)];
+  b.dynamic = true;
+  b.mass = mass;
+  b.inertia = inertia;
+  b.gravity = gravity;
+}
+
+void Inertia::hold(int body) { bodies_[static_cast<std::size_t>(body)].dynamic = false; }
+
+double Inertia::kinetic_energy(const State& state) const {
+  double energy = 0;
+  for (std::size_t n = 0; n < node_masses_.size(); ++n) {
+    energy += 0.5 * node_masses_[n] * state.node_velocities.col(static_cast<Eigen::Index>(n)).squaredNorm();
+  }
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    if (!bodies_[b].dynamic) continue;
+    const Twist& velocity = state.body_velocities[b];
+    const Vector3 local = state.body_poses[b].orientation.conjugate() * velocity.angular;
+    energy += 0.5 * bodies_[b].mass * velocity.linear.squaredNorm() + 0.5 * local.dot(bodies_[b].inertia * local);
+  }
+  return energy;
+}
+
+void Inertia::bind(const BlockMatrix& matrix) {
+  diagonal_.resize(node_masses_.size() + 2 * bodies_.size());
+  for (std::size_t block = 0; block < diagonal_.size(); ++block) {
+    diagonal_[block] = matrix.find(static_cast<int>(block), static_cast<int>(block));
+  }
+}
+
+void Inertia::begin_step(const State& state, double time_step) {
+  time_step_ = time_step;
+  const double inverse_square = 1.0 / (time_step * time_step);
+  node_start_ = state.node_positions;
+  node_target_ = state.node_positions + time_step * state.node_velocities + time_step * time_step * node_gravity_;
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    BodyInertia& b = bodies_[i];
+    b.start = state.body_poses[i];
+    if (!b.dynamic) {
+      b.position_target = b.start.position;
+      b.turn_target.setZero();
+      b.translation_weight = kHeldStiffness;
+      b.rotation_weight = kHeldAngularStiffness * Matrix3::Identity();
+      continue;
+    }
+    const Twist& velocity = state.body_velocities[i];
+    b.position_target = b.start.position + time_step * velocity.linear + time_step * time_step * b.gravity;
+    b.translation_weight = b.mass * inverse_square;
+    const Vector3 momentum = in_world(b.inertia, b.start.orientation) * velocity.angular;
+    const Matrix3 inertia_mid = in_world(b.inertia, rotation_exp(0.5 * time_step * velocity.angular) * b.start.orientation);
+    b.turn_target = time_step * inertia_mid.inverse() * momentum;
+    const double turn = b.turn_target.norm();
+    if (turn > kLargestTurn) b.turn_target *= kLargestTurn / turn;
+    b.rotation_weight = inertia_mid * inverse_square;
+  }
+}
+
+double Inertia::value(const State& state) const {
+  double energy = 0;
+  for (std::size_t n = 0; n < node_masses_.size(); ++n) {
+    const auto column = static_cast<Eigen::Index>(n);
+    energy += node_masses_[n] * (state.node_positions.col(column) - node_target_.col(column)).squaredNorm();
+  }
+  energy *= 0.5 / (time_step_ * time_step_);
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    const BodyInertia& b = bodies_[i];
+    const Vector3 off = turn_from(b.start, state.body_poses[i]) - b.turn_target;
+    energy += 0.5 * b.translation_weight * (state.body_poses[i].position - b.position_target).squaredNorm() +
+              0.5 * off.dot(b.rotation_weight * off);
+  }
+  return energy;
+}
+
+void Inertia::add_gradient(const State& state, VectorX& gradient) const {
+  const DofLayout layout = state.layout();
+  const double inverse_square = 1.0 / (time_step_ * time_step_);
+  for (int n = 0; n < layout.node_count; ++n) {
+    gradient.segment<3>(3 * layout.node_block(n)) +=
+        node_masses_[static_cast<std::size_t>(n)] * inverse_square * (state.node_positions.col(n) - node_target_.col(n));
+  }
+  for (int body = 0; body < layout.body_count; ++body) {
+    const BodyInertia& b = bodies_[static_cast<std::size_t>(body)];
+    const Pose& pose = state.body_poses[static_cast<std::size_t>(body)];
+    const Vector3 turn = turn_from(b.start, pose);
+    gradient.segment<3>(3 * layout.body_translation_block(body)) += b.translation_weight * (pose.position - b.position_target);
+    gradient.segment<3>(3 * layout.body_rotation_block(body)) +=
+        left_jacobian_inverse(turn).transpose() * (b.rotation_weight * (turn - b.turn_target));
+  }
+}
+
+void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  const DofLayout layout = state.layout();
+  const double inverse_square = 1.0 / (time_step_ * time_step_);
+  for (int n = 0; n < layout.node_count; ++n) {
+    hessian.add(diagonal_[static_cast<std::size_t>(layout.node_block(n))],
+                node_masses_[static_cast<std::size_t>(n)] * inverse_square * Matrix3::Identity());
+  }
+  for (int body = 0; body < layout.body_count; ++body) {
+    const BodyInertia& b = bodies_[static_cast<std::size_t>(body)];
+    const Vector3 turn = turn_from(b.start, state.body_poses[static_cast<std::size_t>(body)]);
+    const Matrix3 jacobian = left_jacobian_inverse(turn);
+    Matrix3 rotation = jacobian.transpose() * b.rotation_weight * jacobian;
+    if (curvature == Curvature::exact) rotation += log_second_derivative(turn, b.rotation_weight * (turn - b.turn_target));
+    hessian.add(diagonal_[static_cast<std::size_t>(layout.body_translation_block(body))], b.translation_weight * Matrix3::Identity());
+    hessian.add(diagonal_[static_cast<std::size_t>(layout.body_rotation_block(body))], rotation);
+  }
+}
+
+void Inertia::end_step(State& state) {
+  state.node_velocities = (state.node_positions - node_start_) / time_step_;
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    const BodyInertia& b = bodies_[i];
+    Pose& pose = state.body_poses[i];
+    if (!b.dynamic) {
+      pose = b.start;
+      continue;
+    }
+    Twist& velocity = state.body_velocities[i];
+    velocity.linear = (pose.position - b.start.position) / time_step_;
+    const Vector3 momentum = time_step_ * b.rotation_weight * turn_from(b.start, pose);
+    velocity.angular = in_world(b.inertia, pose.orientation).inverse() * momentum;
+  }
+}
+
+}  // namespace softhand

@@ -1,0 +1,66 @@
+// Joints between bodies (ES2725128A1 eq. 20): a position spring, and springs on the rotation that the kind of joint does not allow.
+//
+//   U = 1/2 k |x_a + r_a - x_b - r_b|^2 + sum over the held axes 1/2 k_o phi_i^2
+//       + sum over the limited axes 1/2 k_lim (max(0, phi_i - max)^2 + max(0, min - phi_i)^2),   phi = log(Q_a^T Q_b)
+//
+// with Q_a the parent's rest-aligned joint frame and Q_b the child's joint frame: phi is zero at rest and its components are the flexion,
+// abduction and twist of `JointModel`, in the parent's joint frame.
+//
+// Departure from the source: it names no formula for axes and ranges; components of the rotation vector keep all three axes alike and
+// have no gimbal lock. They are the textbook joint angles while only one of them is large. phi is finite at a turn of pi and jumps there to
+// the other arc.
+//
+// Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent and six of the child. Units: J; m, rad.
+#pragma once
+
+#include <vector>
+
+#include "energies/clique.hpp"
+#include "energies/energy.hpp"
+#include "model/hand_model.hpp"
+
+namespace softhand {
+
+struct JointSite {
+  int parent = 0;          ///< index into State::body_poses
+  int child = 0;
+  Pose parent_from_joint;  ///< the joint's frame in the parent's body frame, at rest
+  Pose child_from_joint;   ///< the same frame in the child's body frame
+  JointModel model;
+};
+
+/// The joints of a hand, in the order of their child bodies; bodies whose kind is `free` have none.
+std::vector<JointSite> hand_joints(const HandModel& hand);
+
+class JointEnergy final : public Energy {
+ public:
+  /// std::invalid_argument where a stiffness is negative or a range does not hold min <= 0 <= max.
+  JointEnergy(const std::vector<JointSite>& sites, DofLayout layout);
+
+  int joint_count() const { return static_cast<int>(joints_.size()); }
+  const JointSite& site(int joint) const { return joints_[static_cast<std::size_t>(joint)].site; }
+  /// phi: flexion, abduction, twist, radians.
+  Vector3 angles(int joint, const State& state) const;
+
+  std::string_view name() const override { return "joint"; }
+  void add_pattern(BlockPattern& pattern) const override;
+  void bind(const BlockMatrix& matrix) override;
+  double value(const State& state) const override;
+  void add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+
+ private:
+  struct AxisLaw {
+    double stiffness = 0;  // outside [minimum, maximum]
+    double minimum = 0;
+    double maximum = 0;
+  };
+  struct JointData {
+    JointSite site;
+    std::array<AxisLaw, 3> axes;
+    Clique<4> blocks;  // parent translation, rotation, child translation, rotation
+  };
+  std::vector<JointData> joints_;
+};
+
+}  // namespace softhand

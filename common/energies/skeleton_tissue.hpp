@@ -1,0 +1,79 @@
+// Attachments of the tissue to the bones (ES2725128A1 eq. 31): one spring a (bone, tetrahedron), at the centroid of their intersection.
+//
+//   U = sum over attachments 1/2 k |x_c + R r - sum_i w_i x_i|^2
+//
+// r is where the attachment sits at rest, sum_i w_i X_i, in the bone's body frame. With the w_i summing to one, each stretch is a weighted
+// sum of the nodes' own offsets from where the bone would carry them, z_i = x_c + R X_i - x_i, so that
+//
+//   U = sum over bones 1/2 sum_ij K_ij z_i . z_j,   K_ij = sum over its attachments k w_i w_j
+//
+// and thousands of springs become one small constant matrix K a bone. It is the same energy, not an approximation, and it loses no digits
+// far from the origin: at rest every z_i is zero.
+//
+// Departure from the source: none in the energy. Assumption: attachments are at rest where the model's rest pose puts them.
+// Projected Hessian: without the curvature of R (Gauss-Newton), a sum of squares. Degrees of freedom: the crossed tetrahedra's nodes and
+// the bones. Units: J; m, rad. Evaluation uses scratch memory of its own: one thread at a time.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "energies/energy.hpp"
+#include "model/hand_model.hpp"
+
+namespace softhand {
+
+class SkeletonTissue final : public Energy {
+ public:
+  /// Node n of the hand is node n of the state, and so are the bodies. std::invalid_argument where the state has fewer of either.
+  SkeletonTissue(const HandModel& hand, DofLayout layout);
+
+  std::string_view name() const override { return "skeleton_tissue"; }
+  void add_pattern(BlockPattern& pattern) const override;
+  void bind(const BlockMatrix& matrix) override;
+  double value(const State& state) const override;
+  void add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
+
+ private:
+  // One (node, bone) pair.
+  struct Tie {
+    std::int32_t node = 0;
+    Vector3 rest = Vector3::Zero();        // X_i, body frame
+    double row_sum = 0;                    // sum_j K_ij
+    Vector3 moment = Vector3::Zero();      // sum_j K_ij X_j, body frame
+    BlockSlot translation_slot, rotation_slot;  // (bone's block, node)
+  };
+  // K_ij of two ties of one bone, i > j; diagonal entries apart.
+  struct Pair {
+    std::int32_t i = 0, j = 0;
+    double stiffness = 0;
+  };
+  struct Bone {
+    int body = 0;
+    std::vector<Tie> ties;
+    std::vector<double> diagonal;  // K_ii
+    std::vector<Pair> pairs;
+    double total = 0;                         // sum_ij K_ij
+    Vector3 moment = Vector3::Zero();         // sum_ij K_ij X_j
+    Matrix3 second_moment = Matrix3::Zero();  // sum_ij K_ij [X_i]^T [X_j]
+    BlockSlot translation_slot, coupling_slot, rotation_slot;
+  };
+  // The constant node-node part of the Hessian, summed over bones: stiffness times identity.
+  struct NodePair {
+    std::int32_t row = 0, column = 0;
+    double stiffness = 0;
+    BlockSlot slot;
+  };
+
+  double evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const;
+
+  DofLayout layout_;
+  std::vector<Bone> bones_;
+  std::vector<NodePair> node_pairs_;
+  mutable Eigen::Matrix3Xd offset_;  // z_i of one bone
+  mutable Eigen::Matrix3Xd pull_;    // sum_j K_ij z_j
+};
+
+}  // namespace softhand
