@@ -12,6 +12,7 @@ namespace {
 constexpr double kHeldStiffness = 1e9;         // N/m: 10 N move a held body by 10 nm within the step
 constexpr double kHeldAngularStiffness = 1e7;  // N m/rad
 constexpr double kLargestTurn = 3.0;           // rad a step
+constexpr int kMidpointIterations = 25;        // a handful for slow bodies; the bound is for a radian a step and more
 
 Matrix3 in_world(const Matrix3& inertia, const Quaternion& orientation) {
   const Matrix3 r = orientation.toRotationMatrix();
@@ -86,10 +87,20 @@ void Inertia::begin_step(const State& state, double time_step) {
     b.position_target = b.start.position + time_step * velocity.linear + time_step * time_step * b.gravity;
     b.translation_weight = b.mass * inverse_square;
     const Vector3 momentum = in_world(b.inertia, b.start.orientation) * velocity.angular;
-    const Matrix3 inertia_mid = in_world(b.inertia, rotation_exp(0.5 * time_step * velocity.angular) * b.start.orientation);
-    b.turn_target = time_step * inertia_mid.inverse() * momentum;
-    const double turn = b.turn_target.norm();
-    if (turn > kLargestTurn) b.turn_target *= kLargestTurn / turn;
+    // Implicit midpoint by fixed-point iteration: the turn of free motion, by the inertia half way along that same turn. Whatever the last
+    // iterate is, it conserves the momentum, because the weight and the target use the same inertia.
+    Matrix3 inertia_mid;
+    Vector3 turn = time_step * velocity.angular;
+    for (int iteration = 0; iteration < kMidpointIterations; ++iteration) {
+      inertia_mid = in_world(b.inertia, rotation_exp(0.5 * turn) * b.start.orientation);
+      const Vector3 next = time_step * inertia_mid.inverse() * momentum;
+      const double change = (next - turn).norm();
+      turn = next;
+      const double angle = turn.norm();
+      if (angle > kLargestTurn) turn *= kLargestTurn / angle;
+      if (change < 1e-13) break;
+    }
+    b.turn_target = turn;
     b.rotation_weight = inertia_mid * inverse_square;
   }
 }

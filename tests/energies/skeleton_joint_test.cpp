@@ -1,0 +1,209 @@
+// Joints of eq. 20: derivatives of every kind, balance, rest, limits and the pendulums of VALIDATION.md section 1.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "energies/dense_step.hpp"
+#include "energies/inertia.hpp"
+#include "energies/joint.hpp"
+#include "support/block_hand.hpp"
+
+namespace softhand {
+namespace {
+
+using testing::DenseStepper;
+
+JointModel joint_model(JointKind kind) {
+  JointModel model;
+  model.kind = kind;
+  model.position_stiffness = 1e3;
+  model.orientation_stiffness = 10;
+  model.limit_stiffness = 3;
+  model.flexion_range = {-1.6, 0.2};
+  model.abduction_range = {-0.3, 0.4};
+  return model;
+}
+
+// Parent 0 and child 1 with their joint away from both centres; at rest in world axes.
+JointSite site_of(JointKind kind) {
+  return {0, 1, {Vector3(0, 0.01, -0.03), rotation_exp(Vector3(0.2, 0.1, 0))}, {Vector3(0.002, 0, 0.02), rotation_exp(Vector3(0, 0.3, 0.1))},
+          joint_model(kind)};
+}
+
+// The child placed so that the joint is closed and shows the given angles.
+State posed(const JointSite& site, const Vector3& angles, std::uint64_t seed = 2) {
+  State state = testing::random_state({1, 2}, seed);
+  state.body_poses[1] =
+      state.body_poses[0] * site.parent_from_joint * Pose{Vector3::Zero(), rotation_exp(angles)} * site.child_from_joint.inverse();
+  return state;
+}
+
+State resting_hand(const HandModel& hand) {
+  State state;
+  state.node_positions.resize(3, 0);
+  state.node_velocities.resize(3, 0);
+  for (int b = 0; b < kBodyCount; ++b) {
+    state.body_poses.push_back(hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] *
+                               hand.bodies[static_cast<std::size_t>(b)].joint_from_body);
+    state.body_velocities.emplace_back();
+  }
+  return state;
+}
+
+class EveryKind : public ::testing::TestWithParam<JointKind> {};
+
+TEST_P(EveryKind, DerivativesAndBalanceAndRigidMotion) {
+  const JointSite site = site_of(GetParam());
+  JointEnergy joint({site}, {1, 2});
+  // Inside, outside on either side, large, and almost half a turn.
+  for (const Vector3& angles : {Vector3(-0.5, 0.1, 0.05), Vector3(0.6, 0.7, -0.2), Vector3(-2.0, -0.9, 0.3), Vector3(1.8, -2.2, 0.8)}) {
+    const State state = testing::perturbed(posed(site, angles), 7, 0.004, 0.02);
+    testing::check_term(joint, state, 0.01);
+    testing::check_balance(joint, state);
+    testing::check_rigid_motion(joint, state, {Vector3(1, -2, 0.5), rotation_exp(Vector3(2, 1, -1))});
+  }
+}
+
+TEST_P(EveryKind, AnglesAreWhatWasSetAndRestCostsNothing) {
+  const JointSite site = site_of(GetParam());
+  const JointEnergy joint({site}, {1, 2});
+  const Vector3 angles(-0.4, 0.2, 0.1);
+  EXPECT_LE((joint.angles(0, posed(site, angles)) - angles).norm(), 1e-14);
+  const State rest = posed(site, Vector3::Zero());
+  VectorX gradient = VectorX::Zero(rest.layout().dof_count());
+  joint.add_gradient(rest, gradient);
+  EXPECT_LE(gradient.norm(), 1e-12);
+  EXPECT_LE(joint.value(rest), 1e-25);
+}
+
+INSTANTIATE_TEST_SUITE_P(JointEnergy, EveryKind, ::testing::Values(JointKind::ball, JointKind::saddle, JointKind::hinge));
+
+TEST(JointEnergy, EachKindLeavesItsOwnAxesFree) {
+  const auto cost = [](JointKind kind, const Vector3& angles) {
+    const JointSite site = site_of(kind);
+    return JointEnergy({site}, {1, 2}).value(posed(site, angles));
+  };
+  const Vector3 flexed(-1, 0, 0), abducted(0, 0.2, 0), twisted(0, 0, 0.1);
+  EXPECT_NEAR(cost(JointKind::ball, flexed), 0.5 * 10, 1e-12);
+  EXPECT_NEAR(cost(JointKind::saddle, flexed), 0, 1e-12);
+  EXPECT_NEAR(cost(JointKind::hinge, flexed), 0, 1e-12);
+  EXPECT_NEAR(cost(JointKind::saddle, abducted), 0, 1e-12);
+  EXPECT_NEAR(cost(JointKind::hinge, abducted), 0.5 * 10 * 0.04, 1e-12);
+  EXPECT_NEAR(cost(JointKind::saddle, twisted), 0.5 * 10 * 0.01, 1e-12);
+  // Beyond the range: 1/2 k_lim excess^2.
+  EXPECT_NEAR(cost(JointKind::hinge, Vector3(-1.8, 0, 0)), 0.5 * 3 * 0.04, 1e-12);
+  EXPECT_NEAR(cost(JointKind::hinge, Vector3(0.5, 0, 0)), 0.5 * 3 * 0.09, 1e-12);
+  EXPECT_NEAR(cost(JointKind::saddle, Vector3(0, -0.5, 0)), 0.5 * 3 * 0.04, 1e-12);
+}
+
+TEST(JointEnergy, FiniteAtHalfATurn) {
+  const JointSite site = site_of(JointKind::ball);
+  JointEnergy joint({site}, {1, 2});
+  for (const double angle : {M_PI - 1e-12, M_PI, M_PI + 1e-12}) {
+    const State state = posed(site, angle * Vector3(0.6, 0, 0.8));
+    VectorX gradient = VectorX::Zero(state.layout().dof_count());
+    BlockMatrix matrix = testing::bound_matrix(joint, state);
+    EXPECT_TRUE(std::isfinite(joint.add_all(state, gradient, matrix, Curvature::exact)));
+    EXPECT_TRUE(gradient.allFinite() && matrix.dense().allFinite());
+  }
+}
+
+TEST(JointEnergy, WholeHandRestsAndBalances) {
+  const HandModel hand = testing::block_hand();
+  State state = resting_hand(hand);
+  JointEnergy joints(hand_joints(hand), state.layout());
+  EXPECT_EQ(joints.joint_count(), 20);
+  VectorX gradient = VectorX::Zero(state.layout().dof_count());
+  joints.add_gradient(state, gradient);
+  EXPECT_LE(gradient.norm(), 1e-9);
+  state = testing::perturbed(state, 5, 0.01, 0.4);
+  testing::check_balance(joints, state);
+  testing::check_term(joints, state, 0.01);
+}
+
+TEST(JointEnergy, StretchIsForceOverStiffness) {
+  // A body of weight m g hangs from a held one.
+  const JointSite site = site_of(JointKind::ball);
+  State state = posed(site, Vector3::Zero());
+  state.body_velocities.assign(2, Twist{});
+  constexpr double mass = 0.3;
+  Inertia inertia({1.0}, 2);
+  inertia.set_dynamic(1, mass, 1e-4 * Matrix3::Identity(), Vector3(0, -9.81, 0));
+  JointEnergy joint({site}, state.layout());
+  DenseStepper stepper({&inertia, &joint}, state);
+  state.node_velocities.setZero();
+  for (int i = 0; i < 3000; ++i) stepper.step(state, 0.1);
+  const Vector3 gap = (state.body_poses[1] * site.child_from_joint).position - (state.body_poses[0] * site.parent_from_joint).position;
+  EXPECT_LE((gap - Vector3(0, -mass * 9.81 / 1e3, 0)).norm(), 1e-8);
+}
+
+TEST(JointEnergy, TorqueIntoALimit) {
+  // The limit gives torque / k beyond the range (VALIDATION.md: excess +-2 %). The torque: a couple of two opposite forces is not
+  // at hand, so the child's own gravity on an arm; the joint is at the held parent's centre.
+  JointSite site{0, 1, Pose{}, {Vector3(0, 0, 0.02), Quaternion::Identity()}, joint_model(JointKind::hinge)};
+  site.model.position_stiffness = 1e7;
+  site.model.limit_stiffness = 50;
+  State state = posed(site, Vector3::Zero());
+  state.body_poses[0] = Pose{};
+  state.body_poses[1] = Pose{} * site.child_from_joint.inverse();  // 20 mm along -Z
+  state.body_velocities.assign(2, Twist{});
+  state.node_velocities.setZero();
+  Inertia inertia({1.0}, 2);
+  inertia.set_dynamic(1, 10.0, 1e-3 * Matrix3::Identity(), Vector3(0, 9.81, 0));  // lifts: extension, +x
+  JointEnergy joint({site}, state.layout());
+  DenseStepper stepper({&inertia, &joint}, state);
+  for (int i = 0; i < 2000; ++i) stepper.step(state, 0.1);
+  const double angle = joint.angles(0, state).x();
+  const double torque = 10.0 * 9.81 * 0.02 * std::cos(angle);
+  EXPECT_NEAR(angle - 0.2, torque / 50, 0.02 * torque / 50);
+}
+
+TEST(JointEnergy, ConicalPendulum) {
+  // L = 0.05 m at 30 degrees: sqrt(g / (L cos 30)) = 15.05165 rad/s. Small steps; the period over a few turns.
+  JointSite site{0, 1, Pose{}, {Vector3(0, 0.05, 0), Quaternion::Identity()}, {}};
+  site.model.kind = JointKind::ball;
+  site.model.position_stiffness = 1e7;
+  State state = testing::random_state({0, 2}, 1);
+  state.body_poses[0] = Pose{};
+  constexpr double tilt = M_PI / 6, rate = 15.05165;
+  state.body_poses[1] = Pose{Vector3::Zero(), rotation_exp(Vector3(0, 0, tilt))} * site.child_from_joint.inverse();
+  const Vector3 spin(0, rate, 0);
+  state.body_velocities[0] = Twist{};
+  // A point mass that does not spin about its own axis would need no inertia; a small sphere turning with the cone is next to it.
+  state.body_velocities[1] = {spin.cross(state.body_poses[1].position), spin};
+  const auto measure = [&](double dt) {
+    State moving = state;
+    Inertia inertia({}, 2);
+    inertia.set_dynamic(1, 0.1, 1e-9 * Matrix3::Identity(), Vector3(0, -9.81, 0));
+    JointEnergy joint({site}, moving.layout());
+    DenseStepper stepper({&inertia, &joint}, moving);
+    double angle = 0;
+    Vector3 last = moving.body_poses[1].position;
+    const int steps = static_cast<int>(std::lround(0.4 / dt));
+    for (int i = 0; i < steps; ++i) {
+      stepper.step(moving, dt, 1e-11);
+      const Vector3 now = moving.body_poses[1].position;
+      angle += std::atan2(now.x() * last.z() - now.z() * last.x(), now.x() * last.x() + now.z() * last.z());
+      last = now;
+    }
+    return std::abs(angle) / 0.4;
+  };
+  const double coarse = measure(2e-4), fine = measure(1e-4);
+  EXPECT_NEAR(2 * fine - coarse, rate, 0.01 * rate);  // Richardson, first order
+}
+
+TEST(JointEnergy, RefusesBadRangesAndStiffness) {
+  JointSite site = site_of(JointKind::hinge);
+  site.model.flexion_range = {0.1, 0.2};
+  EXPECT_THROW(JointEnergy({site}, {0, 2}), std::invalid_argument);
+  site = site_of(JointKind::hinge);
+  site.model.flexion_range = {0.1, -0.1};
+  EXPECT_THROW(JointEnergy({site}, {0, 2}), std::invalid_argument);
+  site = site_of(JointKind::hinge);
+  site.model.position_stiffness = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(JointEnergy({site}, {0, 2}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace softhand
