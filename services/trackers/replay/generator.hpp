@@ -1,0 +1,78 @@
+// Made motions of a given hand: pinch or grasp an object, lift, hold, turn, put down, let go; or move without one.
+#pragma once
+
+#include <memory>
+
+#include "model/hand_model.hpp"
+#include "runtime/options.hpp"
+#include "trackers/replay/kinematics.hpp"
+#include "trackers/replay/motion.hpp"
+
+namespace softhand {
+
+struct GeneratorOptions {
+  std::string motion = "pinch";
+  std::array<double, 3> object_position{0, 0.02, 0};
+  double object_width = 0.04;
+  double closing_depth = 0.005;
+  double opening = 0.02;
+  double yaw = 0;
+  double tilt = 0;
+  double approach_distance = 0.12;
+  double lift_height = 0.15;
+  double turn_angle = 1.0471975511965976;
+  std::array<double, 3> turn_axis{0, 1, 0};
+  double lower_depth = 0.001;
+  double approach_time = 1.0;
+  double close_time = 0.8;
+  double settle_time = 0.5;
+  double lift_time = 1.0;
+  double hold_time = 5.0;
+  double shake_time = 0;
+  double shake_frequency = 3;
+  double shake_amplitude = 0.03;
+  std::array<double, 3> shake_axis{1, 0, 0};
+  double turn_time = 1.0;
+  double lower_time = 1.0;
+  double place_time = 0.5;
+  double release_time = 0.6;
+  double retreat_time = 0.8;
+  double free_time = 10;
+};
+
+inline void describe(OptionVisitor& v, GeneratorOptions& o) {
+  v.choice("motion", o.motion, {"pinch", "power_grasp", "fist", "free_motion"},
+           "pinch: thumb against index; power_grasp: all fingers around an upright cylinder; fist: opens and closes in the air; free_motion: no object.");
+  v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000}, "Middle of the grip, world; of the whole motion where there is no object.");
+  v.number("object_width", o.object_width, "m", {0.002, 0.12}, "Distance of the two faces that are gripped; the cylinder's diameter.");
+  v.number("closing_depth", o.closing_depth, "m", {0, 0.03}, "How far each tracked pad goes past the surface: the coupling turns it into grip force.");
+  v.number("opening", o.opening, "m", {0, 0.05}, "Room between each open finger and the surface.");
+  v.number("yaw", o.yaw, "rad", {-10, 10}, "Direction of the grip about the vertical; 0 = from thumb to index along -Z.");
+  v.number("tilt", o.tilt, "rad", {-1.6, 1.6}, "Turn of the hand about the grip's axis; 0 = wrist straight above the axis (pinch).");
+  v.number("approach_distance", o.approach_distance, "m", {0, 1}, "Distance from which the hand comes and to which it goes.");
+  v.number("lift_height", o.lift_height, "m", {0, 1}, "Lift along +Y.");
+  v.number("turn_angle", o.turn_angle, "rad", {-3.2, 3.2}, "Turn about the middle of the grip.");
+  v.numbers("turn_axis", o.turn_axis.data(), 3, "1", {-1, 1}, "Axis of the turn, world; upright by default, so that the object can be put down flat.");
+  v.number("lower_depth", o.lower_depth, "m", {0, 0.02}, "How far below its first place the hand puts the object down, so that it is seated.");
+  const auto time = [&v](std::string_view key, double& value, std::string_view text) { v.number(key, value, "s", {0, 3600}, text); };
+  time("approach_time", o.approach_time, "Duration of the approach, fingers open.");
+  time("close_time", o.close_time, "Duration of the closing.");
+  time("settle_time", o.settle_time, "Pause between closing and lifting.");
+  time("lift_time", o.lift_time, "Duration of the lift.");
+  time("hold_time", o.hold_time, "Duration of the hold.");
+  time("shake_time", o.shake_time, "Duration of the shaking after the hold; 0 = none.");
+  v.number("shake_frequency", o.shake_frequency, "Hz", {0.1, 20}, "Frequency of the shaking.");
+  v.number("shake_amplitude", o.shake_amplitude, "m", {0, 0.2}, "Amplitude of the shaking.");
+  v.numbers("shake_axis", o.shake_axis.data(), 3, "1", {-1, 1}, "Direction of the shaking, world.");
+  time("turn_time", o.turn_time, "Duration of the turn.");
+  time("lower_time", o.lower_time, "Duration of putting down.");
+  time("place_time", o.place_time, "Pause between putting down and letting go.");
+  time("release_time", o.release_time, "Duration of the opening.");
+  time("retreat_time", o.retreat_time, "Duration of the retreat.");
+  time("free_time", o.free_time, "Duration of fist and free_motion.");
+}
+
+/// Throws std::invalid_argument where the hand cannot reach the asked grip: the message gives what it reaches.
+std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOptions& options);
+
+}  // namespace softhand

@@ -1,0 +1,48 @@
+#include "trackers/replay/kinematics.hpp"
+
+#include <algorithm>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+}  // namespace
+
+JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const JointAngles& angles) {
+  JointFrames out;
+  const JointFrames& rest = hand.rest_joints;
+  const auto ride = [&](Joint joint, Joint on) { out[index(joint)] = out[index(on)] * (rest[index(on)].inverse() * rest[index(joint)]); };
+  out[index(Joint::wrist)] = wrist;
+  for (std::size_t b = 2; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const Joint joint = joint_of(body);
+    ride(joint, joint_of(parent_of(body)));
+    Quaternion& orientation = out[index(joint)].orientation;
+    orientation = (orientation * rotation_exp(angles[b])).normalized();
+  }
+  for (int f = 0; f < kFingerCount; ++f) ride(tip_of(static_cast<Finger>(f)), joint_of(distal_of(static_cast<Finger>(f))));
+  ride(Joint::palm, Joint::middle_metacarpal);
+  return out;
+}
+
+Vector3 pad_in_distal(const HandModel& hand, Finger finger) {
+  const Body distal = distal_of(finger);
+  const Joint joint = joint_of(distal), tip = tip_of(finger);
+  const Pose to_joint = hand.rest_joints[index(joint)].inverse();
+  const double length = (to_joint * hand.rest_joints[index(tip)].position).norm();
+  const double radius = 0.5 * (hand.joint_radii[index(joint)] + hand.joint_radii[index(tip)]);
+  Vector3 pad(0, -radius, -0.6 * length);
+  double lowest = 0;
+  for (std::size_t n = 0; n < hand.node_body.size(); ++n) {
+    if (hand.node_body[n] != index_of(distal)) continue;
+    const Vector3 x = to_joint * hand.nodes[n];
+    if (x.z() < -0.9 * length || x.z() > -0.3 * length || std::abs(x.x()) > 0.6 * radius || x.y() >= lowest) continue;
+    lowest = x.y();
+  }
+  // A mesh that is no likeness (a test's block) must not move the pad away from the finger.
+  if (lowest < -0.5 * radius && lowest > -1.5 * radius) pad.y() = lowest;
+  return pad;
+}
+
+}  // namespace softhand

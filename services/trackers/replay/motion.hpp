@@ -1,0 +1,38 @@
+// A motion of one hand over time, recorded or made: joint frames in the world, no imperfections.
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "math/types.hpp"
+#include "model/skeleton.hpp"
+
+namespace softhand {
+
+using JointFrames = std::array<Pose, kJointCount>;
+
+/// A named part of a motion, in seconds from its start.
+struct MotionPhase {
+  std::string name;  ///< approach, close, lift, hold, shake, turn, lower, release, retreat
+  double begin = 0;
+  double end = 0;
+};
+
+class Motion {
+ public:
+  virtual ~Motion() = default;
+  virtual double duration() const = 0;  ///< seconds
+  /// Joint frames at `time`, clamped to [0, duration].
+  virtual JointFrames at(double time) const = 0;
+  /// When a recording's samples were taken, ascending from 0; empty for a motion that exists at every time.
+  virtual std::span<const double> times() const { return {}; }
+  /// Empty where the motion has no named parts.
+  virtual std::vector<MotionPhase> phases() const { return {}; }
+  virtual const std::array<double, kJointCount>& radii() const = 0;  ///< metres
+  /// True where the source has no palm joint and it was placed between the middle metacarpal and proximal joints.
+  virtual bool palm_inferred() const { return false; }
+};
+
+}  // namespace softhand

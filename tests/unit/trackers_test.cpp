@@ -1,0 +1,350 @@
+// Recordings, made motions and the imperfections of the replay tracker.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <sstream>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "support/block_hand.hpp"
+#include "trackers/replay/generator.hpp"
+#include "trackers/replay/recording.hpp"
+#include "trackers/replay/replay_tracker.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+
+std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+std::size_t at(Body body) { return static_cast<std::size_t>(index_of(body)); }
+
+// The block hand with a thumb that opposes: rolled about its bone so that its pad faces the fingers.
+HandModel opposing_hand() {
+  HandModel hand = testing::block_hand();
+  const Quaternion turn = Quaternion(Eigen::AngleAxisd(0.8, Vector3::UnitY())) * Quaternion(Eigen::AngleAxisd(-0.5, Vector3::UnitX())) *
+                          Quaternion(Eigen::AngleAxisd(1.2, Vector3::UnitZ()));
+  const std::array<double, 4> depth{0, 0.046, 0.080, 0.106};
+  for (std::size_t k = 0; k < 4; ++k) {
+    hand.rest_joints[2 + k] = {Vector3(-0.022, -0.005, -0.022) + turn * Vector3(0, 0, -depth[k]), turn};
+  }
+  hand.joint_radii.fill(0.008);
+  hand.bodies[at(Body::thumb_metacarpal)].joint.flexion_range = {-0.9, 0.5};
+  hand.bodies[at(Body::thumb_metacarpal)].joint.abduction_range = {-0.7, 0.7};
+  hand.bodies[at(Body::index_proximal)].joint.abduction_range = {-0.35, 0.35};
+  return hand;
+}
+
+Vector3 pad(const HandModel& hand, Finger finger, const JointFrames& frames) {
+  return frames[at(joint_of(distal_of(finger)))] * pad_in_distal(hand, finger);
+}
+
+std::string csv_row(double t, double x) {
+  std::ostringstream row;
+  row << t;
+  for (int j = 0; j < 25; ++j) row << "," << x << "," << 0.01 * j << ",0,0,0,0,1,0.01";
+  return row.str() + "\n";
+}
+std::string csv_header() {
+  static const char* joints[] = {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip"};
+  std::string header = "t_s";
+  const auto add = [&header](const std::string& joint) {
+    for (const char* suffix : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"}) header += "," + joint + "." + suffix;
+  };
+  for (const char* joint : joints) add(joint);
+  for (const char* finger : {"index-finger", "middle-finger", "ring-finger", "pinky-finger"}) {
+    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"}) add(std::string(finger) + "-" + part);
+  }
+  return header + "\n";
+}
+std::string error_of(const std::string& text) {
+  std::istringstream in(text);
+  try {
+    Recording::parse(in, "hand.csv");
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Recording, ReadsJointsAndPlacesThePalm) {
+  std::istringstream in(csv_header() + csv_row(5, 0.1) + csv_row(5.02, 0.3));
+  const Recording recording = Recording::parse(in, "hand.csv");
+  EXPECT_EQ(recording.frames().size(), 2u);
+  EXPECT_NEAR(recording.duration(), 0.02, 1e-12);
+  const JointFrames middle = recording.at(0.005);
+  EXPECT_NEAR(middle[at(Joint::wrist)].position.x(), 0.15, 1e-12);
+  EXPECT_NEAR(middle[at(Joint::little_tip)].position.y(), 0.24, 1e-12);
+  EXPECT_LT((middle[0].position - 0.5 * (middle[11].position + middle[12].position)).norm(), 1e-12);
+  EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
+}
+
+TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
+  EXPECT_EQ(error_of(""), "hand.csv:1: expected a header that starts with t_s, got an empty file");
+  EXPECT_NE(error_of("t_s,wrist.px\n").find("hand.csv:1: column 'wrist.py': expected, is missing"), std::string::npos);
+  EXPECT_NE(error_of("t_s,elbow.px\n").find("hand.csv:1: column 'elbow.px'"), std::string::npos);
+  std::string bad = csv_row(1, 0.5);
+  bad.replace(bad.find("0.5"), 3, "abc");
+  EXPECT_EQ(error_of(csv_header() + csv_row(0, 0) + bad), "hand.csv:3: column 'wrist.px': expected a finite number, got 'abc'");
+  EXPECT_NE(error_of(csv_header() + csv_row(1, 0) + csv_row(1, 0)).find("hand.csv:3: column 't_s'"), std::string::npos);
+  EXPECT_NE(error_of(csv_header() + "1,2,3\n").find("hand.csv:2: expected 201 columns, got 3"), std::string::npos);
+  EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
+}
+
+TEST(Recording, TheRecordedHandIsWhatItsPageSays) {
+  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
+  const Recording recording = Recording::load(path);
+  EXPECT_EQ(recording.frames().size(), 756u);
+  EXPECT_NEAR(recording.start(), 20.4612, 1e-9);
+  double sum = 0, square = 0;
+  for (const JointFrames& frame : recording.frames()) {
+    const double length = (frame[at(Joint::index_intermediate)].position - frame[at(Joint::index_proximal)].position).norm();
+    sum += length;
+    square += length * length;
+  }
+  const double mean = sum / 756;
+  EXPECT_NEAR(mean, 0.040, 0.005);
+  EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);  // VALIDATION.md section 6
+  // Plays every frame at its own time.
+  ReplayTracker tracker(std::make_shared<Recording>(recording), {}, {});
+  Skeleton sample;
+  std::size_t count = 0;
+  for (Nanoseconds now = 0; now < 8'600 * kMillisecond; now += kMillisecond) {
+    if (!tracker.sample(now, sample)) continue;
+    if (count < recording.frames().size()) {
+      EXPECT_EQ(to_vector(sample.joints[1].position), recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
+      EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9, recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
+    }
+    ++count;
+  }
+  EXPECT_GE(count, 750u);
+}
+
+TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
+  const HandModel hand = opposing_hand();
+  JointAngles angles;
+  angles.fill(Vector3::Zero());
+  const Pose wrist{Vector3(1, 2, 3), rotation_exp(Vector3(0.3, -0.2, 0.5))};
+  const JointFrames rest = forward_kinematics(hand, wrist, angles);
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    EXPECT_LT((rest[j].position - wrist * hand.rest_joints[j].position).norm(), 1e-12) << kJointNames[j];
+  }
+  angles[at(Body::index_proximal)].x() = -1;
+  const JointFrames bent = forward_kinematics(hand, Pose{}, angles);
+  EXPECT_LT(bent[at(Joint::index_tip)].position.y(), hand.rest_joints[at(Joint::index_tip)].position.y() - 0.05);
+  for (std::size_t j = 6; j < kJointCount; ++j) {
+    const Body body = body_of(static_cast<Joint>(j));
+    if (joint_of(body) != static_cast<Joint>(j)) continue;
+    const std::size_t parent = at(joint_of(parent_of(body)));
+    EXPECT_NEAR((bent[j].position - bent[parent].position).norm(), (hand.rest_joints[j].position - hand.rest_joints[parent].position).norm(), 1e-12);
+  }
+}
+
+class Pinch : public ::testing::TestWithParam<double> {};
+
+TEST_P(Pinch, PadsMeetOppositeFacesWithTheAskedDepth) {
+  HandModel hand = opposing_hand();
+  for (const Side side : {Side::right, Side::left}) {
+    if (side == Side::left) hand = mirrored(hand);
+    GeneratorOptions options;
+    options.object_width = GetParam();
+    options.object_position = {0.3, 0.8, -0.2};
+    options.yaw = 0.4;
+    options.closing_depth = 0.004;
+    const auto motion = make_motion(hand, options);
+    double hold = 0, close = 0;
+    for (const MotionPhase& phase : motion->phases()) {
+      if (phase.name == "settle") close = 0.5 * (phase.begin + phase.end);
+      if (phase.name == "hold") hold = 0.5 * (phase.begin + phase.end);
+    }
+    for (const double time : {close, hold}) {
+      const JointFrames frames = motion->at(time);
+      const Vector3 thumb = pad(hand, Finger::thumb, frames), index = pad(hand, Finger::index, frames);
+      EXPECT_NEAR((index - thumb).norm(), options.object_width - 2 * options.closing_depth, 1e-4);
+      const Vector3 centre = to_vector(options.object_position) + Vector3(0, time == hold ? options.lift_height : 0, 0);
+      EXPECT_LT((0.5 * (thumb + index) - centre).norm(), 1e-4);
+      // Across the faces: level, along the asked direction.
+      const Vector3 forward = Quaternion(Eigen::AngleAxisd(options.yaw, Vector3::UnitY())) * Vector3(0, 0, -1);
+      EXPECT_GT((index - thumb).normalized().dot(forward), 1 - 1e-6);
+      // The pads face each other within 55 degrees, and the hand comes from above.
+      const auto normal = [&](Finger finger) { return Vector3(frames[at(joint_of(distal_of(finger)))].orientation * Vector3(0, -1, 0)); };
+      EXPECT_GT(normal(Finger::thumb).dot(forward), 0.57);
+      EXPECT_LT(normal(Finger::index).dot(forward), -0.57);
+      EXPECT_GT(frames[at(Joint::wrist)].position.y(), centre.y() + 0.01);
+    }
+    const JointFrames before = motion->at(options.approach_time);
+    EXPECT_GT((pad(hand, Finger::index, before) - pad(hand, Finger::thumb, before)).norm(), options.object_width + 0.01);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Widths, Pinch, ::testing::Values(0.02, 0.04, 0.05));
+
+TEST(Generator, MotionIsContinuousAndGentle) {
+  const HandModel hand = opposing_hand();
+  for (const char* name : {"pinch", "power_grasp", "fist", "free_motion"}) {
+    GeneratorOptions options;
+    options.motion = name;
+    options.shake_time = 1;
+    if (options.motion == "power_grasp") options.object_width = 0.05;
+    const auto motion = make_motion(hand, options);
+    JointFrames last = motion->at(0);
+    for (double t = 1e-3; t < motion->duration(); t += 1e-3) {
+      const JointFrames now = motion->at(t);
+      for (std::size_t j = 0; j < kJointCount; ++j) {
+        ASSERT_LT((now[j].position - last[j].position).norm(), 2.5e-3) << name << " " << kJointNames[j] << " at " << t;
+        ASSERT_NEAR(now[j].orientation.norm(), 1, 1e-9);
+      }
+      last = now;
+    }
+  }
+}
+
+TEST(Generator, TurnLiftAndPuttingDownAreAsAsked) {
+  const HandModel hand = opposing_hand();
+  GeneratorOptions options;
+  const auto motion = make_motion(hand, options);
+  const auto phases = motion->phases();
+  const auto end_of = [&](const std::string& name) {
+    for (const MotionPhase& p : phases) {
+      if (p.name == name) return p.end;
+    }
+    return -1.0;
+  };
+  const Pose lifted = motion->at(end_of("hold"))[1], turned = motion->at(end_of("turn"))[1], down = motion->at(end_of("lower"))[1];
+  EXPECT_NEAR(rotation_log(turned.orientation * lifted.orientation.conjugate()).norm(), options.turn_angle, 1e-9);
+  EXPECT_NEAR(turned.position.y() - down.position.y(), options.lift_height + options.lower_depth, 1e-9);
+  EXPECT_EQ(phases.front().begin, 0);
+  for (std::size_t i = 1; i < phases.size(); ++i) EXPECT_EQ(phases[i].begin, phases[i - 1].end);
+  EXPECT_EQ(phases.back().end, motion->duration());
+}
+
+TEST(Generator, PowerGraspClosesOnTheCylinder) {
+  const HandModel hand = opposing_hand();
+  GeneratorOptions options;
+  options.motion = "power_grasp";
+  options.object_width = 0.05;
+  const auto motion = make_motion(hand, options);
+  const JointFrames frames = motion->at(options.approach_time + options.close_time);
+  for (const Finger finger : {Finger::index, Finger::middle, Finger::ring, Finger::little}) {
+    Vector3 out = pad(hand, finger, frames) - to_vector(options.object_position);
+    out.y() = 0;  // the cylinder stands upright
+    EXPECT_NEAR(out.norm(), 0.025 - options.closing_depth, 1.5e-3) << kFingerNames[static_cast<std::size_t>(finger)];
+  }
+}
+
+TEST(Generator, WhatTheHandCannotSpanIsRefused) {
+  GeneratorOptions options;
+  options.object_width = 0.12;
+  options.closing_depth = 0;
+  HandModel small = opposing_hand();
+  for (Pose& joint : small.rest_joints) joint.position *= 0.5;
+  EXPECT_THROW(make_motion(small, options), std::invalid_argument);
+  options.object_width = 0.01;
+  options.closing_depth = 0.006;
+  EXPECT_THROW(make_motion(opposing_hand(), options), std::invalid_argument);
+}
+
+std::shared_ptr<const Motion> free_motion() {
+  GeneratorOptions options;
+  options.motion = "free_motion";
+  static const std::shared_ptr<const Motion> motion = make_motion(opposing_hand(), options);
+  return motion;
+}
+
+std::vector<Skeleton> play(const ReplayOptions& options, double seconds, Nanoseconds step = kMillisecond) {
+  ReplayTracker tracker(free_motion(), options, {3, 0}, 9);
+  std::vector<Skeleton> samples;
+  Skeleton sample;
+  for (Nanoseconds now = 0; now < static_cast<Nanoseconds>(seconds * 1e9); now += step) {
+    if (tracker.sample(500 * kMillisecond + now, sample)) samples.push_back(sample);
+  }
+  return samples;
+}
+
+TEST(ReplayTracker, RateLatencyAndIdentity) {
+  ReplayOptions options;
+  options.rate_hz = 60;
+  options.latency = 0.03;
+  const auto samples = play(options, 2);
+  EXPECT_NEAR(static_cast<double>(samples.size()), 60 * 1.97, 1.5);
+  EXPECT_EQ(samples[0].hand, (HandKey{3, 0}));
+  EXPECT_EQ(samples[0].source, 9u);
+  EXPECT_EQ(samples[0].stamp.sample_time, 500 * kMillisecond);
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    EXPECT_EQ(samples[i].stamp.sequence, samples[i - 1].stamp.sequence + 1);
+    EXPECT_NEAR(static_cast<double>(samples[i].stamp.sample_time - samples[i - 1].stamp.sample_time), 1e9 / 60, 2);
+  }
+}
+
+TEST(ReplayTracker, NoiseHasItsSizeAndDoesNotDependOnTheCaller) {
+  ReplayOptions clean, noisy;
+  clean.rate_hz = noisy.rate_hz = 100;
+  noisy.position_noise = 1e-3;
+  noisy.rotation_noise = 0.02;
+  const auto a = play(clean, 5), b = play(noisy, 5), c = play(noisy, 5, 10 * kMillisecond);
+  double square = 0, turn = 0, sum = 0;
+  std::size_t count = 0;
+  ASSERT_EQ(a.size(), b.size());
+  ASSERT_EQ(b.size(), c.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const Vector3 error = to_vector(b[i].joints[j].position) - to_vector(a[i].joints[j].position);
+      square += error.squaredNorm();
+      sum += error.sum();
+      turn += rotation_log(to_quaternion(b[i].joints[j].orientation) * to_quaternion(a[i].joints[j].orientation).conjugate()).squaredNorm();
+      count += 3;
+      ASSERT_EQ(b[i].joints[j].position, c[i].joints[j].position);
+    }
+  }
+  const auto n = static_cast<double>(count);
+  EXPECT_NEAR(std::sqrt(square / n), 1e-3, 3e-5);
+  EXPECT_NEAR(std::sqrt(turn / n), 0.02, 6e-4);
+  EXPECT_LT(std::abs(sum / n), 2e-5);
+}
+
+TEST(ReplayTracker, FaultsComeWhenAskedFor) {
+  ReplayOptions options;
+  options.rate_hz = 100;
+  options.teleport_at = 1;
+  options.teleport_time = 0.5;
+  options.nan_at = 2;
+  options.nan_time = 0.25;
+  options.freeze_at = 3;
+  options.freeze_time = 2;
+  options.flip_signs = true;
+  const auto clean = play({.rate_hz = 100}, 6);
+  const auto samples = play(options, 6);
+  EXPECT_EQ(samples.size(), clean.size() - 200);
+  int teleported = 0, nans = 0;
+  for (const Skeleton& s : samples) {
+    const Skeleton& c = clean[static_cast<std::size_t>(s.stamp.sequence - 1)];
+    teleported += std::abs(s.joints[1].position[0] - c.joints[1].position[0]) > 9 ? 1 : 0;
+    nans += std::isnan(s.joints[at(Joint::index_intermediate)].position[0]) ? 1 : 0;
+    EXPECT_TRUE(all_finite(s.joints[at(Joint::index_distal)].position));
+    EXPECT_EQ(s.joints[1].orientation[3] * c.joints[1].orientation[3] < 0, s.stamp.sequence % 2 == 0);
+  }
+  EXPECT_EQ(teleported, 50);
+  EXPECT_EQ(nans, 25);
+}
+
+TEST(ReplayTracker, DropoutsDuplicatesAndTheEnd) {
+  ReplayOptions options;
+  options.rate_hz = 100;
+  options.dropout_period = 1;
+  options.dropout_time = 0.3;
+  EXPECT_NEAR(static_cast<double>(play(options, 4).size()), 280, 2);
+  options.dropout_period = 0;
+  options.duplicate = true;
+  const auto twice = play(options, 1);
+  ASSERT_GT(twice.size(), 190u);
+  EXPECT_EQ(twice[0].stamp.sequence, twice[1].stamp.sequence);
+  ReplayOptions end;
+  end.rate_hz = 100;
+  const auto samples = play(end, 12);
+  EXPECT_EQ(samples.size(), 1200u);  // goes on with the last pose
+  EXPECT_EQ(samples[1100].joints[1].position, samples[1199].joints[1].position);
+}
+
+}  // namespace
+}  // namespace softhand
