@@ -4,11 +4,14 @@
 #include <cmath>
 #include <fstream>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "device/device_loop.hpp"
 #include "device/record_log.hpp"
+#include "haptics/log/haptic_log_driver.hpp"
 #include "messages/convert.hpp"
+#include "tactile/log/tactile_log_driver.hpp"
 
 namespace softhand {
 namespace {
@@ -186,6 +189,79 @@ TEST(RecordLog, WritesEveryRecordOnceInOrder) {
     ASSERT_EQ(line, std::to_string(i));
   }
   EXPECT_THROW(RecordLog<int>("/nonexistent/log", 8, "", [](const int&, std::string&) {}), std::runtime_error);
+}
+
+std::string read_all(const std::string& path) {
+  std::ifstream in(path);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+TEST(HapticLog, RendersWhatHoldsAFingerOffClosingAndWritesItDown) {
+  HapticLogOptions options;
+  options.file = ::testing::TempDir() + "softhand_haptic_log.jsonl";
+  options.log_rate_hz = 1000;
+  double commanded = 0;
+  {
+    DeviceLoop<BoneWrench> loop({}, std::make_unique<HapticLogDriver>(options), 1, 0);
+    BoneWrench w = wrench(0, 0, 0, 0);
+    // Index: 1 N and 2 N along the back of the distal bone, which is turned so that its back is +x. Ring: a pull.
+    const std::size_t distal = static_cast<std::size_t>(index_of(distal_of(Finger::index)));
+    w.bones[distal].intermediate_orientation = to_wire(Quaternion(Eigen::AngleAxisd(-M_PI / 2, Vector3::UnitZ())));
+    w.bones[distal].coupling_force = {2, 5, 0};
+    w.bones[distal - 1].coupling_force = {1, 0, 7};
+    w.bones[static_cast<std::size_t>(index_of(distal_of(Finger::ring)))].coupling_force = {0, -4, 0};
+    for (int i = 1; i <= 30; ++i) {
+      w.stamp.sequence = static_cast<std::uint64_t>(i);
+      w.stamp.publish_time = kStart + i * kMillisecond;
+      const DeviceState& state = loop.step(kStart + i * kMillisecond, &w);
+      commanded = state.commands[1];
+      EXPECT_EQ(state.commands[3], 0);
+      EXPECT_EQ(state.commands[0], 0);
+    }
+    EXPECT_NEAR(commanded, 3, 1e-9);
+  }
+  std::istringstream lines(read_all(options.file));
+  std::string line;
+  int count = 0;
+  nlohmann::json last;
+  while (std::getline(lines, line)) {
+    last = nlohmann::json::parse(line);
+    ++count;
+    if (count == 30) {
+      EXPECT_NEAR(last["commands_N"][1].get<double>(), commanded, 1e-8);
+      EXPECT_EQ(last["bones"]["index_distal"]["coupling_force_N"][1], 5);
+    }
+  }
+  EXPECT_GE(count, 30);
+}
+
+TEST(TactileLog, EventsBeginAndEnd) {
+  TactileLogOptions options;
+  options.file = ::testing::TempDir() + "softhand_tactile_log.csv";
+  {
+    DeviceLoop<Contacts> loop({}, std::make_unique<TactileLogDriver>(options), 2, 1);
+    Contacts c;
+    for (int i = 1; i <= 60; ++i) {
+      const Nanoseconds now = kStart + i * 10 * kMillisecond;
+      c.stamp.sequence = static_cast<std::uint64_t>(i);
+      c.stamp.sample_time = c.stamp.publish_time = now;
+      c.fingers[1].force = {0, i >= 20 && i < 40 ? 2.5 : 0.0, 0};
+      c.fingers[1].object = 7;
+      const DeviceState& state = loop.step(now, &c);
+      EXPECT_NEAR(state.commands[1], i >= 22 && i < 40 ? 0.5 : state.commands[1], 1e-12);
+      EXPECT_EQ(state.commands[0], 0);
+    }
+  }
+  const std::string text = read_all(options.file);
+  const auto count = [&text](const std::string& word) {
+    int n = 0;
+    for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) ++n;
+    return n;
+  };
+  EXPECT_EQ(count("index,begin,0,2.5,0"), 1);
+  EXPECT_EQ(count("index,end"), 1);
+  EXPECT_GE(count("index,update"), 5);
+  EXPECT_EQ(count("thumb"), 0);
 }
 
 }  // namespace
