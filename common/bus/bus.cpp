@@ -1,0 +1,345 @@
+#include "bus/bus.hpp"
+
+#include <sys/random.h>
+
+#include <atomic>
+#include <charconv>
+#include <cstdlib>
+#include <cstring>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/DataWriterListener.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastdds/rtps/transport/shared_mem/SharedMemTransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <fastrtps/utils/md5.h>
+#include <fastrtps/xmlparser/XMLProfileManager.h>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+
+namespace softhand::bus {
+namespace {
+
+namespace dds = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using eprosima::fastrtps::Duration_t;
+
+constexpr int kMaxDomain = 230;  // beyond, the ports of the participants above number 33 pass 65535
+/// Largest type whose samples are held in pools made at start; larger ones take buffers that grow to their need once and are used again.
+constexpr std::size_t kPooledSize = 32 * 1024;
+
+Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
+
+[[noreturn]] void fail(const std::string& what) { throw std::runtime_error("DDS: " + what); }
+
+/// A port number that the last process with this name, killed a moment ago, did not have: peers that still wait for its lease to run out would take
+/// the newcomer for it and not answer for seconds. Cyclone's automatic participants are 0..32.
+std::int32_t fresh_participant_id() {
+  static std::atomic<std::uint32_t> next = [] {
+    std::uint32_t seed = 0;
+    if (getrandom(&seed, sizeof seed, 0) != sizeof seed) seed = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
+    return seed;
+  }();
+  return static_cast<std::int32_t>(33 + next.fetch_add(1) % 80);
+}
+
+/// Lets Fast DDS send and receive the plain structs.
+class PlainType final : public dds::TopicDataType {
+ public:
+  explicit PlainType(const TypeCodec& codec) : codec_(codec) {
+    const std::size_t size = codec.max_size();
+    m_typeSize = static_cast<std::uint32_t>(size + 3);  // the payload may be padded to a multiple of 4
+    m_isGetKeyDefined = codec.max_key_size() > 0;
+    setName(codec.name);
+    // Cyclone and Fast disagree about type information: without it, types match by name.
+    auto_fill_type_information(false);
+    auto_fill_type_object(false);
+  }
+
+  bool serialize(void* message, rtps::SerializedPayload_t* payload) override {
+    const std::size_t size = codec_.encode(message, {reinterpret_cast<std::byte*>(payload->data), payload->max_size});
+    payload->length = static_cast<std::uint32_t>(size);
+    payload->encapsulation = CDR_LE;
+    return size > 0;
+  }
+  bool deserialize(rtps::SerializedPayload_t* payload, void* received) override {
+    codec_.decode({reinterpret_cast<const std::byte*>(payload->data), payload->length}, received);
+    return true;  // the sample says itself whether it is well-formed; false would leave it in the history
+  }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* message) override {
+    return [this, message] { return static_cast<std::uint32_t>(codec_.size(message)); };
+  }
+  void* createData() override { return codec_.create_received(); }
+  void deleteData(void* received) override { codec_.destroy_received(received); }
+  bool getKey(void* message, rtps::InstanceHandle_t* handle, bool force_md5) override {
+    if (!m_isGetKeyDefined) return false;
+    std::array<std::byte, 80> key{};
+    const std::size_t size = codec_.key(message, key);
+    std::array<std::uint8_t, 16> hash{};
+    if (force_md5 || codec_.max_key_size() > 16) {
+      MD5 md5;
+      md5.init();
+      md5.update(reinterpret_cast<unsigned char*>(key.data()), static_cast<unsigned int>(size));
+      md5.finalize();
+      std::memcpy(hash.data(), md5.digest, hash.size());
+    } else {
+      std::memcpy(hash.data(), key.data(), size);
+    }
+    for (std::size_t i = 0; i < hash.size(); ++i) handle->value[i] = hash[i];
+    return true;
+  }
+  bool is_bounded() const override { return true; }
+  bool is_plain() const override { return false; }
+
+ private:
+  const TypeCodec& codec_;
+};
+
+template <typename Qos>
+void apply(Qos& qos, const TopicRow& row) {
+  qos.reliability().kind = row.reliability == Reliability::reliable ? dds::RELIABLE_RELIABILITY_QOS : dds::BEST_EFFORT_RELIABILITY_QOS;
+  qos.durability().kind = row.durability == Durability::transient_local ? dds::TRANSIENT_LOCAL_DURABILITY_QOS : dds::VOLATILE_DURABILITY_QOS;
+  qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = row.depth;
+  if (row.deadline_ms > 0) qos.deadline().period = milliseconds(row.deadline_ms);
+  if (row.liveliness_ms > 0) {
+    qos.liveliness().kind = dds::AUTOMATIC_LIVELINESS_QOS;
+    qos.liveliness().lease_duration = milliseconds(row.liveliness_ms);
+    qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
+  }
+  if (row.exclusive) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
+  qos.resource_limits().max_instances = row.max_instances;
+  qos.resource_limits().max_samples_per_instance = row.depth;
+  qos.resource_limits().max_samples = row.max_instances * row.depth;
+  qos.resource_limits().allocated_samples = std::min(row.max_instances * row.depth, 8);
+  qos.data_sharing().off();  // off anyway for keyed types, and what a killed process leaves of it stays in /dev/shm
+}
+
+rtps::MemoryManagementPolicy memory_policy(const TypeCodec& codec) {
+  return codec.max_size() <= kPooledSize ? rtps::PREALLOCATED_MEMORY_MODE : rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+}
+
+}  // namespace
+
+int domain_from_environment() {
+  const char* text = std::getenv("SOFTHAND_DOMAIN");
+  if (text == nullptr || *text == 0) return 0;
+  int domain = -1;
+  const char* end = text + std::strlen(text);
+  const auto [rest, error] = std::from_chars(text, end, domain);
+  if (error != std::errc() || rest != end || domain < 0 || domain > kMaxDomain)
+    throw std::runtime_error("SOFTHAND_DOMAIN=\"" + std::string(text) + "\": a whole number in 0.." + std::to_string(kMaxDomain) + " is expected");
+  return domain;
+}
+
+namespace detail {
+
+class ParticipantImpl {
+ public:
+  ParticipantImpl(const std::string& name, int domain) {
+    // Readers in the writer's own process get their samples as all others do, in the receiving threads and not inside write().
+    auto library = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
+    if (library.intraprocess_delivery != eprosima::fastrtps::INTRAPROCESS_OFF) {
+      library.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
+      eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
+    }
+
+    dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
+    qos.name(name.c_str());
+    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+    udp->interfaceWhiteList = {"127.0.0.1"};
+    udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
+    auto shared_memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
+    shared_memory->segment_size(16 * 1024 * 1024);
+    shared_memory->max_message_size(256 * 1024);
+    qos.transport().use_builtin_transports = false;
+    qos.transport().user_transports = {udp, shared_memory};
+    qos.wire_protocol().participant_id = fresh_participant_id();
+    auto& discovery = qos.wire_protocol().builtin;
+    discovery.discovery_config.leaseDuration = milliseconds(2000);
+    discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
+    // Multicast on the loopback finds everybody; the unicast peer finds Cyclone where multicast is off.
+    for (const char* address : {"127.0.0.1", "239.255.0.1"}) {
+      rtps::Locator_t locator;
+      locator.kind = LOCATOR_KIND_UDPv4;
+      rtps::IPLocator::setIPv4(locator, address);
+      discovery.initialPeersList.push_back(locator);
+    }
+
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
+    if (participant_ == nullptr) fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
+    publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
+    subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
+    if (publisher_ == nullptr || subscriber_ == nullptr) {
+      close();
+      fail("cannot create a publisher and a subscriber");
+    }
+  }
+  ~ParticipantImpl() { close(); }
+  ParticipantImpl(const ParticipantImpl&) = delete;
+  ParticipantImpl& operator=(const ParticipantImpl&) = delete;
+
+  dds::Topic* topic(const TopicRow& row, const TypeCodec& codec) {
+    const std::lock_guard lock(mutex_);
+    const std::string name(row.name);
+    if (auto* known = dynamic_cast<dds::Topic*>(participant_->lookup_topicdescription(name))) return known;
+    dds::TypeSupport type(new PlainType(codec));
+    if (type.register_type(participant_) != eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) fail("cannot register type " + std::string(codec.name));
+    dds::Topic* created = participant_->create_topic(name, codec.name, dds::TOPIC_QOS_DEFAULT);
+    if (created == nullptr) fail("cannot create topic " + name);
+    return created;
+  }
+  dds::Publisher& publisher() { return *publisher_; }
+  dds::Subscriber& subscriber() { return *subscriber_; }
+
+ private:
+  void close() {
+    participant_->delete_contained_entities();
+    dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+
+  std::mutex mutex_;
+  dds::DomainParticipant* participant_ = nullptr;
+  dds::Publisher* publisher_ = nullptr;
+  dds::Subscriber* subscriber_ = nullptr;
+};
+
+class WriterImpl final : public dds::DataWriterListener {
+ public:
+  WriterImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec, int strength)
+      : participant_(std::move(participant)) {
+    dds::DataWriterQos qos = dds::DATAWRITER_QOS_DEFAULT;
+    apply(qos, row);
+    if (row.exclusive) qos.ownership_strength().value = static_cast<std::uint32_t>(strength);
+    qos.endpoint().history_memory_policy = memory_policy(codec);
+    // Samples of many packets are sent by a thread of their own, so that the loop which writes them goes on.
+    qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;
+    qos.reliability().max_blocking_time = milliseconds(1);
+    writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this, dds::StatusMask::publication_matched());
+    if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
+  }
+  ~WriterImpl() override {
+    writer_->set_listener(nullptr);
+    participant_->publisher().delete_datawriter(writer_);
+  }
+
+  void write(const void* message) noexcept {
+    try {
+      if (writer_->write(const_cast<void*>(message))) {
+        written_.fetch_add(1, std::memory_order_relaxed);
+        return;
+      }
+    } catch (...) {
+    }
+    failed_.fetch_add(1, std::memory_order_relaxed);
+  }
+  void on_publication_matched(dds::DataWriter*, const dds::PublicationMatchedStatus& status) override { readers_.store(status.current_count); }
+
+  int readers() const { return readers_.load(); }
+  WriterCounters counters() const { return {written_.load(), failed_.load()}; }
+
+ private:
+  std::shared_ptr<ParticipantImpl> participant_;
+  dds::DataWriter* writer_ = nullptr;
+  std::atomic<int> readers_ = 0;
+  std::atomic<std::uint64_t> written_ = 0;
+  std::atomic<std::uint64_t> failed_ = 0;
+};
+
+class ReaderImpl final : public dds::DataReaderListener {
+ public:
+  ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec)
+      : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
+    dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
+    apply(qos, row);
+    qos.endpoint().history_memory_policy = memory_policy(codec);
+    dds::StatusMask mask = dds::StatusMask::subscription_matched();
+    mask << dds::StatusMask::liveliness_changed() << dds::StatusMask::requested_deadline_missed() << dds::StatusMask::sample_lost();
+    reader_ = participant_->subscriber().create_datareader(participant_->topic(row, codec), qos, this, mask);
+    if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));
+  }
+  ~ReaderImpl() override {
+    reader_->set_listener(nullptr);
+    participant_->subscriber().delete_datareader(reader_);
+  }
+
+  bool take_next(void* received, std::int64_t& source_time, const bool& well_formed) noexcept {
+    try {
+      dds::SampleInfo info;
+      while (reader_->take_next_sample(received, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
+        if (!info.valid_data) continue;  // news of an instance, without content
+        if (!well_formed) {
+          refused_.fetch_add(1, std::memory_order_relaxed);
+          continue;
+        }
+        received_.fetch_add(1, std::memory_order_relaxed);
+        source_time = info.source_timestamp.to_ns();
+        return true;
+      }
+    } catch (...) {
+    }
+    return false;
+  }
+  bool wait(std::chrono::nanoseconds timeout) noexcept {
+    const auto ns = std::max<std::int64_t>(timeout.count(), 0);
+    return reader_->wait_for_unread_message(Duration_t(static_cast<std::int32_t>(ns / 1000000000), static_cast<std::uint32_t>(ns % 1000000000)));
+  }
+
+  void on_subscription_matched(dds::DataReader*, const dds::SubscriptionMatchedStatus& status) override { writers_.store(status.current_count); }
+  void on_liveliness_changed(dds::DataReader*, const eprosima::fastrtps::LivelinessChangedStatus& status) override { live_.store(status.alive_count); }
+  void on_requested_deadline_missed(dds::DataReader*, const eprosima::fastrtps::RequestedDeadlineMissedStatus& status) override {
+    deadline_missed_.store(static_cast<std::uint64_t>(status.total_count));
+  }
+  void on_sample_lost(dds::DataReader*, const dds::SampleLostStatus& status) override { lost_.store(static_cast<std::uint64_t>(status.total_count)); }
+
+  int writers() const { return writers_.load(); }
+  int live_writers() const { return has_lease_ ? live_.load() : writers_.load(); }
+  ReaderCounters counters() const { return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load()}; }
+
+ private:
+  std::shared_ptr<ParticipantImpl> participant_;
+  bool has_lease_;
+  dds::DataReader* reader_ = nullptr;
+  std::atomic<int> writers_ = 0;
+  std::atomic<int> live_ = 0;
+  std::atomic<std::uint64_t> received_ = 0;
+  std::atomic<std::uint64_t> refused_ = 0;
+  std::atomic<std::uint64_t> lost_ = 0;
+  std::atomic<std::uint64_t> deadline_missed_ = 0;
+};
+
+WriterEndpoint::WriterEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec, int strength)
+    : impl_(std::make_unique<WriterImpl>(participant.impl(), topic, codec, strength)) {}
+WriterEndpoint::~WriterEndpoint() = default;
+WriterEndpoint::WriterEndpoint(WriterEndpoint&&) noexcept = default;
+WriterEndpoint& WriterEndpoint::operator=(WriterEndpoint&&) noexcept = default;
+void WriterEndpoint::write(const void* message) noexcept { impl_->write(message); }
+int WriterEndpoint::reader_count() const noexcept { return impl_->readers(); }
+WriterCounters WriterEndpoint::counters() const noexcept { return impl_->counters(); }
+
+ReaderEndpoint::ReaderEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec)
+    : impl_(std::make_unique<ReaderImpl>(participant.impl(), topic, codec)) {}
+ReaderEndpoint::~ReaderEndpoint() = default;
+ReaderEndpoint::ReaderEndpoint(ReaderEndpoint&&) noexcept = default;
+ReaderEndpoint& ReaderEndpoint::operator=(ReaderEndpoint&&) noexcept = default;
+bool ReaderEndpoint::take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept {
+  return impl_->take_next(received, source_time, well_formed);
+}
+bool ReaderEndpoint::wait(std::chrono::nanoseconds timeout) noexcept { return impl_->wait(timeout); }
+int ReaderEndpoint::writer_count() const noexcept { return impl_->writers(); }
+int ReaderEndpoint::live_writer_count() const noexcept { return impl_->live_writers(); }
+ReaderCounters ReaderEndpoint::counters() const noexcept { return impl_->counters(); }
+
+}  // namespace detail
+
+Participant::Participant(const std::string& name, int domain) : impl_(std::make_shared<detail::ParticipantImpl>(name, domain)) {}
+
+}  // namespace softhand::bus

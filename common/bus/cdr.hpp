@@ -1,0 +1,314 @@
+// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final types. Straight from and to the
+// plain struct: no intermediate object, no allocation. The same bytes may be logged (MCAP's `cdr`) and decoded again.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <span>
+#include <type_traits>
+
+#include "bus/fields.hpp"
+
+namespace softhand::bus {
+
+static_assert(std::endian::native == std::endian::little, "the wire format is written by copying little-endian memory");
+
+namespace detail {
+
+template <typename T>
+concept Number = std::is_arithmetic_v<T>;
+template <typename T>
+inline constexpr bool is_text = false;
+template <std::size_t n>
+inline constexpr bool is_text<std::array<char, n>> = true;
+template <typename T>
+inline constexpr bool is_array = false;
+template <typename T, std::size_t n>
+inline constexpr bool is_array<std::array<T, n>> = !std::is_same_v<T, char>;
+template <typename T>
+inline constexpr bool is_sequence = false;
+template <typename T, std::size_t n>
+inline constexpr bool is_sequence<BoundedVector<T, n>> = true;
+
+/// The number type that a nested std::array consists of; void when it holds structs.
+template <typename T>
+struct Leaf {
+  using Type = std::conditional_t<std::is_arithmetic_v<T>, T, void>;
+};
+template <typename T, std::size_t n>
+struct Leaf<std::array<T, n>> : Leaf<T> {};
+template <typename T>
+using LeafOf = typename Leaf<T>::Type;
+
+inline constexpr std::size_t kHeaderSize = 4;
+constexpr std::size_t padding(std::size_t offset, std::size_t alignment) { return (alignment - offset % alignment) % alignment; }
+
+/// Bytes after the header: of the message as it is, or the most it can have.
+template <bool at_capacity>
+struct Measure {
+  std::size_t offset = 0;
+
+  void number(std::size_t size, std::size_t count) { offset += padding(offset, size) + size * count; }
+
+  template <typename T>
+  void operator()(const T& value) {
+    if constexpr (Number<T>) {
+      number(sizeof(T), 1);
+    } else if constexpr (is_text<T>) {
+      number(4, 1);
+      offset += at_capacity ? value.size() : strnlen(value.data(), value.size() - 1) + 1;
+    } else if constexpr (is_array<T>) {
+      items(value.data(), value.size());
+    } else if constexpr (is_sequence<T>) {
+      number(4, 1);
+      items(value.items.data(), at_capacity ? value.max_size() : value.size());
+    } else {
+      visit_fields(*this, value);
+    }
+  }
+  template <typename T>
+  void items(const T* first, std::size_t count) {
+    if constexpr (!std::is_void_v<LeafOf<T>>) {
+      if (count > 0) number(sizeof(LeafOf<T>), count * sizeof(T) / sizeof(LeafOf<T>));
+    } else {
+      for (std::size_t i = 0; i < count; ++i) (*this)(first[i]);
+    }
+  }
+  void key(const char*, const auto& value) { (*this)(value); }
+  void field(const char*, const auto& value) { (*this)(value); }
+};
+
+struct Encode {
+  std::span<std::byte> out;  ///< after the header
+  std::size_t offset = 0;
+  bool ok = true;
+
+  void copy(const void* from, std::size_t size, std::size_t alignment) {
+    const std::size_t pad = padding(offset, alignment);
+    if (!ok || out.size() - offset < pad + size) {
+      ok = false;
+      return;
+    }
+    if (pad > 0) std::memset(out.data() + offset, 0, pad);
+    if (size > 0) std::memcpy(out.data() + offset + pad, from, size);
+    offset += pad + size;
+  }
+
+  template <typename T>
+  void operator()(const T& value) {
+    if constexpr (Number<T>) {
+      copy(&value, sizeof(T), sizeof(T));
+    } else if constexpr (is_text<T>) {
+      const auto length = static_cast<std::uint32_t>(strnlen(value.data(), value.size() - 1));
+      const std::uint32_t size = length + 1;
+      const char zero = 0;
+      copy(&size, 4, 4);
+      copy(value.data(), length, 1);
+      copy(&zero, 1, 1);
+    } else if constexpr (is_array<T>) {
+      items(value.data(), value.size());
+    } else if constexpr (is_sequence<T>) {
+      if (value.count > value.max_size()) {
+        ok = false;
+        return;
+      }
+      copy(&value.count, 4, 4);
+      items(value.items.data(), value.size());
+    } else {
+      visit_fields(*this, value);
+    }
+  }
+  template <typename T>
+  void items(const T* first, std::size_t count) {
+    if constexpr (!std::is_void_v<LeafOf<T>>) {
+      if (count > 0) copy(first, count * sizeof(T), sizeof(LeafOf<T>));
+    } else {
+      for (std::size_t i = 0; i < count; ++i) (*this)(first[i]);
+    }
+  }
+  void key(const char*, const auto& value) { (*this)(value); }
+  void field(const char*, const auto& value) { (*this)(value); }
+};
+
+/// Never reads outside `in`, whatever it holds; leaves the elements beyond a sequence's count and the bytes behind a text zero.
+struct Decode {
+  std::span<const std::byte> in;  ///< after the header
+  std::size_t offset = 0;
+  bool ok = true;
+
+  bool copy(void* to, std::size_t size, std::size_t alignment) {
+    const std::size_t pad = padding(offset, alignment);
+    if (!ok || in.size() - offset < pad || in.size() - offset - pad < size) return ok = false;
+    if (size > 0) std::memcpy(to, in.data() + offset + pad, size);
+    offset += pad + size;
+    return true;
+  }
+
+  template <typename T>
+  void operator()(T& value) {
+    if constexpr (Number<T>) {
+      copy(&value, sizeof(T), sizeof(T));
+    } else if constexpr (is_text<T>) {
+      std::uint32_t size = 0;  // with the terminating zero; some writers send 0 for an empty text
+      if (!copy(&size, 4, 4)) return;
+      value.fill(0);
+      if (size > value.size()) {
+        ok = false;
+      } else if (copy(value.data(), size, 1) && size > 0 && value[size - 1] != 0) {
+        ok = false;
+      }
+    } else if constexpr (is_array<T>) {
+      items(value.data(), value.size());
+    } else if constexpr (is_sequence<T>) {
+      std::uint32_t count = 0;
+      if (!copy(&count, 4, 4)) return;
+      if (count > value.max_size()) {
+        ok = false;
+        return;
+      }
+      for (std::size_t i = count; i < value.count; ++i) value.items[i] = {};
+      value.count = count;
+      items(value.items.data(), count);
+    } else {
+      visit_fields(*this, value);
+    }
+  }
+  template <typename T>
+  void items(T* first, std::size_t count) {
+    if constexpr (!std::is_void_v<LeafOf<T>>) {
+      if (count > 0) copy(first, count * sizeof(T), sizeof(LeafOf<T>));
+    } else {
+      for (std::size_t i = 0; i < count && ok; ++i) (*this)(first[i]);
+    }
+  }
+  void key(const char*, auto& value) { (*this)(value); }
+  void field(const char*, auto& value) { (*this)(value); }
+};
+
+/// Big-endian CDR of the key fields: what DDS makes its key hash of (DDSI-RTPS 9.6.3.8). Keys are uint32 and texts only.
+struct EncodeKey {
+  std::array<std::byte, 80> bytes{};
+  std::size_t size = 0;
+
+  void operator()(std::uint32_t value) {
+    size += padding(size, 4);
+    for (int shift = 24; shift >= 0; shift -= 8) bytes[size++] = static_cast<std::byte>(value >> shift);
+  }
+  template <std::size_t n>
+  void operator()(const std::array<char, n>& text) {
+    static_assert(n + 4 <= 80);
+    const std::size_t length = strnlen(text.data(), n - 1);
+    (*this)(static_cast<std::uint32_t>(length + 1));
+    std::memcpy(bytes.data() + size, text.data(), length);
+    size += length;
+    bytes[size++] = std::byte{0};
+  }
+  void operator()(const HandKey& hand) { visit_fields(*this, hand); }
+  void key(const char*, const auto& value) { (*this)(value); }
+  void field(const char*, const auto&) {}
+};
+
+/// The size of the key at full length; 0 without a key.
+struct MeasureKey {
+  Measure<true> measure;
+  void key(const char*, const auto& value) { measure(value); }
+  void field(const char*, const auto&) {}
+};
+
+/// What a reader's history is copied into; the flag is false where the bytes were not a valid T.
+template <typename T>
+struct Received {
+  T value{};
+  bool well_formed = false;
+};
+
+}  // namespace detail
+
+/// Bytes of `message` on the wire, header included.
+template <typename T>
+std::size_t encoded_size(const T& message) {
+  detail::Measure<false> measure;
+  measure(message);
+  return detail::kHeaderSize + measure.offset;
+}
+
+/// The most bytes that any T takes, header included.
+template <typename T>
+std::size_t max_encoded_size() {
+  static const std::size_t size = [] {
+    detail::Measure<true> measure;
+    measure(*std::make_unique<T>());
+    return detail::kHeaderSize + measure.offset;
+  }();
+  return size;
+}
+
+/// Writes `message` to `out`; the number of bytes, or 0 when it does not fit or a sequence's count is beyond its capacity.
+template <typename T>
+std::size_t encode(const T& message, std::span<std::byte> out) {
+  constexpr std::array<std::uint8_t, 4> header{0, 1, 0, 0};  // CDR, little endian
+  if (out.size() < detail::kHeaderSize) return 0;
+  std::memcpy(out.data(), header.data(), header.size());
+  detail::Encode encoder{out.subspan(detail::kHeaderSize)};
+  encoder(message);
+  return encoder.ok ? detail::kHeaderSize + encoder.offset : 0;
+}
+
+/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too long by more than padding,
+/// a sequence or text beyond its bound. `message` is unspecified then. Numbers are not judged: NaN passes.
+template <typename T>
+bool decode(std::span<const std::byte> bytes, T& message) {
+  if (bytes.size() < detail::kHeaderSize || bytes[0] != std::byte{0} || bytes[1] != std::byte{1}) return false;
+  detail::Decode decoder{bytes.subspan(detail::kHeaderSize)};
+  decoder(message);
+  return decoder.ok && decoder.in.size() - decoder.offset < 4;
+}
+
+/// A message type as a table of functions: all that the DDS layer knows of it.
+struct TypeCodec {
+  const char* name;  ///< DDS type name
+  std::size_t (*max_size)();
+  std::size_t (*size)(const void* message);
+  std::size_t (*encode)(const void* message, std::span<std::byte> out);
+  void* (*create_received)();
+  void (*destroy_received)(void* received);
+  void (*decode)(std::span<const std::byte> bytes, void* received);
+  std::size_t (*max_key_size)();
+  /// Writes the big-endian key; `message` is a T or a Received<T>, whose first member it is.
+  std::size_t (*key)(const void* message, std::span<std::byte, 80> out);
+};
+
+template <typename T>
+inline const TypeCodec& codec_of(const char* type_name) {
+  static const TypeCodec codec{
+      type_name,
+      [] { return max_encoded_size<T>(); },
+      [](const void* message) { return encoded_size(*static_cast<const T*>(message)); },
+      [](const void* message, std::span<std::byte> out) { return bus::encode(*static_cast<const T*>(message), out); },
+      []() -> void* { return new detail::Received<T>; },
+      [](void* received) { delete static_cast<detail::Received<T>*>(received); },
+      [](std::span<const std::byte> bytes, void* received) {
+        auto& sample = *static_cast<detail::Received<T>*>(received);
+        sample.well_formed = bus::decode(bytes, sample.value);
+        // A refused message must not leave its count or elements behind for the next one.
+        if (!sample.well_formed) sample.value = T{};
+      },
+      [] {
+        detail::MeasureKey measure;
+        visit_fields(measure, *std::make_unique<T>());
+        return measure.measure.offset;
+      },
+      [](const void* message, std::span<std::byte, 80> out) {
+        detail::EncodeKey key;
+        visit_fields(key, *static_cast<const T*>(message));
+        std::memcpy(out.data(), key.bytes.data(), key.size);
+        return key.size;
+      }};
+  return codec;
+}
+
+}  // namespace softhand::bus
