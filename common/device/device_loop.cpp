@@ -21,7 +21,8 @@ void describe(OptionVisitor& v, DeviceLoopOptions& o) {
 DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind)
     : options_(options), limits_(limits), gain_(options.gain), enabled_(options.enabled) {
   if (limits.actuators < 1 || limits.actuators > kMaxActuators) throw std::invalid_argument("device: actuators: expected 1 to 32");
-  if (!(limits.minimum_command <= 0) || !(limits.maximum_command > 0) || !std::isfinite(limits.maximum_command) || !std::isfinite(limits.minimum_command)) {
+  if (!(limits.minimum_command <= 0) || !(limits.maximum_command > 0) || !std::isfinite(limits.maximum_command) ||
+      !std::isfinite(limits.minimum_command)) {
     throw std::invalid_argument("device: expected finite minimum_command <= 0 < maximum_command");
   }
   if (!(limits.slew > 0)) throw std::invalid_argument("device: slew: expected a positive number");

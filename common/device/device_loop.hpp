@@ -1,8 +1,8 @@
 // The driver SDK of haptic and tactile devices: what a driver implements, and the safety around every driver.
 //
 // A driver turns what the simulation sends into wanted commands, one number an actuator, and writes commands to its device. Everything that
-// keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale input, on non-finite numbers, when disabled and
-// on exit. A driver is one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
+// keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale input, on non-finite numbers, when disabled
+// and on exit. A driver is one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
 #pragma once
 
 #include <array>

@@ -21,7 +21,8 @@ class RecordLog {
  public:
   /// `format` appends one record as text, with its newline; it runs in the writer's thread. Throws std::runtime_error where the file
   /// cannot be opened. `header` is written first.
-  RecordLog(const std::string& path, std::size_t capacity, const std::string& header, std::function<void(const Record&, std::string&)> format)
+  RecordLog(const std::string& path, std::size_t capacity, const std::string& header,
+            std::function<void(const Record&, std::string&)> format)
       : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {
     if (file_ == nullptr) throw std::runtime_error(path + ": cannot be opened for writing");
     std::fputs(header.c_str(), file_);

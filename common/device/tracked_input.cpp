@@ -12,11 +12,11 @@ namespace softhand {
 namespace {
 
 constexpr double kSecondsPerNanosecond = 1e-9;
-constexpr double kMaximumCoordinate = 1e3;         // m
-constexpr double kMaximumHandExtent = 0.5;         // m from the wrist; the longest hands measure 0.25
-constexpr double kMaximumAngularSpeed = 60;        // rad/s; fast finger flicks reach 40
-constexpr Nanoseconds kFuture = 5'000'000;         // a sample this far ahead of its arrival has another clock
-constexpr Nanoseconds kPast = 1'000'000'000;       // and so has one this old
+constexpr double kMaximumCoordinate = 1e3;    // m
+constexpr double kMaximumHandExtent = 0.5;    // m from the wrist; the longest hands measure 0.25
+constexpr double kMaximumAngularSpeed = 60;   // rad/s; fast finger flicks reach 40
+constexpr Nanoseconds kFuture = 5'000'000;    // a sample this far ahead of its arrival has another clock
+constexpr Nanoseconds kPast = 1'000'000'000;  // and so has one this old
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
@@ -38,12 +38,18 @@ Pose mount(const std::array<double, 3>& position, const std::array<double, 4>& o
 }  // namespace
 
 void describe(OptionVisitor& v, TrackedInputOptions& o) {
-  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2}, "A sample is extrapolated by its age, at most by this; after that it is held.");
-  v.number("velocity_smoothing", o.velocity_smoothing, "s", {0, 0.2}, "Time constant of the low pass on velocities estimated from samples.");
-  v.number("stale_after", o.stale_after, "s", {0.01, 10}, "Age of the newest sample after which the status says that the tracker is stale.");
-  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100}, "A jump of the wrist beyond this between samples moves the skeleton there at once.");
-  v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100}, "A joint faster than this between samples counts as having jumped: no velocity is made of it.");
-  v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10}, "Where a device on a headset sits, in the head's frame.");
+  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
+           "A sample is extrapolated by its age, at most by this; after that it is held.");
+  v.number("velocity_smoothing", o.velocity_smoothing, "s", {0, 0.2},
+           "Time constant of the low pass on velocities estimated from samples.");
+  v.number("stale_after", o.stale_after, "s", {0.01, 10},
+           "Age of the newest sample after which the status says that the tracker is stale.");
+  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100},
+           "A jump of the wrist beyond this between samples moves the skeleton there at once.");
+  v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100},
+           "A joint faster than this between samples counts as having jumped: no velocity is made of it.");
+  v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10},
+            "Where a device on a headset sits, in the head's frame.");
   v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
   v.numbers("desk_mount_position", o.desk_mount_position.data(), 3, "m", {-1000, 1000}, "Where a device on a desk stands in the world.");
   v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
@@ -172,8 +178,8 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   }
 
   const double elapsed = static_cast<double>(time - time_) * kSecondsPerNanosecond;
-  const bool jumped =
-      any_ && placed[wrist] && tracks_[wrist].seen && (poses[wrist].position - tracks_[wrist].pose.position).norm() > options_.reposition_distance;
+  const bool jumped = any_ && placed[wrist] && tracks_[wrist].seen &&
+                      (poses[wrist].position - tracks_[wrist].pose.position).norm() > options_.reposition_distance;
   if (jumped) ++counters_.repositioned;
   if (jumped || !any_) repositioned_ = true;
   for (std::size_t j = 0; j < kJointCount; ++j) {

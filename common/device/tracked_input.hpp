@@ -1,5 +1,6 @@
-// From a tracker's samples to targets in the world: refuses what cannot be a hand, composes the mount, estimates velocities and extrapolates
-// to the time of the step. Used by the tracking loop, and by the hand simulation where the intermediate layer is left out (figure 2B).
+// From a tracker's samples to targets in the world: refuses what cannot be a hand, composes the mount, estimates velocities and
+// extrapolates to the time of the step. Used by the tracking loop, and by the hand simulation where the intermediate layer is left out
+// (figure 2B).
 #pragma once
 
 #include <array>
@@ -33,14 +34,14 @@ struct BodyTarget {
 
 /// Why a sample, or one joint of it, was not used; all since start.
 struct TrackedInputCounters {
-  std::uint64_t accepted = 0;              ///< samples
-  std::uint64_t refused_nonfinite = 0;     ///< joints with NaN or infinity
-  std::uint64_t refused_implausible = 0;   ///< joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
-  std::uint64_t refused_order = 0;         ///< samples with an old or equal sequence or time
-  std::uint64_t refused_mount = 0;         ///< samples in an unknown frame, or in the headset's without a head pose
-  std::uint64_t implausible_clock = 0;     ///< samples whose time was replaced by that of their arrival
-  std::uint64_t inferred = 0;              ///< joints carried along by a neighbour because they were refused or not seen
-  std::uint64_t repositioned = 0;          ///< jumps of the wrist beyond the reposition distance
+  std::uint64_t accepted = 0;             ///< samples
+  std::uint64_t refused_nonfinite = 0;    ///< joints with NaN or infinity
+  std::uint64_t refused_implausible = 0;  ///< joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
+  std::uint64_t refused_order = 0;        ///< samples with an old or equal sequence or time
+  std::uint64_t refused_mount = 0;        ///< samples in an unknown frame, or in the headset's without a head pose
+  std::uint64_t implausible_clock = 0;    ///< samples whose time was replaced by that of their arrival
+  std::uint64_t inferred = 0;             ///< joints carried along by a neighbour because they were refused or not seen
+  std::uint64_t repositioned = 0;         ///< jumps of the wrist beyond the reposition distance
 };
 
 class TrackedInput {
@@ -72,9 +73,9 @@ class TrackedInput {
     Pose pose;
   };
   struct Track {
-    Pose pose;             // world, at `time`
-    Twist velocity;        // filtered
-    Pose from_neighbour;   // in the frame of the neighbour that carries it along, as last seen
+    Pose pose;            // world, at `time`
+    Twist velocity;       // filtered
+    Pose from_neighbour;  // in the frame of the neighbour that carries it along, as last seen
     bool seen = false;
     bool attached = false;  // from_neighbour is known
   };

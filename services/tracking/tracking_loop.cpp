@@ -27,7 +27,9 @@ double inertia_about_joint(const BodyModel& body) {
   return (body.inertia.trace() + 2 * body.mass * body.joint_from_body.position.squaredNorm()) / 3;
 }
 
-double tracked_stiffness(double ratio, double coupling, double inertia) { return std::max(ratio * coupling, inertia * kMinimumBandwidth * kMinimumBandwidth); }
+double tracked_stiffness(double ratio, double coupling, double inertia) {
+  return std::max(ratio * coupling, inertia * kMinimumBandwidth * kMinimumBandwidth);
+}
 
 // Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero. `old_periods` = how
 // many hand periods the copies are old.
@@ -75,7 +77,8 @@ double chain_growth(const TrackingOptions& options, const HandModel& hand) {
   double worst = 0;
   for (const BodyModel& body : hand.bodies) {
     for (int old_periods : {0, 1}) {
-      if (body.coupling_linear_stiffness > 0) worst = std::max(worst, growth_of(options, body.mass, body.coupling_linear_stiffness, old_periods));
+      if (body.coupling_linear_stiffness > 0)
+        worst = std::max(worst, growth_of(options, body.mass, body.coupling_linear_stiffness, old_periods));
       if (body.coupling_angular_stiffness > 0) {
         worst = std::max(worst, growth_of(options, inertia_about_joint(body), body.coupling_angular_stiffness, old_periods));
       }
@@ -99,7 +102,8 @@ void check_stability(const TrackingOptions& options, const HandModel& hand) {
   }
   char text[320];
   std::snprintf(text, sizeof text,
-                "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: small deviations grow %.4f times a hand "
+                "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: small deviations grow "
+                "%.4f times a hand "
                 "period; expected less than 1, e.g. stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
                 options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, options.hand_rate_hz, growth,
                 better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
@@ -139,9 +143,9 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
   for (std::size_t b = 1; b < kBodyCount; ++b) {
     Bone& bone = bones_[b];
     const JointSample& joint = simulated.joints[index(joint_of(static_cast<Body>(b)))];
-    const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
-                      all_finite(joint.angular_velocity) && std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 &&
-                      to_vector(joint.position).norm() < 1e4;
+    const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
+                      all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
+                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 && to_vector(joint.position).norm() < 1e4;
     bone.simulated_seen = good;
     if (!good) {
       ++simulated_refused_;
@@ -166,15 +170,16 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   const Vector3 to_copy = feedback ? Vector3(copy.position - bone.pose.position) : Vector3::Zero();
   const double k1 = capped(bone.tracked_linear, to_tracked.norm(), options_.stiffness_ratio * bone.force_cap);
   const double k2 = feedback ? capped(feedback_ratio_ * bone.coupling_linear, to_copy.norm(), feedback_ratio_ * bone.force_cap) : 0.0;
-  const Vector3 step = (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) /
-                       (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
+  const Vector3 step =
+      (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) / (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
 
   // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm (the Jacobian of log leaves its own
   // argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and needs one division.
   const Vector3 stretch = rotation_log(bone.pose.orientation * target.pose.orientation.conjugate());
   const Vector3 stretch_copy = feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
   const double a1 = capped(bone.tracked_angular, stretch.norm(), options_.stiffness_ratio * bone.torque_cap);
-  const double a2 = feedback ? capped(feedback_ratio_ * bone.coupling_angular, stretch_copy.norm(), feedback_ratio_ * bone.torque_cap) : 0.0;
+  const double a2 =
+      feedback ? capped(feedback_ratio_ * bone.coupling_angular, stretch_copy.norm(), feedback_ratio_ * bone.torque_cap) : 0.0;
   const double curvature = bone.inertia / (h * h) + bone.damping_angular / h + a1 + a2;
   Vector3 theta = Vector3::Zero();
   Quaternion orientation = bone.pose.orientation;
@@ -261,7 +266,8 @@ void TrackingLoop::publish_skeleton(Nanoseconds now) {
   }
 }
 
-void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age, bool simulated_fresh) {
+void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age,
+                                  bool simulated_fresh) {
   BoneWrench& out = output_.wrench;
   out.hand = key_;
   out.stamp.sequence = sequence_;
@@ -270,7 +276,8 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
   out.stamp.chain.simulated_published = simulated_stamp_.publish_time;
   out.stamp.chain.wrench_published = now;
   out.simulated_valid = simulated_fresh ? 1 : 0;
-  const bool contacts_fresh = simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <= options_.simulated_stale_after;
+  const bool contacts_fresh =
+      simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <= options_.simulated_stale_after;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Bone& bone = bones_[b];
     BoneSample& sample = out.bones[b];

@@ -1,9 +1,11 @@
-// The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of the simulated skeleton.
+// The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of the simulated
+// skeleton.
 //
-// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its absolute damping and two
-// couplings of eq. 18. The unknowns of one bone are its joint frame's position and orientation. The bone's mass is lumped at the joint with an
-// isotropic inertia: the layer's inertia is a regulariser of ours, not anatomy, and lumped it has no lever arm, so that translation and rotation
-// separate and both have closed forms. The coupling to the tracker is capped like the hand's own, `stiffness_ratio` times higher.
+// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its absolute damping and
+// two couplings of eq. 18. The unknowns of one bone are its joint frame's position and orientation. The bone's mass is lumped at the joint
+// with an isotropic inertia: the layer's inertia is a regulariser of ours, not anatomy, and lumped it has no lever arm, so that translation
+// and rotation separate and both have closed forms. The coupling to the tracker is capped like the hand's own, `stiffness_ratio` times
+// higher.
 #pragma once
 
 #include <array>
@@ -54,19 +56,19 @@ class TrackingLoop {
 
  private:
   struct Bone {
-    double mass = 0;                // kg
-    double inertia = 0;             // kg m^2
-    double coupling_linear = 0;     // k_l of the hand file, N/m
-    double coupling_angular = 0;    // k_a, N m/rad
-    double force_cap = 0;           // N, of the hand file
-    double torque_cap = 0;          // N m
-    double tracked_linear = 0;      // k_l to the tracked skeleton
+    double mass = 0;              // kg
+    double inertia = 0;           // kg m^2
+    double coupling_linear = 0;   // k_l of the hand file, N/m
+    double coupling_angular = 0;  // k_a, N m/rad
+    double force_cap = 0;         // N, of the hand file
+    double torque_cap = 0;        // N m
+    double tracked_linear = 0;    // k_l to the tracked skeleton
     double tracked_angular = 0;
-    double damping_linear = 0;      // N s/m
-    double damping_angular = 0;     // N m s/rad
-    Pose pose;                      // of the joint frame, world
+    double damping_linear = 0;   // N s/m
+    double damping_angular = 0;  // N m s/rad
+    Pose pose;                   // of the joint frame, world
     Twist velocity;
-    Pose simulated;                 // copy, at its own time
+    Pose simulated;  // copy, at its own time
     Twist simulated_velocity;
     bool placed = false;
     bool simulated_seen = false;

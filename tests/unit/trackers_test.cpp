@@ -54,7 +54,8 @@ std::string csv_header() {
   };
   for (const char* joint : joints) add(joint);
   for (const char* finger : {"index-finger", "middle-finger", "ring-finger", "pinky-finger"}) {
-    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"}) add(std::string(finger) + "-" + part);
+    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"})
+      add(std::string(finger) + "-" + part);
   }
   return header + "\n";
 }
@@ -115,7 +116,8 @@ TEST(Recording, TheRecordedHandIsWhatItsPageSays) {
     if (!tracker.sample(now, sample)) continue;
     if (count < recording.frames().size()) {
       EXPECT_EQ(to_vector(sample.joints[1].position), recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
-      EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9, recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
+      EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9,
+                  recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
     }
     ++count;
   }
@@ -138,7 +140,8 @@ TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
     const Body body = body_of(static_cast<Joint>(j));
     if (joint_of(body) != static_cast<Joint>(j)) continue;
     const std::size_t parent = at(joint_of(parent_of(body)));
-    EXPECT_NEAR((bent[j].position - bent[parent].position).norm(), (hand.rest_joints[j].position - hand.rest_joints[parent].position).norm(), 1e-12);
+    EXPECT_NEAR((bent[j].position - bent[parent].position).norm(),
+                (hand.rest_joints[j].position - hand.rest_joints[parent].position).norm(), 1e-12);
   }
 }
 

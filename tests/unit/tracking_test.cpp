@@ -63,14 +63,16 @@ Vector3 position(const Skeleton& s, std::size_t joint) { return to_vector(s.join
 
 TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
   TrackingLoop loop({}, hand(), {});
-  run(loop, 0.5, 90, [](double) { return still(); }, [](double, const TrackingOutput& out) {
-    ASSERT_TRUE(out.valid);
-    for (std::size_t j = 0; j < kJointCount; ++j) {
-      const Pose expected = still() * hand().rest_joints[j];
-      EXPECT_LT((position(out.intermediate, j) - expected.position).norm(), 1e-12) << kJointNames[j];
-      EXPECT_LT(rotation_log(to_quaternion(out.intermediate.joints[j].orientation) * expected.orientation.conjugate()).norm(), 1e-7);
-    }
-  });
+  run(
+      loop, 0.5, 90, [](double) { return still(); },
+      [](double, const TrackingOutput& out) {
+        ASSERT_TRUE(out.valid);
+        for (std::size_t j = 0; j < kJointCount; ++j) {
+          const Pose expected = still() * hand().rest_joints[j];
+          EXPECT_LT((position(out.intermediate, j) - expected.position).norm(), 1e-12) << kJointNames[j];
+          EXPECT_LT(rotation_log(to_quaternion(out.intermediate.joints[j].orientation) * expected.orientation.conjugate()).norm(), 1e-7);
+        }
+      });
 }
 
 TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
@@ -78,21 +80,25 @@ TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
   EXPECT_FALSE(loop.step(kStart, {}).valid);
 }
 
-// FACTS.md, "Skeleton chain": 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms late.
+// FACTS.md, "Skeleton chain": 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms
+// late.
 TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
   TrackingLoop loop({}, hand(), {});
   const double speed = 0.8;
   const auto wrist = [&](double t) { return Pose{Vector3(speed * t, 1, 0), Quaternion::Identity()}; };
   double sum = 0, worst = 0;
   int count = 0;
-  run(loop, 2, 90, wrist, [&](double t, const TrackingOutput& out) {
-    if (t < 1) return;
-    const double lag = ((wrist(t) * hand().rest_joints[kIndexTip]).position.x() - position(out.intermediate, kIndexTip).x()) / speed;
-    sum += lag;
-    worst = std::max(worst, std::abs(lag));
-    ++count;
-    EXPECT_NEAR(out.intermediate.joints[kIndexTip].linear_velocity[0], speed, 0.01);
-  }, 20 * kMillisecond);
+  run(
+      loop, 2, 90, wrist,
+      [&](double t, const TrackingOutput& out) {
+        if (t < 1) return;
+        const double lag = ((wrist(t) * hand().rest_joints[kIndexTip]).position.x() - position(out.intermediate, kIndexTip).x()) / speed;
+        sum += lag;
+        worst = std::max(worst, std::abs(lag));
+        ++count;
+        EXPECT_NEAR(out.intermediate.joints[kIndexTip].linear_velocity[0], speed, 0.01);
+      },
+      20 * kMillisecond);
   RecordProperty("lag_ms", std::to_string(1e3 * sum / count));
   EXPECT_GT(sum / count, 0);
   EXPECT_LT(worst, 2e-3);
@@ -105,12 +111,15 @@ TEST(Tracking, LagOfAShakenHandIsAFewMilliseconds) {
   const auto wrist = [&](double t) { return Pose{Vector3(0.05 * std::sin(omega * t), 1, 0), Quaternion::Identity()}; };
   double in = 0, quadrature = 0;
   const double offset = hand().rest_joints[kIndexTip].position.x();
-  run(loop, 3, 90, wrist, [&](double t, const TrackingOutput& out) {
-    if (t < 1) return;
-    const double x = position(out.intermediate, kIndexTip).x() - offset;
-    in += x * std::sin(omega * t);
-    quadrature += x * std::cos(omega * t);
-  }, 11 * kMillisecond);
+  run(
+      loop, 3, 90, wrist,
+      [&](double t, const TrackingOutput& out) {
+        if (t < 1) return;
+        const double x = position(out.intermediate, kIndexTip).x() - offset;
+        in += x * std::sin(omega * t);
+        quadrature += x * std::cos(omega * t);
+      },
+      11 * kMillisecond);
   const double lag = -std::atan2(quadrature, in) / omega;
   RecordProperty("lag_ms", std::to_string(1e3 * lag));
   EXPECT_LT(std::abs(lag), 4e-3);
@@ -384,8 +393,8 @@ TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   } catch (const std::invalid_argument& error) {
     const std::string text = error.what();
     TrackingOptions offered = bad;
-    ASSERT_EQ(std::sscanf(text.c_str() + text.find("e.g."), "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf", &offered.stiffness_ratio,
-                          &offered.feedback_ratio, &offered.mass_fraction),
+    ASSERT_EQ(std::sscanf(text.c_str() + text.find("e.g."), "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf",
+                          &offered.stiffness_ratio, &offered.feedback_ratio, &offered.mass_fraction),
               3)
         << text;
     EXPECT_LT(chain_growth(offered, hand()), 1) << text;
@@ -396,7 +405,11 @@ TEST(Tracking, SameInputsGiveTheSameBits) {
   const auto last = [] {
     TrackingLoop loop({}, hand(), {});
     Skeleton result;
-    run(loop, 1, 90, [](double t) { return Pose{Vector3(std::sin(9 * t), 1, 0), rotation_exp(Vector3(t, 2 * t, 0))}; },
+    run(
+        loop, 1, 90,
+        [](double t) {
+          return Pose{Vector3(std::sin(9 * t), 1, 0), rotation_exp(Vector3(t, 2 * t, 0))};
+        },
         [&](double, const TrackingOutput& out) { result = out.intermediate; });
     return result;
   };

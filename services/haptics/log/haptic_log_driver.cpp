@@ -58,8 +58,9 @@ void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {
 
 void HapticLogDriver::format(const Record& record, std::string& text) {
   const BoneWrench& input = record.input;
-  text += "{\"time_ns\":" + std::to_string(record.time) + ",\"user\":" + std::to_string(input.hand.user) + ",\"side\":" + std::to_string(input.hand.side) +
-          ",\"sample_time_ns\":" + std::to_string(input.stamp.sample_time) + ",\"tracker_sample_ns\":" + std::to_string(input.stamp.chain.tracker_sample) +
+  text += "{\"time_ns\":" + std::to_string(record.time) + ",\"user\":" + std::to_string(input.hand.user) +
+          ",\"side\":" + std::to_string(input.hand.side) + ",\"sample_time_ns\":" + std::to_string(input.stamp.sample_time) +
+          ",\"tracker_sample_ns\":" + std::to_string(input.stamp.chain.tracker_sample) +
           ",\"simulated_valid\":" + std::to_string(input.simulated_valid) + ",";
   append(text, "commands_N", record.commands);
   text += ",\"bones\":{";

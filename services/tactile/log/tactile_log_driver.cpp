@@ -9,7 +9,8 @@
 namespace softhand {
 namespace {
 constexpr const char* kHeader =
-    "time_ns,finger,event,force_x_N,force_y_N,force_z_N,normal_x,normal_y,normal_z,point_x_m,point_y_m,point_z_m,area_m2,object,slip_m_s,contacts,command\n";
+    "time_ns,finger,event,force_x_N,force_y_N,force_z_N,normal_x,normal_y,normal_z,point_x_m,point_y_m,point_z_m,area_m2,object,slip_m_s,"
+    "contacts,command\n";
 }
 
 TactileLogDriver::TactileLogDriver(const Options& options) : options_(options) {
@@ -33,16 +34,19 @@ void TactileLogDriver::command(const Contacts& input, std::span<double> wanted) 
   }
 }
 
-void TactileLogDriver::write(Nanoseconds, std::span<const double> commands) { std::copy(commands.begin(), commands.end(), commands_.begin()); }
+void TactileLogDriver::write(Nanoseconds, std::span<const double> commands) {
+  std::copy(commands.begin(), commands.end(), commands_.begin());
+}
 
 void TactileLogDriver::format(const Record& record, std::string& text) {
   constexpr const char* kEvents[] = {"begin", "update", "end"};
   const FingerContact& c = record.contact;
   char line[512];
-  const int length = std::snprintf(line, sizeof line, "%lld,%s,%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%u,%.6g,%u,%.6g\n",
-                                   static_cast<long long>(record.time), kFingerNames[record.finger].data(), kEvents[static_cast<std::size_t>(record.event)],
-                                   c.force[0], c.force[1], c.force[2], c.normal[0], c.normal[1], c.normal[2], c.centre[0], c.centre[1], c.centre[2], c.area,
-                                   c.object, c.slip_speed, c.contact_count, record.command);
+  const int length =
+      std::snprintf(line, sizeof line, "%lld,%s,%s,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%u,%.6g,%u,%.6g\n",
+                    static_cast<long long>(record.time), kFingerNames[record.finger].data(),
+                    kEvents[static_cast<std::size_t>(record.event)], c.force[0], c.force[1], c.force[2], c.normal[0], c.normal[1],
+                    c.normal[2], c.centre[0], c.centre[1], c.centre[2], c.area, c.object, c.slip_speed, c.contact_count, record.command);
   text.append(line, static_cast<std::size_t>(std::min<int>(length, sizeof line - 1)));
 }
 

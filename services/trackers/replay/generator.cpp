@@ -70,7 +70,8 @@ class InverseKinematics {
         up[index(v.body)][v.axis] += kStep;
         down[index(v.body)][v.axis] -= kStep;
         const std::vector<double> a = evaluate(up), b = evaluate(down);
-        for (Eigen::Index r = 0; r < rows; ++r) jacobian(r, c) = (a[static_cast<std::size_t>(r)] - b[static_cast<std::size_t>(r)]) / (2 * kStep);
+        for (Eigen::Index r = 0; r < rows; ++r)
+          jacobian(r, c) = (a[static_cast<std::size_t>(r)] - b[static_cast<std::size_t>(r)]) / (2 * kStep);
       }
       const Eigen::Map<const Eigen::VectorXd> r(current.data(), rows);
       const Eigen::VectorXd gradient = jacobian.transpose() * r;
@@ -79,7 +80,8 @@ class InverseKinematics {
       for (Eigen::Index c = 0; c < n; ++c) {
         const Variable& v = variables_[static_cast<std::size_t>(c)];
         const double at = angles[index(v.body)][v.axis];
-        if (limited(v, at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) != at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) {
+        if (limited(v, at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) !=
+            at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) {
           normal.row(c).setZero();
           normal.col(c).setZero();
           normal(c, c) = 1e12;
@@ -178,13 +180,15 @@ Grip solve_pinch(const HandModel& hand, const GeneratorOptions& o) {
   const Vector3 axis = (index_pad.position - thumb_pad.position).normalized();
 
   // Fingers that take no part get out of the way of object and table.
-  constexpr std::array<std::array<double, 3>, 5> kPostures{{{0.25, 0, 0}, {0, 0, 0}, {-0.35, -0.5, -0.3}, {-1.0, -1.3, -0.7}, {-1.35, -1.55, -0.9}}};
+  constexpr std::array<std::array<double, 3>, 5> kPostures{
+      {{0.25, 0, 0}, {0, 0, 0}, {-0.35, -0.5, -0.3}, {-1.0, -1.3, -0.7}, {-1.35, -1.55, -0.9}}};
   const Vector3 up_in_hand = (Quaternion(Eigen::AngleAxisd(-o.tilt, axis)) * Vector3(-middle + axis * axis.dot(middle))).normalized();
   double best = -1e9;
   std::array<double, 3> posture{};
   for (const auto& candidate : kPostures) {
     JointAngles angles = at_width;
-    for (const Finger finger : {Finger::middle, Finger::ring, Finger::little}) flex(angles, finger, candidate[0], candidate[1], candidate[2]);
+    for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
+      flex(angles, finger, candidate[0], candidate[1], candidate[2]);
     const JointFrames frames = forward_kinematics(hand, Pose{}, angles);
     double clearance = 1e9;
     for (std::size_t j = index(Joint::middle_intermediate); j < kJointCount; ++j) {
@@ -216,7 +220,8 @@ Grip solve_pinch(const HandModel& hand, const GeneratorOptions& o) {
     // Only the way open may fall short: a smaller opening still grips.
     if (error > 1e-3 && aperture <= o.object_width + 2e-3) {
       throw std::invalid_argument("generator: pinch of " + std::to_string(aperture * 1e3) + " mm: the pads reach " +
-                                  std::to_string((finger.position - thumb.position).norm() * 1e3) + " mm; expected an object_width that the hand can span");
+                                  std::to_string((finger.position - thumb.position).norm() * 1e3) +
+                                  " mm; expected an object_width that the hand can span");
     }
     if (error > 1e-3) break;
     JointAngles whole = angles;
@@ -262,9 +267,12 @@ Grip solve_power_grasp(const HandModel& hand, const GeneratorOptions& o) {
     }
     flex(closed, finger, -0.9 * chosen, -1.0 * chosen, -0.6 * chosen);
   }
-  const InverseKinematics thumb_ik(hand, {{Body::thumb_metacarpal, 0, -0.2}, {Body::thumb_metacarpal, 1, 0}, {Body::thumb_proximal, 0, -0.4}, {Body::thumb_distal, 0, -0.4}});
+  const InverseKinematics thumb_ik(
+      hand,
+      {{Body::thumb_metacarpal, 0, -0.2}, {Body::thumb_metacarpal, 1, 0}, {Body::thumb_proximal, 0, -0.4}, {Body::thumb_distal, 0, -0.4}});
   JointAngles thumb_start = closed;
-  for (const Body body : {Body::thumb_metacarpal, Body::thumb_proximal, Body::thumb_distal}) thumb_start[index(body)] = thumb_ik.start()[index(body)];
+  for (const Body body : {Body::thumb_metacarpal, Body::thumb_proximal, Body::thumb_distal})
+    thumb_start[index(body)] = thumb_ik.start()[index(body)];
   closed = thumb_ik.solve(thumb_start, [&](const JointAngles& angles, std::vector<double>& r) {
     const Pad pad = pad_of(hand, Finger::thumb, forward_kinematics(hand, Pose{}, angles));
     const Vector3 out = radial(pad.position);
@@ -407,7 +415,8 @@ std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOption
     throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
   }
   for (const auto& [axis, key] : {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"}}) {
-    if (!(to_vector(axis).norm() > 1e-6)) throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
+    if (!(to_vector(axis).norm() > 1e-6))
+      throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
   }
   if (options.motion == "pinch" || options.motion == "power_grasp") return std::make_unique<GraspMotion>(hand, options);
   return std::make_unique<FreeMotion>(hand, options);

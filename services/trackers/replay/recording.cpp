@@ -13,13 +13,31 @@ namespace {
 constexpr std::size_t kValuesPerJoint = 8;
 constexpr std::array<std::string_view, kValuesPerJoint> kSuffixes{"px", "py", "pz", "qx", "qy", "qz", "qw", "r"};
 // WebXR's names in OpenXR's order without the palm.
-constexpr std::array<std::string_view, kJointCount - 1> kWebXrNames{
-    "wrist",
-    "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip",
-    "index-finger-metacarpal", "index-finger-phalanx-proximal", "index-finger-phalanx-intermediate", "index-finger-phalanx-distal", "index-finger-tip",
-    "middle-finger-metacarpal", "middle-finger-phalanx-proximal", "middle-finger-phalanx-intermediate", "middle-finger-phalanx-distal", "middle-finger-tip",
-    "ring-finger-metacarpal", "ring-finger-phalanx-proximal", "ring-finger-phalanx-intermediate", "ring-finger-phalanx-distal", "ring-finger-tip",
-    "pinky-finger-metacarpal", "pinky-finger-phalanx-proximal", "pinky-finger-phalanx-intermediate", "pinky-finger-phalanx-distal", "pinky-finger-tip"};
+constexpr std::array<std::string_view, kJointCount - 1> kWebXrNames{"wrist",
+                                                                    "thumb-metacarpal",
+                                                                    "thumb-phalanx-proximal",
+                                                                    "thumb-phalanx-distal",
+                                                                    "thumb-tip",
+                                                                    "index-finger-metacarpal",
+                                                                    "index-finger-phalanx-proximal",
+                                                                    "index-finger-phalanx-intermediate",
+                                                                    "index-finger-phalanx-distal",
+                                                                    "index-finger-tip",
+                                                                    "middle-finger-metacarpal",
+                                                                    "middle-finger-phalanx-proximal",
+                                                                    "middle-finger-phalanx-intermediate",
+                                                                    "middle-finger-phalanx-distal",
+                                                                    "middle-finger-tip",
+                                                                    "ring-finger-metacarpal",
+                                                                    "ring-finger-phalanx-proximal",
+                                                                    "ring-finger-phalanx-intermediate",
+                                                                    "ring-finger-phalanx-distal",
+                                                                    "ring-finger-tip",
+                                                                    "pinky-finger-metacarpal",
+                                                                    "pinky-finger-phalanx-proximal",
+                                                                    "pinky-finger-phalanx-intermediate",
+                                                                    "pinky-finger-phalanx-distal",
+                                                                    "pinky-finger-tip"};
 constexpr std::size_t kColumns = 1 + kValuesPerJoint * kWebXrNames.size();
 
 std::string column_name(std::size_t column) {
@@ -87,20 +105,24 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
     }
     if (out.times_.empty()) out.start_ = values[0];
     const double time = values[0] - out.start_;
-    if (!out.times_.empty() && time <= out.times_.back()) fail(number, "t_s", "expected more than the row before, got " + std::to_string(values[0]));
+    if (!out.times_.empty() && time <= out.times_.back())
+      fail(number, "t_s", "expected more than the row before, got " + std::to_string(values[0]));
     JointFrames frame;
     for (std::size_t j = 0; j < kWebXrNames.size(); ++j) {
       const double* v = values.data() + 1 + kValuesPerJoint * j;
       const Quaternion orientation(v[6], v[3], v[4], v[5]);
       if (std::abs(orientation.norm() - 1) > 0.01) {
-        fail(number, column_name(1 + kValuesPerJoint * j + 3), "expected a unit quaternion, got one of length " + std::to_string(orientation.norm()));
+        fail(number, column_name(1 + kValuesPerJoint * j + 3),
+             "expected a unit quaternion, got one of length " + std::to_string(orientation.norm()));
       }
-      if (!(v[7] >= 0 && v[7] < 0.1)) fail(number, column_name(1 + kValuesPerJoint * j + 7), "expected a radius in [0, 0.1] m, got " + std::to_string(v[7]));
+      if (!(v[7] >= 0 && v[7] < 0.1))
+        fail(number, column_name(1 + kValuesPerJoint * j + 7), "expected a radius in [0, 0.1] m, got " + std::to_string(v[7]));
       frame[j + 1] = {Vector3(v[0], v[1], v[2]), orientation.normalized()};
       out.radii_[j + 1] += v[7];
     }
     const Pose& metacarpal = frame[static_cast<std::size_t>(index_of(Joint::middle_metacarpal))];
-    frame[0] = {0.5 * (metacarpal.position + frame[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position), metacarpal.orientation};
+    frame[0] = {0.5 * (metacarpal.position + frame[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position),
+                metacarpal.orientation};
     out.times_.push_back(time);
     out.frames_.push_back(frame);
   }

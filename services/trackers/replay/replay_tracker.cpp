@@ -27,7 +27,9 @@ double normal(std::uint64_t stream, std::uint64_t n) {
   const std::uint64_t base = mix(stream) + 2 * n;
   return std::sqrt(-2 * std::log(uniform(base))) * std::cos(2 * M_PI * uniform(base + 1));
 }
-Vector3 normal3(std::uint64_t stream, std::uint64_t n) { return {normal(stream, 3 * n), normal(stream, 3 * n + 1), normal(stream, 3 * n + 2)}; }
+Vector3 normal3(std::uint64_t stream, std::uint64_t n) {
+  return {normal(stream, 3 * n), normal(stream, 3 * n + 1), normal(stream, 3 * n + 2)};
+}
 
 bool within(double time, double at, double duration) { return at >= 0 && time >= at && time < at + duration; }
 
@@ -38,7 +40,8 @@ ReplayTracker::ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayO
   for (std::size_t j = 0; j < kJointCount; ++j) {
     if (kJointNames[j] == options.nan_joint) nan_joint_ = j;
   }
-  if (nan_joint_ == kJointCount) throw std::invalid_argument("nan_joint: expected an OpenXR joint name such as index_intermediate, got '" + options.nan_joint + "'");
+  if (nan_joint_ == kJointCount)
+    throw std::invalid_argument("nan_joint: expected an OpenXR joint name such as index_intermediate, got '" + options.nan_joint + "'");
   const std::span<const double> times = motion_->times();
   period_ = options.rate_hz > 0 ? 1 / options.rate_hz : times.empty() ? 1 / kDefaultRate : 0;
   if (period_ == 0) {

@@ -56,18 +56,19 @@ inline void describe(OptionVisitor& v, ReplayOptions& o) {
 
 class ReplayTracker : public TrackerSource {
  public:
-  /// Time 0 of the motion is the first call of `sample`, less `start_time`. Throws std::invalid_argument for a joint name that does not exist.
+  /// Time 0 of the motion is the first call of `sample`, less `start_time`. Throws std::invalid_argument for a joint name that does not
+  /// exist.
   ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayOptions& options, HandKey hand, std::uint32_t source = 0);
 
-  /// Samples that became due since the last call and are not the newest are skipped, as a tracker would overwrite them. Which samples exist,
-  /// and their noise, does not depend on when this is called.
+  /// Samples that became due since the last call and are not the newest are skipped, as a tracker would overwrite them. Which samples
+  /// exist, and their noise, does not depend on when this is called.
   bool sample(Nanoseconds now, Skeleton& out) override;
   /// True once the motion has been played to its end (never when it repeats).
   bool finished(Nanoseconds now) const;
 
  private:
-  double sample_time(std::int64_t index) const;        // seconds from start
-  std::int64_t newest_due(double elapsed) const;        // index; negative = none
+  double sample_time(std::int64_t index) const;   // seconds from start
+  std::int64_t newest_due(double elapsed) const;  // index; negative = none
   bool dropped(double time) const;
   void fill(std::int64_t index, Skeleton& out) const;
 
