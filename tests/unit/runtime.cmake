@@ -1,0 +1,1 @@
+softhand_test(runtime_config ${CMAKE_CURRENT_LIST_DIR}/runtime_config_test.cpp LINK softhand_runtime)
