@@ -166,13 +166,17 @@ class ParticipantImpl {
     auto& discovery = qos.wire_protocol().builtin;
     discovery.discovery_config.leaseDuration = milliseconds(2000);
     discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
-    // Multicast on the loopback finds everybody; the unicast peer finds Cyclone where multicast is off.
-    for (const char* address : {"127.0.0.1", "239.255.0.1"}) {
-      rtps::Locator_t locator;
-      locator.kind = LOCATOR_KIND_UDPv4;
-      rtps::IPLocator::setIPv4(locator, address);
-      discovery.initialPeersList.push_back(locator);
-    }
+    // The multicast group finds everybody. Its port must be told: a peer without one stands for the unicast ports of the first few participants, which
+    // is what finds Cyclone where multicast is off.
+    rtps::Locator_t group;
+    group.kind = LOCATOR_KIND_UDPv4;
+    rtps::IPLocator::setIPv4(group, "239.255.0.1");
+    group.port = qos.wire_protocol().port.getMulticastPort(static_cast<std::uint32_t>(domain));
+    rtps::Locator_t host;
+    host.kind = LOCATOR_KIND_UDPv4;
+    rtps::IPLocator::setIPv4(host, "127.0.0.1");
+    discovery.initialPeersList.push_back(group);
+    discovery.initialPeersList.push_back(host);
 
     participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
     if (participant_ == nullptr) fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
