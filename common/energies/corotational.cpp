@@ -1,0 +1,67 @@
+#include "energies/corotational.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace softhand {
+
+CorotationalMaterial corotational_material(double youngs_modulus, double poisson_ratio, double strain_limit_energy,
+                                           double strain_limit_stiffness) {
+  const auto refuse = [](const char* what, double value) {
+    throw std::invalid_argument(std::string("co-rotational material: ") + what + ", got " + std::to_string(value));
+  };
+  if (!(youngs_modulus > 0) || !std::isfinite(youngs_modulus)) refuse("Young's modulus must be finite and > 0 Pa", youngs_modulus);
+  if (!(poisson_ratio >= 0 && poisson_ratio < 0.5)) refuse("Poisson's ratio must be in [0, 0.5)", poisson_ratio);
+  if (!(strain_limit_energy > 0) || !std::isfinite(strain_limit_energy)) refuse("W_max must be finite and > 0 J/m^3", strain_limit_energy);
+  if (!(strain_limit_stiffness >= 0) || !std::isfinite(strain_limit_stiffness)) {
+    refuse("k_s must be finite and >= 0 J/m^3", strain_limit_stiffness);
+  }
+  return {youngs_modulus / (2 * (1 + poisson_ratio)), youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)),
+          strain_limit_energy, strain_limit_stiffness};
+}
+
+CorotationalState evaluate_corotational(const CorotationalMaterial& material, const Matrix3& f) {
+  CorotationalState state;
+  state.svd = rotation_svd(f);
+  state.rotation = state.svd.rotation();
+  const Vector3 strain = state.svd.singular_values.array() - 1.0;
+  const double trace = strain.sum();
+  const double quadratic = material.mu * strain.squaredNorm() + 0.5 * material.lambda * trace * trace;
+  state.stress_quadratic = 2 * material.mu * (f - state.rotation) + material.lambda * trace * state.rotation;
+  state.density = quadratic;
+  const double excess = quadratic / material.strain_limit_energy - 1.0;
+  if (excess > 0) {
+    state.density += 0.5 * material.strain_limit_stiffness * excess * excess;
+    state.factor += material.strain_limit_stiffness / material.strain_limit_energy * excess;
+  }
+  return state;
+}
+
+CorotationalHessian corotational_hessian(const CorotationalMaterial& material, const CorotationalState& state, Curvature curvature) {
+  CorotationalHessian hessian;
+  const double m = state.factor;
+  const Vector3& s = state.svd.singular_values;
+  hessian.identity = 2 * material.mu * m;
+  hessian.weight[0] = material.lambda * m;
+  hessian.direction[0] = state.rotation;
+  const bool projected = curvature == Curvature::projected;
+  const double floor = projected ? 1e-3 : 1e-9;
+  const double numerator = 2 * (material.lambda * (s.sum() - 3.0) - 2 * material.mu);
+  constexpr int pairs[3][2] = {{0, 1}, {0, 2}, {1, 2}};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const int i = pairs[k][0], j = pairs[k][1];
+    double weight = numerator / std::max(s[i] + s[j], floor);
+    if (projected) weight = std::max(weight, -2 * material.mu);
+    hessian.weight[k + 1] = m * weight;
+    hessian.direction[k + 1] =
+        M_SQRT1_2 * (state.svd.u.col(i) * state.svd.v.col(j).transpose() - state.svd.u.col(j) * state.svd.v.col(i).transpose());
+  }
+  hessian.direction[4] = state.stress_quadratic;
+  // m > 1 exactly where the limit is passed.
+  hessian.weight[4] = m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
+  return hessian;
+}
+
+}  // namespace softhand

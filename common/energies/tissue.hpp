@@ -1,0 +1,56 @@
+// Tissue: linear tetrahedra of co-rotational, strain-limited material (ES2725128A1 eqs. 21-30).
+//
+//   U_t = sum over tetrahedra V W(F),  F = D_s D_m^-1 = sum_a x_a b_a^T,  b_a the rest gradient of node a's shape function
+//
+// W and its derivatives: corotational.hpp. Degrees of freedom: the nodes. Assumption: node n of the hand is node n of the state. The integral runs over the
+// reference volume (eq. 21). The four gradients b_a sum to zero, so six 3x3 blocks of the element's Hessian give the other four.
+//
+// Data are a structure of arrays over elements. The nodes of an element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on
+// scatter; F does not depend on the order. Elements are summed in their order in the hand's file: the same bits on each run.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "energies/corotational.hpp"
+#include "energies/energy.hpp"
+#include "model/hand_model.hpp"
+
+namespace softhand {
+
+class Tissue final : public Energy {
+ public:
+  /// Uses nodes, tetrahedra, their materials. std::invalid_argument, naming the element, where a tetrahedron has no volume or a node, material or
+  /// constant is out of range.
+  explicit Tissue(const HandModel& hand);
+
+  int element_count() const { return static_cast<int>(volume_.size()); }
+  /// Tetrahedra with det F < 0.
+  int inverted_elements(const State& state) const;
+  /// W, J/m^3 of reference volume.
+  double energy_density(const State& state, int element) const;
+  /// sqrt(3/2) times the norm of the deviator of the principal first Piola-Kirchhoff stresses, Pa: von Mises' measure for small stretch.
+  double von_mises_stress(const State& state, int element) const;
+
+  std::string_view name() const override { return "tissue"; }
+  void add_pattern(BlockPattern& pattern) const override;
+  void bind(const BlockMatrix& matrix) override;
+  double value(const State& state) const override;
+  void add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
+
+ private:
+  Matrix3 deformation_gradient(const State& state, std::size_t element) const;
+  CorotationalMaterial material(std::size_t element) const;
+  double evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const;
+
+  std::array<std::vector<std::int32_t>, 4> node_;   // ascending within an element
+  std::array<std::vector<double>, 9> shape_;        // D_m^-1, row-major: its rows are b_1, b_2, b_3; b_0 = -(b_1 + b_2 + b_3)
+  std::vector<double> volume_;
+  std::array<std::vector<double>, 4> constants_;    // mu, lambda, W_max, k_s
+  std::array<std::vector<std::int32_t>, 10> slot_;  // stored block of (a, b), a >= b, row by row
+};
+
+}  // namespace softhand

@@ -1,0 +1,27 @@
+// Supernodal sparse Cholesky L L^T of SuiteSparse, approximate minimum degree ordering, one BLAS thread. Its supernodal module is GPL.
+#pragma once
+
+#include <memory>
+
+#include "solver/linear_solver.hpp"
+
+namespace softhand {
+
+class CholmodSolver final : public LinearSolver {
+ public:
+  CholmodSolver();
+  ~CholmodSolver() override;
+  CholmodSolver(const CholmodSolver&) = delete;
+  CholmodSolver& operator=(const CholmodSolver&) = delete;
+
+  void analyze(const BlockMatrix& matrix) override;
+  void load(const BlockMatrix& matrix) override;
+  bool factorize() override;
+  void solve(const VectorX& rhs, VectorX& x) override;
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+}  // namespace softhand

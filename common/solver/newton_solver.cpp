@@ -1,0 +1,242 @@
+#include "solver/newton_solver.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "solver/cholmod_solver.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr int kMaxShifts = 8;
+constexpr double kFirstShift = 1e-4;  // of the diagonal entry; times ten each time
+constexpr int kMaxHalvings = 30;
+constexpr double kArmijo = 1e-4;
+
+double steady_seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+State empty_state(DofLayout layout) {
+  State state;
+  state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, layout.node_count);
+  state.body_poses.resize(static_cast<std::size_t>(layout.body_count));
+  state.body_velocities.resize(static_cast<std::size_t>(layout.body_count));
+  return state;
+}
+
+bool fits(const State& state, DofLayout layout) {
+  return state.node_positions.cols() == layout.node_count && state.node_velocities.cols() == layout.node_count &&
+         state.body_poses.size() == static_cast<std::size_t>(layout.body_count) && state.body_velocities.size() == state.body_poses.size();
+}
+
+}  // namespace
+
+std::string_view to_string(StepStatus status) {
+  constexpr std::array<std::string_view, 6> names{"converged", "iteration_limit", "budget_spent", "failed_factorisation", "nonfinite", "refused"};
+  return names[static_cast<std::size_t>(status)];
+}
+
+NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options, std::unique_ptr<LinearSolver> linear_solver,
+                           std::function<double()> clock)
+    : terms_(std::move(terms)),
+      layout_(layout),
+      options_(options),
+      curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
+      linear_solver_(linear_solver ? std::move(linear_solver) : std::make_unique<CholmodSolver>()),
+      clock_(clock ? std::move(clock) : steady_seconds) {
+  if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
+  if (options_.max_iterations < 1) throw std::invalid_argument("NewtonSolver: max_iterations must be at least 1");
+  if (options_.curvature != "exact" && options_.curvature != "projected") {
+    throw std::invalid_argument("NewtonSolver: curvature must be projected or exact, got " + options_.curvature);
+  }
+  BlockPattern pattern(layout_.block_count());
+  for (const Energy* term : terms_) term->add_pattern(pattern);
+  hessian_ = BlockMatrix(pattern);
+  for (Energy* term : terms_) term->bind(hessian_);
+  for (int block = 0; block < layout_.block_count(); ++block) diagonal_.push_back(hessian_.find(block, block).index);
+  linear_solver_->analyze(hessian_);
+  gradient_ = direction_ = VectorX::Zero(layout_.dof_count());
+  start_ = base_ = best_ = empty_state(layout_);
+}
+
+// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
+bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian) {
+  double time = clock_();
+  gradient_.setZero();
+  if (with_hessian) {
+    hessian_.set_zero();
+    const double cleared = clock_();
+    report.timings.assembly += cleared - time;
+    time = cleared;
+  }
+  report.energy = 0;
+  report.term_count = terms_.size();
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    double energy = 0;
+    if (with_hessian) {
+      energy = terms_[t]->add_all(state, gradient_, hessian_, curvature_);
+    } else {
+      energy = terms_[t]->value(state);
+      terms_[t]->add_gradient(state, gradient_);
+    }
+    report.terms[t] = {terms_[t]->name(), energy};
+    report.energy += energy;
+  }
+  report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
+  report.timings.energies += clock_() - time;
+  return std::isfinite(report.energy) && gradient_.allFinite();
+}
+
+double NewtonSolver::energy_at(const State& state) const {
+  double energy = 0;
+  for (const Energy* term : terms_) energy += term->value(state);
+  return energy;
+}
+
+bool NewtonSolver::factorize(StepReport& report) {
+  double shift = 0;
+  for (int attempt = 0; attempt <= kMaxShifts; ++attempt) {
+    double time = clock_();
+    if (attempt > 0) {
+      // Each entry by its own size: metres and radians differ by orders of magnitude.
+      const double next = attempt == 1 ? kFirstShift : 10.0 * shift;
+      double largest = 0;
+      const auto entry = [this](std::int32_t block, int k) -> double& { return hessian_.values()[static_cast<std::size_t>(9 * block + 4 * k)]; };
+      for (const std::int32_t block : diagonal_) {
+        for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(entry(block, k)));
+      }
+      for (const std::int32_t block : diagonal_) {
+        for (int k = 0; k < 3; ++k) entry(block, k) += (next - shift) * std::max(std::abs(entry(block, k)), 1e-9 * largest);
+      }
+      shift = next;
+      ++report.shifts;
+    }
+    linear_solver_->load(hessian_);
+    double now = clock_();
+    report.timings.assembly += now - time;
+    time = now;
+    const bool positive = linear_solver_->factorize();
+    report.timings.factorisation += clock_() - time;
+    if (positive) return true;
+  }
+  return false;
+}
+
+// Backtracks along the direction until Armijo's rule holds; false where E does not fall in floating point (then `state` is unchanged).
+bool NewtonSolver::search(State& state, StepReport& report) {
+  const double time = clock_();
+  const double slope = gradient_.dot(direction_);
+  double rounding = 0;
+  for (std::size_t t = 0; t < report.term_count; ++t) rounding += std::abs(report.terms[t].joules);
+  rounding *= 1e-14;
+  base_ = state;
+  double scale = 1.0;
+  bool accepted = false;
+  for (int halving = 0; halving <= kMaxHalvings && !accepted; ++halving) {
+    apply_increment(state, direction_, scale);
+    const double energy = energy_at(state);
+    // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
+    accepted = std::isfinite(energy) && energy <= report.energy + kArmijo * scale * slope + rounding;
+    if (!accepted) {
+      state = base_;
+      scale *= 0.5;
+    }
+  }
+  report.timings.energies += clock_() - time;
+  if (accepted) report.increment *= scale;
+  return accepted;
+}
+
+StepReport NewtonSolver::step(State& state, double time_step) {
+  StepReport report;
+  if (!(time_step >= 0) || !std::isfinite(time_step) || !fits(state, layout_) || !all_finite(state)) return report;
+  if (time_step == 0) {
+    report.status = StepStatus::converged;
+    return report;
+  }
+  const double begin = clock_();
+  start_ = state;
+  for (Energy* term : terms_) term->begin_step(state, time_step);
+  report.timings.begin = clock_() - begin;
+
+  const auto give_up = [&] {
+    state = start_;
+    report.status = StepStatus::nonfinite;
+    report.state_changed = false;
+    return report;
+  };
+  const bool searching = options_.line_search && options_.max_iterations >= 3;
+  bool have_best = false;
+  bool evaluated = false;  // the report's energy and residual are those of `state`
+  double best_energy = 0;
+  report.status = StepStatus::iteration_limit;
+  for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
+    const double iteration_begin = clock_();
+    if (!evaluate(state, report, true)) return give_up();
+    evaluated = true;
+    if (iteration > 0) {
+      if (!have_best || report.energy < best_energy) {
+        best_ = state;
+        best_energy = report.energy;
+        have_best = true;
+      }
+      if (report.residual <= options_.residual_tolerance) {
+        report.status = StepStatus::converged;
+        break;
+      }
+    }
+    if (!factorize(report)) {
+      report.status = StepStatus::failed_factorisation;
+      break;
+    }
+    const double solve_begin = clock_();
+    gradient_ = -gradient_;
+    linear_solver_->solve(gradient_, direction_);
+    gradient_ = -gradient_;
+    report.timings.solve += clock_() - solve_begin;
+    if (!direction_.allFinite()) return give_up();
+    report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
+    if (searching) {
+      if (!search(state, report)) {
+        report.increment = 0;
+        break;
+      }
+    } else {
+      apply_increment(state, direction_);
+    }
+    evaluated = false;
+    ++report.iterations;
+    if (report.increment <= options_.increment_tolerance) {
+      report.status = StepStatus::converged;
+      break;
+    }
+    const double now = clock_();
+    if (options_.time_budget > 0 && iteration + 1 < options_.max_iterations && now - begin + (now - iteration_begin) > options_.time_budget) {
+      report.status = StepStatus::budget_spent;
+      break;
+    }
+  }
+  if (report.iterations > 0 && !evaluated && (options_.measure_result || have_best)) {
+    if (!evaluate(state, report, false)) return give_up();
+    if (report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance) report.status = StepStatus::converged;
+  }
+  if (have_best && best_energy < report.energy) {
+    // A line search only descends, so this is the path without one.
+    state = best_;
+    evaluate(state, report, false);
+  }
+  report.state_changed = report.iterations > 0;
+  if (report.status == StepStatus::failed_factorisation && !report.state_changed) {
+    state = start_;
+    return report;
+  }
+  const double end = clock_();
+  for (Energy* term : terms_) term->end_step(state);
+  report.timings.end = clock_() - end;
+  if (!all_finite(state)) return give_up();
+  return report;
+}
+
+}  // namespace softhand

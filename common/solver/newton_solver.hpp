@@ -1,0 +1,115 @@
+// The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
+//
+// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). From three on a backtracking line search on E is used; with one or two it
+// hurts: tiny steps stick (FACTS.md, "The step").
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "energies/energy.hpp"
+#include "runtime/options.hpp"
+#include "solver/linear_solver.hpp"
+
+namespace softhand {
+
+struct SolverOptions {
+  std::int64_t max_iterations = 1;
+  double residual_tolerance = 1e-6;
+  double increment_tolerance = 1e-9;
+  double time_budget = 0;
+  bool line_search = true;
+  bool measure_result = true;
+  std::string curvature = "projected";
+};
+
+inline void describe(OptionVisitor& v, SolverOptions& o) {
+  v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method.");
+  v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
+  v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
+  v.number("time_budget", o.time_budget, "s", {0, 10},
+           "Starts no further iteration that would not end within this time; 0 for no budget, which keeps results independent of the clock.");
+  v.flag("line_search", o.line_search, "Backtracking on the energy when max_iterations is 3 or more.");
+  v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
+  v.choice("curvature", o.curvature, {"projected", "exact"},
+           "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");
+}
+
+enum class StepStatus : std::uint8_t {
+  converged,            ///< by residual or increment
+  iteration_limit,      ///< all iterations done, or no further descent in floating point; normal for the fast mode
+  budget_spent,         ///< stopped by the time budget
+  failed_factorisation, ///< not positive definite even when shifted; the state is the best one before, or unchanged
+  nonfinite,            ///< a number overflowed; the state is the one before the step
+  refused,              ///< time step negative or not finite, or a state that is not finite or not of this layout; nothing was done
+};
+std::string_view to_string(StepStatus status);
+
+/// Seconds, by the solver's clock.
+struct StepTimings {
+  double begin = 0;          ///< begin_step of all terms: contact detection
+  double energies = 0;       ///< values, gradients, Hessians with their scatter; the line search
+  double assembly = 0;       ///< clearing and gathering the matrix
+  double factorisation = 0;
+  double solve = 0;
+  double end = 0;            ///< end_step of all terms
+  double total() const { return begin + energies + assembly + factorisation + solve + end; }
+};
+
+inline constexpr std::size_t kMaxTerms = 16;
+
+struct TermEnergy {
+  std::string_view name;
+  double joules = 0;
+};
+
+struct StepReport {
+  StepStatus status = StepStatus::refused;
+  int iterations = 0;      ///< Newton steps taken
+  double residual = 0;     ///< largest |dE/dq|, N and N m
+  double increment = 0;    ///< largest move of the last iteration, m and rad
+  double energy = 0;       ///< E, J
+  bool state_changed = false;
+  int shifts = 0;          ///< factorisations repeated with a diagonal shift
+  std::size_t term_count = 0;
+  std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
+  StepTimings timings;
+};
+
+class NewtonSolver {
+ public:
+  /// Builds the pattern of the terms, binds them, analyses once. The terms outlive the solver; their order is the order of summation.
+  /// `clock` gives seconds from any origin. std::invalid_argument for more than kMaxTerms terms or options out of range.
+  NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options, std::unique_ptr<LinearSolver> linear_solver = nullptr,
+               std::function<double()> clock = {});
+
+  /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing; never leaves a number in `state` that is not finite.
+  /// Allocates nothing outside the linear solver.
+  StepReport step(State& state, double time_step);
+
+  const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
+
+ private:
+  bool evaluate(const State& state, StepReport& report, bool with_hessian);
+  double energy_at(const State& state) const;
+  bool factorize(StepReport& report);
+  bool search(State& state, StepReport& report);
+
+  std::vector<Energy*> terms_;
+  DofLayout layout_;
+  SolverOptions options_;
+  Curvature curvature_;
+  std::unique_ptr<LinearSolver> linear_solver_;
+  std::function<double()> clock_;
+  BlockMatrix hessian_;
+  std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
+  VectorX gradient_, direction_;
+  State start_, base_, best_;
+};
+
+}  // namespace softhand
