@@ -157,6 +157,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("angular_velocity", m.angular_velocity);
   v.field("linear_acceleration", m.linear_acceleration);
   v.field("angular_acceleration", m.angular_acceleration);
+  v.field("gravity", m.gravity);
   v.field("planes", m.planes);
 }
 

@@ -194,6 +194,7 @@ struct ObjectState {
   Vec3 angular_velocity{};
   Vec3 linear_acceleration{};
   Vec3 angular_acceleration{};
+  Vec3 gravity{};                 ///< m/s^2 that acts on the object now; zero while it floats, waiting for its first touch
   BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< only while the object is near a hand
 };
 /// objects: one consistent snapshot of every dynamic object, a world step.
