@@ -68,7 +68,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   if (with_hessian) {
     hessian_.set_zero();
     const double cleared = clock_();
-    report.timings.assembly += cleared - time;
+    report.timing.assembly += cleared - time;
     time = cleared;
   }
   report.energy = 0;
@@ -85,7 +85,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
     report.energy += energy;
   }
   report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
-  report.timings.energies += clock_() - time;
+  report.timing.energies += clock_() - time;
   return std::isfinite(report.energy) && gradient_.allFinite();
 }
 
@@ -115,10 +115,10 @@ bool NewtonSolver::factorize(StepReport& report) {
     }
     linear_solver_->load(hessian_);
     double now = clock_();
-    report.timings.assembly += now - time;
+    report.timing.assembly += now - time;
     time = now;
     const bool positive = linear_solver_->factorize();
-    report.timings.factorisation += clock_() - time;
+    report.timing.factorisation += clock_() - time;
     if (positive) return true;
   }
   return false;
@@ -144,7 +144,7 @@ bool NewtonSolver::search(State& state, StepReport& report) {
       scale *= 0.5;
     }
   }
-  report.timings.energies += clock_() - time;
+  report.timing.energies += clock_() - time;
   if (accepted) report.increment *= scale;
   return accepted;
 }
@@ -159,7 +159,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   const double begin = clock_();
   start_ = state;
   for (Energy* term : terms_) term->begin_step(state, time_step);
-  report.timings.begin = clock_() - begin;
+  report.timing.begin = clock_() - begin;
 
   const auto give_up = [&] {
     state = start_;
@@ -195,7 +195,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     gradient_ = -gradient_;
     linear_solver_->solve(gradient_, direction_);
     gradient_ = -gradient_;
-    report.timings.solve += clock_() - solve_begin;
+    report.timing.solve += clock_() - solve_begin;
     if (!direction_.allFinite()) return give_up();
     report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
     if (searching) {
@@ -234,7 +234,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   }
   const double end = clock_();
   for (Energy* term : terms_) term->end_step(state);
-  report.timings.end = clock_() - end;
+  report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
   return report;
 }

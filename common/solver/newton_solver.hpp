@@ -51,7 +51,7 @@ enum class StepStatus : std::uint8_t {
 std::string_view to_string(StepStatus status);
 
 /// Seconds, by the solver's clock.
-struct StepTimings {
+struct StepTiming {
   double begin = 0;          ///< begin_step of all terms: contact detection
   double energies = 0;       ///< values, gradients, Hessians with their scatter; the line search
   double assembly = 0;       ///< clearing and gathering the matrix
@@ -78,7 +78,7 @@ struct StepReport {
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
-  StepTimings timings;
+  StepTiming timing;
 };
 
 class NewtonSolver {
