@@ -1,0 +1,38 @@
+#include "runtime/signals.hpp"
+
+#include <sys/prctl.h>
+#include <unistd.h>
+
+namespace softhand {
+namespace {
+
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);  // a handler may touch nothing else
+
+void request_stop(int) { stop_requested.store(true, std::memory_order_relaxed); }
+
+}  // namespace
+
+StopSignal::StopSignal() {
+  stop_requested.store(false, std::memory_order_relaxed);
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGINT, &action, &former_interrupt_);
+  sigaction(SIGTERM, &action, &former_terminate_);
+}
+
+StopSignal::~StopSignal() {
+  sigaction(SIGINT, &former_interrupt_, nullptr);
+  sigaction(SIGTERM, &former_terminate_, nullptr);
+}
+
+const std::atomic<bool>& StopSignal::flag() const { return stop_requested; }
+
+bool stop_with_parent() {
+  // The parent may end before the request is in force; it is then another one (init or a subreaper).
+  const pid_t parent = getppid();
+  return prctl(PR_SET_PDEATHSIG, SIGTERM) == 0 && getppid() == parent && parent != 1;
+}
+
+}  // namespace softhand
