@@ -1,0 +1,138 @@
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <string_view>
+
+#include "runtime/record_file.hpp"
+
+namespace softhand {
+namespace {
+
+std::span<const std::byte> bytes(std::string_view text) { return std::as_bytes(std::span(text.data(), text.size())); }
+std::string text_of(const std::vector<std::byte>& data) { return {reinterpret_cast<const char*>(data.data()), data.size()}; }
+
+class RecordFile : public testing::Test {
+ protected:
+  RecordFile() : path_(testing::TempDir() + "softhand_" + testing::UnitTest::GetInstance()->current_test_info()->name() + ".mcap") {}
+  ~RecordFile() override { std::filesystem::remove(path_); }
+  std::string content() const {
+    std::ifstream in(path_, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  }
+  void put(const std::string& text) const { std::ofstream(path_, std::ios::binary) << text; }
+
+  const RecordChannel objects_{"softhand/v1/objects", "cdr", "softhand::WorldObjects", "omgidl", "struct WorldObjects {};"};
+  const RecordChannel plain_{"other", "json", "", "", ""};
+  const std::string path_;
+};
+
+TEST_F(RecordFile, ReturnsWhatWasWritten) {
+  RecordWriter writer(path_);
+  const std::uint16_t a = writer.add_channel(objects_);
+  const std::uint16_t b = writer.add_channel(plain_);
+  writer.write(a, 7, 100, 90, bytes("first"));
+  writer.write(b, 1, 200, 0, {});
+  writer.write(a, 8, 300, 290, bytes(std::string_view("a\0b", 3)));
+  writer.finish();
+  writer.finish();
+  EXPECT_THROW(writer.write(a, 9, 1, 1, {}), std::runtime_error);
+
+  RecordReader reader(path_);
+  RecordedMessage m;
+  ASSERT_TRUE(reader.next(m));
+  EXPECT_EQ(reader.channels().at(m.channel), objects_);
+  EXPECT_EQ(m.sequence, 7u);
+  EXPECT_EQ(m.log_time, 100);
+  EXPECT_EQ(m.publish_time, 90);
+  EXPECT_EQ(text_of(m.payload), "first");
+  ASSERT_TRUE(reader.next(m));
+  EXPECT_EQ(reader.channels().at(m.channel), plain_);
+  EXPECT_TRUE(m.payload.empty());
+  ASSERT_TRUE(reader.next(m));
+  EXPECT_EQ(text_of(m.payload), std::string("a\0b", 3));
+  EXPECT_FALSE(reader.next(m));
+  EXPECT_FALSE(reader.next(m));
+  EXPECT_FALSE(reader.truncated());
+}
+
+// The bytes of https://mcap.dev/spec, written out by hand.
+TEST_F(RecordFile, IsMcap) {
+  {
+    RecordWriter writer(path_);
+    const std::uint16_t channel = writer.add_channel({"t", "cdr", "S", "omgidl", "x"});
+    writer.write(channel, 2, 3, 4, bytes("d"));
+  }
+  using namespace std::string_literals;
+  const std::string magic = "\x89MCAP0\r\n"s;
+  const std::string u64_zero(8, '\0');
+  const std::string expected = magic +
+                               "\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0softhand"s +                                             // header
+                               "\x03\x16\0\0\0\0\0\0\0\x01\0\x01\0\0\0S\x06\0\0\0omgidl\x01\0\0\0x"s +                           // schema
+                               "\x04\x14\0\0\0\0\0\0\0\x01\0\x01\0\x01\0\0\0t\x03\0\0\0cdr\0\0\0\0"s +                           // channel
+                               "\x05\x17\0\0\0\0\0\0\0\x01\0\x02\0\0\0\x03\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\x64"s +               // message
+                               "\x0f\x04\0\0\0\0\0\0\0\0\0\0\0"s + "\x02\x14\0\0\0\0\0\0\0"s + u64_zero + u64_zero + "\0\0\0\0"s +  // ends
+                               magic;
+  EXPECT_EQ(content(), expected);
+}
+
+TEST_F(RecordFile, ReadsUpToTheLastWholeMessageWhereverItWasCut) {
+  std::size_t first_end = 0, second_end = 0;
+  {
+    RecordWriter writer(path_);
+    const std::uint16_t channel = writer.add_channel(objects_);
+    writer.write(channel, 1, 1, 1, bytes("one"));
+    first_end = std::filesystem::file_size(path_);  // in the file already, though the writer lives
+    writer.write(channel, 2, 2, 2, bytes("two"));
+    second_end = std::filesystem::file_size(path_);
+  }
+  const std::string whole = content();
+  constexpr std::size_t magic = 8, footer = 9 + 20 + 8;
+  for (std::size_t cut = magic; cut <= whole.size(); ++cut) {
+    put(whole.substr(0, cut));
+    RecordReader reader(path_);
+    RecordedMessage m;
+    int messages = 0;
+    while (reader.next(m)) ++messages;
+    EXPECT_EQ(messages, cut >= second_end ? 2 : cut >= first_end ? 1 : 0) << cut;
+    EXPECT_EQ(reader.truncated(), cut < whole.size() - footer) << cut;
+  }
+}
+
+TEST_F(RecordFile, RefusesWhatIsNoRecording) {
+  EXPECT_THROW(RecordReader("/does/not/exist"), std::runtime_error);
+  EXPECT_THROW(RecordWriter("/does/not/exist"), std::runtime_error);
+  put("");
+  EXPECT_THROW(RecordReader{path_}, std::runtime_error);
+  put("t_s,px,py");
+  EXPECT_THROW(RecordReader{path_}, std::runtime_error);
+  using namespace std::string_literals;
+  const std::string magic = "\x89MCAP0\r\n"s;
+  for (const std::string& record : {"\x05\x16\0\0\0\0\0\0\0"s + std::string(22, '\1'),   // message of no channel
+                                    "\x05\x01\0\0\0\0\0\0\0\1"s,                         // message without its fields
+                                    "\x04\x08\0\0\0\0\0\0\0\1\0\0\0\xff\xff\xff\xff"s,   // topic longer than the record
+                                    "\x04\x0c\0\0\0\0\0\0\0\1\0\5\0\0\0\0\0\0\0\0\0"s,   // channel of no schema
+                                    "\x06\0\0\0\0\0\0\0\0"s}) {                          // chunk
+    put(magic + record);
+    RecordReader reader(path_);
+    RecordedMessage m;
+    EXPECT_THROW(reader.next(m), std::runtime_error);
+  }
+  put(magic + "\x05\xff\xff\xff\xff\xff\xff\xff\xff"s);  // a length beyond every file is a cut, not an allocation
+  RecordReader reader(path_);
+  RecordedMessage m;
+  EXPECT_FALSE(reader.next(m));
+  EXPECT_TRUE(reader.truncated());
+}
+
+TEST_F(RecordFile, RefusesChannelsThatItDoesNotKnow) {
+  RecordWriter writer(path_);
+  EXPECT_THROW(writer.write(0, 0, 0, 0, {}), std::runtime_error);
+  EXPECT_THROW(writer.write(1, 0, 0, 0, {}), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace softhand
