@@ -39,8 +39,8 @@ std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get
   return Pose{(1 - u) * a.position + u * b.position, a.orientation.slerp(u, b.orientation)};
 }
 
-std::optional<Phase> find(const std::vector<Phase>& phases, const std::string& name) {
-  for (const Phase& phase : phases) {
+std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const std::string& name) {
+  for (const MotionPhase& phase : phases) {
     if (phase.name == name) return phase;
   }
   return std::nullopt;
@@ -162,7 +162,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   const auto hold = find(frame.phases, "hold");
   if (hold) {
     // Slip: movement of the object in the frames of the two distal bones since the hold began, whichever is larger.
-    std::array<std::optional<Vector3>, 2> reference;
+    std::array<Vector3, 2> reference{Vector3::Zero(), Vector3::Zero()};
+    std::array<bool, 2> referred{};
     double force_sum = 0;
     std::size_t count = 0;
     for (const TwinSample& twin : twins) {
@@ -175,8 +176,9 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
         const auto bone = pose_at(simulated_, seconds(twin.time), [distal](const HandSample& s) { return s.joints[joint(distal)]; });
         if (bone) {
           const Vector3 local = bone->inverse() * twin.pose.position;
-          if (!reference[k]) reference[k] = local;
-          const double moved = (local - *reference[k]).norm() * 1e3;
+          if (!referred[k]) reference[k] = local;
+          referred[k] = true;
+          const double moved = (local - reference[k]).norm() * 1e3;
           slip = std::isnan(slip) ? moved : std::max(slip, moved);
         }
         ++k;
@@ -316,7 +318,8 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
   std::size_t closed_samples = 0;
   std::size_t held_samples = 0;
-  std::optional<Vector3> reference;
+  Vector3 reference = Vector3::Zero();  // where the object was in the palm when it was first held in this closing
+  bool referred = false;
   double largest_movement = 0;
   for (const ContactSample& c : contacts_) {
     const double t = seconds(c.time);
@@ -324,7 +327,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
     const auto root = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; });
     if (!tip || !root) continue;
     if ((tip->position - root->position).norm() >= kClosedFist) {
-      reference.reset();
+      referred = false;
       continue;
     }
     ++closed_samples;
@@ -334,8 +337,9 @@ Json Outcome::following(const OutcomeFrame& frame) const {
     const auto object = pose_at(twins, t, [](const TwinSample& s) { return s.pose; });
     if (fingers < 2 || !palm || !object) continue;
     const Vector3 local = palm->inverse() * object->position;
-    if (!reference) reference = local;
-    const double moved = (local - *reference).norm();
+    if (!referred) reference = local;
+    referred = true;
+    const double moved = (local - reference).norm();
     largest_movement = std::max(largest_movement, moved);
     if (moved < kHeldMovement) ++held_samples;
   }

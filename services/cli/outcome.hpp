@@ -7,19 +7,13 @@
 
 #include "math/types.hpp"
 #include "messages/messages.hpp"
+#include "trackers/replay/motion.hpp"
 
 namespace softhand {
 
-/// A named part of the motion, in seconds of the motion's own time.
-struct Phase {
-  std::string name;  ///< approach, close, lift, hold, shake, turn, lower, release, retreat, ...
-  double begin = 0;
-  double end = 0;
-};
-
 /// What to judge by. Times are seconds since `motion_start` on the messages' clock.
 struct OutcomeFrame {
-  std::vector<Phase> phases;
+  std::vector<MotionPhase> phases;
   Nanoseconds motion_start = 0;
   std::uint32_t object = 0;    ///< id of the object that is grasped
   double object_mass = 0;      ///< kg

@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstring>
 #include <stdexcept>
+#include <utility>
 
 namespace softhand {
 namespace {
@@ -67,6 +68,8 @@ void Supervisor::launch(Child& child) {
     setpgid(0, 0);
     dup2(ends[1], STDOUT_FILENO);
     dup2(ends[1], STDERR_FILENO);
+    // Sockets and lock files of the DDS layer would outlive the supervisor in its children, and keep its ports taken.
+    close_range(STDERR_FILENO + 1, ~0U, 0);
     execv(arguments[0], arguments.data());
     _exit(127);
   }
@@ -105,8 +108,12 @@ void Supervisor::reap() {
     if (child->output >= 0) read_output(*child);
     if (child->output >= 0) close(child->output);
     child->output = -1;
+    if (!child->partial_line.empty()) log_(child->spec.name, std::exchange(child->partial_line, {}));
     child->pid = -1;
-    if (stopping_) continue;
+    if (stopping_) {
+      if (status != 0) log_(child->spec.name, "stopped, " + how_it_ended(status));
+      continue;
+    }
     child->backoff = now - child->started >= kCleanSlate ? milliseconds(0)
                      : child->restarts == 0              ? milliseconds(0)
                      : child->backoff.count() == 0       ? kFirstBackoff

@@ -1,0 +1,68 @@
+// The commands of `softhand`, each in a file of its own. Every one returns the process's exit code and prints errors itself.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace softhand {
+
+/// `softhand up RIG`.
+struct UpArguments {
+  std::string rig;
+  double seconds = 0;  ///< 0 = until interrupted
+  std::string json;    ///< summary file; empty = none
+  std::vector<std::string> overrides;  ///< --set, passed on to every process
+  std::string hand;    ///< hand file for every process; empty = the scene's
+};
+int run_up(const UpArguments& arguments);
+
+/// `softhand status`: a live table, or one snapshot.
+struct StatusArguments {
+  bool once = false;
+  bool json = false;
+};
+int run_status(const StatusArguments& arguments);
+
+/// `softhand check FILE`: validates a scene, rig or hand file.
+int run_check(const std::string& path);
+
+/// `softhand send MODULE KEY VALUE`: 0 when some module applied it, 1 otherwise.
+struct SendArguments {
+  std::string module;
+  std::string key;
+  std::string value;
+  double seconds = 1;  ///< how long to wait for answers
+};
+int run_send(const SendArguments& arguments);
+
+/// `softhand record FILE` and `softhand replay FILE`.
+struct RecordArguments {
+  std::string path;
+  double seconds = 0;               ///< 0 = until interrupted
+  std::vector<std::string> topics;  ///< last parts of topic names; empty = all
+};
+int run_record(const RecordArguments& arguments);
+struct ReplayArguments {
+  std::string path;
+  double speed = 1;
+  std::vector<std::string> topics;
+};
+int run_replay(const ReplayArguments& arguments);
+
+/// `softhand simulate SCENE`.
+struct SimulateArguments {
+  std::string scene;
+  std::string motion;   ///< CSV of a recorded hand, instead of the scene's
+  std::string hand;     ///< hand file, instead of the scene's
+  double seconds = 0;   ///< 0 = the scene's
+  std::string json;
+  std::string csv;
+  std::vector<std::string> overrides;
+};
+int run_simulate(const SimulateArguments& arguments);
+
+/// `softhand reference`: the generated page of options.
+int run_reference();
+
+}  // namespace softhand

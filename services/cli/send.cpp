@@ -1,0 +1,56 @@
+#include <fmt/format.h>
+
+#include <chrono>
+#include <thread>
+
+#include "bus/bus.hpp"
+#include "cli/commands.hpp"
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+
+namespace softhand {
+
+int run_send(const SendArguments& arguments) {
+  Message message;
+  if (arguments.module.size() >= message.module.size() || arguments.key.size() >= message.key.size() || arguments.value.size() >= message.value.size()) {
+    fmt::print(stderr, "softhand send: module, key and value take at most {} characters each\n", message.key.size() - 1);
+    return 2;
+  }
+  set_text(message.module, arguments.module);
+  set_text(message.key, arguments.key);
+  set_text(message.value, arguments.value);
+  const bus::Participant participant("softhand send");
+  bus::Reader replies(participant, bus::topics::message_reply);
+  bus::Writer writer(participant, bus::topics::message);
+
+  // Modules are found one after another; half a second after the first has been, the others have too.
+  const auto found_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+  while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  if (!writer.has_readers()) {
+    fmt::print(stderr, "softhand send: no module is listening on this domain\n");
+    return 1;
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  message.id = make_epoch();
+  message.stamp.sequence = 1;
+  message.stamp.publish_time = message.stamp.sample_time = now();
+  writer.write(message);
+
+  int applied = 0;
+  int answers = 0;
+  const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(arguments.seconds);
+  while (std::chrono::steady_clock::now() < until) {
+    replies.wait(std::chrono::milliseconds(50));
+    replies.take_all([&](const MessageReply& reply) {
+      if (reply.id != message.id) return;
+      ++answers;
+      applied += reply.result == kReplyApplied;
+      const char* result = reply.result == kReplyApplied ? "applied" : reply.result == kReplyRefused ? "REFUSED" : "not mine";
+      fmt::print("{:<18} {:<8} {}\n", get_text(reply.module), result, get_text(reply.text));
+    });
+  }
+  if (answers == 0) fmt::print(stderr, "softhand send: nobody answered within {} s\n", arguments.seconds);
+  return applied > 0 ? 0 : 1;
+}
+
+}  // namespace softhand

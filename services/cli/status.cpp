@@ -1,0 +1,46 @@
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+
+#include "bus/bus.hpp"
+#include "cli/commands.hpp"
+#include "cli/status_table.hpp"
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+#include "runtime/signals.hpp"
+
+namespace softhand {
+
+int run_status(const StatusArguments& arguments) {
+  const StopSignal stop;
+  const bus::Participant participant("softhand status");
+  bus::Reader reader(participant, bus::topics::loop_status);
+  std::map<std::string, LoopStatus> modules;
+  const bool terminal = isatty(STDOUT_FILENO) != 0;
+  const auto started = std::chrono::steady_clock::now();
+  while (!stop.requested()) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(250));
+    reader.take_all([&modules](const LoopStatus& status) { modules[std::string(get_text(status.module))] = status; });
+    const bool snapshot = arguments.once || arguments.json;
+    // A snapshot waits long enough for every writer to be found and to have spoken.
+    if (snapshot && std::chrono::steady_clock::now() - started < std::chrono::milliseconds(1500)) continue;
+    if (arguments.json) {
+      nlohmann::ordered_json json = nlohmann::ordered_json::object();
+      for (const auto& [name, status] : modules) json[name] = status_json(status);
+      fmt::print("{}\n", json.dump(2));
+    } else {
+      if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
+      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module heard on this domain\n" : "");
+    }
+    std::fflush(stdout);
+    if (snapshot) return modules.empty() ? 1 : 0;
+  }
+  return 0;
+}
+
+}  // namespace softhand

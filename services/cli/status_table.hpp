@@ -1,0 +1,17 @@
+// How loop_status is shown: to people as a table, to programs as JSON.
+#pragma once
+
+#include <map>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+/// A line a module; one that has been silent for more than a second says so. `now` on the messages' clock.
+std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now);
+/// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, counters.
+nlohmann::ordered_json status_json(const LoopStatus& status);
+
+}  // namespace softhand

@@ -1,0 +1,108 @@
+#include "scene_file.hpp"
+
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
+
+#include "trackers/replay/recording.hpp"
+
+namespace softhand {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A file named in a scene: absolute, beside the scene, in the folder of its kind in config/, or relative to where we are.
+std::string find_file(const Scene& scene, const std::string& name, const char* folder) {
+  const fs::path beside = fs::path(scene.path).parent_path();
+  for (const fs::path& candidate : {beside / name, beside / ".." / folder / name, fs::path(name)}) {
+    if (fs::exists(candidate)) return candidate.lexically_normal().string();
+  }
+  throw ConfigError(scene.path + ": no file '" + name + "' beside the scene, in config/" + folder + ", or here");
+}
+
+std::optional<Recording> load_recording(const Scene& scene) {
+  if (scene.options.motion.empty()) return std::nullopt;
+  return Recording::load(find_file(scene, scene.options.motion, "motions"));
+}
+
+// On a right hand whose wrist frame looks along -Z with +Y dorsal, the thumb lies at -X.
+Side side_of(const Recording& recording) {
+  const JointFrames& frame = recording.frames().front();
+  const Pose& wrist = frame[static_cast<std::size_t>(index_of(Joint::wrist))];
+  const Vector3 thumb = wrist.inverse() * frame[static_cast<std::size_t>(index_of(Joint::thumb_proximal))].position;
+  const Vector3 little = wrist.inverse() * frame[static_cast<std::size_t>(index_of(Joint::little_proximal))].position;
+  return thumb.x() < little.x() ? Side::right : Side::left;
+}
+
+const ObjectOptions* judged_object(const SceneOptions& options) {
+  for (const ObjectOptions& object : options.objects) {
+    if (options.judge.object.empty() ? object.mass > 0 : object.name == options.judge.object) return &object;
+  }
+  return nullptr;
+}
+
+}  // namespace
+
+void describe(OptionVisitor& v, SceneOptions& o) {
+  v.string("name", o.name, "Name of the scene.");
+  v.integer("user", o.user, "1", {0, 15}, "Which user's hand; part of the key of every topic about a hand.");
+  v.string("motion", o.motion, "Recorded motion (CSV as in data/quest3) that the replay tracker plays; empty = the generator's.");
+  v.flag("fit_hand", o.fit_hand, "With a recorded motion: give the hand the recording's bone lengths and thickness.");
+  describe_section(v, "generator", "A made motion.", o.generator);
+  describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
+  describe_section(v, "tracking", "The intermediate layer.", o.tracking);
+  describe_section(v, "hand", "The hand simulation.", o.hand);
+  describe_section(v, "world", "The physics engine's world.", o.world);
+  describe_list(v, "objects", "An object of the world.", o.objects);
+  describe_section(v, "haptic", "Haptic devices.", o.haptic);
+  describe_section(v, "tactile", "Tactile devices.", o.tactile);
+  describe_section(v, "simulate", "`softhand simulate`.", o.simulate);
+  describe_section(v, "judge", "What a run is judged by.", o.judge);
+}
+
+Scene read_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  Scene scene;
+  scene.path = path;
+  read_toml(scene.options, path);
+  for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
+  // One figure, told twice on the wire: what the tracking loop assumes of the hand's rate is what the hand runs at.
+  scene.options.tracking.hand_rate_hz = scene.options.hand.rate_hz;
+  if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
+    throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
+  }
+  return scene;
+}
+
+std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandModel& hand) {
+  if (auto recording = load_recording(scene)) return std::make_shared<Recording>(std::move(*recording));
+  return make_motion(hand, scene.options.generator);
+}
+
+HandModel load_scene_hand(const Scene& scene) {
+  HandModel hand = load_hand(find_file(scene, scene.options.hand.model, "hands"));
+  const auto recording = load_recording(scene);
+  const Side side = recording ? side_of(*recording) : scene.options.hand.side == "left" ? Side::left : Side::right;
+  if (hand.side != side) hand = mirrored(hand);
+  if (recording && scene.options.fit_hand) hand = fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
+  return hand;
+}
+
+ObjectSpring object_spring(const WorldOptions& world) {
+  if (world.mode != "symmetric") return {};
+  return {world.stiffness, world.angular_stiffness, world.damping_ratio};
+}
+
+OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {
+  OutcomeFrame frame;
+  frame.motion_start = motion_start;
+  frame.recorded = !scene.options.motion.empty();
+  frame.shake_frequency = scene.options.generator.shake_time > 0 ? scene.options.generator.shake_frequency : 0;
+  if (!frame.recorded) frame.phases = make_scene_motion(scene, load_scene_hand(scene))->phases();
+  if (const ObjectOptions* object = judged_object(scene.options)) {
+    frame.object = object_id(scene.options.objects, *object);
+    frame.object_mass = object->mass;
+  }
+  return frame;
+}
+
+}  // namespace softhand

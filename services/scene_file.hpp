@@ -1,0 +1,96 @@
+// A scene: one TOML file that all processes of a rig read, each for its own sections. Every option of every process is described here, so that a
+// misspelt key is refused by whoever reads the file first.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "cli/outcome.hpp"
+#include "device/device_loop.hpp"
+#include "hand/hand_options.hpp"
+#include "haptics/log/haptic_log_driver.hpp"
+#include "model/hand_model.hpp"
+#include "scene/hand_simulation.hpp"
+#include "runtime/config.hpp"
+#include "tactile/log/tactile_log_driver.hpp"
+#include "tracking/tracking_options.hpp"
+#include "trackers/replay/generator.hpp"
+#include "trackers/replay/replay_tracker.hpp"
+#include "world/world_options.hpp"
+
+namespace softhand {
+
+struct SimulateOptions {
+  double seconds = 0;
+  double transport_ms = 0.1;
+  double hand_compute_fraction = 0.6;
+};
+inline void describe(OptionVisitor& v, SimulateOptions& o) {
+  v.number("seconds", o.seconds, "s", {0, 86400}, "How long `softhand simulate` runs; 0 = to the end of the motion and half a second more.");
+  v.number("transport_ms", o.transport_ms, "ms", {0, 100}, "Delay of every message on the virtual clock.");
+  v.number("hand_compute_fraction", o.hand_compute_fraction, "1", {0, 1}, "When the hand's results leave, as a part of its period after its inputs were read.");
+}
+
+struct JudgeOptions {
+  std::string object;
+};
+inline void describe(OptionVisitor& v, JudgeOptions& o) { v.string("object", o.object, "Name of the object that is grasped; empty = the first that can move."); }
+
+struct HapticOptions {
+  DeviceLoopOptions loop;
+  HapticLogOptions driver;
+};
+inline void describe(OptionVisitor& v, HapticOptions& o) {
+  describe(v, o.loop);
+  describe_section(v, "log", "The simulated glove of softhand-haptic-log.", o.driver);
+}
+struct TactileOptions {
+  DeviceLoopOptions loop;
+  TactileLogOptions driver;
+};
+inline void describe(OptionVisitor& v, TactileOptions& o) {
+  describe(v, o.loop);
+  describe_section(v, "log", "The simulated tactile glove of softhand-tactile-log.", o.driver);
+}
+
+struct SceneOptions {
+  std::string name = "scene";
+  std::int64_t user = 0;
+  std::string motion;  ///< recording, or empty
+  bool fit_hand = true;
+  GeneratorOptions generator;
+  ReplayOptions tracker;
+  TrackingOptions tracking;
+  HandOptions hand;
+  WorldOptions world;
+  std::vector<ObjectOptions> objects;
+  HapticOptions haptic;
+  TactileOptions tactile;
+  SimulateOptions simulate;
+  JudgeOptions judge;
+};
+void describe(OptionVisitor& v, SceneOptions& o);
+
+struct Scene {
+  std::string path;
+  SceneOptions options;
+  std::vector<AppliedOverride> overrides;
+};
+
+/// Reads a scene and applies `--set` assignments. Relative paths inside are relative to the file. Throws ConfigError.
+Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
+
+/// The motion that the scene's tracker plays: its recording, or the generator's. `hand` as from `load_scene_hand`.
+std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandModel& hand);
+
+/// The hand of the scene: on its side, and where the scene plays a recording, fitted to the recording's bones. Throws with file and reason.
+HandModel load_scene_hand(const Scene& scene);
+
+/// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in mode owner.
+ObjectSpring object_spring(const WorldOptions& world);
+
+/// How a run of this scene is judged; `motion_start` on the messages' clock.
+OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start);
+
+}  // namespace softhand

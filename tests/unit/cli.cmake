@@ -1,0 +1,2 @@
+softhand_test(cli_supervisor ${CMAKE_CURRENT_LIST_DIR}/cli_supervisor_test.cpp LINK softhand_supervisor)
+softhand_test(cli_outcome ${CMAKE_CURRENT_LIST_DIR}/cli_outcome_test.cpp LINK softhand_outcome)

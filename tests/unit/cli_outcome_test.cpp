@@ -1,0 +1,350 @@
+// The judge on made messages whose answers are known.
+#include "cli/outcome.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kRate = 90;
+constexpr Nanoseconds kStart = 5'000'000'000;
+constexpr std::uint32_t kCube = 3;
+constexpr double kMass = 0.05;
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+Nanoseconds at(double t) { return kStart + static_cast<Nanoseconds>(std::llround(t * 1e9)); }
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+
+Skeleton skeleton(double t, const std::function<Pose(std::size_t)>& pose_of) {
+  Skeleton s;
+  s.stamp.sample_time = at(t);
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Pose pose = pose_of(j);
+    s.joints[j].position = to_wire(pose.position);
+    s.joints[j].orientation = to_wire(pose.orientation);
+    s.joints[j].flags = kJointValid | kJointTracked;
+  }
+  return s;
+}
+
+// A hand of separated joints that is carried, as one body, by `carry`.
+Pose joint_in(const Pose& carry, std::size_t j) {
+  return carry * Pose{Vector3(0.01 * static_cast<double>(j), 0.02, -0.03), Quaternion::Identity()};
+}
+
+ObjectCoupling coupling(double t, const Pose& pose, const Vector3& force, bool owned = true) {
+  ObjectCoupling c;
+  c.stamp.sample_time = at(t);
+  ObjectTwin twin;
+  twin.object = kCube;
+  twin.owned = owned;
+  twin.position = to_wire(pose.position);
+  twin.orientation = to_wire(pose.orientation);
+  twin.contact_force = to_wire(force);
+  c.twins.push_back(twin);
+  return c;
+}
+
+OutcomeFrame pinch_frame() {
+  OutcomeFrame frame;
+  frame.phases = {{"approach", 0, 1}, {"lift", 1, 2}, {"hold", 2, 7}, {"shake", 7, 10}, {"turn", 10, 11}};
+  frame.motion_start = kStart;
+  frame.object = kCube;
+  frame.object_mass = kMass;
+  frame.shake_frequency = 3;
+  return frame;
+}
+
+double smooth(double u) { return u <= 0 ? 0 : u >= 1 ? 1 : u * u * (3 - 2 * u); }
+
+struct PinchTruth {
+  double slip = 0.0007;    // m, over the hold
+  double weight = 1.01;
+  double inertia = 0.97;
+  double quadrature = 0.2; // out-of-phase force over m a, which is no inertia
+  double lift = 0.15;
+  double turn = M_PI / 3;
+  bool lies_still = true;
+};
+
+void play_pinch(Outcome& outcome, const PinchTruth& truth) {
+  const double w = 2 * M_PI * 3;
+  for (int i = 0; i <= static_cast<int>(12 * kRate); ++i) {
+    const double t = i / kRate;
+    // The hand carries the object: up, about a corner while it holds (which is no slip), to and fro, and round.
+    Pose carry;
+    carry.position = Vector3(0, truth.lift * smooth(t - 1), 0);
+    double x = 0;
+    if (t >= 7 && t <= 10) x = 0.03 * std::sin(w * (t - 7));
+    carry.position.x() += x;
+    carry.orientation = Quaternion(Eigen::AngleAxisd(t > 2 && t < 7 ? 0.2 * std::sin(M_PI * (t - 2) / 5) : 0, Vector3::UnitZ()));
+    if (t >= 10) carry.orientation = Quaternion(Eigen::AngleAxisd(truth.turn * smooth(t - 10), Vector3::UnitY()));
+    outcome.on_simulated(skeleton(t, [&carry](std::size_t j) { return joint_in(carry, j); }));
+
+    Pose object = carry * Pose{Vector3(0.02, 0, 0.01), Quaternion::Identity()};
+    if (t >= 2 && t <= 7) object = carry * Pose{Vector3(0.02, 0, 0.01 + truth.slip * (t - 2) / 5), Quaternion::Identity()};
+    Vector3 force(0, truth.weight * kMass * 9.81, 0);
+    if (t >= 7 && t <= 10) {
+      const double a = -w * w * x;
+      force.x() = truth.inertia * kMass * a + truth.quadrature * kMass * w * w * 0.03 * std::cos(w * (t - 7));
+    }
+    outcome.on_coupling(coupling(t, object, force, t > 0.9));
+
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    if (t < 11.2) {
+      contacts.fingers[0] = {{0, 0, 2.0}, {0, 0, 0}, {0, 0, 1}, 1e-4, 0, kCube, 5};
+      contacts.fingers[1] = {{0, 0, -2.5}, {0, 0, 0}, {0, 0, -1}, 1e-4, 0, kCube, 5};
+      for (std::uint32_t k = 0; k < 10; ++k) {
+        Contact contact;
+        contact.finger = k % 2;
+        contact.object = kCube;
+        contact.penetration = 1e-5 * (k + 1);  // 10 to 100 um
+        contacts.contacts.push_back(contact);
+      }
+    }
+    outcome.on_contacts(contacts);
+    WorldObjects world;
+    world.stamp.sample_time = at(t);
+    ObjectState state;
+    state.object = kCube;
+    state.linear_velocity = {0, truth.lies_still ? 0.0 : 0.02, 0};
+    world.objects.push_back(state);
+    outcome.on_objects(world);
+  }
+}
+
+TEST(OutcomePinch, FindsSlipWeightInertiaLiftAndTurn) {
+  Outcome outcome;
+  play_pinch(outcome, {});
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_NEAR(json["held_slip_mm"].get<double>(), 0.7, 1e-3) << "rotation with the hand is no slip, and lifting neither";
+  EXPECT_NEAR(json["carried_weight_ratio"].get<double>(), 1.01, 1e-9);
+  EXPECT_NEAR(json["inertia_ratio"].get<double>(), 0.97, 1e-6) << "the part of the force out of phase does not count";
+  EXPECT_NEAR(json["lifted_mm"].get<double>(), 150, 0.5) << "judged just before the hold ends, where the tilt is all but over";
+  EXPECT_NEAR(json["turned_deg"].get<double>(), 60, 0.1);
+  EXPECT_NEAR(json["penetration_max_mm"].get<double>(), 0.1, 1e-12);
+  EXPECT_NEAR(json["penetration_p95_mm"].get<double>(), 0.1, 1e-12);
+  EXPECT_DOUBLE_EQ(json["finger_force_max_n"].get<double>(), 2.5);
+  EXPECT_EQ(json["pressing_harder_fraction"].get<double>(), 0);
+  EXPECT_EQ(json["released"], true);
+  EXPECT_EQ(json["nonfinite_published"], 0);
+}
+
+TEST(OutcomePinch, SlipIsAnswerToSlipAlone) {
+  Outcome outcome;
+  PinchTruth truth;
+  truth.slip = 0;
+  play_pinch(outcome, truth);
+  EXPECT_NEAR(outcome.summary(pinch_frame())["held_slip_mm"].get<double>(), 0, 1e-6);
+}
+
+TEST(OutcomePinch, AMovingObjectIsNotReleased) {
+  Outcome outcome;
+  PinchTruth truth;
+  truth.lies_still = false;
+  play_pinch(outcome, truth);
+  EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
+}
+
+TEST(OutcomePinch, AnObjectThatSticksToAFingerIsNotReleased) {
+  Outcome outcome;
+  play_pinch(outcome, {});
+  Contacts contacts;
+  contacts.stamp.sample_time = at(12.01);
+  contacts.fingers[1].object = kCube;
+  contacts.fingers[1].contact_count = 1;
+  outcome.on_contacts(contacts);
+  EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
+}
+
+TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
+  Outcome outcome;
+  Contacts contacts;
+  contacts.stamp.sample_time = at(1);
+  contacts.fingers[0].force = {0, 0, 3.5};
+  contacts.fingers[1].force = {0, 0, 2.5};
+  Contact deep, shallow, gone;
+  deep.finger = 0, deep.penetration = 0.002;
+  shallow.finger = 1, shallow.penetration = 0.0003;
+  gone.finger = 1, gone.penetration = 0;
+  for (const Contact& c : {deep, shallow, shallow, shallow, gone}) contacts.contacts.push_back(c);
+  outcome.on_contacts(contacts);
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_NEAR(json["penetration_max_mm"].get<double>(), 0.3, 1e-12);
+  EXPECT_NEAR(json["pressing_harder_fraction"].get<double>(), 0.25, 1e-12) << "of the touching nodes";
+}
+
+TEST(OutcomePinch, WhatWasNotSeenIsNull) {
+  const auto json = Outcome().summary(pinch_frame());
+  for (const char* key : {"held_slip_mm", "carried_weight_ratio", "inertia_ratio", "lifted_mm", "turned_deg", "penetration_p95_mm", "released"}) {
+    EXPECT_TRUE(json[key].is_null()) << key << ": " << json[key];
+  }
+  EXPECT_TRUE(json["motion_to_force_ms_p50"]["total"].is_null());
+  EXPECT_TRUE(json["motion_to_force_ms_p50"]["hops"]["tracker"].is_null());
+}
+
+OutcomeFrame recorded_frame() {
+  OutcomeFrame frame;
+  frame.motion_start = kStart;
+  frame.object = kCube;
+  frame.object_mass = 0.2;
+  frame.recorded = true;
+  return frame;
+}
+
+Pose waving(double t) { return {Vector3(0.1 * std::sin(4 * t), 0.05 * std::cos(3 * t), 0), Quaternion::Identity()}; }
+
+TEST(OutcomeFollowing, FindsALagAndWhatRemainsBeyondIt) {
+  Outcome outcome;
+  constexpr double lag = 0.012;
+  const Vector3 offset(0, 0, 0.002);
+  for (int i = 0; i < static_cast<int>(6 * kRate); ++i) {
+    const double t = i / kRate;
+    outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
+    // In contact, and 0.3 s beyond it, the hand is held back by 20 mm: that is no error of following.
+    const bool held_back = t >= 3 && t < 4.2;
+    outcome.on_simulated(skeleton(t, [&](std::size_t j) {
+      Pose pose = joint_in(waving(t - lag), j);
+      pose.position += held_back ? Vector3(0, 0, 0.02) : offset;
+      return pose;
+    }));
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    if (t >= 3 && t < 4) contacts.fingers[1].contact_count = 1;
+    outcome.on_contacts(contacts);
+  }
+  const auto json = outcome.summary(recorded_frame());
+  EXPECT_NEAR(json["lag_ms"].get<double>(), 12, 1);
+  EXPECT_NEAR(json["fingertip_rms_mm"].get<double>(), 2, 0.05);
+  EXPECT_GT(json["fingertip_rms_unshifted_mm"].get<double>(), 3);
+}
+
+TEST(OutcomeFollowing, HeldFractionAsksForTwoFingersAndNoMovementInThePalm) {
+  Outcome outcome;
+  // Closed from 1 s to 3 s. From 1.0 to 1.2 one finger touches; from 2.8 on the object has moved 6 mm.
+  for (int i = 0; i < 400; ++i) {
+    const double t = 0.01 * i + 0.001;
+    const bool closed = t > 1 && t < 3;
+    outcome.on_tracked(skeleton(t, [&](std::size_t j) {
+      Pose pose{Vector3(0, 0, 1), Quaternion::Identity()};
+      if (j == index(Joint::middle_metacarpal)) pose.position = Vector3::Zero();
+      if (j == index(Joint::middle_tip)) pose.position = Vector3(0, 0, closed ? 0.055 : 0.15);
+      return pose;
+    }));
+    outcome.on_simulated(skeleton(t, [t](std::size_t) { return waving(t); }));
+    const Vector3 local(0, t > 2.8 ? 0.006 : 0.0, 0.04);
+    outcome.on_coupling(coupling(t, waving(t) * Pose{local, Quaternion::Identity()}, Vector3::Zero()));
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    for (std::size_t f = 0; f < 3; ++f) {
+      contacts.fingers[f].object = f == 2 ? kCube + 1 : kCube;  // the third finger touches something else
+      contacts.fingers[f].contact_count = t > 1.2 || f == 0 ? 4 : 0;
+    }
+    outcome.on_contacts(contacts);
+  }
+  const auto json = outcome.summary(recorded_frame());
+  EXPECT_EQ(json["closed_samples"], 200);
+  EXPECT_NEAR(json["held_fraction"].get<double>(), 0.8, 0.006);
+  EXPECT_NEAR(json["held_movement_max_mm"].get<double>(), 6, 1e-6);
+}
+
+TEST(OutcomeLatency, EveryHopAndTheTotal) {
+  Outcome outcome;
+  for (int i = 1; i <= 100; ++i) {
+    DeviceState state;
+    state.live = 1;
+    Chain& chain = state.stamp.chain;
+    chain.tracker_sample = kStart;
+    chain.tracked_published = kStart + 1'000'000;
+    chain.intermediate_published = kStart + 3'000'000;
+    chain.simulated_published = kStart + 7'000'000;
+    chain.wrench_published = kStart + 9'000'000;
+    state.stamp.publish_time = kStart + 9'000'000 + i * 10'000;  // 0.01 to 1 ms
+    outcome.on_device(state);
+    state.live = 0;  // zeroed commands have no way through the chain
+    state.stamp.publish_time = kStart + 900'000'000;
+    outcome.on_device(state);
+    state.live = 1;
+    state.kind = 1;  // a tactile device has another chain
+    outcome.on_device(state);
+  }
+  const auto json = outcome.summary(pinch_frame());
+  const auto& p50 = json["motion_to_force_ms_p50"];
+  EXPECT_NEAR(p50["hops"]["tracker"].get<double>(), 1, 1e-9);
+  EXPECT_NEAR(p50["hops"]["tracking"].get<double>(), 2, 1e-9);
+  EXPECT_NEAR(p50["hops"]["hand"].get<double>(), 4, 1e-9);
+  EXPECT_NEAR(p50["hops"]["wrench"].get<double>(), 2, 1e-9);
+  EXPECT_NEAR(p50["hops"]["device"].get<double>(), 0.5, 0.011);
+  EXPECT_NEAR(p50["total"].get<double>(), 9.5, 0.011);
+  EXPECT_NEAR(json["motion_to_force_ms_p99"]["total"].get<double>(), 9.99, 0.011);
+}
+
+TEST(OutcomeLatency, WithoutTheIntermediateLayerTheHandsHopBeginsAtTheTracker) {
+  Outcome outcome;
+  DeviceState state;
+  state.live = 1;
+  state.stamp.chain = {kStart, kStart + 1'000'000, 0, kStart + 6'000'000, kStart + 6'000'000};
+  state.stamp.publish_time = kStart + 7'000'000;
+  outcome.on_device(state);
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_TRUE(json["motion_to_force_ms_p50"]["hops"]["tracking"].is_null());
+  EXPECT_NEAR(json["motion_to_force_ms_p50"]["hops"]["hand"].get<double>(), 5, 1e-9);
+}
+
+TEST(OutcomeFinite, CountsEveryMessageThatHoldsWhatIsNotANumber) {
+  Outcome outcome;
+  Skeleton s = skeleton(0, [](std::size_t) { return Pose{}; });
+  s.joints[4].linear_velocity[1] = kNaN;
+  outcome.on_simulated(s);
+  outcome.on_coupling(coupling(0, Pose{}, Vector3(0, kNaN, 0)));
+  WorldObjects world;
+  ObjectState state;
+  state.position[2] = std::numeric_limits<double>::infinity();
+  world.objects.push_back(state);
+  outcome.on_objects(world);
+  BoneWrench wrench;
+  wrench.bones[7].coupling_torque[0] = kNaN;
+  outcome.on_bone_wrench(wrench);
+  DeviceState device;
+  device.commands.push_back(kNaN);
+  outcome.on_device(device);
+  Contacts contacts;
+  contacts.fingers[2].area = kNaN;
+  outcome.on_contacts(contacts);
+  EXPECT_EQ(outcome.summary(pinch_frame())["nonfinite_published"], 6);
+}
+
+TEST(OutcomeCoupling, SumsForcesByFingerAndByHand) {
+  Outcome outcome;
+  BoneWrench wrench;
+  double sum = 0, thumb = 0;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    wrench.bones[b].coupling_force = {0.1 * static_cast<double>(b + 1), 0, 0};
+    sum += 0.1 * static_cast<double>(b + 1);
+    if (finger_of(static_cast<Body>(b)) == Finger::thumb) thumb += 0.1 * static_cast<double>(b + 1);
+  }
+  outcome.on_bone_wrench(wrench);
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_NEAR(json["hand_coupling_max_n"].get<double>(), sum, 1e-12);
+  EXPECT_GE(json["finger_coupling_max_n"].get<double>(), thumb);
+  EXPECT_LT(json["finger_coupling_max_n"].get<double>(), sum);
+}
+
+TEST(Percentile, KnownValues) {
+  EXPECT_TRUE(std::isnan(percentile({}, 0.5)));
+  EXPECT_EQ(percentile({7}, 0.99), 7);
+  EXPECT_EQ(percentile({3, 1, 2}, 0.5), 2);
+  EXPECT_EQ(percentile({3, 1, 2}, 1.0), 3);
+  EXPECT_EQ(percentile({3, 1, 2}, 0.0), 1);
+}
+
+}  // namespace
+}  // namespace softhand
