@@ -1,0 +1,483 @@
+#include "energies/contact.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "energies/coulomb.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside (METHOD.md section 4)
+constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
+constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
+
+std::vector<std::int32_t> skin_of(const HandModel& hand) {
+  std::vector<std::int32_t> nodes;
+  for (const auto& triangle : hand.surface) nodes.insert(nodes.end(), triangle.begin(), triangle.end());
+  std::sort(nodes.begin(), nodes.end());
+  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  return nodes;
+}
+
+std::vector<std::uint8_t> bodies_of(const HandModel& hand, const std::vector<std::int32_t>& nodes) {
+  std::vector<std::uint8_t> bodies;
+  bodies.reserve(nodes.size());
+  for (const std::int32_t node : nodes) bodies.push_back(hand.node_body[static_cast<std::size_t>(node)]);
+  return bodies;
+}
+
+Vector3 to_local(const Pose& pose, const Vector3& point) { return pose.orientation.conjugate() * (point - pose.position); }
+
+CoulombSpring friction_of(const ContactSet::Anchor& anchor) { return {anchor.friction_stiffness, anchor.friction_bound}; }
+
+}  // namespace
+
+ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots, int slots)
+    : stiffness_(stiffness),
+      first_body_(first_body),
+      moving_slots_(moving_slots),
+      node_count_(hand.node_count()),
+      node_masses_(std::move(node_masses)),
+      skin_nodes_(skin_of(hand)),
+      skin_index_(hand.nodes.size(), -1),
+      areas_(skin_nodes_.size(), 0.0),
+      bodies_(bodies_of(hand, skin_nodes_)),
+      groups_(skin_nodes_, bodies_),
+      slots_(static_cast<std::size_t>(slots)),
+      has_anchor_(static_cast<std::size_t>(slots) * skin_nodes_.size(), 0),
+      node_slots_(static_cast<std::size_t>(moving_slots) * skin_nodes_.size()),
+      node_diagonal_(skin_nodes_.size()),
+      finger_forces_(6 * static_cast<std::size_t>(slots), 0.0),
+      start_positions_(Eigen::Matrix3Xd::Zero(3, hand.node_count())),
+      displacements_(Eigen::Matrix3Xd::Zero(3, hand.node_count())) {
+  if (!std::isfinite(stiffness) || !(stiffness > 0)) {
+    throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) + " N/m, expected a finite number > 0");
+  }
+  if (node_masses_.size() != hand.nodes.size()) {
+    throw std::invalid_argument("contact: " + std::to_string(node_masses_.size()) + " node masses for " + std::to_string(hand.nodes.size()) + " nodes");
+  }
+  if (moving_slots < 0 || moving_slots > slots) throw std::invalid_argument("contact: more moving slots than slots");
+  for (std::size_t i = 0; i < skin_nodes_.size(); ++i) skin_index_[static_cast<std::size_t>(skin_nodes_[i])] = static_cast<std::int32_t>(i);
+  double total = 0;
+  for (const auto& triangle : hand.surface) {
+    const auto corner = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(triangle[k])]; };
+    const double area = 0.5 * (corner(1) - corner(0)).cross(corner(2) - corner(0)).norm();
+    total += area;
+    for (const std::int32_t node : triangle) areas_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])] += area / 3.0;
+  }
+  const double mean = total / static_cast<double>(std::max<std::size_t>(1, skin_nodes_.size()));
+  for (const double area : areas_) weights_.push_back(area / mean);
+  // A node between two objects has two anchors; more is a clutter that the hand could not be in.
+  anchors_.reserve(2 * skin_nodes_.size());
+  sorted_.reserve(2 * skin_nodes_.size());
+}
+
+std::size_t ContactSet::pair(int slot, std::int32_t node) const {
+  return static_cast<std::size_t>(slot) * skin_nodes_.size() + static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)]);
+}
+
+Pose ContactSet::body_pose(int slot, const State& state) const {
+  if (at(slot).kind == ContactObject::fixed) return at(slot).start_pose;
+  return state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
+}
+
+template <typename Ends>
+void ContactSet::remove_if(Ends&& ends) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < anchors_.size(); ++i) {
+    if (ends(anchors_[i])) {
+      has_anchor_[pair(anchors_[i].slot, anchors_[i].node)] = 0;
+      continue;
+    }
+    if (kept != i) anchors_[kept] = anchors_[i];
+    ++kept;
+  }
+  anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(kept), anchors_.end());
+}
+
+void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id, ContactObject kind) {
+  if (geometry == nullptr) throw std::invalid_argument("contact: no shape for object " + std::to_string(id));
+  if (!std::isfinite(friction) || !(friction >= 0)) {
+    throw std::invalid_argument("contact: friction of object " + std::to_string(id) + " is " + std::to_string(friction) + ", expected a finite number >= 0");
+  }
+  if (kind == ContactObject::moving && slot >= moving_slots_) throw std::invalid_argument("contact: slot " + std::to_string(slot) + " cannot move");
+  Slot& s = at(slot);
+  if (s.geometry != geometry || s.id != id) clear_object(slot);
+  s.geometry = geometry;
+  s.friction = friction;
+  s.id = id;
+  s.kind = kind;
+  for (Anchor& anchor : anchors_) {
+    if (anchor.slot != slot) continue;
+    anchor.friction = friction;
+    anchor.friction_stiffness = friction_stiffness(anchor.stiffness, friction);
+  }
+}
+
+void ContactSet::clear_object(int slot) {
+  remove_if([slot](const Anchor& anchor) { return anchor.slot == slot; });
+  Slot& s = at(slot);
+  s.geometry = nullptr;
+  s.seen = false;
+  s.wrench = {};
+  s.count = 0;
+}
+
+void ContactSet::reset() {
+  remove_if([](const Anchor&) { return true; });
+  for (Slot& s : slots_) {
+    s.seen = false;
+    s.wrench = {};
+    s.count = 0;
+  }
+}
+
+ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector3& point, const Vector3& normal) {
+  if (anchors_.size() == anchors_.capacity()) {
+    ++dropped_;
+    return nullptr;
+  }
+  Anchor anchor;
+  anchor.node = node;
+  anchor.slot = slot;
+  anchor.anchor = point;
+  anchor.normal = normal;
+  anchor.stiffness = stiffness_ * weights_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])];
+  anchor.friction = at(slot).friction;
+  anchor.friction_stiffness = friction_stiffness(anchor.stiffness, anchor.friction);
+  has_anchor_[pair(slot, node)] = 1;
+  anchors_.push_back(anchor);
+  return &anchors_.back();
+}
+
+// How far a point of the object near the hand moves between two poses, at most.
+double ContactSet::reach(const Slot& slot, const Pose& from, const Pose& to) const {
+  const double lever = std::min(slot.geometry->bounding_radius() + 0.1, groups_.farthest(from.position));
+  return (to.position - from.position).norm() + 1.01 * rotation_log(to.orientation * from.orientation.conjugate()).norm() * lever;
+}
+
+void ContactSet::begin_step(const State& state, double time_step) {
+  time_step_ = time_step;
+  start_positions_ = state.node_positions;
+  bool any = false;
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    Slot& s = at(slot);
+    if (s.geometry == nullptr) continue;
+    if (!any) groups_.update(state.node_positions, state.node_velocities, time_step);
+    any = true;
+    const std::size_t body = static_cast<std::size_t>(first_body_ + slot);
+    s.start_pose = state.body_poses[body];
+    s.predicted_pose = s.start_pose;
+    if (s.kind == ContactObject::moving) {
+      const Twist& twist = state.body_velocities[body];
+      s.predicted_pose = increment(s.start_pose, time_step * twist.linear, time_step * twist.angular);
+    }
+    if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport) {
+      remove_if([slot](const Anchor& anchor) { return anchor.slot == slot; });
+      s.seen = false;
+    }
+    find_candidates(slot, state);
+  }
+  for (Anchor& anchor : anchors_) begin_anchor(anchor, state);
+}
+
+void ContactSet::find_candidates(int slot, const State& state) {
+  const Slot& s = at(slot);
+  const bool jumped = s.seen && !(s.last_pose.position == s.start_pose.position &&
+                                  s.last_pose.orientation.coeffs() == s.start_pose.orientation.coeffs());
+  const double margin = reach(s, s.start_pose, s.predicted_pose) + (jumped ? reach(s, s.last_pose, s.start_pose) : 0.0);
+  groups_.for_each_near(*s.geometry, s.start_pose, margin, [&](std::int32_t node) {
+    if (has_anchor_[pair(slot, node)]) return;
+    const Vector3 position = state.node_positions.col(node);
+    const Vector3 now = to_local(s.start_pose, position);
+    const Vector3 next = to_local(s.predicted_pose, position + time_step_ * state.node_velocities.col(node));
+    const Vector3 before = jumped ? to_local(s.last_pose, position) : now;
+    const SurfacePoint nearest = s.geometry->closest(now);
+    if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
+    if (jumped) {
+      if (const auto crossing = s.geometry->first_crossing(before, now)) {
+        create(slot, node, crossing->point, crossing->normal);
+        return;
+      }
+    }
+    if (nearest.distance < 0) {
+      if (Anchor* anchor = create(slot, node, now, nearest.normal)) anchor->recess = -nearest.distance;
+    } else if (const auto crossing = s.geometry->first_crossing(now, next)) {
+      if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) anchor->fresh = true;
+    }
+  });
+}
+
+void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
+  const double out = std::min(anchor.recess, kExitSpeed * time_step_);
+  anchor.anchor += out * anchor.normal;
+  anchor.recess -= out;
+
+  const Slot& s = at(anchor.slot);
+  const Vector3 position = state.node_positions.col(anchor.node);
+  const Vector3 velocity = state.node_velocities.col(anchor.node);
+  const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
+  const Vector3 now = to_local(s.start_pose, position) - anchor.anchor;
+  const Vector3 next = to_local(s.predicted_pose, position + time_step_ * velocity) - anchor.anchor;
+  const Vector3 stretch = tangential(now);
+  const Vector3 movement = tangential(next - now);
+  if (anchor.fresh) {
+    const double depth = std::max(0.0, -anchor.normal.dot(next));
+    const double inertia = node_masses_[static_cast<std::size_t>(anchor.node)] / (time_step_ * time_step_);
+    anchor.friction_bound = anchor.friction * anchor.stiffness * depth * inertia / (inertia + anchor.stiffness);
+    anchor.predicted_secant = anchor.friction_bound > 0 ? friction_of(anchor).secant(movement.norm()) : 0.0;
+    anchor.stretch_origin = stretch;
+  } else {
+    anchor.friction_bound = anchor.friction * anchor.stiffness * std::max(0.0, -anchor.normal.dot(now));
+    anchor.stretch_origin.setZero();
+  }
+  anchor.stretch_start = stretch - anchor.stretch_origin;
+  anchor.sliding = anchor.sliding && stretch.dot(movement) > 0;
+}
+
+void ContactSet::end_step(const State& state) {
+  for (Slot& s : slots_) {
+    s.wrench = {};
+    s.count = 0;
+  }
+  for (Anchor& anchor : anchors_) {
+    const Offset o = offset(anchor, state);
+    const double pressure = anchor.fresh || o.depth < 0 ? -anchor.stiffness * o.depth : 0.0;
+    anchor.force = pressure * o.normal - friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
+    Slot& s = at(anchor.slot);
+    s.wrench.force -= anchor.force;
+    s.wrench.torque -= o.lever.cross(anchor.force);
+    slide(anchor, state);
+  }
+  remove_if([this, &state](Anchor& anchor) {
+    const double depth = offset(anchor, state).depth;
+    if (depth > 0 && anchor.recess > 0) {  // out faster than the anchor: take it along
+      const double out = std::min(depth, anchor.recess);
+      anchor.anchor += out * anchor.normal;
+      anchor.recess -= out;
+      return depth > out;
+    }
+    return depth >= 0 && !(anchor.recess > 0);
+  });
+
+  displacements_ = state.node_positions - start_positions_;
+  bool any = false;
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    Slot& s = at(slot);
+    if (s.geometry == nullptr) continue;
+    if (!any) groups_.update(start_positions_, displacements_, 1.0);
+    any = true;
+    find_missed(slot, state);
+    s.last_pose = body_pose(slot, state);
+    s.seen = true;
+  }
+  for (const Anchor& anchor : anchors_) ++at(anchor.slot).count;
+}
+
+void ContactSet::find_missed(int slot, const State& state) {
+  const Slot& s = at(slot);
+  const Pose end_pose = body_pose(slot, state);
+  groups_.for_each_near(*s.geometry, end_pose, reach(s, s.start_pose, end_pose), [&](std::int32_t node) {
+    if (has_anchor_[pair(slot, node)]) return;
+    const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
+    const Vector3 end = to_local(end_pose, state.node_positions.col(node));
+    if (s.geometry->signed_distance(end) > (end - start).norm()) return;
+    if (const auto crossing = s.geometry->first_crossing(start, end)) create(slot, node, crossing->point, crossing->normal);
+  });
+}
+
+// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched.
+void ContactSet::slide(Anchor& anchor, const State& state) {
+  anchor.fresh = false;
+  anchor.stretch_origin.setZero();
+  const Offset o = offset(anchor, state);
+  const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -o.depth);
+  const double stretch = o.stretch.norm();
+  const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
+  anchor.sliding = distance > 0;
+  anchor.slip_speed = distance / time_step_;
+  if (!anchor.sliding) return;
+  dissipated_ += limit * distance;
+  const Pose pose = body_pose(anchor.slot, state);
+  const Vector3 along = pose.orientation.conjugate() * o.stretch / stretch;
+  const Vector3 surface = anchor.anchor + anchor.recess * anchor.normal + distance * along;
+  const SurfacePoint nearest = at(anchor.slot).geometry->closest(surface);
+  if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
+    anchor.normal = nearest.normal;
+    anchor.anchor = nearest.point - anchor.recess * anchor.normal;
+  } else {
+    anchor.anchor += distance * along;
+  }
+}
+
+ContactSet::Offset ContactSet::offset(const Anchor& anchor, const State& state) const {
+  const Pose pose = body_pose(anchor.slot, state);
+  Offset result;
+  result.lever = state.node_positions.col(anchor.node) - pose.position;
+  const Vector3 e = pose.orientation.conjugate() * result.lever - anchor.anchor;
+  result.depth = anchor.normal.dot(e);
+  const Vector3 stretch = e - result.depth * anchor.normal - anchor.stretch_origin;
+  result.moved = (stretch - anchor.stretch_start).norm();
+  result.offset = pose.orientation * e;
+  result.normal = pose.orientation * anchor.normal;
+  result.stretch = pose.orientation * stretch;
+  return result;
+}
+
+void ContactSet::add_pattern(BlockPattern& pattern) const {
+  const int bodies = node_count_ + 2 * first_body_;
+  for (int slot = 0; slot < moving_slots_; ++slot) {
+    const int translation = bodies + 2 * slot;
+    pattern.add(translation + 1, translation);
+    for (const std::int32_t node : skin_nodes_) {
+      pattern.add(translation, node);
+      pattern.add(translation + 1, node);
+    }
+  }
+}
+
+void ContactSet::bind(const BlockMatrix& matrix) {
+  const int bodies = node_count_ + 2 * first_body_;
+  for (std::size_t i = 0; i < skin_nodes_.size(); ++i) node_diagonal_[i] = matrix.find(skin_nodes_[i], skin_nodes_[i]);
+  for (int slot = 0; slot < moving_slots_; ++slot) {
+    const int translation = bodies + 2 * slot;
+    Slot& s = at(slot);
+    s.translation = matrix.find(translation, translation);
+    s.rotation_translation = matrix.find(translation + 1, translation);
+    s.rotation = matrix.find(translation + 1, translation + 1);
+    for (const std::int32_t node : skin_nodes_) {
+      node_slots_[pair(slot, node)] = {matrix.find(translation, node), matrix.find(translation + 1, node)};
+    }
+  }
+}
+
+void ContactSet::scatter_gradient(const Anchor& anchor, const Vector3& lever, const Vector3& y, VectorX& gradient) const {
+  gradient.segment<3>(3 * anchor.node) += y;
+  if (at(anchor.slot).kind == ContactObject::fixed) return;
+  const int translation = node_count_ + 2 * (first_body_ + anchor.slot);
+  gradient.segment<3>(3 * translation) -= y;
+  gradient.segment<3>(3 * translation + 3) -= lever.cross(y);
+}
+
+void ContactSet::scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness, BlockMatrix& hessian,
+                                 Curvature curvature) const {
+  hessian.add(node_diagonal_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(anchor.node)])], stiffness);
+  const Slot& s = at(anchor.slot);
+  if (s.kind == ContactObject::fixed) return;
+  // R e changes by (node) - (translation) + [lever]x (rotation).
+  const Matrix3 turn = skew(lever);
+  Matrix3 node_rotation = stiffness * turn;
+  Matrix3 rotation = turn.transpose() * node_rotation;
+  if (curvature == Curvature::exact) {
+    node_rotation -= skew(y);
+    rotation += rotated_arm_second_derivative(lever, y);
+  }
+  const NodeSlots& node = node_slots_[pair(anchor.slot, anchor.node)];
+  hessian.add(node.translation, -stiffness);
+  hessian.add(node.rotation, node_rotation.transpose());
+  hessian.add(s.translation, stiffness);
+  hessian.add(s.rotation_translation, -node_rotation.transpose());
+  hessian.add(s.rotation, rotation);
+}
+
+double ContactSet::penetration_quantile(const State& state, double fraction) {
+  if (anchors_.empty()) return 0;
+  sorted_.clear();
+  for (const Anchor& anchor : anchors_) sorted_.push_back(std::max(0.0, -offset(anchor, state).depth));
+  const auto nth = sorted_.begin() + static_cast<std::ptrdiff_t>(std::clamp(fraction, 0.0, 1.0) * static_cast<double>(sorted_.size() - 1));
+  std::nth_element(sorted_.begin(), nth, sorted_.end());
+  return *nth;
+}
+
+void ContactSet::write(const State& state, Contacts& out) {
+  struct Sums {
+    Vector3 force = Vector3::Zero(), centre = Vector3::Zero(), normal = Vector3::Zero();
+    double pressure = 0, slip = 0, area = 0;
+    std::uint32_t count = 0;
+  };
+  std::array<Sums, 6> sums;
+  std::fill(finger_forces_.begin(), finger_forces_.end(), 0.0);
+  out.contacts.clear();
+  out.dropped = 0;
+  for (const Anchor& anchor : anchors_) {
+    const Offset o = offset(anchor, state);
+    const std::size_t skin = static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(anchor.node)]);
+    const Finger finger = finger_of(static_cast<Body>(bodies_[skin]));
+    const Vector3 position = state.node_positions.col(anchor.node);
+    Contact contact;
+    contact.node = static_cast<std::uint32_t>(anchor.node);
+    contact.body = bodies_[skin];
+    contact.finger = static_cast<std::uint32_t>(finger);
+    contact.object = at(anchor.slot).id;
+    contact.flags = anchor.sliding ? 0u : kContactSticking;
+    contact.point = to_wire(Vector3(position - o.offset));
+    contact.normal = to_wire(o.normal);
+    contact.force = to_wire(anchor.force);
+    contact.penetration = std::max(0.0, -o.depth);
+    contact.area = areas_[skin];
+    contact.slip_speed = anchor.slip_speed;
+    if (!out.contacts.push_back(contact)) ++out.dropped;
+
+    const double pressure = std::max(0.0, o.normal.dot(anchor.force));
+    Sums& sum = sums[static_cast<std::size_t>(finger)];
+    sum.force += anchor.force;
+    sum.centre += pressure * position;
+    sum.normal += pressure * o.normal;
+    sum.pressure += pressure;
+    sum.slip += pressure * anchor.slip_speed;
+    sum.area += areas_[skin];
+    ++sum.count;
+    finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] += pressure;
+  }
+  for (std::size_t f = 0; f < sums.size(); ++f) {
+    const Sums& sum = sums[f];
+    FingerContact& finger = out.fingers[f];
+    finger = {};
+    if (sum.count == 0) continue;
+    finger.force = to_wire(sum.force);
+    finger.area = sum.area;
+    finger.contact_count = sum.count;
+    if (sum.pressure > 0) {
+      finger.centre = to_wire(Vector3(sum.centre / sum.pressure));
+      finger.normal = to_wire(Vector3(sum.normal / std::max(sum.normal.norm(), std::numeric_limits<double>::min())));
+      finger.slip_speed = sum.slip / sum.pressure;
+    }
+    const auto first = finger_forces_.begin() + static_cast<std::ptrdiff_t>(f * slots_.size());
+    const auto most = std::max_element(first, first + static_cast<std::ptrdiff_t>(slots_.size()));
+    finger.object = slots_[static_cast<std::size_t>(most - first)].id;
+  }
+}
+
+double ContactEnergy::value(const State& state) const {
+  double energy = 0;
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    const double depth = contacts_.offset(anchor, state).depth;
+    if (anchor.fresh || depth < 0) energy += 0.5 * anchor.stiffness * depth * depth;
+  }
+  return energy;
+}
+
+void ContactEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    const ContactSet::Offset o = contacts_.offset(anchor, state);
+    if (anchor.fresh || o.depth < 0) contacts_.scatter_gradient(anchor, o.lever, anchor.stiffness * o.depth * o.normal, gradient);
+  }
+}
+
+void ContactEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    const ContactSet::Offset o = contacts_.offset(anchor, state);
+    if (!anchor.fresh && !(o.depth < 0)) continue;
+    const Matrix3 stiffness = anchor.stiffness * o.normal * o.normal.transpose();
+    contacts_.scatter_hessian(anchor, o.lever, anchor.stiffness * o.depth * o.normal, stiffness, hessian, curvature);
+  }
+}
+
+}  // namespace softhand

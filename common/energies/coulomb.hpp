@@ -1,0 +1,47 @@
+// Coulomb friction as an incremental potential: what contact with the hand's nodes and with the world's planes share.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "math/types.hpp"
+
+namespace softhand {
+
+/// A tangential spring of stiffness k_t (N/m) whose force is bounded by B = mu f_n (N), as a function of its stretch s (tangential, metres):
+///   U = 1/2 k_t |s|^2            while k_t |s| <= B   (sticking)
+///   U = B |s| - B^2 / (2 k_t)    beyond               (sliding; what this grows by is the heat of the step)
+/// Convex, with continuous gradient; both stiffnesses are positive semi-definite (ES2725128A1 eq. 33 bounded by Coulomb's law).
+struct CoulombSpring {
+  double stiffness = 0;  ///< k_t, >= 0
+  double bound = 0;      ///< B, >= 0; fixed within a step
+
+  bool slides(double stretch) const { return stiffness * stretch > bound; }
+  double energy(double stretch) const {
+    if (!slides(stretch)) return 0.5 * stiffness * stretch * stretch;
+    return bound * (stretch - 0.5 * bound / stiffness);
+  }
+  /// force = secant * stretch.
+  double secant(double stretch) const { return slides(stretch) ? bound / stretch : stiffness; }
+  /// d force / d stretch for a stretch in the plane of normal n (unit). With `as_sliding` the sliding branch's is taken even where the
+  /// stretch just reaches the bound. Zero without a bound.
+  Matrix3 tangent(const Vector3& stretch, const Vector3& n, bool as_sliding = false) const {
+    if (!(bound > 0)) return Matrix3::Zero();
+    const double length = stretch.norm();
+    Matrix3 across = Matrix3::Identity() - n * n.transpose();
+    if (length > 0 && (as_sliding || slides(length))) {
+      across -= stretch * stretch.transpose() / (length * length);
+      return std::min(stiffness, bound / length) * across;
+    }
+    return stiffness * across;
+  }
+  /// By how much the anchor must slide after it so that Coulomb's law holds for `limit` = mu f_n of now, metres.
+  double slide(double stretch, double limit) const {
+    return stiffness > 0 ? std::max(0.0, stretch - limit / stiffness) : stretch;
+  }
+};
+
+/// k_c w min(mu, 1): mu k_c w of eq. 33 would vanish for small mu and be too stiff for large (METHOD.md section 6).
+inline double friction_stiffness(double contact_stiffness, double friction) { return contact_stiffness * std::min(friction, 1.0); }
+
+}  // namespace softhand

@@ -1,0 +1,49 @@
+#include "energies/friction.hpp"
+
+#include "energies/coulomb.hpp"
+
+namespace softhand {
+namespace {
+
+// The step's start, up to rounding, metres.
+constexpr double kAtStart = 1e-12;
+
+CoulombSpring spring_of(const ContactSet::Anchor& anchor) { return {anchor.friction_stiffness, anchor.friction_bound}; }
+
+Matrix3 stiffness_of(const ContactSet::Anchor& anchor, const ContactSet::Offset& o, Curvature curvature) {
+  const CoulombSpring spring = spring_of(anchor);
+  if (curvature == Curvature::projected && o.moved < kAtStart) {
+    if (anchor.fresh) return anchor.predicted_secant * (Matrix3::Identity() - o.normal * o.normal.transpose());
+    return spring.tangent(o.stretch, o.normal, anchor.sliding);
+  }
+  return spring.tangent(o.stretch, o.normal);
+}
+
+}  // namespace
+
+double FrictionEnergy::value(const State& state) const {
+  double energy = 0;
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    if (anchor.friction_bound > 0) energy += spring_of(anchor).energy(contacts_.offset(anchor, state).stretch.norm());
+  }
+  return energy;
+}
+
+void FrictionEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    if (!(anchor.friction_bound > 0)) continue;
+    const ContactSet::Offset o = contacts_.offset(anchor, state);
+    contacts_.scatter_gradient(anchor, o.lever, spring_of(anchor).secant(o.stretch.norm()) * o.stretch, gradient);
+  }
+}
+
+void FrictionEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
+    if (!(anchor.friction_bound > 0)) continue;
+    const ContactSet::Offset o = contacts_.offset(anchor, state);
+    const Vector3 y = spring_of(anchor).secant(o.stretch.norm()) * o.stretch;
+    contacts_.scatter_hessian(anchor, o.lever, y, stiffness_of(anchor, o, curvature), hessian, curvature);
+  }
+}
+
+}  // namespace softhand

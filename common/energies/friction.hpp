@@ -1,0 +1,36 @@
+// Friction of skin nodes on objects (ES2725128A1 eq. 33, figure 4).
+//
+//   U_f = sum over anchors of CoulombSpring(k_c w min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
+//
+// with e and n of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
+//
+// Departures from the source.
+// - eq. 33's mu scales a stiffness; here it bounds the force by Coulomb's law (coulomb.hpp). Within a step the bound takes the normal force of
+//   the step's start, so that the energy is a fixed convex function; of a fresh contact it takes the force that stops the node
+//   alone on an unmoved object, k u / (1 + k dt^2/m) at its predicted depth u.
+// - Anchors slide at the end of the step (ContactSet), by the normal force then. A sticking anchor does not move at all: no creep.
+// - s_0 is the stretch at the start of a fresh contact's first step, whose anchor lies ahead at the crossing; zero afterwards.
+// - The projected Hessian at the step's start is a choice at the kink between sticking and sliding: sliding for an anchor that slid and goes on,
+//   the secant to the predicted stretch for a fresh one. So a step of one Newton iteration does not stick where the converged slides.
+#pragma once
+
+#include "energies/contact.hpp"
+
+namespace softhand {
+
+class FrictionEnergy final : public Energy {
+ public:
+  /// Comes after the set's `ContactEnergy` in the list of terms.
+  explicit FrictionEnergy(ContactSet& contacts) : contacts_(contacts) {}
+  std::string_view name() const override { return "friction"; }
+  void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
+  void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
+  double value(const State& state) const override;
+  void add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+
+ private:
+  ContactSet& contacts_;
+};
+
+}  // namespace softhand

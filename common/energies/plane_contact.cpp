@@ -1,0 +1,260 @@
+#include "energies/plane_contact.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kLeastStiffness = 10e3;    // N/m
+constexpr double kExtraLoad = 5;            // N that a hand presses with
+constexpr double kAllowedSink = 0.5e-3;     // m under weight and that load
+constexpr double kSharingHeight = 1e-3;     // m
+constexpr double kCompliantShare = 0.2;     // of a compliant neighbour's stiffness
+constexpr double kSameNormal = 0.9;         // cosine
+constexpr std::size_t kPoints = ShapeGeometry::most_resting_points;
+
+}  // namespace
+
+PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
+    : first_body_(first_body),
+      slots_(static_cast<std::size_t>(slots)),
+      points_(static_cast<std::size_t>(slots) * kMaxNeighbourPlanes * kPoints),
+      kept_(kMaxNeighbourPlanes * kPoints),
+      resting_(kPoints) {
+  for (int slot = 0; slot < slots; ++slot) {
+    at(slot).blocks = Clique<2>({layout.body_translation_block(first_body + slot), layout.body_rotation_block(first_body + slot)});
+    for (std::size_t p = 0; p < kMaxNeighbourPlanes; ++p) {
+      at(slot).planes[p].first_point = (static_cast<std::size_t>(slot) * kMaxNeighbourPlanes + p) * kPoints;
+    }
+  }
+}
+
+void PlaneContact::set_object(int slot, const ShapeGeometry* geometry, double mass, double weight) {
+  if (geometry == nullptr) throw std::invalid_argument("plane contact: no shape for slot " + std::to_string(slot));
+  if (!std::isfinite(mass) || !(mass > 0)) throw std::invalid_argument("plane contact: mass is " + std::to_string(mass) + " kg, expected > 0");
+  if (!std::isfinite(weight) || !(weight >= 0)) throw std::invalid_argument("plane contact: weight is " + std::to_string(weight) + " N, expected >= 0");
+  clear_object(slot);
+  Slot& s = at(slot);
+  s.geometry = geometry;
+  s.mass = mass;
+  s.weight = weight;
+}
+
+void PlaneContact::clear_object(int slot) {
+  Slot& s = at(slot);
+  s.geometry = nullptr;
+  s.plane_count = 0;
+  s.wrench = {};
+  s.count = 0;
+}
+
+void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) {
+  Slot& s = at(slot);
+  if (s.geometry == nullptr) return;
+  const std::array<Plane, kMaxNeighbourPlanes> old = s.planes;
+  const std::size_t old_count = s.plane_count;
+  for (std::size_t p = 0; p < old_count; ++p) {
+    std::copy_n(points_.begin() + static_cast<std::ptrdiff_t>(old[p].first_point), old[p].points,
+                kept_.begin() + static_cast<std::ptrdiff_t>(p * kPoints));
+  }
+  const double stiffness = std::max(kLeastStiffness, (s.weight + kExtraLoad) / kAllowedSink);
+  s.plane_count = std::min(planes.size(), kMaxNeighbourPlanes);
+  for (std::size_t p = 0; p < s.plane_count; ++p) {
+    const NeighbourPlane& given = planes[p];
+    Plane& plane = s.planes[p];
+    plane.neighbour = given.neighbour;
+    plane.point = to_vector(given.point);
+    plane.normal = to_vector(given.normal).normalized();
+    plane.velocity = to_vector(given.velocity);
+    plane.friction = std::max(0.0, given.friction);
+    plane.stiffness = given.kind == kNeighbourCompliant ? std::min(stiffness, kCompliantShare * given.stiffness) : stiffness;
+    plane.points = s.geometry->resting_points(Vector3::UnitY(), resting_);
+    std::size_t same = old_count;
+    double closest = kSameNormal;
+    for (std::size_t o = 0; o < old_count; ++o) {
+      if (old[o].neighbour == given.neighbour && old[o].normal.dot(plane.normal) > closest) {
+        closest = old[o].normal.dot(plane.normal);
+        same = o;
+      }
+    }
+    for (std::size_t i = 0; i < plane.points; ++i) {
+      points_[plane.first_point + i] = same < old_count ? kept_[same * kPoints + i] : Point{};
+    }
+  }
+}
+
+void PlaneContact::add_pattern(BlockPattern& pattern) const {
+  for (const Slot& slot : slots_) slot.blocks.add_pattern(pattern);
+}
+
+void PlaneContact::bind(const BlockMatrix& matrix) {
+  for (Slot& slot : slots_) slot.blocks.bind(matrix);
+}
+
+void PlaneContact::begin_step(const State& state, double time_step) {
+  time_step_ = time_step;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    Slot& slot = slots_[i];
+    const std::size_t body = static_cast<std::size_t>(first_body_) + i;
+    for (std::size_t p = 0; p < slot.plane_count; ++p) begin_plane(slot, slot.planes[p], state.body_poses[body], state.body_velocities[body]);
+  }
+}
+
+void PlaneContact::begin_plane(const Slot& slot, Plane& plane, const Pose& body, const Twist& twist) {
+  const Vector3 local_normal = body.orientation.conjugate() * plane.normal;
+  slot.geometry->resting_points(local_normal, resting_);
+  const std::span<Point> points = points_of(plane);
+  const auto height = [&plane](const Pose& pose, const RestingPoint& resting) {
+    return plane.normal.dot(pose * resting.centre - plane.point) - resting.radius;
+  };
+  double lowest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < points.size(); ++i) lowest = std::min(lowest, height(body, resting_[i]));
+  double sharing = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    sharing += std::max(0.0, 1.0 - (height(body, resting_[i]) - lowest) / kSharingHeight);
+  }
+  const double k = plane.stiffness / sharing;
+  const double damping = 2.0 * std::sqrt(plane.stiffness * slot.mass) / sharing / time_step_;
+  const double inertia = slot.mass / sharing / (time_step_ * time_step_);
+  const Pose next = increment(body, time_step_ * twist.linear, time_step_ * twist.angular);
+  const Vector3 carried = time_step_ * plane.velocity;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    Point& point = points[i];
+    const double start = height(body, resting_[i]);
+    const double predicted = height(next, resting_[i]) - plane.normal.dot(carried);
+    point.resting = resting_[i];
+    point.material = resting_[i].centre - resting_[i].radius * local_normal;
+    point.material_start = body * point.material;
+    point.stiffness = k + damping;
+    point.target = damping / point.stiffness * std::min(start, 0.0);
+    point.fresh = start - plane.normal.dot(carried) >= point.target && predicted < point.target;
+    point.stretch -= plane.normal.dot(point.stretch) * plane.normal;
+    const Vector3 movement = next * point.material - point.material_start - carried;
+    const Vector3 along = movement - plane.normal.dot(movement) * plane.normal;
+    double pressure = point.normal_force;
+    if (point.fresh && !(pressure > 0)) pressure = point.stiffness * (point.target - predicted) * inertia / (inertia + point.stiffness);
+    point.friction = {friction_stiffness(k, plane.friction), plane.friction * pressure};
+    point.predicted_secant = point.friction.bound > 0 ? point.friction.secant((point.stretch + along).norm()) : 0.0;
+    point.sliding = point.sliding && point.stretch.dot(along) > 0;
+  }
+  plane.point += carried;
+}
+
+PlaneContact::Response PlaneContact::respond(const Plane& plane, const Point& point, const Pose& body) const {
+  Response result;
+  result.normal_arm = body.orientation * point.resting.centre;
+  result.friction_arm = body.orientation * point.material;
+  const double depth = plane.normal.dot(body.position + result.normal_arm - plane.point) - point.resting.radius - point.target;
+  result.pushes = point.fresh || depth < 0;
+  if (result.pushes) {
+    result.energy = 0.5 * point.stiffness * depth * depth;
+    result.pressure = -point.stiffness * depth;
+    result.normal_force = -result.pressure * plane.normal;
+  }
+  const Vector3 movement = body.position + result.friction_arm - point.material_start - time_step_ * plane.velocity;
+  result.stretch = point.stretch + movement - plane.normal.dot(movement) * plane.normal;
+  if (point.friction.bound > 0) {
+    const double length = result.stretch.norm();
+    result.energy += point.friction.energy(length);
+    result.friction_force = point.friction.secant(length) * result.stretch;
+  }
+  return result;
+}
+
+double PlaneContact::value(const State& state) const {
+  double energy = 0;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
+    for (const Plane& plane : planes_of(slots_[i])) {
+      for (const Point& point : points_of(plane)) energy += respond(plane, point, body).energy;
+    }
+  }
+  return energy;
+}
+
+void PlaneContact::add_gradient(const State& state, VectorX& gradient) const {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
+    Clique<2>::Gradient local = Clique<2>::Gradient::Zero();
+    for (const Plane& plane : planes_of(slots_[i])) {
+      for (const Point& point : points_of(plane)) {
+        const Response r = respond(plane, point, body);
+        local.head<3>() += r.normal_force + r.friction_force;
+        local.tail<3>() += r.normal_arm.cross(r.normal_force) + r.friction_arm.cross(r.friction_force);
+      }
+    }
+    if (slots_[i].plane_count > 0) slots_[i].blocks.add(gradient, local);
+  }
+}
+
+void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    if (slots_[i].plane_count == 0) continue;
+    const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
+    Clique<2>::Hessian local = Clique<2>::Hessian::Zero();
+    const auto add = [&local, curvature](const Vector3& arm, const Vector3& y, const Matrix3& stiffness) {
+      const Matrix3 turn = -skew(arm);  // d(point)/d(rotation)
+      local.topLeftCorner<3, 3>() += stiffness;
+      local.bottomLeftCorner<3, 3>() += turn.transpose() * stiffness;
+      local.bottomRightCorner<3, 3>() += turn.transpose() * stiffness * turn;
+      if (curvature == Curvature::exact) local.bottomRightCorner<3, 3>() += rotated_arm_second_derivative(arm, y);
+    };
+    for (const Plane& plane : planes_of(slots_[i])) {
+      for (const Point& point : points_of(plane)) {
+        const Response r = respond(plane, point, body);
+        if (r.pushes) add(r.normal_arm, r.normal_force, point.stiffness * plane.normal * plane.normal.transpose());
+        if (!(point.friction.bound > 0)) continue;
+        // At the step's start the kink between sticking and sliding is resolved by where the point is going (friction.hpp).
+        const bool at_start = (r.stretch + time_step_ * (plane.velocity - plane.normal.dot(plane.velocity) * plane.normal) - point.stretch).norm() < 1e-12;
+        Matrix3 tangent = point.friction.tangent(r.stretch, plane.normal);
+        if (curvature == Curvature::projected && at_start) {
+          tangent = point.fresh ? Matrix3(point.predicted_secant * (Matrix3::Identity() - plane.normal * plane.normal.transpose()))
+                                : point.friction.tangent(r.stretch, plane.normal, point.sliding);
+        }
+        add(r.friction_arm, r.friction_force, tangent);
+      }
+    }
+    slots_[i].blocks.add(hessian, local);
+  }
+}
+
+void PlaneContact::end_step(State& state) {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    Slot& slot = slots_[i];
+    const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
+    slot.wrench = {};
+    slot.count = 0;
+    for (std::size_t p = 0; p < slot.plane_count; ++p) {
+      const Plane& plane = slot.planes[p];
+      for (Point& point : points_of(plane)) {
+        const Response r = respond(plane, point, body);
+        slot.wrench.force -= r.normal_force + r.friction_force;
+        slot.wrench.torque -= r.normal_arm.cross(r.normal_force) + r.friction_arm.cross(r.friction_force);
+        point.normal_force = std::max(0.0, r.pressure);
+        point.fresh = false;
+        if (!(point.normal_force > 0)) {
+          point.stretch.setZero();
+          point.sliding = false;
+          continue;
+        }
+        ++slot.count;
+        const double limit = plane.friction * point.normal_force;
+        const double length = r.stretch.norm();
+        const double distance = point.friction.slide(length, limit);
+        point.sliding = distance > 0;
+        point.stretch = r.stretch;
+        if (point.sliding) point.stretch *= (length - distance) / length;
+        dissipated_ += limit * distance;
+      }
+    }
+  }
+}
+
+}  // namespace softhand

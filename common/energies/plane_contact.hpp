@@ -1,0 +1,122 @@
+// A mirrored object against what stops it in the world: the neighbour planes that the world publishes (mode owner, FACTS.md "Coupling between
+// asynchronous processes"). Not in the source, whose mirrored objects meet the world through the symmetric spring only.
+//
+//   U = sum over planes and resting points of  1/2 K min(0, u - u*)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|s|)
+//
+// u is the point's height over its plane at the step's end, s its tangential stretch against the plane. Stiffness and damping in one square:
+// K = k + b/dt and u* = (b/dt)/K min(u_0, 0), u_0 the height at the step's start, so that damping acts from the surface on and never pulls. k and
+// b are the shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm) and b_A = 2 sqrt(k_A m): a point within 1 mm of the lowest one takes part in the
+// sharing, so that a plane as a whole has k_A whether a corner, an edge or a face rests on it.
+//
+// As in contact.hpp a point that is about to reach its plane holds it two-sidedly for that one step, and the friction's bound is that of the normal
+// force at the end of the last step (of a fresh point: what stops the object's share of mass). s is kept from step to step, and slides by
+// Coulomb's law at the step's end; where the object rolls, the point's material moves along and s with it.
+//
+// Degrees of freedom: translation and rotation of the object's body. Units: J, m, N/m, N s/m.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "energies/clique.hpp"
+#include "energies/coulomb.hpp"
+#include "energies/energy.hpp"
+#include "geometry/shape.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+class PlaneContact final : public Energy {
+ public:
+  /// Objects are the bodies `first_body` ... `first_body + slots - 1`.
+  PlaneContact(DofLayout layout, int first_body, int slots);
+
+  /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its contacts.
+  void set_object(int slot, const ShapeGeometry* geometry, double mass, double weight);
+  void clear_object(int slot);
+  /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps its friction when
+  /// its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most 0.2 of its stiffness is used (more would
+  /// not be stable: FACTS.md).
+  void set_planes(int slot, std::span<const NeighbourPlane> planes);
+
+  /// Of all planes on the object in the last step, about its centre of mass, world axes.
+  const Wrench& wrench(int slot) const { return at(slot).wrench; }
+  /// Points that press on a plane.
+  int count(int slot) const { return at(slot).count; }
+  /// Heat of sliding since construction, J.
+  double dissipated() const { return dissipated_; }
+
+  std::string_view name() const override { return "plane_contact"; }
+  void add_pattern(BlockPattern& pattern) const override;
+  void bind(const BlockMatrix& matrix) override;
+  void begin_step(const State& state, double time_step) override;
+  double value(const State& state) const override;
+  void add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  void end_step(State& state) override;
+
+ private:
+  struct Point {
+    // From step to step.
+    Vector3 stretch = Vector3::Zero();  // s, world, tangential
+    double normal_force = 0;            // N
+    bool sliding = false;
+    // Fixed within the step.
+    RestingPoint resting;                 // body axes, about the centre of mass
+    Vector3 material = Vector3::Zero();   // the object's point that touches, body axes
+    Vector3 material_start = Vector3::Zero();  // the same in the world at the step's start
+    double stiffness = 0;                 // K
+    double target = 0;                    // u*
+    bool fresh = false;
+    CoulombSpring friction;
+    double predicted_secant = 0;
+  };
+  struct Plane {
+    std::uint32_t neighbour = 0;
+    Vector3 point = Vector3::Zero();      // at the end of the step, once begun
+    Vector3 normal = Vector3::UnitY();
+    Vector3 velocity = Vector3::Zero();
+    double friction = 0;
+    double stiffness = 0;                 // k_A
+    std::size_t points = 0;
+    std::size_t first_point = 0;          // in points_
+  };
+  struct Slot {
+    const ShapeGeometry* geometry = nullptr;
+    double mass = 0;
+    double weight = 0;
+    std::array<Plane, kMaxNeighbourPlanes> planes;
+    std::size_t plane_count = 0;
+    Clique<2> blocks;
+    Wrench wrench;
+    int count = 0;
+  };
+  /// What a point does at a state.
+  struct Response {
+    double energy = 0;
+    Vector3 normal_force = Vector3::Zero();  // gradient, not force
+    Vector3 friction_force = Vector3::Zero();
+    Vector3 normal_arm, friction_arm;
+    Vector3 stretch;
+    double pressure = 0;
+    bool pushes = false;
+  };
+  Response respond(const Plane& plane, const Point& point, const Pose& body) const;
+  std::span<Point> points_of(const Plane& plane) { return {points_.data() + plane.first_point, plane.points}; }
+  std::span<const Point> points_of(const Plane& plane) const { return {points_.data() + plane.first_point, plane.points}; }
+  std::span<const Plane> planes_of(const Slot& slot) const { return {slot.planes.data(), slot.plane_count}; }
+  Slot& at(int slot) { return slots_[static_cast<std::size_t>(slot)]; }
+  const Slot& at(int slot) const { return slots_[static_cast<std::size_t>(slot)]; }
+  void begin_plane(const Slot& slot, Plane& plane, const Pose& body, const Twist& twist);
+
+  int first_body_;
+  std::vector<Slot> slots_;
+  std::vector<Point> points_;  // most_resting_points for each plane of each slot
+  std::vector<Point> kept_;    // of one slot, while its planes are set
+  std::vector<RestingPoint> resting_;
+  double time_step_ = 0;
+  double dissipated_ = 0;
+};
+
+}  // namespace softhand

@@ -1,0 +1,426 @@
+#include "geometry/shape.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+#include "geometry/convex_hull.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+
+/// What each kind of shape knows of itself.
+class Solid {
+ public:
+  virtual ~Solid() = default;
+  virtual SurfacePoint closest(const Vector3& p) const = 0;
+  /// Part of the line from + t (to - from) that is inside: [enter, exit], and the outward normal where it enters. False when it misses.
+  virtual bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const = 0;
+  virtual double bounding_radius() const = 0;
+  virtual std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const = 0;
+  virtual SolidProperties properties() const = 0;
+};
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kPi = std::numbers::pi;
+// Closer to the surface than this (m) the direction to the closest point is rounding; the face's own normal is taken.
+constexpr double kOnSurface = 1e-12;
+
+struct Interval {
+  double enter = -kInfinity;
+  double exit = kInfinity;
+  Vector3 normal = Vector3::UnitY();  // where it enters
+
+  bool empty() const { return !(enter <= exit); }
+  // Cuts away the outer side of the half-space normal . p <= offset.
+  void cut(const Vector3& n, double offset, const Vector3& from, const Vector3& direction) {
+    const double height = n.dot(from) - offset;
+    const double rate = n.dot(direction);
+    if (rate < 0) {
+      const double t = -height / rate;
+      if (t > enter) {
+        enter = t;
+        normal = n;
+      }
+    } else if (rate > 0) {
+      exit = std::min(exit, -height / rate);
+    } else if (height > 0) {
+      exit = -kInfinity;
+    }
+  }
+};
+
+// Where |from + t direction| = radius, in as many dimensions as the vectors have; the whole line or nothing when it does not move.
+template <typename Vector>
+void round_interval(const Vector& from, const Vector& direction, double radius, double& enter, double& exit) {
+  const double a = direction.squaredNorm();
+  const double c = from.squaredNorm() - radius * radius;
+  if (a == 0) {
+    enter = c <= 0 ? -kInfinity : kInfinity;
+    exit = -enter;
+    return;
+  }
+  const double b = from.dot(direction);
+  // b^2 - a c without cancellation: a r^2 minus the square of the line's distance from the centre.
+  const Vector foot = from - b / a * direction;
+  const double discriminant = a * (radius * radius - foot.squaredNorm());
+  if (discriminant < 0) {
+    enter = kInfinity;
+    exit = -kInfinity;
+    return;
+  }
+  const double root = std::sqrt(discriminant);
+  enter = (-b - root) / a;
+  exit = (-b + root) / a;
+}
+
+class Sphere final : public Solid {
+ public:
+  explicit Sphere(double radius) : radius_(radius) {}
+  SurfacePoint closest(const Vector3& p) const override {
+    const double length = p.norm();
+    const Vector3 normal = length > 0 ? Vector3(p / length) : Vector3::UnitY();
+    return {length - radius_, radius_ * normal, normal};
+  }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    round_interval(from, direction, radius_, enter, exit);
+    if (!(enter <= exit)) return false;
+    normal = std::isfinite(enter) ? Vector3((from + enter * direction) / radius_) : Vector3::UnitY();
+    return true;
+  }
+  double bounding_radius() const override { return radius_; }
+  std::size_t resting_points(const Vector3&, std::span<RestingPoint> out) const override {
+    out[0] = {Vector3::Zero(), radius_};
+    return 1;
+  }
+  SolidProperties properties() const override {
+    const double volume = 4.0 / 3.0 * kPi * radius_ * radius_ * radius_;
+    return {volume, Vector3::Zero(), 0.4 * volume * radius_ * radius_ * Matrix3::Identity()};
+  }
+
+ private:
+  double radius_;
+};
+
+class Box final : public Solid {
+ public:
+  explicit Box(const Vector3& half) : half_(half) {}
+  SurfacePoint closest(const Vector3& p) const override {
+    const Vector3 clamped = p.cwiseMin(half_).cwiseMax(-half_);
+    const Vector3 outside = p - clamped;
+    const double distance = outside.norm();
+    if (distance > kOnSurface) return {distance, clamped, outside / distance};
+    int axis = 0;
+    const double depth = (p.cwiseAbs() - half_).maxCoeff(&axis);
+    const double side = p[axis] < 0 ? -1.0 : 1.0;
+    SurfacePoint result{depth, clamped, side * Vector3::Unit(axis)};
+    result.point[axis] = side * half_[axis];
+    return result;
+  }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    Interval interval;
+    for (int axis = 0; axis < 3; ++axis) {
+      interval.cut(Vector3::Unit(axis), half_[axis], from, direction);
+      interval.cut(-Vector3::Unit(axis), half_[axis], from, direction);
+    }
+    enter = interval.enter;
+    exit = interval.exit;
+    normal = interval.normal;
+    return !interval.empty();
+  }
+  double bounding_radius() const override { return half_.norm(); }
+  std::size_t resting_points(const Vector3&, std::span<RestingPoint> out) const override {
+    for (std::size_t i = 0; i < 8; ++i) {
+      const Vector3 sign(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+      out[i] = {half_.cwiseProduct(sign), 0};
+    }
+    return 8;
+  }
+  SolidProperties properties() const override {
+    const double volume = 8.0 * half_.prod();
+    const Vector3 squares = half_.cwiseProduct(half_);
+    const Vector3 inertia = volume / 3.0 * (Vector3::Constant(squares.sum()) - squares);
+    return {volume, Vector3::Zero(), inertia.asDiagonal()};
+  }
+
+ private:
+  Vector3 half_;
+};
+
+class Capsule final : public Solid {
+ public:
+  Capsule(double radius, double half_length) : radius_(radius), half_length_(half_length) {}
+  SurfacePoint closest(const Vector3& p) const override {
+    const Vector3 centre(0, std::clamp(p.y(), -half_length_, half_length_), 0);
+    const double length = (p - centre).norm();
+    const Vector3 normal = length > 0 ? Vector3((p - centre) / length) : Vector3::UnitX();
+    return {length - radius_, centre + radius_ * normal, normal};
+  }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    // The union of a cylinder and two balls; since it is convex, the union of their intervals is one interval.
+    Interval side;
+    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_, side.enter, side.exit);
+    side.cut(Vector3::UnitY(), half_length_, from, direction);
+    side.cut(-Vector3::UnitY(), half_length_, from, direction);
+    enter = kInfinity;
+    exit = -kInfinity;
+    const auto join = [&enter, &exit](double first, double last) {
+      if (!(first <= last)) return;
+      enter = std::min(enter, first);
+      exit = std::max(exit, last);
+    };
+    join(side.enter, side.exit);
+    for (const double end : {-half_length_, half_length_}) {
+      double first = 0, last = 0;
+      round_interval(Vector3(from - Vector3(0, end, 0)), direction, radius_, first, last);
+      join(first, last);
+    }
+    if (!(enter <= exit)) return false;
+    if (std::isfinite(enter)) normal = closest(from + enter * direction).normal;
+    return true;
+  }
+  double bounding_radius() const override { return radius_ + half_length_; }
+  std::size_t resting_points(const Vector3&, std::span<RestingPoint> out) const override {
+    out[0] = {Vector3(0, half_length_, 0), radius_};
+    out[1] = {Vector3(0, -half_length_, 0), radius_};
+    return 2;
+  }
+  SolidProperties properties() const override {
+    const double r2 = radius_ * radius_;
+    const double cylinder = 2.0 * kPi * r2 * half_length_;
+    const double ball = 4.0 / 3.0 * kPi * r2 * radius_;
+    const double along = 0.5 * cylinder * r2 + 0.4 * ball * r2;
+    const double across = cylinder * (0.25 * r2 + half_length_ * half_length_ / 3.0) +
+                          ball * (0.4 * r2 + half_length_ * half_length_ + 0.75 * half_length_ * radius_);
+    return {cylinder + ball, Vector3::Zero(), Vector3(across, along, across).asDiagonal()};
+  }
+
+ private:
+  double radius_;
+  double half_length_;
+};
+
+class Cylinder final : public Solid {
+ public:
+  Cylinder(double radius, double half_length) : radius_(radius), half_length_(half_length) {}
+  SurfacePoint closest(const Vector3& p) const override {
+    const double radial = std::hypot(p.x(), p.z());
+    const Vector3 outward = radial > 0 ? Vector3(p.x() / radial, 0, p.z() / radial) : Vector3::UnitX();
+    const double to_side = radial - radius_;
+    const double to_cap = std::abs(p.y()) - half_length_;
+    const Vector3 axial(0, p.y() < 0 ? -1.0 : 1.0, 0);
+    if (to_side > kOnSurface && to_cap > kOnSurface) {
+      const double distance = std::hypot(to_side, to_cap);
+      return {distance, radius_ * outward + half_length_ * axial, (to_side * outward + to_cap * axial) / distance};
+    }
+    if (to_side >= to_cap) {
+      return {to_side, radius_ * outward + Vector3(0, std::clamp(p.y(), -half_length_, half_length_), 0), outward};
+    }
+    return {to_cap, std::min(radial, radius_) * outward + half_length_ * axial, axial};
+  }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    Interval interval;
+    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_, interval.enter, interval.exit);
+    if (interval.empty()) return false;
+    if (std::isfinite(interval.enter)) {
+      const Vector3 point = from + interval.enter * direction;
+      interval.normal = Vector3(point.x(), 0, point.z()) / radius_;
+    }
+    interval.cut(Vector3::UnitY(), half_length_, from, direction);
+    interval.cut(-Vector3::UnitY(), half_length_, from, direction);
+    enter = interval.enter;
+    exit = interval.exit;
+    normal = interval.normal;
+    return !interval.empty();
+  }
+  double bounding_radius() const override { return std::hypot(radius_, half_length_); }
+  std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const override {
+    // Turned so that one point of each rim is the lowest. On end, where the lowest is not defined, the turn does not matter.
+    const double phase = std::hypot(up.x(), up.z()) > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
+    for (std::size_t i = 0; i < 16; ++i) {
+      const double angle = phase + 0.25 * kPi * static_cast<double>(i % 8);
+      out[i] = {Vector3(radius_ * std::cos(angle), i < 8 ? half_length_ : -half_length_, radius_ * std::sin(angle)), 0};
+    }
+    return 16;
+  }
+  SolidProperties properties() const override {
+    const double r2 = radius_ * radius_;
+    const double volume = 2.0 * kPi * r2 * half_length_;
+    const double across = volume * (0.25 * r2 + half_length_ * half_length_ / 3.0);
+    return {volume, Vector3::Zero(), Vector3(across, 0.5 * volume * r2, across).asDiagonal()};
+  }
+
+ private:
+  double radius_;
+  double half_length_;
+};
+
+class Plane final : public Solid {
+ public:
+  SurfacePoint closest(const Vector3& p) const override { return {p.y(), Vector3(p.x(), 0, p.z()), Vector3::UnitY()}; }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    Interval interval;
+    interval.cut(Vector3::UnitY(), 0, from, direction);
+    enter = interval.enter;
+    exit = interval.exit;
+    normal = interval.normal;
+    return !interval.empty();
+  }
+  double bounding_radius() const override { return kInfinity; }
+  std::size_t resting_points(const Vector3&, std::span<RestingPoint>) const override { return 0; }
+  SolidProperties properties() const override { return {kInfinity, Vector3::Zero(), Matrix3::Zero()}; }
+};
+
+Vector3 closest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& normal) {
+  const Vector3 corners[3] = {a, b, c};
+  bool inside = true;
+  Vector3 best = a;
+  double least = kInfinity;
+  for (int k = 0; k < 3; ++k) {
+    const Vector3& from = corners[k];
+    const Vector3 edge = corners[(k + 1) % 3] - from;
+    if (normal.cross(edge).dot(p - from) >= 0) continue;
+    inside = false;
+    const Vector3 point = from + std::clamp(edge.dot(p - from) / edge.squaredNorm(), 0.0, 1.0) * edge;
+    const double distance = (p - point).squaredNorm();
+    if (distance < least) {
+      least = distance;
+      best = point;
+    }
+  }
+  return inside ? Vector3(p - normal.dot(p - a) * normal) : best;
+}
+
+class Hull final : public Solid {
+ public:
+  explicit Hull(std::span<const Vector3> points) : hull_(convex_hull(points)) {}
+  SurfacePoint closest(const Vector3& p) const override {
+    std::size_t highest = 0;
+    double height = -kInfinity;
+    for (std::size_t f = 0; f < hull_.faces.size(); ++f) {
+      const double h = hull_.normals[f].dot(p) - hull_.offsets[f];
+      if (h > height) {
+        height = h;
+        highest = f;
+      }
+    }
+    // Inside, the foot on the nearest plane lies in that plane's face.
+    if (height <= kOnSurface) return {height, p - height * hull_.normals[highest], hull_.normals[highest]};
+    SurfacePoint result{kInfinity, p, hull_.normals[highest]};
+    for (std::size_t f = 0; f < hull_.faces.size(); ++f) {
+      const double h = hull_.normals[f].dot(p) - hull_.offsets[f];
+      if (h <= 0 || h >= result.distance) continue;
+      const auto& face = hull_.faces[f];
+      const Vector3 point = closest_on_triangle(p, vertex(face[0]), vertex(face[1]), vertex(face[2]), hull_.normals[f]);
+      const double distance = (p - point).norm();
+      if (distance < result.distance) result = {distance, point, (p - point) / distance};
+    }
+    return result;
+  }
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+    Interval interval;
+    for (std::size_t f = 0; f < hull_.faces.size(); ++f) interval.cut(hull_.normals[f], hull_.offsets[f], from, direction);
+    enter = interval.enter;
+    exit = interval.exit;
+    normal = interval.normal;
+    return !interval.empty();
+  }
+  double bounding_radius() const override {
+    double radius = 0;
+    for (const Vector3& v : hull_.vertices) radius = std::max(radius, v.norm());
+    return radius;
+  }
+  std::size_t resting_points(const Vector3&, std::span<RestingPoint> out) const override {
+    for (std::size_t i = 0; i < hull_.vertices.size(); ++i) out[i] = {hull_.vertices[i], 0};
+    return hull_.vertices.size();
+  }
+  SolidProperties properties() const override {
+    // Tetrahedra from the first vertex; second moments of a tetrahedron with corners o, a, b, c about o are
+    // volume/20 ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T).
+    const Vector3 origin = hull_.vertices[0];
+    double volume = 0;
+    Vector3 first = Vector3::Zero();
+    Matrix3 second = Matrix3::Zero();
+    for (const auto& face : hull_.faces) {
+      const Vector3 a = vertex(face[0]) - origin, b = vertex(face[1]) - origin, c = vertex(face[2]) - origin;
+      const double part = a.dot(b.cross(c)) / 6.0;
+      const Vector3 sum = a + b + c;
+      volume += part;
+      first += part / 4.0 * sum;
+      second += part / 20.0 * (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose());
+    }
+    const Vector3 centre = first / volume;
+    second -= volume * centre * centre.transpose();
+    return {volume, origin + centre, second.trace() * Matrix3::Identity() - second};
+  }
+
+ private:
+  const Vector3& vertex(int i) const { return hull_.vertices[static_cast<std::size_t>(i)]; }
+  ConvexHull hull_;
+};
+
+void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
+  if (std::isfinite(value) && (value > 0 || (zero_allowed && value == 0))) return;
+  throw std::invalid_argument(std::string("shape: ") + field + " of the " + kind + " is " + std::to_string(value) + " m, expected a finite number " +
+                              (zero_allowed ? ">= 0" : "> 0"));
+}
+
+std::unique_ptr<const Solid> load(const Shape& shape) {
+  const Vec3& size = shape.size;
+  switch (static_cast<ShapeKind>(shape.kind)) {
+    case ShapeKind::sphere:
+      check_size("sphere", "radius", size[0]);
+      return std::make_unique<Sphere>(size[0]);
+    case ShapeKind::box:
+      for (const double half : size) check_size("box", "half extent", half);
+      return std::make_unique<Box>(to_vector(size));
+    case ShapeKind::capsule:
+      check_size("capsule", "radius", size[0]);
+      check_size("capsule", "half length", size[1], true);
+      return std::make_unique<Capsule>(size[0], size[1]);
+    case ShapeKind::cylinder:
+      check_size("cylinder", "radius", size[0]);
+      check_size("cylinder", "half length", size[1]);
+      return std::make_unique<Cylinder>(size[0], size[1]);
+    case ShapeKind::plane:
+      return std::make_unique<Plane>();
+    case ShapeKind::convex_hull: {
+      if (shape.vertices.size() > kMaxHullVertices) {
+        throw std::invalid_argument("shape: convex hull of " + std::to_string(shape.vertices.size()) + " vertices, expected at most " +
+                                    std::to_string(kMaxHullVertices));
+      }
+      std::vector<Vector3> points;
+      for (const Vec3& v : shape.vertices) points.push_back(to_vector(v));
+      return std::make_unique<Hull>(points);
+    }
+  }
+  throw std::invalid_argument("shape: kind is " + std::to_string(shape.kind) + ", expected 0 to 5");
+}
+
+}  // namespace
+
+ShapeGeometry::ShapeGeometry(const Shape& shape)
+    : solid_(load(shape)), bounding_radius_(solid_->bounding_radius()), properties_(solid_->properties()) {}
+ShapeGeometry::~ShapeGeometry() = default;
+ShapeGeometry::ShapeGeometry(ShapeGeometry&&) noexcept = default;
+ShapeGeometry& ShapeGeometry::operator=(ShapeGeometry&&) noexcept = default;
+
+SurfacePoint ShapeGeometry::closest(const Vector3& point) const { return solid_->closest(point); }
+
+std::optional<Crossing> ShapeGeometry::first_crossing(const Vector3& from, const Vector3& to) const {
+  const Vector3 direction = to - from;
+  double enter = 0, exit = 0;
+  Vector3 normal = Vector3::UnitY();
+  // A path that only touches (enter = exit) does not enter.
+  if (!solid_->clip(from, direction, enter, exit, normal) || !(enter >= 0 && enter <= 1 && enter < exit)) return std::nullopt;
+  return Crossing{from + enter * direction, normal, enter};
+}
+
+std::size_t ShapeGeometry::resting_points(const Vector3& up, std::span<RestingPoint> out) const { return solid_->resting_points(up, out); }
+
+}  // namespace softhand
