@@ -96,7 +96,7 @@ class PlainType final : public dds::TopicDataType {
     for (std::size_t i = 0; i < hash.size(); ++i) handle->value[i] = hash[i];
     return true;
   }
-  bool is_bounded() const override { return true; }
+  bool is_bounded() const override { return false; }  // true would forbid readers' buffers to grow, see ReaderImpl
   bool is_plain() const override { return false; }
 
  private:
@@ -264,7 +264,9 @@ class ReaderImpl final : public dds::DataReaderListener {
       : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
     apply(qos, row);
-    qos.endpoint().history_memory_policy = memory_policy(codec);
+    // Buffers that may grow, so that a payload which is too long reaches our decoder to be refused and counted.
+    const auto policy = memory_policy(codec);
+    qos.endpoint().history_memory_policy = policy == rtps::PREALLOCATED_MEMORY_MODE ? rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE : policy;
     dds::StatusMask mask = dds::StatusMask::subscription_matched();
     mask << dds::StatusMask::liveliness_changed() << dds::StatusMask::requested_deadline_missed() << dds::StatusMask::sample_lost();
     reader_ = participant_->subscriber().create_datareader(participant_->topic(row, codec), qos, this, mask);

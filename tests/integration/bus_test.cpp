@@ -1,0 +1,393 @@
+// The bus over real DDS. Each case has a process and a domain of its own, so that cases may run side by side.
+#include "bus/bus.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <map>
+#include <sstream>
+#include <string>
+#include <thread>
+
+#include "integration/bus_fill.hpp"
+
+extern char** environ;
+
+namespace softhand::bus {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+int test_domain() { return 20 + static_cast<int>(getpid()) % 80; }
+
+/// Polls until true; false after ten seconds, which a healthy bus never needs.
+template <typename F>
+bool eventually(F&& f) {
+  const auto end = Clock::now() + 10s;
+  while (!f()) {
+    if (Clock::now() > end) return false;
+    std::this_thread::sleep_for(2ms);
+  }
+  return true;
+}
+
+/// A child process that dies with its handle.
+class Child {
+ public:
+  explicit Child(std::vector<std::string> arguments) {
+    std::vector<char*> argv;
+    for (std::string& argument : arguments) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    int in[2];
+    int out[2];
+    if (pipe2(in, O_CLOEXEC) != 0 || pipe2(out, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, in[0], 0);
+    posix_spawn_file_actions_adddup2(&actions, out[1], 1);
+    if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0) throw std::runtime_error("cannot start " + arguments[0]);
+    posix_spawn_file_actions_destroy(&actions);
+    close(in[0]);
+    close(out[1]);
+    input_ = in[1];
+    output_ = out[0];
+  }
+  ~Child() {
+    kill_now();
+    close_input();
+    close(output_);
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+  void kill_now() {
+    if (pid_ <= 0) return;
+    ::kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+    pid_ = 0;
+  }
+  void close_input() {
+    if (input_ >= 0) close(input_);
+    input_ = -1;
+  }
+  /// Closes its input, waits for its end; all it printed, "name value" a line.
+  std::map<std::string, std::string> finish(int& exit_code) {
+    close_input();
+    std::string text;
+    char buffer[4096];
+    for (ssize_t n = 0; (n = read(output_, buffer, sizeof buffer)) > 0;) text.append(buffer, static_cast<std::size_t>(n));
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    pid_ = 0;
+    exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    std::map<std::string, std::string> lines;
+    std::istringstream stream(text);
+    for (std::string name, value; stream >> name >> value;) lines[name] = value;
+    return lines;
+  }
+
+ private:
+  pid_t pid_ = 0;
+  int input_ = -1;
+  int output_ = -1;
+};
+
+TEST(Bus, EveryTopicCarriesEveryField) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  topics::for_each([&]<typename T>(const Topic<T>& topic) {
+    SCOPED_TRACE(topic.name);
+    Writer writer(here, topic, 1);
+    Reader reader(there, topic);
+    ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.live_writer_count() == 1; }));
+    EXPECT_EQ(reader.writer_count(), 1);
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+      const auto sent = filled<T>(seed, seed == 2);
+      const auto got = std::make_unique<T>();
+      // A best-effort sample of many packets may be lost on a busy machine.
+      ASSERT_TRUE(eventually([&] {
+        writer.write(*sent);
+        return reader.wait(100ms) && reader.take_latest(*got) && bytes_of(*got) == bytes_of(*sent);
+      }));
+    }
+    EXPECT_EQ(writer.counters().failed, 0u);
+    EXPECT_GE(writer.counters().written, 2u);
+    EXPECT_GE(reader.counters().received, 2u);
+    EXPECT_EQ(reader.counters().refused, 0u);
+  });
+}
+
+TEST(Bus, AWriterKnowsWhetherAnybodyReads) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Writer writer(here, topics::contacts);
+  std::this_thread::sleep_for(200ms);
+  EXPECT_FALSE(writer.has_readers());
+  {
+    const Reader reader(there, topics::contacts);
+    EXPECT_TRUE(eventually([&] { return writer.has_readers(); }));
+  }
+  EXPECT_TRUE(eventually([&] { return !writer.has_readers(); }));
+}
+
+TEST(Bus, TakeLatestGivesTheNewestOnce) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Writer writer(here, topics::bone_wrench);
+  Reader reader(there, topics::bone_wrench, HandKey{0, 1});
+  BoneWrench out;
+  EXPECT_FALSE(reader.take_latest(out));
+  EXPECT_FALSE(reader.wait(10ms));
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  BoneWrench wrench;
+  for (wrench.stamp.sequence = 1; wrench.stamp.sequence <= 20; ++wrench.stamp.sequence) writer.write(wrench);
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(out) && out.stamp.sequence == 20; }));
+  EXPECT_FALSE(reader.take_latest(out));
+}
+
+TEST(Bus, OtherHandsArePassedOver) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Writer writer(here, topics::simulated_skeleton);
+  Reader left(there, topics::simulated_skeleton, HandKey{0, 0});
+  Reader all(there, topics::simulated_skeleton);
+  ASSERT_TRUE(eventually([&] { return left.writer_count() == 1 && all.writer_count() == 1 && writer.has_readers(); }));
+  Skeleton skeleton;
+  std::map<std::uint32_t, int> sides;
+  ASSERT_TRUE(eventually([&] {
+    for (std::uint32_t side : {0u, 1u}) {
+      skeleton.hand = {0, side};
+      writer.write(skeleton);
+    }
+    std::this_thread::sleep_for(5ms);
+    all.take_all([&](const Skeleton& s) { ++sides[s.hand.side]; });
+    return sides[0] > 0 && sides[1] > 0;
+  }));
+  Skeleton out;
+  out.hand.side = 7;
+  ASSERT_TRUE(eventually([&] { return left.take_latest(out); }));
+  EXPECT_EQ(out.hand.side, 0u);
+}
+
+TEST(Bus, LateReadersGetEveryDescription) {
+  const Participant here("here", test_domain());
+  Writer objects(here, topics::object_description);
+  Writer hands(here, topics::hand_description);
+  for (std::uint32_t id = 1; id <= 200; ++id) {
+    auto description = filled<ObjectDescription>(id);
+    description->object = id;
+    objects.write(*description);
+  }
+  const auto hand = filled<HandDescription>(1, true);  // 1.1 MB
+  hands.write(*hand);
+
+  const Participant there("there", test_domain());
+  Reader late_objects(there, topics::object_description);
+  Reader late_hands(there, topics::hand_description);
+  std::map<std::uint32_t, std::vector<std::byte>> got;
+  ASSERT_TRUE(eventually([&] {
+    late_objects.take_all([&](const ObjectDescription& d) { got[d.object] = bytes_of(d); });
+    return got.size() == 200;
+  }));
+  for (std::uint32_t id = 1; id <= 200; ++id) {
+    auto description = filled<ObjectDescription>(id);
+    description->object = id;
+    EXPECT_EQ(got[id], bytes_of(*description)) << id;
+  }
+  const auto out = std::make_unique<HandDescription>();
+  ASSERT_TRUE(eventually([&] { return late_hands.take_latest(*out); }));
+  EXPECT_EQ(bytes_of(*out), bytes_of(*hand));
+}
+
+TEST(Bus, EveryMessageArrivesInOrder) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Writer writer(here, topics::message);
+  Reader reader(there, topics::message);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  Message message;
+  for (message.id = 1; message.id <= 50; ++message.id) writer.write(message);
+  std::vector<std::uint64_t> ids;
+  ASSERT_TRUE(eventually([&] {
+    reader.take_all([&](const Message& m) { ids.push_back(m.id); });
+    return ids.size() >= 50;
+  }));
+  for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
+}
+
+TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
+  const Participant here("here", test_domain());
+  Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
+  const std::string domain = std::to_string(test_domain());
+  Skeleton skeleton;
+  Child weak({BUS_PUBLISHER, domain, "1"});
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 1; }));
+  Child strong({BUS_PUBLISHER, domain, "2"});
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 2; }));
+  ASSERT_TRUE(eventually([&] { return reader.live_writer_count() == 2; }));
+  // From here on only the strong one is heard. (A loaded machine may starve it for 50 ms: then the weak one rightly speaks up for a moment.)
+  int of_weak = 0;
+  int of_strong = 0;
+  for (const auto end = Clock::now() + 500ms; Clock::now() < end; std::this_thread::sleep_for(1ms))
+    if (reader.take_latest(skeleton)) ++(skeleton.source == 2 ? of_strong : of_weak);
+  EXPECT_GT(of_strong, 10);
+  EXPECT_LT(of_weak, of_strong);
+
+  strong.kill_now();
+  const auto death = Clock::now();
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 1; }));
+  RecordProperty("handover_ms", static_cast<int>(std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - death).count()));
+  std::printf("handover after %.1f ms\n", std::chrono::duration<double, std::milli>(Clock::now() - death).count());
+  EXPECT_TRUE(eventually([&] { return reader.live_writer_count() == 1; }));
+
+  weak.kill_now();
+  EXPECT_TRUE(eventually([&] { return reader.live_writer_count() == 0; }));
+  EXPECT_TRUE(eventually([&] { return reader.counters().deadline_missed > 0; }));
+  Child again({BUS_PUBLISHER, domain, "3"});
+  const auto start = Clock::now();
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 3; }));
+  std::printf("restart heard after %.1f ms\n", std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+}
+
+}  // namespace
+
+/// device_state as a writer with a greater bound would send it.
+struct LongDeviceState {
+  std::uint32_t device = 0;
+  HandKey hand;
+  Stamp stamp;
+  std::array<std::uint32_t, 5> numbers{};
+  BoundedVector<double, kMaxActuators + 1> commands;
+};
+template <typename V, Is<LongDeviceState> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("device", m.device);
+  v.field("hand", m.hand);
+  v.field("stamp", m.stamp);
+  v.field("numbers", m.numbers);
+  v.field("commands", m.commands);
+}
+
+namespace {
+
+TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Writer writer(here, Topic<LongDeviceState>{TopicRow(topics::device_state)});
+  Reader reader(there, topics::device_state);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  LongDeviceState state;
+  for (std::size_t i = 0; i < kMaxActuators + 1; ++i) state.commands.push_back(1);
+  DeviceState out;
+  ASSERT_TRUE(eventually([&] {
+    writer.write(state);
+    EXPECT_FALSE(reader.take_latest(out));
+    return reader.counters().refused > 0;
+  }));
+  EXPECT_EQ(reader.counters().received, 0u);
+  state.commands.count = kMaxActuators;  // the same bytes as a proper one
+  ASSERT_TRUE(eventually([&] {
+    writer.write(state);
+    return reader.take_latest(out);
+  }));
+  EXPECT_EQ(out.commands.size(), kMaxActuators);
+
+  Writer proper(here, topics::contacts);
+  auto contacts = std::make_unique<Contacts>();
+  contacts->contacts.count = kMaxContacts + 1;
+  proper.write(*contacts);
+  EXPECT_EQ(proper.counters().failed, 1u);
+}
+
+TEST(Bus, DomainComesFromTheEnvironment) {
+  unsetenv("SOFTHAND_DOMAIN");
+  EXPECT_EQ(domain_from_environment(), 0);
+  setenv("SOFTHAND_DOMAIN", "17", 1);
+  EXPECT_EQ(domain_from_environment(), 17);
+  for (const char* bad : {"-1", "231", "seven", "1x", " 1"}) {
+    setenv("SOFTHAND_DOMAIN", bad, 1);
+    EXPECT_THROW(domain_from_environment(), std::runtime_error) << bad;
+  }
+}
+
+/// The echo of a message through Cyclone's generated C type must be the same bytes, and C must see the values under the same names.
+template <typename T>
+std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent) {
+  setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
+  const Participant here("here", test_domain());
+  const std::string echo_name = std::string(topic.name) + "_echo";
+  Topic<T> echo = topic;
+  echo.name = echo_name;
+  Writer writer(here, topic, 1);
+  Reader reader(here, echo);
+  Child cyclone({CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)});
+  const auto got = std::make_unique<T>();
+  EXPECT_TRUE(eventually([&] { return writer.has_readers(); })) << topic.name;
+  bool same = eventually([&] {
+    writer.write(sent);
+    return reader.wait(50ms) && reader.take_latest(*got);
+  });
+  EXPECT_TRUE(same) << topic.name << ": no echo; refused " << reader.counters().refused << ", writers " << reader.writer_count();
+  EXPECT_EQ(bytes_of(*got), bytes_of(sent)) << topic.name;
+  int exit_code = 0;
+  auto lines = cyclone.finish(exit_code);
+  EXPECT_EQ(exit_code, 0) << topic.name;
+  return lines;
+}
+
+TEST(BusAndCyclone, EveryTopicPassesThroughUnchanged) {
+  topics::for_each([&]<typename T>(const Topic<T>& topic) {
+    const auto message = filled<T>(5);
+    through_cyclone(topic, *message);
+  });
+}
+
+double number(const std::map<std::string, std::string>& lines, const std::string& name) {
+  const auto found = lines.find(name);
+  EXPECT_NE(found, lines.end()) << name;
+  return found == lines.end() ? 0 : std::strtod(found->second.c_str(), nullptr);
+}
+
+TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
+  const auto skeleton = filled<Skeleton>(6);
+  auto lines = through_cyclone(topics::simulated_skeleton, *skeleton);
+  EXPECT_EQ(number(lines, "hand.side"), skeleton->hand.side);
+  EXPECT_EQ(lines["stamp.sample_time"], std::to_string(skeleton->stamp.sample_time));
+  EXPECT_EQ(number(lines, "confidence"), skeleton->confidence);
+  EXPECT_EQ(number(lines, "joints[25].orientation.w"), skeleton->joints[25].orientation[3]);
+  EXPECT_EQ(number(lines, "joints[25].radius"), skeleton->joints[25].radius);
+
+  const auto contacts = filled<Contacts>(6);
+  lines = through_cyclone(topics::contacts, *contacts);
+  const Contact& contact = contacts->contacts[contacts->contacts.size() - 1];
+  EXPECT_EQ(number(lines, "contacts.length"), static_cast<double>(contacts->contacts.size()));
+  EXPECT_EQ(number(lines, "fingers[5].area"), contacts->fingers[5].area);
+  EXPECT_EQ(number(lines, "contacts[last].force.z"), contact.force[2]);
+  EXPECT_EQ(number(lines, "contacts[last].slip_speed"), contact.slip_speed);
+
+  const auto objects = filled<WorldObjects>(6);
+  lines = through_cyclone(topics::objects, *objects);
+  const ObjectState& object = objects->objects[objects->objects.size() - 1];
+  EXPECT_EQ(number(lines, "objects[last].position.y"), object.position[1]);
+  EXPECT_EQ(number(lines, "objects[last].planes[last].mass"), object.planes[object.planes.size() - 1].mass);
+
+  const auto wrench = filled<BoneWrench>(6);
+  lines = through_cyclone(topics::bone_wrench, *wrench);
+  EXPECT_EQ(number(lines, "bones[20].coupling_torque.y"), wrench->bones[20].coupling_torque[1]);
+
+  const auto status = filled<LoopStatus>(6);
+  status->module = {"hand"};
+  lines = through_cyclone(topics::loop_status, *status);
+  EXPECT_EQ(lines["module_name"], std::string(status->module.data()));
+  EXPECT_EQ(number(lines, "step_ms_p99"), status->step_ms_p99);
+}
+
+}  // namespace
+}  // namespace softhand::bus

@@ -1,0 +1,122 @@
+/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name, and writes the sample back, whole,
+ * on TOPIC_echo until the reader there has it (standard input closes) or 20 s have passed. Shows the other vendor's view of the wire. */
+#include <inttypes.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bone_wrench.h"
+#include "contacts.h"
+#include "coupling.h"
+#include "dds/dds.h"
+#include "descriptions.h"
+#include "device.h"
+#include "head_pose.h"
+#include "message.h"
+#include "objects.h"
+#include "skeleton.h"
+#include "status.h"
+#include "tissue.h"
+
+static void print_skeleton(const void *sample) {
+  const softhand_v1_Skeleton *s = sample;
+  printf("hand.side %" PRIu32 "\nstamp.sample_time %" PRId64 "\nconfidence %.17g\n", s->hand.side, s->stamp.sample_time, s->confidence);
+  printf("joints[25].orientation.w %.17g\njoints[25].radius %.17g\n", s->joints[25].orientation.w, s->joints[25].radius);
+}
+static void print_contacts(const void *sample) {
+  const softhand_v1_Contacts *s = sample;
+  const softhand_v1_Contact *last = &s->contacts._buffer[s->contacts._length - 1];
+  printf("fingers[5].area %.17g\ncontacts.length %" PRIu32 "\n", s->fingers[5].area, s->contacts._length);
+  printf("contacts[last].force.z %.17g\ncontacts[last].slip_speed %.17g\n", last->force.z, last->slip_speed);
+}
+static void print_objects(const void *sample) {
+  const softhand_v1_WorldObjects *s = sample;
+  const softhand_v1_ObjectState *last = &s->objects._buffer[s->objects._length - 1];
+  printf("objects.length %" PRIu32 "\nobjects[last].position.y %.17g\n", s->objects._length, last->position.y);
+  printf("objects[last].planes[last].mass %.17g\n", last->planes._buffer[last->planes._length - 1].mass);
+}
+static void print_wrench(const void *sample) {
+  const softhand_v1_BoneWrench *s = sample;
+  printf("bones[20].coupling_torque.y %.17g\n", s->bones[20].coupling_torque.y);
+}
+static void print_status(const void *sample) {
+  const softhand_v1_LoopStatus *s = sample;
+  printf("module_name %s\nstep_ms_p99 %.17g\n", s->module_name, s->step_ms_p99);
+}
+static void print_nothing(const void *sample) { (void)sample; }
+
+static const struct {
+  const char *topic;
+  const dds_topic_descriptor_t *type;
+  void (*print)(const void *sample);
+} kinds[] = {
+    {"softhand/v1/tracked_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
+    {"softhand/v1/intermediate_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
+    {"softhand/v1/simulated_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
+    {"softhand/v1/tissue_surface", &softhand_v1_TissueSurface_desc, print_nothing},
+    {"softhand/v1/contacts", &softhand_v1_Contacts_desc, print_contacts},
+    {"softhand/v1/objects", &softhand_v1_WorldObjects_desc, print_objects},
+    {"softhand/v1/object_coupling", &softhand_v1_ObjectCoupling_desc, print_nothing},
+    {"softhand/v1/bone_wrench", &softhand_v1_BoneWrench_desc, print_wrench},
+    {"softhand/v1/device_state", &softhand_v1_DeviceState_desc, print_nothing},
+    {"softhand/v1/head_pose", &softhand_v1_HeadPose_desc, print_nothing},
+    {"softhand/v1/message", &softhand_v1_Message_desc, print_nothing},
+    {"softhand/v1/message_reply", &softhand_v1_MessageReply_desc, print_nothing},
+    {"softhand/v1/loop_status", &softhand_v1_LoopStatus_desc, print_status},
+    {"softhand/v1/object_description", &softhand_v1_ObjectDescription_desc, print_nothing},
+    {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},
+};
+
+int main(int argc, char **argv) {
+  if (argc != 3) return 2;
+  size_t k = 0;
+  while (k < sizeof kinds / sizeof kinds[0] && strcmp(kinds[k].topic, argv[2]) != 0) ++k;
+  if (k == sizeof kinds / sizeof kinds[0]) return 2;
+  const int exclusive = strcmp(argv[2], "softhand/v1/tracked_skeleton") == 0;
+
+  const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
+  const dds_entity_t topic = dds_create_topic(participant, kinds[k].type, argv[2], NULL, NULL);
+  dds_qos_t *read_qos = dds_create_qos();
+  dds_qset_reliability(read_qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+  if (exclusive) dds_qset_ownership(read_qos, DDS_OWNERSHIP_EXCLUSIVE);
+  const dds_entity_t reader = dds_create_reader(participant, topic, read_qos, NULL);
+
+  char echo_name[128];
+  snprintf(echo_name, sizeof echo_name, "%s_echo", argv[2]);
+  const dds_entity_t echo_topic = dds_create_topic(participant, kinds[k].type, echo_name, NULL, NULL);
+  dds_qos_t *write_qos = dds_create_qos();
+  dds_qset_reliability(write_qos, DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
+  dds_qset_durability(write_qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+  if (exclusive) {
+    dds_qset_ownership(write_qos, DDS_OWNERSHIP_EXCLUSIVE);
+    dds_qset_deadline(write_qos, DDS_MSECS(50));
+    dds_qset_liveliness(write_qos, DDS_LIVELINESS_AUTOMATIC, DDS_MSECS(50));
+  }
+  const dds_entity_t writer = dds_create_writer(participant, echo_topic, write_qos, NULL);
+  if (participant < 0 || topic < 0 || reader < 0 || echo_topic < 0 || writer < 0) {
+    fprintf(stderr, "cyclone_subscriber: cannot create its entities (%d %d %d %d %d)\n", participant, topic, reader, echo_topic, writer);
+    return 1;
+  }
+
+  void *sample[1] = {NULL};
+  dds_sample_info_t info;
+  for (int tries = 0; tries < 2000; ++tries) {
+    if (dds_take(reader, sample, &info, 1, 1) == 1) {
+      if (info.valid_data) break;
+      dds_return_loan(reader, sample, 1);
+      sample[0] = NULL;
+    }
+    dds_sleepfor(DDS_MSECS(10));
+  }
+  if (sample[0] == NULL || !info.valid_data) return 1;
+  kinds[k].print(sample[0]);
+  fflush(stdout);
+  struct pollfd input = {.fd = 0, .events = POLLIN};
+  for (int tries = 0; tries < 1000; ++tries) {
+    if (dds_write(writer, sample[0]) != DDS_RETCODE_OK) return 1;
+    if (poll(&input, 1, 20) > 0) break; /* closed */
+  }
+  dds_delete(participant);
+  return 0;
+}
