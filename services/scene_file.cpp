@@ -99,7 +99,8 @@ OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {
   frame.shake_frequency = scene.options.generator.shake_time > 0 ? scene.options.generator.shake_frequency : 0;
   if (!frame.recorded) frame.phases = make_scene_motion(scene, load_scene_hand(scene))->phases();
   if (const ObjectOptions* object = judged_object(scene.options)) {
-    frame.object = object_id(scene.options.objects, *object);
+    // The world numbers its objects from 1 in the order of the scene.
+    frame.object = static_cast<std::uint32_t>(object - scene.options.objects.data()) + 1;
     frame.object_mass = object->mass;
   }
   return frame;

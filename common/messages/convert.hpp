@@ -38,4 +38,12 @@ std::string_view get_text(const std::array<char, n>& field) {
   return {field.data(), static_cast<std::size_t>(std::find(field.begin(), field.end(), '\0') - field.begin())};
 }
 
+/// Appends a counter to a status; what does not fit is dropped.
+inline void add_counter(LoopStatus& status, std::string_view name, double value) {
+  NamedValue counter;
+  set_text(counter.name, name);
+  counter.value = value;
+  status.counters.push_back(counter);
+}
+
 }  // namespace softhand

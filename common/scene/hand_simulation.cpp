@@ -1,0 +1,230 @@
+#include "scene/hand_simulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "energies/body_coupling.hpp"
+#include "energies/contact.hpp"
+#include "energies/friction.hpp"
+#include "energies/inertia.hpp"
+#include "energies/joint.hpp"
+#include "energies/plane_contact.hpp"
+#include "energies/skeleton_tissue.hpp"
+#include "energies/tissue.hpp"
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kStandardGravity = 9.81;  // m/s^2
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
+
+// A tetrahedron's mass goes to its corners in equal parts.
+std::vector<double> lumped_masses(const HandModel& hand) {
+  std::vector<double> masses(hand.nodes.size(), 0.0);
+  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
+    const auto& n = hand.tetrahedra[t];
+    const auto x = [&hand, &n](std::size_t k) { return hand.nodes[static_cast<std::size_t>(n[k])]; };
+    const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
+    const double share = 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
+    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
+  }
+  return masses;
+}
+
+Pose body_rest_pose(const HandModel& hand, Body body) { return hand.rest_joints[index(joint_of(body))] * hand.bodies[index(body)].joint_from_body; }
+
+// What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is critical.
+std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::vector<double>& node_masses) {
+  std::array<double, kBodyCount> masses{};
+  for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
+  for (std::size_t n = 0; n < node_masses.size(); ++n) masses[hand.node_body[n]] += node_masses[n];
+  return masses;
+}
+
+Twist at_point(const Twist& of_centre, const Vector3& lever) { return {of_centre.linear + of_centre.angular.cross(lever), of_centre.angular}; }
+
+}  // namespace
+
+HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
+                               const ObjectSpring& object_spring)
+    : hand_(hand), object_spring_(object_spring), mirrored_slots_(mirrored_slots), static_slots_(static_slots) {
+  const int bodies = kBodyCount + slot_count();
+  state_.node_positions.resize(3, hand_.node_count());
+  for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
+  state_.node_velocities.setZero(3, hand_.node_count());
+  state_.body_poses.resize(static_cast<std::size_t>(bodies));
+  state_.body_velocities.resize(static_cast<std::size_t>(bodies));
+  for (int b = 0; b < kBodyCount; ++b) state_.body_poses[static_cast<std::size_t>(b)] = body_rest_pose(hand_, static_cast<Body>(b));
+  for (int j = 0; j < kJointCount; ++j) {
+    const Joint joint = static_cast<Joint>(j);
+    joint_in_body_[index(joint)] = body_rest_pose(hand_, body_of(joint)).inverse() * hand_.rest_joints[index(joint)];
+  }
+  modes_.assign(static_cast<std::size_t>(slot_count()), SlotMode::empty);
+  objects_.resize(static_cast<std::size_t>(slot_count()));
+
+  const DofLayout layout = state_.layout();
+  const std::vector<double> masses = lumped_masses(hand_);
+  const auto carried = carried_masses(hand_, masses);
+  const Vector3 weight = options.gravity ? Vector3(0, -kStandardGravity, 0) : Vector3(Vector3::Zero());
+
+  auto inertia = std::make_unique<Inertia>(masses, bodies);
+  inertia_ = inertia.get();
+  inertia->set_node_gravity(weight);
+  for (int b = 0; b < kBodyCount; ++b) inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass, hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
+  terms_.push_back(std::move(inertia));
+
+  auto tissue = std::make_unique<Tissue>(hand_);
+  tissue_ = tissue.get();
+  terms_.push_back(std::move(tissue));
+  terms_.push_back(std::make_unique<SkeletonTissue>(hand_, layout));
+  terms_.push_back(std::make_unique<JointEnergy>(hand_joints(hand_), layout));
+
+  std::vector<CouplingSite> bones;
+  for (int b = 0; b < kBodyCount; ++b) {
+    const BodyModel& body = hand_.bodies[static_cast<std::size_t>(b)];
+    CouplingGains gains;
+    gains.linear_stiffness = body.coupling_linear_stiffness;
+    gains.angular_stiffness = body.coupling_angular_stiffness;
+    gains.linear_damping = 2 * options.coupling_damping_ratio * std::sqrt(body.coupling_linear_stiffness * carried[static_cast<std::size_t>(b)]);
+    const double turning_inertia = body.inertia.trace() / 3 * carried[static_cast<std::size_t>(b)] / body.mass;
+    gains.angular_damping = 2 * options.coupling_damping_ratio * std::sqrt(body.coupling_angular_stiffness * turning_inertia);
+    gains.force_cap = body.coupling_force_cap;
+    gains.torque_cap = body.coupling_torque_cap;
+    bones.push_back({b, body.joint_from_body.inverse(), gains});
+  }
+  auto coupling = std::make_unique<BodyCoupling>("coupling", std::move(bones), layout);
+  coupling_ = coupling.get();
+  terms_.push_back(std::move(coupling));
+
+  // Terms about objects exist only where there are slots for objects.
+  if (slot_count() > 0) {
+    contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_, slot_count());
+    terms_.push_back(std::make_unique<ContactEnergy>(*contacts_));
+    terms_.push_back(std::make_unique<FrictionEnergy>(*contacts_));
+  }
+  if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
+    auto planes = std::make_unique<PlaneContact>(layout, kBodyCount, mirrored_slots_);
+    planes_ = planes.get();
+    terms_.push_back(std::move(planes));
+  }
+  if (mirrored_slots_ > 0 && object_spring.linear_stiffness > 0) {
+    std::vector<CouplingSite> sites;
+    for (int slot = 0; slot < mirrored_slots_; ++slot) sites.push_back({kBodyCount + slot, Pose{}, {}});
+    auto objects = std::make_unique<BodyCoupling>("object_coupling", std::move(sites), layout);
+    object_coupling_ = objects.get();
+    terms_.push_back(std::move(objects));
+  }
+
+  std::vector<Energy*> list;
+  for (const auto& term : terms_) list.push_back(term.get());
+  solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, options.solver);
+}
+
+HandSimulation::~HandSimulation() = default;
+
+void HandSimulation::reposition(const Pose& wrist) {
+  const Pose move = wrist * joint_pose(Joint::wrist).inverse();
+  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
+  state_.node_velocities.setZero();
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    state_.body_poses[b] = move * state_.body_poses[b];
+    state_.body_velocities[b] = {};
+  }
+  if (contacts_) contacts_->reset();
+}
+
+void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
+
+void HandSimulation::set_slot(int slot, const MirroredObject& object) {
+  objects_[static_cast<std::size_t>(slot)] = object;
+  if (object_coupling_ != nullptr && !slot_is_static(slot)) {
+    CouplingGains gains;
+    gains.linear_stiffness = object_spring_.linear_stiffness;
+    gains.angular_stiffness = object_spring_.angular_stiffness;
+    gains.linear_damping = 2 * object_spring_.damping_ratio * std::sqrt(object_spring_.linear_stiffness * object.mass);
+    gains.angular_damping = 2 * object_spring_.damping_ratio * std::sqrt(object_spring_.angular_stiffness * object.inertia.trace() / 3);
+    object_coupling_->set_gains(slot, gains);
+  }
+  make_kinematic(slot);
+}
+
+void HandSimulation::clear_slot(int slot) {
+  modes_[static_cast<std::size_t>(slot)] = SlotMode::empty;
+  inertia_->hold(kBodyCount + slot);
+  contacts_->clear_object(slot);
+  if (!slot_is_static(slot)) {
+    if (planes_ != nullptr) planes_->clear_object(slot);
+    if (object_coupling_ != nullptr) object_coupling_->clear_target(slot);
+  }
+}
+
+void HandSimulation::set_slot_motion(int slot, const Pose& pose, const Twist& velocity) {
+  state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)] = pose;
+  state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = velocity;
+}
+
+void HandSimulation::make_kinematic(int slot) {
+  modes_[static_cast<std::size_t>(slot)] = SlotMode::kinematic;
+  inertia_->hold(kBodyCount + slot);
+  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::fixed);
+  if (planes_ != nullptr && !slot_is_static(slot)) planes_->clear_object(slot);
+}
+
+void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
+  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+  const bool was_dynamic = slot_mode(slot) == SlotMode::dynamic;
+  modes_[static_cast<std::size_t>(slot)] = SlotMode::dynamic;
+  if (planes_ != nullptr && !was_dynamic) planes_->set_object(slot, object.shape, object.mass, object.mass * kStandardGravity);
+  inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
+  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
+}
+
+void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) { object_coupling_->set_target(slot, pose, velocity); }
+
+StepReport HandSimulation::step(double time_step) {
+  const StepReport report = solver_->step(state_, time_step);
+  collect_bone_contacts();
+  return report;
+}
+
+Pose HandSimulation::joint_pose(Joint joint) const { return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)]; }
+
+Twist HandSimulation::joint_velocity(Joint joint) const {
+  const std::size_t body = index(body_of(joint));
+  const Vector3 lever = state_.body_poses[body].orientation * joint_in_body_[index(joint)].position;
+  return at_point(state_.body_velocities[body], lever);
+}
+
+Wrench HandSimulation::coupling_wrench(Body body) const { return coupling_->wrench(index_of(body), state_); }
+
+Wrench HandSimulation::object_coupling_wrench(int slot) const {
+  return object_coupling_ == nullptr || slot_is_static(slot) ? Wrench{} : object_coupling_->wrench(slot, state_);
+}
+
+Wrench HandSimulation::contact_wrench(int slot) const { return contacts_->wrench(slot); }
+int HandSimulation::contact_count() const { return contacts_ ? contacts_->count() : 0; }
+bool HandSimulation::touched(int slot) const { return contacts_->count(slot) > 0; }
+void HandSimulation::write_contacts(Contacts& out) const {
+  if (contacts_) contacts_->write(state_, out);
+}
+
+void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes) {
+  if (planes_ != nullptr) planes_->set_planes(slot, planes);
+}
+
+void HandSimulation::collect_bone_contacts() {
+  bone_contact_forces_.fill(Vector3::Zero());
+  if (!contacts_) return;
+  for (const ContactSet::Anchor& anchor : contacts_->anchors()) bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
+}
+
+double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(state_); }
+int HandSimulation::inverted_elements() const { return tissue_->inverted_elements(state_); }
+
+}  // namespace softhand

@@ -1,0 +1,119 @@
+// One simulated hand with the objects that it can touch: the only place that names every energy term.
+//
+// Bodies of the state: 0..20 the bones, then `mirrored_slots` objects that may move, then `static_slots` that may not. An object's slot is empty,
+// kinematic (its pose is given; it yields to nothing) or dynamic (the twin carries mass, inertia and gravity).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "energies/energy.hpp"
+#include "geometry/shape.hpp"
+#include "messages/messages.hpp"
+#include "model/hand_model.hpp"
+#include "scene/simulation_options.hpp"
+#include "solver/newton_solver.hpp"
+
+namespace softhand {
+
+class BodyCoupling;
+class ContactSet;
+class Inertia;
+class PlaneContact;
+class Tissue;
+
+enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
+
+/// What the simulation must know of an object that it mirrors.
+struct MirroredObject {
+  std::uint32_t id = 0;
+  const ShapeGeometry* shape = nullptr;  ///< outlives its stay in the slot
+  double mass = 1;                       ///< kg, > 0
+  Matrix3 inertia = Matrix3::Identity(); ///< kg m^2, body axes
+  double friction = 0;
+};
+
+/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, no such spring.
+struct ObjectSpring {
+  double linear_stiffness = 0;   ///< N/m
+  double angular_stiffness = 0;  ///< N m/rad
+  double damping_ratio = 0;      ///< over the critical damping of the object in the slot
+};
+
+class HandSimulation {
+ public:
+  /// The hand stands at rest with its wrist at the world's origin; all slots are empty.
+  HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots, const ObjectSpring& object_spring = {});
+  ~HandSimulation();
+
+  const HandModel& hand() const { return hand_; }
+  const State& state() const { return state_; }
+  int slot_count() const { return mirrored_slots_ + static_slots_; }
+  bool slot_is_static(int slot) const { return slot >= mirrored_slots_; }
+
+  /// Moves the whole hand rigidly, so that its wrist joint comes to `wrist`; velocities and contacts end.
+  void reposition(const Pose& wrist);
+
+  /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until changed.
+  void set_target(Body body, const Pose& joint, const Twist& velocity);
+
+  void set_slot(int slot, const MirroredObject& object);
+  void clear_slot(int slot);
+  SlotMode slot_mode(int slot) const { return modes_[static_cast<std::size_t>(slot)]; }
+  void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);  ///< of a kinematic slot, or at the moment a slot changes its mode
+  void make_kinematic(int slot);
+  void make_dynamic(int slot, const Vector3& gravity);
+  Pose slot_pose(int slot) const { return state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)]; }
+  Twist slot_velocity(int slot) const { return state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)]; }
+  /// What stops a dynamic slot in the world (mode owner).
+  void set_planes(int slot, std::span<const NeighbourPlane> planes);
+  /// Target of U'_crb, the world's copy (mode symmetric).
+  void set_object_target(int slot, const Pose& pose, const Twist& velocity);
+
+  StepReport step(double time_step);
+
+  // Results of the last step.
+  Pose joint_pose(Joint joint) const;
+  Twist joint_velocity(Joint joint) const;
+  /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
+  Wrench coupling_wrench(Body body) const;
+  /// Of the hand on the object in the slot, about its centre of mass.
+  Wrench contact_wrench(int slot) const;
+  Wrench object_coupling_wrench(int slot) const;
+  /// Whether any node touches the object.
+  bool touched(int slot) const;
+  void write_contacts(Contacts& out) const;
+  /// Sum of contact forces on the tissue around each bone, N.
+  const std::array<Vector3, kBodyCount>& bone_contact_forces() const { return bone_contact_forces_; }
+  /// J, of nodes and moving bodies.
+  double kinetic_energy() const;
+  int inverted_elements() const;
+  int contact_count() const;
+
+ private:
+  void collect_bone_contacts();
+
+  HandModel hand_;
+  ObjectSpring object_spring_;
+  int mirrored_slots_;
+  int static_slots_;
+  State state_;
+  std::vector<SlotMode> modes_;
+  std::vector<MirroredObject> objects_;
+  std::vector<std::unique_ptr<Energy>> terms_;
+  // The terms that the simulation talks to, owned by `terms_`.
+  Inertia* inertia_ = nullptr;
+  BodyCoupling* coupling_ = nullptr;
+  BodyCoupling* object_coupling_ = nullptr;
+  std::unique_ptr<ContactSet> contacts_;
+  PlaneContact* planes_ = nullptr;
+  Tissue* tissue_ = nullptr;
+  std::unique_ptr<NewtonSolver> solver_;
+  std::array<Pose, kJointCount> joint_in_body_{};  // every joint's frame in the body that carries it
+  std::array<Vector3, kBodyCount> bone_contact_forces_{};
+};
+
+}  // namespace softhand

@@ -1,0 +1,368 @@
+#include "hand/hand_loop.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "device/answer.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+
+bool usable(const JointSample& joint) {
+  return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
+         all_finite(joint.angular_velocity) && std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
+}
+
+bool usable(const ObjectState& object) {
+  return all_finite(object.position) && all_finite(object.orientation) && all_finite(object.linear_velocity) && all_finite(object.angular_velocity) &&
+         std::abs(to_quaternion(object.orientation).norm() - 1.0) < 0.01;
+}
+
+Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
+  return increment(pose, seconds * velocity.linear, seconds * velocity.angular);
+}
+
+Twist twist_of(const JointSample& joint) { return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)}; }
+Twist twist_of(const ObjectState& object) { return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)}; }
+
+double distance_to_segment(const Vector3& p, const Vector3& a, const Vector3& b) {
+  const Vector3 d = b - a;
+  const double length = d.squaredNorm();
+  const double t = length > 0 ? std::clamp((p - a).dot(d) / length, 0.0, 1.0) : 0.0;
+  return (p - a - t * d).norm();
+}
+
+}  // namespace
+
+HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring)
+    : options_(options), key_(key), symmetric_(object_spring.linear_stiffness > 0), time_step_(1.0 / options.rate_hz),
+      simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
+                                                   static_cast<int>(options.static_objects), object_spring)),
+      tracked_(options.tracked_input) {
+  slot_object_.assign(static_cast<std::size_t>(simulation_->slot_count()), -1);
+  objects_.reserve(kMaxObjects);
+  output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand = output_.surface.hand = key_;
+}
+
+HandLoop::~HandLoop() = default;
+
+void HandLoop::describe_object(const ObjectDescription& description) {
+  auto known = std::find_if(objects_.begin(), objects_.end(), [&description](const KnownObject& o) { return o.id == description.object; });
+  if (known != objects_.end() && known->slot >= 0) {
+    simulation_->clear_slot(known->slot);
+    slot_object_[static_cast<std::size_t>(known->slot)] = -1;
+    known->slot = -1;
+  }
+  if (description.removed != 0) {
+    if (known == objects_.end()) return;
+    objects_.erase(known);
+    // Indices behind the erased one have moved.
+    for (std::size_t o = 0; o < objects_.size(); ++o) {
+      if (objects_[o].slot >= 0) slot_object_[static_cast<std::size_t>(objects_[o].slot)] = static_cast<int>(o);
+    }
+    return;
+  }
+  auto shape = std::make_unique<ShapeGeometry>(description.shape);
+  if (known == objects_.end()) {
+    if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
+    known = objects_.emplace(objects_.end());
+  }
+  known->id = description.object;
+  known->description = description;
+  known->shape = std::move(shape);
+  known->bounding_radius = known->shape->bounding_radius();
+  known->owned = false;
+  known->mirrored = {description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
+                     description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()), description.friction};
+}
+
+void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
+  if (options_.direct) {
+    tracked_.add_sample(skeleton, now);
+    return;
+  }
+  const bool newer = skeleton.stamp.epoch != skeleton_.stamp.epoch || skeleton.stamp.sequence > skeleton_.stamp.sequence;
+  if (any_skeleton_ && !newer) {
+    ++counters_.refused_order;
+    return;
+  }
+  const Skeleton before = skeleton_;
+  skeleton_ = skeleton;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    if (usable(skeleton.joints[j])) continue;
+    if ((skeleton.joints[j].flags & kJointValid) != 0) ++counters_.refused_nonfinite;
+    skeleton_.joints[j] = before.joints[j];  // stays where it was last believed
+  }
+  const JointSample& wrist = skeleton_.joints[index(Joint::wrist)];
+  if ((wrist.flags & kJointValid) == 0) return;
+  const double jump = (to_vector(wrist.position) - simulation_->joint_pose(Joint::wrist).position).norm();
+  if (!any_skeleton_ || jump > options_.reposition_distance || reposition_asked_) {
+    simulation_->reposition(to_pose(wrist));
+    if (any_skeleton_) ++counters_.repositioned;
+    reposition_asked_ = false;
+  }
+  any_skeleton_ = true;
+}
+
+void HandLoop::set_targets(Nanoseconds now) {
+  if (options_.direct) {
+    const auto& targets = tracked_.targets(now);
+    if ((tracked_.take_repositioned() || reposition_asked_) && targets[static_cast<std::size_t>(index_of(Body::carpus))].valid) {
+      if (any_skeleton_) ++counters_.repositioned;
+      reposition_asked_ = false;
+      simulation_->reposition(targets[static_cast<std::size_t>(index_of(Body::carpus))].pose);
+      any_skeleton_ = true;
+    }
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      if (targets[b].valid) simulation_->set_target(static_cast<Body>(b), targets[b].pose, targets[b].velocity);
+    }
+    return;
+  }
+  if (!any_skeleton_) return;
+  const double age = static_cast<double>(now - skeleton_.stamp.sample_time) * 1e-9;
+  const double ahead = std::clamp(age, 0.0, options_.extrapolation_limit);
+  const bool moving = age <= options_.extrapolation_limit;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const JointSample& joint = skeleton_.joints[index(joint_of(static_cast<Body>(b)))];
+    if ((joint.flags & kJointValid) == 0) continue;
+    const Twist velocity = twist_of(joint);
+    simulation_->set_target(static_cast<Body>(b), extrapolated(to_pose(joint), velocity, ahead), moving ? velocity : Twist{});
+  }
+}
+
+void HandLoop::take_world(const WorldObjects& world) {
+  for (const ObjectState& state : world.objects) {
+    const auto known = std::find_if(objects_.begin(), objects_.end(), [&state](const KnownObject& o) { return o.id == state.object; });
+    if (known == objects_.end()) continue;
+    if (!usable(state)) {
+      ++counters_.refused_nonfinite;
+      continue;
+    }
+    known->state = state;
+    known->seen = true;
+  }
+  world_time_ = world.stamp.sample_time;
+}
+
+double HandLoop::distance_to_hand(const KnownObject& object) const {
+  const Pose pose = to_pose(object.state.position, object.state.orientation);
+  double nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const Vector3 start = simulation_->joint_pose(joint_of(body)).position;
+    const Vector3 end = body == Body::forearm ? start : simulation_->joint_pose(end_joint_of(body)).position;
+    if (object.bounding_radius < 0.5) {
+      nearest = std::min(nearest, distance_to_segment(pose.position, start, end) - object.bounding_radius);
+    } else {  // a table's bounding sphere would be near to everything
+      const Pose back = pose.inverse();
+      nearest = std::min({nearest, object.shape->signed_distance(back * start), object.shape->signed_distance(back * end)});
+    }
+  }
+  return nearest;
+}
+
+Pose HandLoop::copy_pose(const KnownObject& object, Nanoseconds now) const {
+  const double age = std::clamp(static_cast<double>(now - world_time_) * 1e-9, 0.0, options_.extrapolation_limit);
+  return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age);
+}
+
+void HandLoop::mirror_objects(Nanoseconds now) {
+  const Nanoseconds step = static_cast<Nanoseconds>(time_step_ * 1e9);
+  for (std::size_t o = 0; o < objects_.size(); ++o) {
+    KnownObject& object = objects_[o];
+    const bool is_static = object.description.is_static != 0;
+    if (!object.seen) continue;
+    const double distance = distance_to_hand(object);
+    if (object.slot < 0) {
+      if (distance > options_.near_distance) continue;
+      for (int slot = 0; slot < simulation_->slot_count() && object.slot < 0; ++slot) {
+        if (slot_object_[static_cast<std::size_t>(slot)] < 0 && simulation_->slot_is_static(slot) == is_static) object.slot = slot;
+      }
+      if (object.slot < 0) {
+        ++counters_.objects_without_slot;
+        continue;
+      }
+      slot_object_[static_cast<std::size_t>(object.slot)] = static_cast<int>(o);
+      simulation_->set_slot(object.slot, object.mirrored);
+      simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+      object.owned = false;
+      if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
+    } else if (distance > 1.5 * options_.near_distance && !object.owned) {
+      simulation_->clear_slot(object.slot);
+      slot_object_[static_cast<std::size_t>(object.slot)] = -1;
+      object.slot = -1;
+      continue;
+    }
+    if (simulation_->touched(object.slot)) object.last_touch = now;
+
+    if (is_static) {
+      simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+      continue;
+    }
+    if (symmetric_) {
+      simulation_->set_object_target(object.slot, copy_pose(object, now), twist_of(object.state));
+      continue;
+    }
+    const bool touched_lately = object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
+    if (touched_lately && !object.owned) {
+      // First touch: from here on the twin carries mass, inertia and gravity.
+      object.owned = true;
+      simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
+    } else if (!touched_lately && object.owned) {
+      object.owned = false;
+      simulation_->make_kinematic(object.slot);
+    }
+    if (object.owned) {
+      simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
+      simulation_->set_planes(object.slot, std::span(object.state.planes.items.data(), object.state.planes.size()));
+    } else {
+      // A copy of the world's object, from where it was at the start of this step.
+      simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
+    }
+  }
+}
+
+const HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWants& wants) {
+  if (input.head != nullptr && options_.direct) tracked_.add_head_pose(*input.head);
+  if (input.skeleton != nullptr) take_skeleton(now, *input.skeleton);
+  if (input.world != nullptr) take_world(*input.world);
+  set_targets(now);
+  mirror_objects(now);
+  const double age = input_age_ms(now);
+  if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
+  output_.report = simulation_->step(time_step_);
+  if (!output_.report.state_changed) ++counters_.failed_steps;
+  write_outputs(now, wants);
+  return output_;
+}
+
+double HandLoop::input_age_ms(Nanoseconds now) const {
+  if (options_.direct) {
+    const double age = tracked_.age(now);
+    return age < 0 ? -1.0 : age * 1e3;
+  }
+  return any_skeleton_ ? static_cast<double>(now - skeleton_.stamp.sample_time) * 1e-6 : -1.0;
+}
+
+void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
+  Stamp stamp;
+  stamp.sequence = output_.simulated.stamp.sequence + 1;
+  stamp.sample_time = now;
+  stamp.chain = options_.direct ? tracked_.stamp().chain : skeleton_.stamp.chain;
+
+  Skeleton& simulated = output_.simulated;
+  simulated.stamp = stamp;
+  simulated.source = skeleton_.source;
+  simulated.confidence = options_.direct ? tracked_.confidence() : skeleton_.confidence;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Joint joint = static_cast<Joint>(j);
+    const Pose pose = simulation_->joint_pose(joint);
+    const Twist velocity = simulation_->joint_velocity(joint);
+    simulated.joints[j] = {to_wire(pose.position), to_wire(pose.orientation), to_wire(velocity.linear), to_wire(velocity.angular),
+                           simulation_->hand().joint_radii[j], any_skeleton_ ? kJointValid : 0u, 1};
+  }
+
+  ObjectCoupling& coupling = output_.coupling;
+  coupling.stamp = stamp;
+  coupling.mode = symmetric_ ? 1 : 0;
+  coupling.step_period = time_step_;
+  coupling.twins.clear();
+  for (const KnownObject& object : objects_) {
+    if (object.slot < 0 || object.description.is_static != 0) continue;
+    const Pose pose = simulation_->slot_pose(object.slot);
+    const Twist velocity = simulation_->slot_velocity(object.slot);
+    const Wrench contact = simulation_->contact_wrench(object.slot);
+    const Wrench spring = simulation_->object_coupling_wrench(object.slot);
+    coupling.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation), to_wire(velocity.linear),
+                              to_wire(velocity.angular), to_wire(contact.force), to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
+  }
+
+  if (wants.contacts) {
+    output_.contacts.stamp = stamp;
+    simulation_->write_contacts(output_.contacts);
+  }
+  if (wants.surface) {
+    TissueSurface& surface = output_.surface;
+    surface.stamp = stamp;
+    const Vector3 wrist = simulation_->joint_pose(Joint::wrist).position;
+    surface.wrist_position = to_wire(wrist);
+    const auto& nodes = simulation_->state().node_positions;
+    surface.nodes.clear();
+    for (Eigen::Index n = 0; n < nodes.cols(); ++n) {
+      const Eigen::Vector3f relative = (nodes.col(n) - wrist).cast<float>();
+      surface.nodes.push_back({relative.x(), relative.y(), relative.z()});
+    }
+  }
+  if (wants.bone_wrench && options_.direct) {
+    BoneWrench& wrench = output_.bone_wrench;
+    wrench.stamp = stamp;
+    wrench.simulated_valid = any_skeleton_ ? 1 : 0;
+    const auto& targets = tracked_.targets(now);
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      const Body body = static_cast<Body>(b);
+      const Pose pose = simulation_->joint_pose(joint_of(body));
+      const Wrench coupled = simulation_->coupling_wrench(body);
+      // What the coupling does to the simulated bone, the simulated bone does to the user's, turned round.
+      wrench.bones[b] = {to_wire(targets[b].pose.position), to_wire(targets[b].pose.orientation), to_wire(targets[b].pose.position),
+                         to_wire(targets[b].pose.orientation), to_wire(pose.position), to_wire(pose.orientation), to_wire(Vector3(-coupled.force)),
+                         to_wire(Vector3(-coupled.torque)), to_wire(simulation_->bone_contact_forces()[b])};
+    }
+  }
+}
+
+MessageReply HandLoop::answer(const Message& message, const std::string& module) {
+  if (!is_addressed(message, module)) return reply_to(message, module, kReplyIgnored, "not for this module");
+  if (get_text(message.key) == "reposition") {
+    reposition_asked_ = true;
+    return reply_to(message, module, kReplyApplied, "the hand goes to its target at once");
+  }
+  return reply_to(message, module, kReplyIgnored, "unknown key; known: reposition");
+}
+
+void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
+  const StepReport& report = output_.report;
+  status.input_age_ms = input_age_ms(now);
+  status.residual = report.residual;
+  status.iterations = static_cast<std::uint32_t>(report.iterations);
+  status.solver_status = static_cast<std::uint32_t>(report.status);
+  status.contact_count = static_cast<std::uint32_t>(simulation_->contact_count());
+  for (std::size_t t = 0; t < report.term_count; ++t) {
+    NamedValue energy;
+    set_text(energy.name, report.terms[t].name);
+    energy.value = report.terms[t].joules;
+    status.energies.push_back(energy);
+  }
+  add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite + tracked_.counters().refused_nonfinite));
+  add_counter(status, "refused_order", static_cast<double>(counters_.refused_order + tracked_.counters().refused_order));
+  add_counter(status, "repositioned", static_cast<double>(counters_.repositioned));
+  add_counter(status, "stale_steps", static_cast<double>(counters_.stale_steps));
+  add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));
+  add_counter(status, "objects_without_slot", static_cast<double>(counters_.objects_without_slot));
+  add_counter(status, "inverted_elements", static_cast<double>(simulation_->inverted_elements()));
+}
+
+HandDescription HandLoop::description() const {
+  const HandModel& hand = simulation_->hand();
+  HandDescription out;
+  out.hand = key_;
+  out.node_count = static_cast<std::uint32_t>(hand.node_count());
+  for (const SkinVertex& vertex : hand.skin_vertices) {
+    const auto& nodes = hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)];
+    std::array<std::uint32_t, 4> carriers{};
+    for (std::size_t k = 0; k < 4; ++k) carriers[k] = static_cast<std::uint32_t>(nodes[k]);
+    out.vertex_nodes.push_back(carriers);
+    out.vertex_weights.push_back(vertex.weights);
+  }
+  for (const auto& triangle : hand.skin_triangles) {
+    out.triangles.push_back({static_cast<std::uint32_t>(triangle[0]), static_cast<std::uint32_t>(triangle[1]), static_cast<std::uint32_t>(triangle[2])});
+  }
+  return out;
+}
+
+}  // namespace softhand

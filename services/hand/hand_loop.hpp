@@ -1,0 +1,109 @@
+// The hand's loop: takes the newest skeleton and world, makes one step, gives everything that others may want to know. No clock, no DDS.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "device/tracked_input.hpp"
+#include "hand/hand_options.hpp"
+#include "messages/messages.hpp"
+#include "model/hand_model.hpp"
+#include "scene/hand_simulation.hpp"
+
+namespace softhand {
+
+/// What came since the last step; null where nothing new did. The pointers are read during `step` only.
+struct HandInput {
+  const Skeleton* skeleton = nullptr;  ///< intermediate; tracked when the layer is left out
+  const HeadPose* head = nullptr;      ///< only used without the intermediate layer
+  const WorldObjects* world = nullptr;
+};
+
+/// Which outputs somebody reads: the others are not computed.
+struct HandWants {
+  bool surface = true;
+  bool contacts = true;
+  bool bone_wrench = true;
+};
+
+struct HandOutput {
+  Skeleton simulated;
+  ObjectCoupling coupling;
+  Contacts contacts;
+  BoneWrench bone_wrench;  ///< written only when the intermediate layer is left out
+  TissueSurface surface;
+  StepReport report;
+};
+
+struct HandCounters {
+  std::uint64_t refused_nonfinite = 0;   ///< joints or objects with a number that is not finite
+  std::uint64_t refused_order = 0;       ///< samples that are not newer than the last
+  std::uint64_t repositioned = 0;
+  std::uint64_t stale_steps = 0;         ///< steps whose newest skeleton was older than `stale_after`
+  std::uint64_t failed_steps = 0;        ///< steps that the solver gave up, keeping the state
+  std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs that were near the hand while all slots were taken
+};
+
+class HandLoop {
+ public:
+  /// A spring with stiffness selects mode symmetric for objects.
+  HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {});
+  ~HandLoop();
+
+  /// An object that the world announced, or removed. Between steps; builds the shape, so it allocates. Throws std::invalid_argument on a bad shape.
+  void describe_object(const ObjectDescription& description);
+
+  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; publish times are the caller's.
+  const HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
+
+  HandDescription description() const;
+  /// Answers `reposition` (any value: the hand goes to its target at once, and lets go of what it holds).
+  MessageReply answer(const Message& message, const std::string& module);
+  /// Adds input age, residual, iterations, contacts, energies and counters.
+  void fill_status(LoopStatus& status, Nanoseconds now) const;
+  const HandSimulation& simulation() const { return *simulation_; }
+  const HandCounters& counters() const { return counters_; }
+  const HandOptions& options() const { return options_; }
+  /// Milliseconds since the newest skeleton was sampled; negative = none yet.
+  double input_age_ms(Nanoseconds now) const;
+
+ private:
+  struct KnownObject {
+    std::uint32_t id = 0;
+    ObjectDescription description;
+    std::unique_ptr<ShapeGeometry> shape;
+    MirroredObject mirrored;
+    double bounding_radius = 0;
+    ObjectState state;       // newest from the world
+    bool seen = false;       // `state` holds something
+    int slot = -1;
+    bool owned = false;
+    Nanoseconds last_touch = 0;
+  };
+
+  void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
+  void take_world(const WorldObjects& world);
+  void set_targets(Nanoseconds now);
+  void mirror_objects(Nanoseconds now);
+  double distance_to_hand(const KnownObject& object) const;
+  void write_outputs(Nanoseconds now, const HandWants& wants);
+  Pose copy_pose(const KnownObject& object, Nanoseconds now) const;
+
+  HandOptions options_;
+  HandKey key_;
+  bool symmetric_;
+  double time_step_;
+  std::unique_ptr<HandSimulation> simulation_;
+  TrackedInput tracked_;  // used when the intermediate layer is left out
+  std::vector<KnownObject> objects_;
+  std::vector<int> slot_object_;  // index into objects_, -1 = free
+  Skeleton skeleton_;             // newest intermediate
+  bool any_skeleton_ = false;
+  bool reposition_asked_ = false;
+  Nanoseconds world_time_ = 0;
+  HandCounters counters_;
+  HandOutput output_;
+};
+
+}  // namespace softhand

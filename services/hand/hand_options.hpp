@@ -1,0 +1,44 @@
+// Options of the hand simulation: section [hand] of a scene.
+#pragma once
+
+#include <string>
+
+#include "device/tracked_input.hpp"
+#include "runtime/options.hpp"
+#include "scene/simulation_options.hpp"
+
+namespace softhand {
+
+struct HandOptions {
+  double rate_hz = 90;
+  std::string model = "right_1450.hand.json";
+  std::string side = "right";
+  bool direct = false;
+  double extrapolation_limit = 0.05;
+  TrackedInputOptions tracked_input;
+  double stale_after = 0.1;
+  double reposition_distance = 0.5;
+  double near_distance = 0.05;
+  double release_time = 0.1;
+  std::int64_t mirrored_objects = 4;
+  std::int64_t static_objects = 4;
+  SimulationOptions simulation;
+};
+
+inline void describe(OptionVisitor& v, HandOptions& o) {
+  v.number("rate_hz", o.rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation; its step is the reciprocal.");
+  v.string("model", o.model, "Hand file: a path, or a name in config/hands.");
+  v.choice("side", o.side, {"left", "right"}, "Side of the hand; a file of the other side is mirrored.");
+  v.flag("direct", o.direct, "Leave the intermediate layer out: couple to the tracked skeleton (figure 2B), for matched rates.");
+  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2}, "A target pose is extrapolated by its age, at most by this.");
+  v.number("stale_after", o.stale_after, "s", {0.01, 10}, "Age of the newest skeleton after which the status says that the input is stale.");
+  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100}, "A jump of the target's wrist beyond this moves the whole hand there at once.");
+  v.number("near_distance", o.near_distance, "m", {0.005, 1}, "Objects nearer to the hand than this are mirrored in its simulation.");
+  v.number("release_time", o.release_time, "s", {0, 1}, "How long after the last contact the hand still owns an object.");
+  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16}, "Slots for objects that can move; each widens the matrix by six columns.");
+  v.integer("static_objects", o.static_objects, "1", {0, 16}, "Slots for objects that cannot move (a table).");
+  describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);
+  describe_section(v, "simulation", "Energies and solver.", o.simulation);
+}
+
+}  // namespace softhand

@@ -1,0 +1,80 @@
+// softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of every topic.
+#include <spdlog/spdlog.h>
+
+#include "hand/hand_loop.hpp"
+#include "messages/convert.hpp"
+#include "scene_file.hpp"
+#include "service/service.hpp"
+
+namespace {
+using namespace softhand;
+
+void run(int argc, char** argv) {
+  const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const HandOptions& options = scene.options.hand;
+  HandLoop loop(load_scene_hand(scene), options, arguments.hand, object_spring(scene.options.world));
+
+  Service service(arguments);
+  const auto& p = service.participant();
+  bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, arguments.hand);
+  bus::Reader heads(p, bus::topics::head_pose);
+  bus::Reader worlds(p, bus::topics::objects);
+  bus::Reader descriptions(p, bus::topics::object_description);
+  bus::Writer simulated_writer(p, bus::topics::simulated_skeleton);
+  bus::Writer coupling_writer(p, bus::topics::object_coupling);
+  bus::Writer contacts_writer(p, bus::topics::contacts);
+  bus::Writer surface_writer(p, bus::topics::tissue_surface);
+  bus::Writer wrench_writer(p, bus::topics::bone_wrench);
+  bus::Writer description_writer(p, bus::topics::hand_description);
+
+  const auto description = std::make_unique<HandDescription>(loop.description());
+  service.stamp(description->stamp);
+  description_writer.write(*description);
+
+  auto output = std::make_unique<HandOutput>();
+  auto skeleton = std::make_unique<Skeleton>();
+  auto world = std::make_unique<WorldObjects>();
+  HeadPose head;
+  std::uint64_t refused_objects = 0;
+  const auto publish = [&service](auto& writer, auto& message) {
+    if (!writer.has_readers()) return;
+    service.stamp(message.stamp);
+    message.stamp.chain.simulated_published = message.stamp.publish_time;
+    writer.write(message);
+  };
+  const auto step = [&](Nanoseconds now) {
+    descriptions.take_all([&](const ObjectDescription& d) {
+      try {
+        loop.describe_object(d);
+      } catch (const std::exception& error) {
+        ++refused_objects;
+        spdlog::warn("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
+      }
+    });
+    HandInput input;
+    if (skeletons.take_latest(*skeleton)) input.skeleton = skeleton.get();
+    if (worlds.take_latest(*world)) input.world = world.get();
+    heads.take_all([&](const HeadPose& each) {
+      if (each.user != arguments.hand.user) return;
+      head = each;
+      input.head = &head;
+    });
+    *output = loop.step(now, input, {surface_writer.has_readers(), contacts_writer.has_readers(), options.direct && wrench_writer.has_readers()});
+    publish(simulated_writer, output->simulated);
+    publish(coupling_writer, output->coupling);
+    publish(contacts_writer, output->contacts);
+    publish(surface_writer, output->surface);
+    if (options.direct) publish(wrench_writer, output->bone_wrench);
+  };
+  const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
+    loop.fill_status(status, now);
+    add_counter(status, "refused_objects", static_cast<double>(refused_objects));
+  };
+  service.run(options.rate_hz, {step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status});
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  return softhand::guarded_main("softhand-hand", [&] { run(argc, argv); });
+}

@@ -1,0 +1,283 @@
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "hand/hand_loop.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "support/block_hand.hpp"
+
+namespace softhand {
+namespace {
+
+using testing::block_hand;
+
+constexpr Nanoseconds kSecond = 1'000'000'000;
+constexpr double kStep = 1.0 / 90;
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+
+// A hand whose tissue is attached well enough to follow its bones.
+HandModel hand() { return block_hand(1); }
+
+SimulationOptions options() {
+  SimulationOptions o;
+  o.solver.max_iterations = 4;
+  return o;
+}
+
+void set_rest_targets(HandSimulation& simulation, const Pose& wrist) {
+  for (int b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    simulation.set_target(body, wrist * simulation.hand().rest_joints[index(joint_of(body))], {});
+  }
+}
+
+double worst_joint_error(const HandSimulation& simulation, const Pose& wrist) {
+  double worst = 0;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    worst = std::max(worst, (simulation.joint_pose(static_cast<Joint>(j)).position - wrist * simulation.hand().rest_joints[j].position).norm());
+  }
+  return worst;
+}
+
+TEST(HandSimulation, RestIsStationary) {
+  HandSimulation simulation(hand(), options(), 1, 1);
+  set_rest_targets(simulation, {});
+  const State before = simulation.state();
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(simulation.step(kStep).state_changed);
+  EXPECT_LE((simulation.state().node_positions - before.node_positions).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(HandSimulation, FollowsItsTargetsAndTurnsWithThem) {
+  HandSimulation simulation(hand(), options(), 0, 0);
+  const Pose wrist{Vector3(0.03, 0.02, -0.04), rotation_exp(Vector3(0.1, 0.2, -0.1))};
+  set_rest_targets(simulation, wrist);
+  for (int i = 0; i < 90; ++i) simulation.step(kStep);
+  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-4);
+  EXPECT_EQ(simulation.inverted_elements(), 0);
+}
+
+TEST(HandSimulation, RepositioningMovesAllRigidly) {
+  HandSimulation simulation(hand(), options(), 0, 0);
+  const Pose wrist{Vector3(10, -3, 2), rotation_exp(Vector3(0, 2, 1))};
+  simulation.reposition(wrist);
+  set_rest_targets(simulation, wrist);
+  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-12);
+  for (int i = 0; i < 10; ++i) simulation.step(kStep);
+  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-8);
+}
+
+TEST(HandSimulation, NoSlotsNoObjectTerms) {
+  HandSimulation simulation(hand(), options(), 0, 0);
+  set_rest_targets(simulation, {});
+  const StepReport report = simulation.step(kStep);
+  for (std::size_t t = 0; t < report.term_count; ++t) {
+    EXPECT_NE(report.terms[t].name, "contact");
+    EXPECT_NE(report.terms[t].name, "friction");
+    EXPECT_NE(report.terms[t].name, "plane_contact");
+  }
+}
+
+Shape box(double half) {
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
+  shape.size = {half, half, half};
+  return shape;
+}
+
+TEST(HandSimulation, ADynamicSlotFallsAndAKinematicOneStays) {
+  HandSimulation simulation(hand(), options(), 2, 0);
+  set_rest_targets(simulation, {});
+  const ShapeGeometry geometry(box(0.02));
+  const MirroredObject object{7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8};
+  for (int slot = 0; slot < 2; ++slot) {
+    simulation.set_slot(slot, object);
+    simulation.set_slot_motion(slot, {Vector3(slot, 1, 0), Quaternion::Identity()}, {});
+  }
+  simulation.make_dynamic(0, Vector3(0, -9.81, 0));
+  const int steps = 45;
+  for (int i = 0; i < steps; ++i) simulation.step(kStep);
+  // Backward Euler falls g dt^2 n (n + 1) / 2.
+  EXPECT_NEAR(simulation.slot_pose(0).position.y(), 1 - 9.81 * kStep * kStep * steps * (steps + 1) / 2, 1e-9);
+  EXPECT_EQ(simulation.slot_pose(1).position.y(), 1);
+}
+
+TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
+  // The palm's underside is pressed on a box from above: the box's weight and the hand's push end in one contact force.
+  HandSimulation simulation(hand(), options(), 1, 0);
+  const ShapeGeometry geometry(box(0.02));
+  simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+  simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
+  const Pose pressed{Vector3(0, -0.004, 0), Quaternion::Identity()};
+  set_rest_targets(simulation, pressed);
+  for (int i = 0; i < 90; ++i) simulation.step(kStep);
+  ASSERT_TRUE(simulation.touched(0));
+  const Wrench wrench = simulation.contact_wrench(0);
+  EXPECT_LT(wrench.force.y(), -0.5);
+  Vector3 coupling = Vector3::Zero();
+  for (int b = 0; b < kBodyCount; ++b) coupling += simulation.coupling_wrench(static_cast<Body>(b)).force;
+  EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
+}
+
+// --- the loop ---
+
+Skeleton skeleton_at(const HandModel& model, const Pose& wrist, Nanoseconds time, std::uint64_t sequence) {
+  Skeleton skeleton;
+  skeleton.stamp.sequence = sequence;
+  skeleton.stamp.sample_time = time;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Pose pose = wrist * model.rest_joints[j];
+    skeleton.joints[j].position = to_wire(pose.position);
+    skeleton.joints[j].orientation = to_wire(pose.orientation);
+    skeleton.joints[j].flags = kJointValid | kJointTracked;
+  }
+  return skeleton;
+}
+
+HandOptions loop_options() {
+  HandOptions o;
+  o.simulation = options();
+  o.mirrored_objects = 1;
+  o.static_objects = 0;
+  return o;
+}
+
+TEST(HandLoop, ComesToItsFirstSkeletonAtOnceAndFollows) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Pose wrist{Vector3(1, 1.2, -0.5), Quaternion::Identity()};
+  const Skeleton first = skeleton_at(hand(), wrist, kSecond, 1);
+  const HandOutput& output = loop.step(kSecond, {&first}, {});
+  EXPECT_LE((to_vector(output.simulated.joints[index(Joint::index_tip)].position) - wrist * hand().rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+  EXPECT_EQ(loop.counters().repositioned, 0u);
+}
+
+TEST(HandLoop, AJumpRepositionsAndIsCounted) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Skeleton first = skeleton_at(hand(), {}, kSecond, 1);
+  loop.step(kSecond, {&first}, {});
+  const Pose far{Vector3(10, 0, 0), Quaternion::Identity()};
+  const Skeleton jump = skeleton_at(hand(), far, kSecond + 11'000'000, 2);
+  const HandOutput& output = loop.step(kSecond + 11'000'000, {&jump}, {});
+  EXPECT_EQ(loop.counters().repositioned, 1u);
+  EXPECT_NEAR(output.simulated.joints[index(Joint::wrist)].position[0], 10, 1e-3);
+}
+
+TEST(HandLoop, ABoneThatIsNotANumberIsRefusedAndTheOthersLive) {
+  HandLoop loop(hand(), loop_options(), {});
+  Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
+  loop.step(kSecond, {&sample}, {});
+  for (int i = 1; i <= 60; ++i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    sample = skeleton_at(hand(), {Vector3(0, 0.05, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    sample.joints[index(Joint::index_intermediate)].position[1] = std::numeric_limits<double>::quiet_NaN();
+    loop.step(now, {&sample}, {});
+  }
+  EXPECT_EQ(loop.counters().refused_nonfinite, 60u);
+  EXPECT_EQ(loop.counters().failed_steps, 0u);
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::little_tip).position.y(), 0.05, 5e-3);
+  EXPECT_TRUE(all_finite(loop.simulation().state()));
+}
+
+TEST(HandLoop, OldSamplesAreRefused) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Skeleton sample = skeleton_at(hand(), {}, kSecond, 5);
+  loop.step(kSecond, {&sample}, {});
+  loop.step(kSecond + 11'000'000, {&sample}, {});
+  EXPECT_EQ(loop.counters().refused_order, 1u);
+}
+
+TEST(HandLoop, StaleInputIsSaidWithinATenthOfASecond) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
+  for (int i = 0; i < 20; ++i) loop.step(kSecond + i * 11'111'111, {i == 0 ? &sample : nullptr}, {});
+  EXPECT_GT(loop.counters().stale_steps, 5u);
+  EXPECT_LT(loop.counters().stale_steps, 12u);
+}
+
+ObjectDescription cube(std::uint32_t id) {
+  ObjectDescription d;
+  d.object = id;
+  d.mass = 0.05;
+  d.inertia = {1.33e-5, 1.33e-5, 1.33e-5};
+  d.friction = 0.8;
+  d.shape = box(0.02);
+  return d;
+}
+
+WorldObjects world_with(std::uint32_t id, const Vector3& position, Nanoseconds time) {
+  WorldObjects world;
+  world.stamp.sample_time = time;
+  ObjectState state;
+  state.object = id;
+  state.position = to_wire(position);
+  world.objects.push_back(state);
+  return world;
+}
+
+TEST(HandLoop, MirrorsWhatIsNearOwnsWhatItTouchesAndLetsGoLater) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  loop.describe_object(cube(3));
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+  const auto step = [&](double wrist_y, const Vector3& object) -> const HandOutput& {
+    now += 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
+    const WorldObjects world = world_with(3, object, now);
+    return loop.step(now, {&sample, nullptr, &world}, {});
+  };
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  EXPECT_TRUE(step(0, Vector3(2, 0, 0)).coupling.twins.empty()) << "an object two metres away has no twin";
+  const HandOutput& near = step(0, below);
+  ASSERT_EQ(near.coupling.twins.size(), 1u);
+  EXPECT_EQ(near.coupling.twins[0].owned, 0u);
+  int steps_to_own = 0;
+  while (step(-0.004, below).coupling.twins[0].owned == 0 && steps_to_own < 60) ++steps_to_own;
+  EXPECT_LT(steps_to_own, 60) << "pressed on, the object becomes the hand's";
+  int owned_steps = 0;
+  while (step(0.03, below).coupling.twins[0].owned == 1 && owned_steps < 90) ++owned_steps;
+  EXPECT_GE(owned_steps, 8) << "it stays the hand's for a tenth of a second";
+  EXPECT_LT(owned_steps, 90);
+}
+
+TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  loop.describe_object(cube(3));
+  const Skeleton sample = skeleton_at(model, {}, kSecond, 1);
+  const WorldObjects world = world_with(3, Vector3(-0.012, -0.045, -0.092), kSecond);
+  ASSERT_EQ(loop.step(kSecond, {&sample, nullptr, &world}, {}).coupling.twins.size(), 1u);
+  ObjectDescription gone = cube(3);
+  gone.removed = 1;
+  loop.describe_object(gone);
+  EXPECT_TRUE(loop.step(kSecond + 11'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.empty());
+}
+
+TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
+  HandOptions o = loop_options();
+  o.direct = true;
+  const HandModel model = hand();
+  HandLoop loop(model, o, {});
+  Nanoseconds now = kSecond;
+  for (int i = 1; i < 40; ++i) {
+    now += 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, 0.001 * i, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
+    loop.step(now, {&sample}, {});
+  }
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::middle_tip).position.y(), 0.039, 3e-3);
+  const Skeleton sample = skeleton_at(model, {Vector3(0, 0.039, 0), Quaternion::Identity()}, now, 1000);
+  const HandOutput& output = loop.step(now, {&sample}, {});
+  EXPECT_EQ(output.bone_wrench.simulated_valid, 1u);
+}
+
+TEST(HandLoop, UnwantedOutputsAreNotComputed) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
+  const HandOutput& output = loop.step(kSecond, {&sample}, {false, false, false});
+  EXPECT_TRUE(output.surface.nodes.empty());
+  EXPECT_EQ(output.contacts.stamp.sequence, 0u);
+}
+
+}  // namespace
+}  // namespace softhand
