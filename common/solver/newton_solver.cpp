@@ -176,15 +176,16 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     const double iteration_begin = clock_();
     if (!evaluate(state, report, true)) return give_up();
     evaluated = true;
+    // The fast mode always takes its one step, so that nothing sticks below a tolerance.
+    if (report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
+      report.status = StepStatus::converged;
+      break;
+    }
     if (iteration > 0) {
       if (!have_best || report.energy < best_energy) {
         best_ = state;
         best_energy = report.energy;
         have_best = true;
-      }
-      if (report.residual <= options_.residual_tolerance) {
-        report.status = StepStatus::converged;
-        break;
       }
     }
     if (!factorize(report)) {
@@ -200,8 +201,12 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
     if (searching) {
       if (!search(state, report)) {
-        report.increment = 0;
-        break;
+        if (iteration > 0) {
+          report.increment = 0;
+          break;
+        }
+        // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
+        apply_increment(state, direction_);
       }
     } else {
       apply_increment(state, direction_);
@@ -227,15 +232,12 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     state = best_;
     evaluate(state, report, false);
   }
-  report.state_changed = report.iterations > 0;
-  if (report.status == StepStatus::failed_factorisation && !report.state_changed) {
-    state = start_;
-    return report;
-  }
+  if (report.status == StepStatus::failed_factorisation && report.iterations == 0) return report;
   const double end = clock_();
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
+  report.state_changed = true;
   return report;
 }
 

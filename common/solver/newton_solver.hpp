@@ -74,7 +74,7 @@ struct StepReport {
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
   double energy = 0;       ///< E, J
-  bool state_changed = false;
+  bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
