@@ -1,0 +1,322 @@
+#include "hand_builder/anatomy.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "math/rotation.hpp"
+
+namespace softhand::builder {
+namespace {
+
+constexpr double kDegree = M_PI / 180.0;
+constexpr double kReferenceLength = 0.189;
+constexpr double kReferenceBreadth = 0.085;
+
+std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+Joint joint_of_finger(int finger, int k) { return static_cast<Joint>(6 + 5 * (finger - 1) + k); }
+
+// One long finger. Lengths are fractions of hand length, palm positions fractions of breadth (x) and millimetres of the reference hand (y).
+struct FingerRow {
+  double palm_length;               // wrist to MCP, Buchholz
+  std::array<double, 3> phalanges;  // Buchholz
+  double mcp_x, mcp_y;              // head of the metacarpal
+  double base_x, base_y, base_z;    // base of the metacarpal; z is a fraction of length
+  double spread;                    // degrees about the dorsal axis, positive to the thumb
+  double roll;                      // degrees about the finger: the transverse arch turns the pads to the thumb
+  std::array<double, 3> flexion;    // degrees at rest: MCP, PIP, DIP
+  std::array<double, 5> radii;      // millimetres of the reference hand: metacarpal, proximal, intermediate, distal, tip
+};
+
+constexpr std::array<FingerRow, 4> kFingers{{
+    {0.447, {0.245, 0.143, 0.097}, -0.290, 0.0, -0.150, 1.0, 0.150, 5.0, 4.0, {12, 15, 8}, {12.5, 10.8, 9.4, 8.3, 7.0}},
+    {0.446, {0.266, 0.170, 0.108}, -0.035, 2.5, -0.025, 3.0, 0.150, 1.0, 0.0, {14, 17, 9}, {12.5, 11.0, 9.6, 8.5, 7.2}},
+    {0.421, {0.244, 0.165, 0.107}, 0.200, 0.5, 0.085, 2.0, 0.145, -4.0, -5.0, {17, 19, 10}, {12.0, 10.3, 9.0, 7.9, 6.8}},
+    {0.414, {0.204, 0.117, 0.093}, 0.408, -4.0, 0.190, -1.0, 0.135, -10.0, -12.0, {19, 19, 10}, {11.5, 9.3, 8.0, 7.1, 6.1}},
+}};
+constexpr std::array<double, 3> kThumbLengths{0.251, 0.196, 0.158};
+constexpr std::array<double, 4> kThumbRadii{13.0, 11.3, 10.2, 8.2};
+
+// Frame with -Z along `along` and +Y as near `dorsal` as that leaves.
+Quaternion frame(const Vector3& along, const Vector3& dorsal) {
+  Matrix3 r;
+  r.col(2) = -along.normalized();
+  r.col(0) = dorsal.cross(r.col(2)).normalized();
+  r.col(1) = r.col(2).cross(r.col(0));
+  return Quaternion(r);
+}
+Quaternion about(const Vector3& axis, double degrees) { return Quaternion(Eigen::AngleAxisd(degrees * kDegree, axis)); }
+
+// Orientations of the natural pose, which do not depend on who the hand belongs to (metacarpals II-V are set by their ends).
+void natural_orientations(std::array<Pose, kJointCount>& joints) {
+  for (int f = 1; f < kFingerCount; ++f) {
+    const FingerRow& row = kFingers[static_cast<std::size_t>(f - 1)];
+    Quaternion q = about(Vector3::UnitY(), row.spread) * about(Vector3::UnitZ(), row.roll);
+    for (int k = 1; k <= 3; ++k) {
+      q = q * about(Vector3::UnitX(), -row.flexion[static_cast<std::size_t>(k - 1)]);
+      joints[at(joint_of_finger(f, k))].orientation = q;
+    }
+    joints[at(joint_of_finger(f, 4))].orientation = q;
+  }
+  // The thumb: its metacarpal stands off to the radial and palmar side, its nail looks radially, so that its pad faces the index.
+  Quaternion q = frame({-0.60, -0.44, -0.67}, {-0.74, 0.62, 0.15});
+  joints[at(Joint::thumb_metacarpal)].orientation = q;
+  q = q * about(Vector3::UnitY(), -8.0) * about(Vector3::UnitX(), -10.0);
+  joints[at(Joint::thumb_proximal)].orientation = q;
+  q = q * about(Vector3::UnitX(), -12.0);
+  joints[at(Joint::thumb_distal)].orientation = q;
+  joints[at(Joint::thumb_tip)].orientation = q;
+}
+
+void place_palm(std::array<Pose, kJointCount>& joints) {
+  joints[at(Joint::palm)].position = 0.5 * (joints[at(Joint::middle_metacarpal)].position + joints[at(Joint::middle_proximal)].position);
+  joints[at(Joint::palm)].orientation = joints[at(Joint::middle_metacarpal)].orientation;
+}
+
+double reference_radius(Joint joint) {
+  const int j = index_of(joint);
+  if (joint == Joint::palm) return 14.0e-3;
+  if (joint == Joint::wrist) return 19.0e-3;
+  if (j < 6) return 1e-3 * kThumbRadii[static_cast<std::size_t>(j - 2)];
+  return 1e-3 * kFingers[static_cast<std::size_t>((j - 6) / 5)].radii[static_cast<std::size_t>((j - 6) % 5)];
+}
+
+}  // namespace
+
+double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vector3& b, double radius_a, double radius_b) {
+  const Vector3 axis = b - a;
+  const double length = axis.norm();
+  const double taper = radius_a - radius_b;
+  // One sphere holds the other: the hull is the larger one.
+  if (length <= std::abs(taper)) return taper > 0 ? (point - a).norm() - radius_a : (point - b).norm() - radius_b;
+  // In the half plane of the axis: the cone touches both spheres where its normal leans by `sine` towards b.
+  const Vector3 direction = axis / length;
+  const double along = (point - a).dot(direction);
+  const double across = (point - a - along * direction).norm();
+  const double sine = taper / length;
+  const double cosine = std::sqrt(1 - sine * sine);
+  const double foot = along * cosine - across * sine;  // coordinate along the generator
+  if (foot <= 0) return std::hypot(along, across) - radius_a;
+  if (foot >= length * cosine) return std::hypot(along - length, across) - radius_b;
+  return along * sine + across * cosine - radius_a;
+}
+
+RestSkeleton natural_rest(const HandSize& size) {
+  if (!(size.length >= 0.10 && size.length <= 0.26)) throw std::invalid_argument("length: expected metres in [0.10, 0.26]");
+  if (!(size.breadth >= 0.05 && size.breadth <= 0.13)) throw std::invalid_argument("breadth: expected metres in [0.05, 0.13]");
+  RestSkeleton rest;
+  const double thickness = size.breadth / kReferenceBreadth;
+  for (std::size_t j = 0; j < kJointCount; ++j) rest.radii[j] = thickness * reference_radius(static_cast<Joint>(j));
+
+  // Buchholz' lengths end at the fingertip's skin; the tip joint stands one radius before it.
+  const double tip_radius = rest.radii[at(Joint::middle_tip)];
+  const FingerRow& middle = kFingers[1];
+  const double sum = middle.palm_length + middle.phalanges[0] + middle.phalanges[1] + middle.phalanges[2];
+  const double scale = (size.length - tip_radius) / sum;
+  const double millimetre = 1e-3 * size.length / kReferenceLength;
+
+  natural_orientations(rest.joints);
+  for (int f = 1; f < kFingerCount; ++f) {
+    const FingerRow& row = kFingers[static_cast<std::size_t>(f - 1)];
+    const Vector3 base(row.base_x * size.breadth, row.base_y * millimetre, -row.base_z * size.length);
+    Vector3 head(row.mcp_x * size.breadth, row.mcp_y * millimetre, 0);
+    const double reach = row.palm_length * scale;
+    head.z() = -std::sqrt(reach * reach - head.squaredNorm());
+    rest.joints[at(joint_of_finger(f, 0))] = {base, frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};
+    for (int k = 1; k <= 4; ++k) {
+      rest.joints[at(joint_of_finger(f, k))].position = head;
+      if (k <= 3) {
+        head -= rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() * row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
+      }
+    }
+  }
+  Vector3 thumb(-0.235 * size.breadth, -9.0 * millimetre, -0.118 * size.length);
+  for (int k = 0; k < 4; ++k) {
+    Pose& joint = rest.joints[static_cast<std::size_t>(2 + k)];
+    joint.position = thumb;
+    if (k < 3) thumb -= joint.orientation * Vector3::UnitZ() * kThumbLengths[static_cast<std::size_t>(k)] * scale;
+  }
+  place_palm(rest.joints);
+  return rest;
+}
+
+RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
+  const auto to_right = [side](Vector3 v) {
+    if (side == Side::left) v.x() = -v.x();
+    return v;
+  };
+  RestSkeleton rest;
+  natural_orientations(rest.joints);
+  const auto follow = [&](Joint joint, Joint parent) {
+    const Pose& frame_of_parent = rest.joints[at(parent)];
+    rest.joints[at(joint)].position = frame_of_parent * to_right(user.offsets[at(joint)]);
+  };
+  for (int f = 1; f < kFingerCount; ++f) {
+    // Metacarpal frames differ among sources by convention: only where their ends lie is used.
+    const Joint metacarpal = joint_of_finger(f, 0);
+    const Joint proximal = joint_of_finger(f, 1);
+    follow(metacarpal, Joint::wrist);
+    Quaternion told = user.metacarpal_orientations[at(metacarpal)];
+    if (side == Side::left) told = Quaternion(told.w(), told.x(), -told.y(), -told.z());
+    const Vector3 along = told * to_right(user.offsets[at(proximal)]);
+    rest.joints[at(metacarpal)].orientation = frame(along, told * Vector3::UnitY());
+    rest.joints[at(proximal)].position = rest.joints[at(metacarpal)].position + along;
+    for (int k = 2; k <= 4; ++k) follow(joint_of_finger(f, k), joint_of_finger(f, k - 1));
+  }
+  follow(Joint::thumb_metacarpal, Joint::wrist);
+  for (const Joint joint : {Joint::thumb_proximal, Joint::thumb_distal, Joint::thumb_tip}) {
+    follow(joint, static_cast<Joint>(index_of(joint) - 1));
+  }
+  place_palm(rest.joints);
+  // Where a source tells no radius: that of the reference hand, scaled by the middle finger's palm.
+  const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const double told = user.radii[j];
+    rest.radii[j] = told > 0 ? told : ratio * reference_radius(static_cast<Joint>(j));
+  }
+  return rest;
+}
+
+namespace {
+
+// Bone radii of the reference hand at start and end, millimetres (FACTS.md, "Bones").
+struct BoneRow {
+  double start, end;
+};
+BoneRow bone_row(Body body) {
+  if (body == Body::forearm) return {9.0, 10.0};
+  if (body == Body::carpus) return {10.0, 10.0};
+  if (is_metacarpal(body)) return {5.5, 5.5};
+  const int b = index_of(body);
+  const int k = b < 5 ? (b == 3 ? 1 : 3) : (b - 5) % 4;
+  if (k == 1) return {5.0, 4.2};
+  if (k == 2) return {4.2, 3.5};
+  return {3.6, 2.6};
+}
+
+void set_mass(BodyModel& body) {
+  // Bone of 1,700 kg/m^3. The nodes carry the tissue's mass. The floor keeps the ratio of stiffness to mass within what one step resolves.
+  constexpr double kDensity = 1700.0, kLightest = 0.004, kThinnest = 0.006;
+  const Vector3 axis = body.bone_end - body.bone_start;
+  const double length = axis.norm();
+  const double r = 0.5 * (body.bone_start_radius + body.bone_end_radius);
+  const double volume = M_PI * r * r * length + 4.0 / 3.0 * M_PI * r * r * r;
+  body.mass = std::max(kDensity * volume, kLightest);
+  // A solid cylinder as long as the rounded cone, no thinner than the soft tissue that turns with it.
+  const double gyration = std::max(r, kThinnest);
+  const double full = length + 2 * r;
+  const double across = body.mass * (3 * gyration * gyration + full * full) / 12.0;
+  const double along = body.mass * gyration * gyration / 2.0;
+  const Vector3 d = axis / length;
+  body.inertia = across * Matrix3::Identity() + (along - across) * (d * d.transpose());
+  body.joint_from_body.position = 0.5 * (body.bone_start + body.bone_end);
+}
+
+// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger.
+struct MotionRow {
+  double flexion, extension, abduction;
+};
+MotionRow motion_row(Body body) {
+  switch (body) {
+    case Body::thumb_metacarpal: return {50, 15, 30};
+    case Body::thumb_proximal: return {55, 10, 12};
+    case Body::thumb_distal: return {80, 15, 0};
+    default: break;
+  }
+  const int k = (index_of(body) - 5) % 4;
+  if (k == 1) return {90, 45, 20};
+  if (k == 2) return {100, 0, 0};
+  return {80, 0, 0};
+}
+
+JointModel make_joint(const RestSkeleton& rest, Body body) {
+  JointModel joint;
+  if (body == Body::forearm) return joint;
+  joint.position_stiffness = 1e5;
+  joint.kind = JointKind::ball;
+  if (body == Body::carpus) return joint;  // the wrist is free under the coupling
+  if (is_metacarpal(body) && body != Body::thumb_metacarpal) {
+    joint.orientation_stiffness = 50;
+    return joint;
+  }
+  const int b = index_of(body);
+  const bool saddle = b < 4 || (b >= 5 && (b - 5) % 4 == 1);
+  joint.kind = saddle ? JointKind::saddle : JointKind::hinge;
+  joint.orientation_stiffness = saddle ? 8 : 10;
+  joint.limit_stiffness = body == Body::thumb_metacarpal ? 5 : 3;
+  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight pose: it counts from rest.
+  double flexed = 0, abducted = 0;
+  if (body != Body::thumb_metacarpal) {
+    const Quaternion parent = rest.joints[at(joint_of(parent_of(body)))].orientation;
+    const Vector3 angle = rotation_log(parent.conjugate() * rest.joints[at(joint_of(body))].orientation);
+    flexed = angle.x();  // negative at rest
+    abducted = angle.y();
+  }
+  const MotionRow row = motion_row(body);
+  joint.flexion_range = {std::min(0.0, -row.flexion * kDegree - flexed), std::max(0.0, row.extension * kDegree - flexed)};
+  if (saddle) {
+    // Abduction counts from half the rest spread: a resting hand is spread a little, and may close further than it may open.
+    joint.abduction_range = {std::min(-0.1, -row.abduction * kDegree - 0.5 * abducted), std::max(0.1, row.abduction * kDegree - 0.5 * abducted)};
+  }
+  return joint;
+}
+
+void set_coupling(BodyModel& body, Body which) {
+  const bool palm = finger_of(which) == Finger::palm || (is_metacarpal(which) && which != Body::thumb_metacarpal);
+  const bool distal = which == distal_of(finger_of(which)) && !palm;
+  body.coupling_linear_stiffness = palm ? 2000 : which == Body::thumb_metacarpal ? 1200 : distal ? 500 : 700;
+  body.coupling_angular_stiffness = palm ? 5 : which == Body::thumb_metacarpal ? 1.5 : distal ? 0.3 : 0.8;
+  // 16 N a finger, 80 N for five; the wrist's two bodies have the rest of the hand's 100 N.
+  const double bodies_of_finger = finger_of(which) == Finger::thumb ? 3 : 4;
+  body.coupling_force_cap = finger_of(which) == Finger::palm ? 10.0 : 16.0 / bodies_of_finger;
+  body.coupling_torque_cap = palm ? 2.0 : 0.5;
+}
+
+}  // namespace
+
+std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
+  std::array<BodyModel, kBodyCount> bodies;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Body which = static_cast<Body>(b);
+    BodyModel& body = bodies[b];
+    const Pose& joint = rest.joints[at(joint_of(which))];
+    const double skin_start = rest.radii[at(joint_of(which))] / reference_radius(joint_of(which));
+    const double skin_end = rest.radii[at(end_joint_of(which))] / reference_radius(end_joint_of(which));
+    const BoneRow row = bone_row(which);
+    const double finger_scale = finger_of(which) == Finger::thumb ? 1.1 : finger_of(which) == Finger::little ? 0.88 : 1.0;
+    body.bone_start_radius = 1e-3 * row.start * skin_start * finger_scale;
+    body.bone_end_radius = 1e-3 * row.end * skin_end * finger_scale;
+    if (which == Body::forearm) {
+      body.bone_start = Vector3(0, 0, 0.030);
+      body.bone_end = Vector3(0, 0, 0.016);
+    } else {
+      // Gaps at the joints keep neighbouring bones from sharing tissue; the distal bone reaches its tip joint.
+      const Vector3 end = joint.inverse() * rest.joints[at(end_joint_of(which))].position;
+      const double length = end.norm();
+      const Vector3 along = end / length;
+      const bool distal = which == distal_of(finger_of(which)) && finger_of(which) != Finger::palm;
+      body.bone_start = along * 0.6 * body.bone_start_radius;
+      body.bone_end = along * (distal ? length : which == Body::carpus ? length - 0.6 * body.bone_end_radius : length - 0.7 * body.bone_end_radius);
+      if (which == Body::carpus) {
+        body.bone_start = along * 0.002;
+      }
+      // The distal bone lies 1 mm nearer the nail, which leaves the pulp its thickness.
+      if (distal) {
+        body.bone_start.y() += 0.5e-3;
+        body.bone_end.y() += 1.0e-3;
+      }
+    }
+    set_mass(body);
+    if (which == Body::forearm) {
+      // Stands for the whole forearm behind the stump, so that the wrist does not whip it about.
+      body.mass = 0.25;
+      body.inertia = Vector3(2.5e-4, 2.5e-4, 1.2e-4).asDiagonal();
+    }
+    body.joint = make_joint(rest, which);
+    set_coupling(body, which);
+  }
+  return bodies;
+}
+
+}  // namespace softhand::builder

@@ -1,0 +1,238 @@
+#include "hand_builder/assemble.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <stdexcept>
+
+namespace softhand::builder {
+namespace {
+
+// N/m per cubic metre of bone inside a tetrahedron: a phalanx (0.4-2 cm^3) is held with 4e4 to 2e5 N/m in total, a hundred times
+// stiffer than the tissue around it and a hundred times softer than what would spoil the step's conditioning.
+constexpr double kAttachmentStiffness = 1e11;
+
+enum Region : std::uint8_t { pulp, palm, back, knuckle };
+
+std::vector<Material> make_materials() {
+  // name, density, E, nu, W_max, k_s. W_max = E e^2 / 2 at the strain e where limiting starts; k_s/W_max = 10 for the pulp (stiffness x 21 at the kink).
+  const auto material = [](const char* name, double youngs_modulus, double strain, double ratio) {
+    const double energy = 0.5 * youngs_modulus * strain * strain;
+    return Material{name, 1050, youngs_modulus, 0.45, energy, ratio * energy};
+  };
+  return {material("pulp", 6e4, 0.20, 10), material("palm", 9e4, 0.20, 10), material("back", 1.2e5, 0.25, 5), material("knuckle", 1.5e5, 0.25, 5)};
+}
+
+struct Bones {
+  std::array<Pose, kBodyCount> joints;
+  const std::array<BodyModel, kBodyCount>* bodies;
+
+  double distance(std::size_t b, const Vector3& point) const {
+    const BodyModel& body = (*bodies)[b];
+    return rounded_cone_distance(joints[b].inverse() * point, body.bone_start, body.bone_end, body.bone_start_radius, body.bone_end_radius);
+  }
+  std::size_t nearest(const Vector3& point) const {
+    std::size_t best = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      const double d = distance(b, point);
+      if (d < least) {
+        least = d;
+        best = b;
+      }
+    }
+    return best;
+  }
+};
+
+std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3& point) {
+  const auto b = bones.nearest(point);
+  const Body body = static_cast<Body>(b);
+  const Vector3 local = bones.joints[b].inverse() * point;
+  const BodyModel& model = hand.bodies[b];
+  const double bone_height = 0.5 * (model.bone_start.y() + model.bone_end.y());
+  const bool palmar = local.y() < bone_height + 0.3 * model.bone_end_radius;
+  const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
+  if (digit && body == distal_of(finger_of(body)) && (palmar || local.z() < model.bone_end.z())) return pulp;
+  if (palmar) return palm;
+  // Dorsal skin over MCP, PIP and DIP is bound tightly.
+  for (std::size_t j = 3; j < kJointCount; ++j) {
+    const Joint joint = static_cast<Joint>(j);
+    const bool knuckle_joint = joint_of(body_of(joint)) == joint && !is_metacarpal(body_of(joint));
+    if (knuckle_joint && (hand.rest_joints[j].position - point).norm() < 1.2 * hand.joint_radii[j]) return knuckle;
+  }
+  return back;
+}
+
+// Finds the tetrahedron around a point through a uniform grid of their bounding boxes.
+class Locator {
+ public:
+  Locator(const std::vector<Vector3>& nodes, const std::vector<std::array<std::int32_t, 4>>& tetrahedra) : nodes_(nodes), tetrahedra_(tetrahedra) {
+    inverse_.reserve(tetrahedra.size());
+    for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
+      const auto x = [&](std::size_t k) { return nodes[static_cast<std::size_t>(tetrahedra[t][k])]; };
+      Matrix3 edges;
+      edges << x(1) - x(0), x(2) - x(0), x(3) - x(0);
+      inverse_.push_back(edges.inverse());
+      const Vector3 low = x(0).cwiseMin(x(1)).cwiseMin(x(2)).cwiseMin(x(3));
+      const Vector3 high = x(0).cwiseMax(x(1)).cwiseMax(x(2)).cwiseMax(x(3));
+      const auto a = cell_of(low), b = cell_of(high);
+      for (int i = a[0] - 1; i <= b[0] + 1; ++i) {
+        for (int j = a[1] - 1; j <= b[1] + 1; ++j) {
+          for (int k = a[2] - 1; k <= b[2] + 1; ++k) cells_[{i, j, k}].push_back(static_cast<std::int32_t>(t));
+        }
+      }
+    }
+  }
+
+  /// The tetrahedron in which the point's smallest weight is largest: the one around it, or the nearest one. -1 when none is near.
+  std::int32_t find(const Vector3& point, std::array<double, 4>& weights) const {
+    const auto found = cells_.find(cell_of(point));
+    if (found == cells_.end()) return -1;
+    std::int32_t best = -1;
+    double least = -std::numeric_limits<double>::infinity();
+    for (const std::int32_t t : found->second) {
+      const auto w = weights_in(t, point);
+      const double smallest = *std::min_element(w.begin(), w.end());
+      if (smallest > least) {
+        least = smallest;
+        best = t;
+        weights = w;
+      }
+    }
+    return best;
+  }
+
+  std::array<double, 4> weights_in(std::int32_t t, const Vector3& point) const {
+    const Vector3 w = inverse_[static_cast<std::size_t>(t)] * (point - nodes_[static_cast<std::size_t>(tetrahedra_[static_cast<std::size_t>(t)][0])]);
+    return {1 - w.sum(), w.x(), w.y(), w.z()};
+  }
+
+ private:
+  static constexpr double kCell = 0.005;
+  static std::array<int, 3> cell_of(const Vector3& p) {
+    return {static_cast<int>(std::floor(p.x() / kCell)), static_cast<int>(std::floor(p.y() / kCell)), static_cast<int>(std::floor(p.z() / kCell))};
+  }
+  const std::vector<Vector3>& nodes_;
+  const std::vector<std::array<std::int32_t, 4>>& tetrahedra_;
+  std::vector<Matrix3> inverse_;
+  std::map<std::array<int, 3>, std::vector<std::int32_t>> cells_;
+};
+
+void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
+  constexpr double kSample = 0.0007;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const BodyModel& body = hand.bodies[b];
+    const double reach = std::max(body.bone_start_radius, body.bone_end_radius);
+    const Vector3 low = body.bone_start.cwiseMin(body.bone_end) - Vector3::Constant(reach);
+    const Vector3 high = body.bone_start.cwiseMax(body.bone_end) + Vector3::Constant(reach);
+    struct Part {
+      Vector3 sum = Vector3::Zero();
+      int samples = 0;
+    };
+    std::map<std::int32_t, Part> parts;
+    const auto steps = [&](int k) { return static_cast<int>(std::ceil((high[k] - low[k]) / kSample)); };
+    for (int i = 0; i < steps(0); ++i) {
+      for (int j = 0; j < steps(1); ++j) {
+        for (int k = 0; k < steps(2); ++k) {
+          const Vector3 local = low + kSample * Vector3(i + 0.5, j + 0.5, k + 0.5);
+          if (rounded_cone_distance(local, body.bone_start, body.bone_end, body.bone_start_radius, body.bone_end_radius) > 0) continue;
+          const Vector3 point = bones.joints[b] * local;
+          std::array<double, 4> weights{};
+          const std::int32_t t = locator.find(point, weights);
+          if (t < 0 || *std::min_element(weights.begin(), weights.end()) < -1e-9) continue;
+          Part& part = parts[t];
+          part.sum += point;
+          ++part.samples;
+        }
+      }
+    }
+    for (const auto& [t, part] : parts) {
+      const double volume = part.samples * kSample * kSample * kSample;
+      hand.attachments.push_back({static_cast<std::int32_t>(b), t, locator.weights_in(t, part.sum / part.samples), kAttachmentStiffness * volume});
+    }
+  }
+}
+
+}  // namespace
+
+SizingField hand_sizing(const RestSkeleton& rest) {
+  struct Piece {
+    Vector3 a, b;
+    double size;
+  };
+  std::vector<Piece> pieces;
+  for (int b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const auto position = [&rest](Joint joint) { return rest.joints[static_cast<std::size_t>(index_of(joint))].position; };
+    const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
+    const double to_tip = index_of(tip_of(digit ? finger_of(body) : Finger::thumb)) - index_of(joint_of(body));
+    const double size = !digit ? (is_metacarpal(body) ? 2.3 : 2.8) : to_tip <= 1 ? 1.0 : to_tip <= 2 ? 1.35 : 1.6;
+    const Vector3 start = body == Body::forearm ? Vector3(0, 0, 0.045) : position(joint_of(body));
+    pieces.push_back({start, position(end_joint_of(body)), size});
+  }
+  return [pieces](const Vector3& point) {
+    double least = 3.2;
+    for (const Piece& piece : pieces) {
+      // In units of the common scale, about 4 mm: an edge may be half a scale longer every 10 mm.
+      const double distance = rounded_cone_distance(point, piece.a, piece.b, 0.007, 0.007);
+      least = std::min(least, piece.size + 50 * std::max(distance, 0.0));
+    }
+    return least;
+  };
+}
+
+std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin) {
+  std::vector<Vector3> seeds;
+  for (int f = 0; f < kFingerCount; ++f) {
+    const int tip = index_of(tip_of(static_cast<Finger>(f)));
+    const Pose& end = rest.joints[static_cast<std::size_t>(tip)];
+    seeds.push_back(skin.project(end * Vector3(0, 0, -rest.radii[static_cast<std::size_t>(tip)])));
+    for (int j = f == 0 ? 3 : tip - 3; j < tip; ++j) {
+      const Pose& joint = rest.joints[static_cast<std::size_t>(j)];
+      const Vector3 middle = 0.5 * (joint.position + rest.joints[static_cast<std::size_t>(j + 1)].position);
+      for (const double side : {1.0, -1.0}) seeds.push_back(skin.project(middle + joint.orientation * Vector3(0, side * rest.radii[static_cast<std::size_t>(j)], 0)));
+    }
+  }
+  return seeds;
+}
+
+HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, const TriangleMesh& skin) {
+  HandModel hand;
+  hand.side = Side::right;
+  hand.rest_joints = rest.joints;
+  hand.joint_radii = rest.radii;
+  hand.bodies = make_bodies(rest);
+  hand.nodes = mesh.nodes;
+  hand.tetrahedra = mesh.tetrahedra;
+  hand.surface = mesh.surface;
+  hand.materials = make_materials();
+
+  Bones bones{{}, &hand.bodies};
+  for (std::size_t b = 0; b < kBodyCount; ++b) bones.joints[b] = rest.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
+  for (const Vector3& node : hand.nodes) hand.node_body.push_back(static_cast<std::uint8_t>(bones.nearest(node)));
+  for (const auto& t : hand.tetrahedra) {
+    Vector3 centre = Vector3::Zero();
+    for (const std::int32_t n : t) centre += 0.25 * hand.nodes[static_cast<std::size_t>(n)];
+    hand.tetrahedron_material.push_back(region_of(hand, bones, centre));
+  }
+  const Locator locator(hand.nodes, hand.tetrahedra);
+  attach(hand, bones, locator);
+
+  hand.skin_triangles = skin.triangles;
+  for (const Vector3& vertex : skin.vertices) {
+    SkinVertex embedded;
+    std::array<double, 4> weights{};
+    embedded.tetrahedron = locator.find(vertex, weights);
+    if (embedded.tetrahedron < 0) throw std::runtime_error("skin: a vertex lies more than 5 mm outside the tetrahedra");
+    double sum = 0;
+    for (double& w : weights) sum += w = std::clamp(w, -3.0, 4.0);
+    for (std::size_t k = 0; k < 4; ++k) embedded.weights[k] = static_cast<float>(weights[k] / sum);
+    hand.skin_vertices.push_back(embedded);
+  }
+  return hand;
+}
+
+}  // namespace softhand::builder

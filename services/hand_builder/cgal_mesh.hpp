@@ -1,0 +1,11 @@
+// The one door to CGAL.
+#pragma once
+
+#include "hand_builder/mesher.hpp"
+
+namespace softhand::builder {
+
+/// Delaunay refinement and its optimisers; nodes and positively oriented tetrahedra, no surface yet. Deterministic.
+TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds);
+
+}  // namespace softhand::builder

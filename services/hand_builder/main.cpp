@@ -1,0 +1,75 @@
+// softhand-build-hand: makes a hand file. Offline; see docs/hand-builder.md.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <fstream>
+#include <optional>
+
+#include "hand_builder/assemble.hpp"
+#include "trackers/replay/recording.hpp"
+
+namespace {
+
+using namespace softhand;
+
+// Skin (group "skin") and tetrahedral surface (group "surface") as an OBJ for any viewer.
+void write_preview(const HandModel& hand, const std::string& path) {
+  std::ofstream out(path);
+  for (const Vector3& n : hand.nodes) out << "v " << n.x() << ' ' << n.y() << ' ' << n.z() << '\n';
+  for (const SkinVertex& vertex : hand.skin_vertices) {
+    Vector3 x = Vector3::Zero();
+    for (std::size_t k = 0; k < 4; ++k) {
+      x += static_cast<double>(vertex.weights[k]) *
+           hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k])];
+    }
+    out << "v " << x.x() << ' ' << x.y() << ' ' << x.z() << '\n';
+  }
+  const int offset = hand.node_count() + 1;
+  out << "g surface\n";
+  for (const auto& t : hand.surface) out << "f " << t[0] + 1 << ' ' << t[1] + 1 << ' ' << t[2] + 1 << '\n';
+  out << "g skin\n";
+  for (const auto& t : hand.skin_triangles) out << "f " << t[0] + offset << ' ' << t[1] + offset << ' ' << t[2] + offset << '\n';
+  if (!out) throw std::runtime_error(path + ": cannot be written");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Makes a hand file: skin, bones, tetrahedral tissue, attachments, joints, materials");
+  builder::HandSize size;
+  int nodes = 1450;
+  std::string side_name = "right", output, preview, recording, name;
+  app.add_option("--length", size.length, "hand length, wrist to middle fingertip, metres")->capture_default_str()->check(CLI::Range(0.10, 0.26));
+  app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")->capture_default_str()->check(CLI::Range(0.05, 0.13));
+  app.add_option("--joints", recording, "CSV of recorded joint poses: bone lengths and radii of this user")->check(CLI::ExistingFile);
+  app.add_option("--nodes", nodes, "tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
+  app.add_option("--side", side_name, "side of the hand that is written, and of the recording")->capture_default_str()->check(CLI::IsMember({"left", "right"}));
+  app.add_option("--name", name, "the hand's name");
+  app.add_option("--output", output, "hand file to write")->required();
+  app.add_option("--preview", preview, "OBJ of skin and tetrahedral surface to write");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    const Side side = side_name == "left" ? Side::left : Side::right;
+    builder::RestSkeleton rest;
+    if (recording.empty()) {
+      rest = builder::natural_rest(size);
+    } else {
+      const Recording recorded = Recording::load(recording);
+      rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
+    }
+    const builder::ParametricSkin skin(rest);
+    const auto mesh = builder::mesh_skin_with_nodes(skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, skin));
+    HandModel hand = builder::assemble_hand(rest, mesh, builder::triangulate_skin(skin, 0.0027));
+    if (side == Side::left) hand = mirrored(hand);
+    hand.name = !name.empty() ? name : side_name + "_" + std::to_string(nodes);
+    validate(hand, output);
+    save_hand(hand, output);
+    if (!preview.empty()) write_preview(hand, preview);
+    std::printf("%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, volume %.1f cm^3 (skin %.1f)\n", output.c_str(),
+                hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(), mesh.minimum_dihedral_degrees(),
+                mesh.volume() * 1e6, builder::skin_volume(skin, 0.001) * 1e6);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "softhand-build-hand: %s\n", error.what());
+    return 1;
+  }
+  return 0;
+}

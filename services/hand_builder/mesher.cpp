@@ -1,0 +1,236 @@
+#include "hand_builder/mesher.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <random>
+#include <stdexcept>
+
+namespace softhand::builder {
+namespace {
+
+constexpr int kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+
+std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+// Six times the volume and the largest cosine over the six dihedral angles; a flat or turned tetrahedron has cosine 1.
+struct Shape {
+  double volume6;
+  double worst_cosine;
+};
+Shape shape_of(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
+  const Vector3 ab = b - a, ac = c - a, ad = d - a, bc = c - b, bd = d - b;
+  const double volume6 = ab.dot(ac.cross(ad));
+  if (!(volume6 > 0)) return {volume6, 1.0};
+  const Vector3 n[4] = {bc.cross(bd), ad.cross(ac), ab.cross(ad), ac.cross(ab)};  // outward, opposite a, b, c, d
+  double norm[4];
+  for (int k = 0; k < 4; ++k) norm[k] = n[k].norm();
+  double worst = -1;
+  for (int i = 0; i < 4; ++i) {
+    for (int j = i + 1; j < 4; ++j) worst = std::max(worst, -n[i].dot(n[j]) / (norm[i] * norm[j]));
+  }
+  return {volume6, worst};
+}
+
+}  // namespace
+
+double TetrahedralMesh::volume() const {
+  double sum = 0;
+  for (const auto& t : tetrahedra) {
+    const Vector3& x = nodes[at(t[0])];
+    sum += (nodes[at(t[1])] - x).dot((nodes[at(t[2])] - x).cross(nodes[at(t[3])] - x)) / 6.0;
+  }
+  return sum;
+}
+
+double TetrahedralMesh::minimum_dihedral_degrees() const {
+  double worst = -1;
+  for (const auto& t : tetrahedra) worst = std::max(worst, shape_of(nodes[at(t[0])], nodes[at(t[1])], nodes[at(t[2])], nodes[at(t[3])]).worst_cosine);
+  return std::acos(std::clamp(worst, -1.0, 1.0)) * 180.0 / M_PI;
+}
+
+std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra) {
+  std::map<std::array<std::int32_t, 3>, std::pair<int, std::array<std::int32_t, 3>>> faces;
+  for (const auto& t : tetrahedra) {
+    for (const auto& f : kFaces) {
+      const std::array<std::int32_t, 3> face{t[at(f[0])], t[at(f[1])], t[at(f[2])]};
+      auto key = face;
+      std::sort(key.begin(), key.end());
+      auto& entry = faces[key];
+      ++entry.first;
+      entry.second = face;
+    }
+  }
+  std::vector<std::array<std::int32_t, 3>> surface;
+  for (const auto& [key, entry] : faces) {
+    if (entry.first == 1) surface.push_back(entry.second);
+  }
+  return surface;
+}
+
+void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
+  const std::size_t count = mesh.nodes.size();
+  std::vector<std::vector<std::int32_t>> around(count);
+  for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
+    for (const std::int32_t n : mesh.tetrahedra[t]) around[at(n)].push_back(static_cast<std::int32_t>(t));
+  }
+  std::vector<bool> outer(count, false);
+  for (const auto& f : mesh.surface) for (const std::int32_t n : f) outer[at(n)] = true;
+
+  const auto worst_around = [&](std::size_t n) {
+    double worst = -1;
+    for (const std::int32_t t : around[n]) {
+      const auto& v = mesh.tetrahedra[at(t)];
+      worst = std::max(worst, shape_of(mesh.nodes[at(v[0])], mesh.nodes[at(v[1])], mesh.nodes[at(v[2])], mesh.nodes[at(v[3])]).worst_cosine);
+      if (worst >= 1) return 1.0;
+    }
+    return worst;
+  };
+
+  // Hill climbing. The generator is ours (the standard one's numbers are fixed by the language, its distributions are not).
+  std::minstd_rand generator(7);
+  const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0; };
+  double level = 0;
+  const auto sweep = [&](double reach) {
+    for (std::size_t n = 0; n < count; ++n) {
+      double shortest = 1;
+      Vector3 centroid = Vector3::Zero();
+      for (const std::int32_t t : around[n]) {
+        for (const std::int32_t m : mesh.tetrahedra[at(t)]) {
+          if (at(m) != n) {
+            shortest = std::min(shortest, (mesh.nodes[at(m)] - mesh.nodes[n]).norm());
+            centroid += mesh.nodes[at(m)];
+          }
+        }
+      }
+      centroid /= 3.0 * static_cast<double>(around[n].size());
+      double best = worst_around(n);
+      if (best < std::cos(40.0 * M_PI / 180.0)) continue;  // good enough: spend the effort where it counts
+      for (int trial = 0; trial < 10; ++trial) {
+        const Vector3 old = mesh.nodes[n];
+        Vector3 moved = trial == 0 ? Vector3(old + 0.5 * reach * (centroid - old)) : Vector3(old + reach * 0.3 * shortest * Vector3(uniform(), uniform(), uniform()));
+        if (outer[n]) moved = skin.project(moved, level);
+        mesh.nodes[n] = moved;
+        const double now = worst_around(n);
+        if (now < best - 1e-9) {
+          best = now;
+        } else {
+          mesh.nodes[n] = old;
+        }
+      }
+    }
+  };
+  for (int i = 0; i < 12; ++i) sweep(i < 6 ? 1.0 : 0.5);
+
+  // Move the surface out until the volume is right; the step of each node shrinks where it would turn something over.
+  double area = 0;
+  for (const auto& f : mesh.surface) {
+    area += 0.5 * (mesh.nodes[at(f[1])] - mesh.nodes[at(f[0])]).cross(mesh.nodes[at(f[2])] - mesh.nodes[at(f[0])]).norm();
+  }
+  for (int round = 0; round < 4; ++round) {
+    level = std::clamp(level + (volume - mesh.volume()) / area, -0.001, 0.0025);
+    for (std::size_t n = 0; n < count; ++n) {
+      if (!outer[n]) continue;
+      const Vector3 old = mesh.nodes[n];
+      const Vector3 target = skin.project(old, level);
+      const double limit = std::max(worst_around(n), std::cos(18.0 * M_PI / 180.0));
+      for (double step = 1; step > 0.1; step *= 0.5) {
+        mesh.nodes[n] = old + step * (target - old);
+        if (worst_around(n) <= limit) break;
+        mesh.nodes[n] = old;
+      }
+    }
+    for (int i = 0; i < 5; ++i) sweep(0.5 / (1 + round));
+  }
+}
+
+double skin_volume(const SkinShape& skin, double cell) {
+  const auto box = skin.bounds();
+  const Vector3 extent = (box[1] - box[0]) / cell;
+  double sum = 0;
+  for (int i = 0; i < extent.x(); ++i) {
+    for (int j = 0; j < extent.y(); ++j) {
+      for (int k = 0; k < extent.z(); ++k) {
+        const double d = skin.distance(box[0] + cell * Vector3(i + 0.5, j + 0.5, k + 0.5));
+        sum += std::clamp(0.5 - d / cell, 0.0, 1.0);  // a cell that the surface crosses counts in part
+      }
+    }
+  }
+  return sum * cell * cell * cell;
+}
+
+TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
+  const auto box = skin.bounds();
+  std::array<int, 3> size{};
+  for (int k = 0; k < 3; ++k) size[at(k)] = static_cast<int>(std::ceil((box[1][k] - box[0][k]) / cell)) + 1;
+  const auto number = [&size](int i, int j, int k) { return (static_cast<std::size_t>(i) * at(size[1]) + at(j)) * at(size[2]) + at(k); };
+  std::vector<double> value(number(size[0] - 1, size[1] - 1, size[2] - 1) + 1);
+  for (int i = 0; i < size[0]; ++i) {
+    for (int j = 0; j < size[1]; ++j) {
+      for (int k = 0; k < size[2]; ++k) value[number(i, j, k)] = skin.distance(box[0] + cell * Vector3(i, j, k));
+    }
+  }
+  // One vertex in each crossed cell, at the mean of its edges' crossings.
+  TriangleMesh mesh;
+  std::vector<std::int32_t> vertex(value.size(), -1);
+  for (int i = 0; i + 1 < size[0]; ++i) {
+    for (int j = 0; j + 1 < size[1]; ++j) {
+      for (int k = 0; k + 1 < size[2]; ++k) {
+        Vector3 sum = Vector3::Zero();
+        int crossings = 0;
+        for (int corner = 0; corner < 8; ++corner) {
+          for (int axis = 0; axis < 3; ++axis) {
+            if (corner & (1 << axis)) continue;
+            const int other = corner | (1 << axis);
+            const auto offset = [](int c) { return Vector3(c & 1, (c >> 1) & 1, (c >> 2) & 1); };
+            const auto sample = [&](int c) { return value[number(i + (c & 1), j + ((c >> 1) & 1), k + ((c >> 2) & 1))]; };
+            const double a = sample(corner), b = sample(other);
+            if ((a < 0) == (b < 0)) continue;
+            sum += offset(corner) + a / (a - b) * (offset(other) - offset(corner));
+            ++crossings;
+          }
+        }
+        if (crossings == 0) continue;
+        vertex[number(i, j, k)] = static_cast<std::int32_t>(mesh.vertices.size());
+        mesh.vertices.push_back(box[0] + cell * (Vector3(i, j, k) + sum / crossings));
+      }
+    }
+  }
+  // One quad around each crossed edge.
+  for (int i = 1; i + 1 < size[0]; ++i) {
+    for (int j = 1; j + 1 < size[1]; ++j) {
+      for (int k = 1; k + 1 < size[2]; ++k) {
+        for (int axis = 0; axis < 3; ++axis) {
+          const std::array<int, 3> unit{axis == 0, axis == 1, axis == 2};
+          const bool inside = value[number(i, j, k)] < 0;
+          if (inside == (value[number(i + unit[0], j + unit[1], k + unit[2])] < 0)) continue;
+          const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+          const auto corner = [&](int du, int dv) {
+            std::array<int, 3> c{i, j, k};
+            c[at(u)] -= du;
+            c[at(v)] -= dv;
+            return vertex[number(c[0], c[1], c[2])];
+          };
+          std::array<std::int32_t, 4> quad{corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)};
+          if (!inside) std::swap(quad[1], quad[3]);
+          // The shorter diagonal.
+          const auto length = [&](std::size_t a, std::size_t b) { return (mesh.vertices[at(quad[a])] - mesh.vertices[at(quad[b])]).norm(); };
+          if (length(0, 2) <= length(1, 3)) {
+            mesh.triangles.push_back({quad[0], quad[1], quad[2]});
+            mesh.triangles.push_back({quad[0], quad[2], quad[3]});
+          } else {
+            mesh.triangles.push_back({quad[0], quad[1], quad[3]});
+            mesh.triangles.push_back({quad[1], quad[2], quad[3]});
+          }
+        }
+      }
+    }
+  }
+  for (Vector3& x : mesh.vertices) {
+    const Vector3 projected = skin.project(x);
+    if ((projected - x).norm() < cell) x = projected;
+  }
+  return mesh;
+}
+
+}  // namespace softhand::builder

@@ -1,0 +1,50 @@
+// Tetrahedra and display triangles of an implicit surface.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "hand_builder/skin_shape.hpp"
+
+namespace softhand::builder {
+
+struct TetrahedralMesh {
+  std::vector<Vector3> nodes;
+  std::vector<std::array<std::int32_t, 4>> tetrahedra;  ///< positively oriented
+  std::vector<std::array<std::int32_t, 3>> surface;     ///< outward
+
+  double volume() const;                    ///< cubic metres
+  double minimum_dihedral_degrees() const;  ///< over all tetrahedra
+};
+
+struct TriangleMesh {
+  std::vector<Vector3> vertices;
+  std::vector<std::array<std::int32_t, 3>> triangles;  ///< outward
+};
+
+/// Edge length asked for, as a multiple of a common scale, at a point.
+using SizingField = std::function<double(const Vector3&)>;
+
+/// A mesh of `skin` with edges of about scale * sizing(point). `seeds` are points of the surface that become nodes (fingertips, so that no coarse
+/// mesh cuts them off). CGAL Mesh_3 with Lloyd-like, perturbation and exudation passes, none limited by time: the same bits on each run. Then
+/// `improve`. Throws std::runtime_error when the result is not one closed component.
+TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds);
+
+/// As `mesh_skin`, with the scale searched so that the node count comes within 3 % of `node_count` (best of the tries otherwise).
+TetrahedralMesh mesh_skin_with_nodes(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds);
+
+/// Moves one node at a time where that raises the worst dihedral angle around it; surface nodes stay on the level set that makes
+/// the mesh's volume equal `volume` (chords of a convex surface lose some). Never turns a tetrahedron over.
+void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume);
+
+/// Boundary triangles of positively oriented tetrahedra, outward, in a fixed order.
+std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra);
+
+/// The surface in finer triangles (surface nets on a grid of `cell` metres, vertices then moved onto the surface).
+TriangleMesh triangulate_skin(const SkinShape& skin, double cell);
+
+/// Volume inside the surface, summed over a grid of `cell` metres. Cubic metres.
+double skin_volume(const SkinShape& skin, double cell);
+
+}  // namespace softhand::builder
