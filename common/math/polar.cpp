@@ -11,10 +11,10 @@ bool orthogonalise(Matrix3& a, Matrix3& v, int p, int q) {
   const double pp = a.col(p).squaredNorm();
   const double qq = a.col(q).squaredNorm();
   const double pq = a.col(p).dot(a.col(q));
-  constexpr double kOrthogonal = 1e-30;  // square of the cosine
+  constexpr double kOrthogonal = 1e-29;  // square of the cosine
   if (pq * pq <= kOrthogonal * pp * qq || pq == 0.0) return false;
   const double zeta = (qq - pp) / (2.0 * pq);
-  const double t = std::copysign(1.0, zeta) / (std::abs(zeta) + std::hypot(1.0, zeta));
+  const double t = std::copysign(1.0, zeta) / (std::abs(zeta) + std::sqrt(1.0 + zeta * zeta));
   const double c = 1.0 / std::sqrt(1.0 + t * t);
   const double s = c * t;
   for (Matrix3* m : {&a, &v}) {
