@@ -1,0 +1,219 @@
+#include "world/engines/bullet/bullet_engine.hpp"
+
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <LinearMath/btConvexHullComputer.h>
+#include <btBulletDynamicsCommon.h>
+
+#include <array>
+#include <cmath>
+
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+// Bullet's thresholds (contact breaking 20 mm, penetration slop, margins) are made for bodies of about a metre. Hands move bodies of 5-100 mm: we
+// compute in units of 50 mm. Lengths, velocities, accelerations and forces scale by s, inertias and torques by s^2; masses and times stay.
+constexpr double kScale = 20;
+constexpr float kMargin = static_cast<float>(0.0005 * kScale);
+constexpr int kSolverIterations = 40;
+
+btVector3 to_bullet(const Vector3& v, double scale) {
+  return {static_cast<float>(v.x() * scale), static_cast<float>(v.y() * scale), static_cast<float>(v.z() * scale)};
+}
+Vector3 from_bullet(const btVector3& v, double scale) { return Vector3(v.x(), v.y(), v.z()) / scale; }
+btTransform to_bullet(const Pose& pose) {
+  const Quaternion& q = pose.orientation;
+  const btQuaternion orientation(static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()), static_cast<float>(q.w()));
+  return btTransform(orientation.normalized(), to_bullet(pose.position, kScale));
+}
+
+/// All shapes are true on the outside: Bullet keeps the margin of boxes and cylinders inside, but adds it around hulls, which are shrunk by it first.
+std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
+  const btVector3 size = to_bullet(to_vector(shape.size), kScale);
+  const float margin = std::min(kMargin, 0.2f * std::min({size.x(), shape.kind == 1 ? size.y() : size.x(), shape.kind == 1 ? size.z() : size.x()}));
+  switch (static_cast<ShapeKind>(shape.kind)) {
+    case ShapeKind::sphere: return std::make_unique<btSphereShape>(size.x());
+    case ShapeKind::box: {
+      auto box = std::make_unique<btBoxShape>(size);
+      box->setMargin(margin);
+      return box;
+    }
+    case ShapeKind::capsule: return std::make_unique<btCapsuleShape>(size.x(), 2 * size.y());
+    case ShapeKind::cylinder: {
+      auto cylinder = std::make_unique<btCylinderShape>(btVector3(size.x(), size.y(), size.x()));
+      cylinder->setMargin(std::min(margin, 0.2f * size.y()));
+      return cylinder;
+    }
+    case ShapeKind::plane: return std::make_unique<btStaticPlaneShape>(btVector3(0, 1, 0), 0);
+    case ShapeKind::convex_hull: break;
+  }
+  std::array<float, 3 * kMaxHullVertices> points;
+  for (std::size_t i = 0; i < shape.vertices.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) points[3 * i + k] = static_cast<float>(shape.vertices[i][k] * kScale);
+  btConvexHullComputer shrunk;
+  const float moved = shrunk.compute(points.data(), 3 * sizeof(float), static_cast<int>(shape.vertices.size()), kMargin, 0.2f);
+  auto hull = std::make_unique<btConvexHullShape>();
+  for (int i = 0; i < shrunk.vertices.size(); ++i) hull->addPoint(shrunk.vertices[i], false);
+  hull->recalcLocalAabb();
+  hull->setMargin(moved);
+  return hull;
+}
+
+class BulletEngine final : public PhysicsEngine {
+ public:
+  BulletEngine() {
+    // World gravity stays zero: each body has its own (floating objects).
+    world_.setGravity(btVector3(0, 0, 0));
+    btContactSolverInfo& info = world_.getSolverInfo();
+    info.m_numIterations = kSolverIterations;
+    info.m_splitImpulse = 1;
+    info.m_splitImpulsePenetrationThreshold = 0;  // penetration is undone without leaving velocity behind
+    info.m_restitutionVelocityThreshold = 0;
+    world_.getDispatchInfo().m_deterministicOverlappingPairs = true;
+    solver_.setRandSeed(1);
+  }
+
+  ~BulletEngine() override {
+    for (std::size_t slot = 0; slot < bodies_.size(); ++slot) remove(slot);
+  }
+
+  void add(std::size_t slot, const EngineObject& object) override {
+    shapes_[slot] = make_shape(object.shape);
+    btRigidBody::btRigidBodyConstructionInfo info(static_cast<float>(object.mass), nullptr, shapes_[slot].get(),
+                                                  to_bullet(object.inertia, kScale * kScale));
+    info.m_startWorldTransform = to_bullet(object.pose);
+    info.m_friction = static_cast<float>(std::sqrt(object.friction));  // Bullet multiplies the two of a pair
+    info.m_restitution = 0;
+    auto body = std::make_unique<btRigidBody>(info);
+    body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
+    // A slow creep must not freeze, and a hand may touch at any time.
+    body->setActivationState(DISABLE_DEACTIVATION);
+    if (object.mass > 0) {
+      btVector3 low, high;
+      shapes_[slot]->getAabb(btTransform::getIdentity(), low, high);
+      const float thinnest = 0.5f * std::min({high.x() - low.x(), high.y() - low.y(), high.z() - low.z()});
+      body->setCcdMotionThreshold(thinnest);
+      body->setCcdSweptSphereRadius(0.5f * thinnest);
+    }
+    world_.addRigidBody(body.get());
+    bodies_[slot] = std::move(body);
+  }
+
+  void remove(std::size_t slot) override {
+    if (!bodies_[slot]) return;
+    world_.removeRigidBody(bodies_[slot].get());
+    bodies_[slot].reset();
+    shapes_[slot].reset();
+  }
+
+  void place(std::size_t slot, const Pose& pose, const Twist& velocity) override {
+    btRigidBody& body = *bodies_[slot];
+    body.setWorldTransform(to_bullet(pose));
+    body.setInterpolationWorldTransform(body.getWorldTransform());
+    body.setLinearVelocity(to_bullet(velocity.linear, kScale));
+    body.setAngularVelocity(to_bullet(velocity.angular, 1));
+    body.updateInertiaTensor();
+    world_.updateSingleAabb(&body);
+    world_.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(), &dispatcher_);
+  }
+
+  void set_gravity(std::size_t slot, const Vector3& gravity) override { bodies_[slot]->setGravity(to_bullet(gravity, kScale)); }
+
+  void apply(std::size_t slot, const Wrench& wrench) override {
+    bodies_[slot]->applyCentralForce(to_bullet(wrench.force, kScale));
+    bodies_[slot]->applyTorque(to_bullet(wrench.torque, kScale * kScale));
+  }
+
+  void step(double dt) override { world_.stepSimulation(static_cast<float>(dt), 0); }
+
+  Pose pose(std::size_t slot) const override {
+    const btTransform& transform = bodies_[slot]->getWorldTransform();
+    const btQuaternion q = transform.getRotation();
+    return {from_bullet(transform.getOrigin(), kScale), Quaternion(q.w(), q.x(), q.y(), q.z()).normalized()};
+  }
+
+  Twist velocity(std::size_t slot) const override {
+    return {from_bullet(bodies_[slot]->getLinearVelocity(), kScale), from_bullet(bodies_[slot]->getAngularVelocity(), 1)};
+  }
+
+  bool closest_direction(std::size_t slot, std::size_t other, double range, Vector3& direction) const override {
+    if (shapes_[other]->getShapeType() == STATIC_PLANE_PROXYTYPE) {
+      const btVector3 normal = bodies_[other]->getWorldTransform().getBasis().getColumn(1);
+      direction = from_bullet(normal, 1);
+      btVector3 low, high;  // a plane is everywhere: ask the body's own box first
+      shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
+      const btVector3 nearest(normal.x() > 0 ? low.x() : high.x(), normal.y() > 0 ? low.y() : high.y(), normal.z() > 0 ? low.z() : high.z());
+      return (nearest - bodies_[other]->getWorldTransform().getOrigin()).dot(normal) <= static_cast<float>(range * kScale);
+    }
+    if (!shapes_[slot]->isConvex() || !shapes_[other]->isConvex()) return false;
+    const float reach = static_cast<float>(range * kScale);
+    btVector3 low, high, other_low, other_high;
+    shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
+    shapes_[other]->getAabb(bodies_[other]->getWorldTransform(), other_low, other_high);
+    for (int axis = 0; axis < 3; ++axis)
+      if (low[axis] - reach > other_high[axis] || high[axis] + reach < other_low[axis]) return false;
+    btVoronoiSimplexSolver simplex;
+    btGjkEpaPenetrationDepthSolver depth;
+    btGjkPairDetector detector(static_cast<const btConvexShape*>(shapes_[slot].get()), static_cast<const btConvexShape*>(shapes_[other].get()), &simplex,
+                               &depth);
+    btGjkPairDetector::ClosestPointInput input;
+    input.m_transformA = bodies_[slot]->getWorldTransform();
+    input.m_transformB = bodies_[other]->getWorldTransform();
+    input.m_maximumDistanceSquared = BT_LARGE_FLOAT;
+    btPointCollector found;
+    detector.getClosestPoints(input, found, nullptr);
+    if (!found.m_hasResult || found.m_distance > reach) return false;
+    direction = from_bullet(found.m_normalOnBInWorld, 1).normalized();
+    return direction.allFinite();
+  }
+
+ private:
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  btDbvtBroadphase broadphase_;
+  btSequentialImpulseConstraintSolver solver_;
+  btDiscreteDynamicsWorld world_{&dispatcher_, &broadphase_, &solver_, &configuration_};
+  std::array<std::unique_ptr<btCollisionShape>, kMaxObjects> shapes_;
+  std::array<std::unique_ptr<btRigidBody>, kMaxObjects> bodies_;
+};
+
+}  // namespace
+
+std::unique_ptr<PhysicsEngine> make_bullet_engine() { return std::make_unique<BulletEngine>(); }
+
+HullSolid hull_solid(const std::vector<Vector3>& points) {
+  std::vector<double> coordinates;
+  for (const Vector3& p : points) coordinates.insert(coordinates.end(), {p.x(), p.y(), p.z()});
+  btConvexHullComputer hull;
+  hull.compute(coordinates.data(), 3 * sizeof(double), static_cast<int>(points.size()), 0, 0);
+  if (hull.vertices.size() < 4) return {};
+  const auto at = [&hull](int i) { return Vector3(hull.vertices[i].x(), hull.vertices[i].y(), hull.vertices[i].z()); };
+  // Sums over the tetrahedra (inside point, a, b, c) of each face's fan; second moments by the exact rule for a tetrahedron with a corner at the origin.
+  Vector3 inside = Vector3::Zero();
+  for (int i = 0; i < hull.vertices.size(); ++i) inside += at(i) / hull.vertices.size();
+  double volume = 0;
+  Vector3 first = Vector3::Zero();
+  Matrix3 second = Matrix3::Zero();
+  for (int f = 0; f < hull.faces.size(); ++f) {
+    const btConvexHullComputer::Edge* start = &hull.edges[hull.faces[f]];
+    const Vector3 a = at(start->getSourceVertex()) - inside;
+    for (const auto* edge = start->getNextEdgeOfFace(); edge->getTargetVertex() != start->getSourceVertex(); edge = edge->getNextEdgeOfFace()) {
+      const Vector3 b = at(edge->getSourceVertex()) - inside;
+      const Vector3 c = at(edge->getTargetVertex()) - inside;
+      const double v = std::abs(a.dot(b.cross(c))) / 6;
+      const Vector3 sum = a + b + c;
+      volume += v;
+      first += v * sum / 4;
+      second += v / 20 * (sum * sum.transpose() + a * a.transpose() + b * b.transpose() + c * c.transpose());
+    }
+  }
+  if (!(volume > 0)) return {};
+  const Vector3 offset = first / volume;
+  const Matrix3 central = second - volume * offset * offset.transpose();
+  return {volume, inside + offset, central.trace() * Matrix3::Identity() - central};
+}
+
+}  // namespace softhand

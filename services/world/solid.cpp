@@ -1,0 +1,146 @@
+#include "world/solid.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "messages/convert.hpp"
+#include "world/physics_engine.hpp"
+
+namespace softhand {
+namespace {
+
+ShapeKind kind_of(const std::string& name) {
+  if (name == "sphere") return ShapeKind::sphere;
+  if (name == "box") return ShapeKind::box;
+  if (name == "capsule") return ShapeKind::capsule;
+  if (name == "cylinder") return ShapeKind::cylinder;
+  if (name == "plane") return ShapeKind::plane;
+  if (name == "convex_hull") return ShapeKind::convex_hull;
+  throw std::invalid_argument("shape '" + name + "': expected sphere, box, capsule, cylinder, plane or convex_hull");
+}
+
+/// Principal inertia of a uniform solid of mass 1.
+Vector3 unit_inertia(ShapeKind kind, const Vector3& size) {
+  const double r = size.x(), h = size.y();
+  switch (kind) {
+    case ShapeKind::sphere: return Vector3::Constant(0.4 * r * r);
+    case ShapeKind::box: {
+      const Vector3 square = size.cwiseAbs2();
+      return Vector3(square.y() + square.z(), square.x() + square.z(), square.x() + square.y()) / 3;
+    }
+    case ShapeKind::cylinder: return {r * r / 4 + h * h / 3, r * r / 2, r * r / 4 + h * h / 3};
+    case ShapeKind::capsule: {
+      // Cylinder of length 2h and two half balls, whose centres of mass lie 3/8 r beyond its ends.
+      const double cylinder = 2 * h, ball = 4.0 / 3 * r;  // volumes over pi r^2
+      const double total = cylinder + ball;
+      const double along = (cylinder * r * r / 2 + ball * 0.4 * r * r) / total;
+      const double across = (cylinder * (r * r / 4 + h * h / 3) + ball * (0.4 * r * r + h * h + 0.75 * h * r)) / total;
+      return {across, along, across};
+    }
+    default: return Vector3::Zero();
+  }
+}
+
+}  // namespace
+
+Solid make_solid(const ObjectOptions& object) {
+  Solid solid;
+  const ShapeKind kind = kind_of(object.shape);
+  solid.shape.kind = static_cast<std::uint32_t>(kind);
+  if (kind == ShapeKind::box) solid.shape.size = object.half_extents;
+  if (kind == ShapeKind::sphere) solid.shape.size = {object.radius, 0, 0};
+  if (kind == ShapeKind::capsule || kind == ShapeKind::cylinder) solid.shape.size = {object.radius, object.half_length, 0};
+  const Vector3 size = to_vector(solid.shape.size);
+  if (kind != ShapeKind::convex_hull) {
+    solid.inertia = object.mass * unit_inertia(kind, size);
+    if (kind == ShapeKind::sphere) solid.radius = object.radius;
+    if (kind == ShapeKind::box) solid.radius = size.norm();
+    if (kind == ShapeKind::capsule) solid.radius = object.radius + object.half_length;
+    if (kind == ShapeKind::cylinder) solid.radius = std::hypot(object.radius, object.half_length);
+    return solid;
+  }
+  if (object.vertices.size() < 4 || object.vertices.size() > kMaxHullVertices)
+    throw std::invalid_argument("a convex hull has 4 to 256 vertices, not " + std::to_string(object.vertices.size()));
+  std::vector<Vector3> points;
+  for (const VertexOptions& vertex : object.vertices) points.push_back(to_vector(vertex.at));
+  const HullSolid hull = hull_solid(points);
+  if (!(hull.volume > 1e-13)) throw std::invalid_argument("the vertices of the convex hull span no volume");
+  const Eigen::SelfAdjointEigenSolver<Matrix3> principal(hull.inertia / hull.volume);
+  Matrix3 axes = principal.eigenvectors();
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  solid.body_frame = {hull.centre, Quaternion(axes).normalized()};
+  solid.inertia = object.mass * principal.eigenvalues();
+  const Pose to_body = solid.body_frame.inverse();
+  for (const Vector3& point : points) {
+    const Vector3 p = to_body * point;
+    solid.shape.vertices.push_back(to_wire(p));
+    solid.radius = std::max(solid.radius, p.norm());
+  }
+  return solid;
+}
+
+Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction) {
+  const Vector3 d = pose.orientation.conjugate() * direction;
+  const Vector3 size = to_vector(shape.size);
+  Vector3 point = Vector3::Zero();
+  switch (static_cast<ShapeKind>(shape.kind)) {
+    case ShapeKind::sphere: point = size.x() * d; break;
+    case ShapeKind::box:
+      for (int k = 0; k < 3; ++k) point[k] = std::copysign(size[k], d[k]);
+      break;
+    case ShapeKind::capsule: point = size.x() * d + Vector3(0, std::copysign(size.y(), d.y()), 0); break;
+    case ShapeKind::cylinder: {
+      const double across = std::hypot(d.x(), d.z());
+      const Vector3 rim = across > 1e-12 ? Vector3(d.x() / across, 0, d.z() / across) : Vector3(Vector3::UnitX());
+      point = size.x() * rim + Vector3(0, std::copysign(size.y(), d.y()), 0);
+      break;
+    }
+    case ShapeKind::convex_hull: {
+      double best = -std::numeric_limits<double>::infinity();
+      for (const Vec3& vertex : shape.vertices) {
+        const double along = to_vector(vertex).dot(d);
+        if (along > best) best = along, point = to_vector(vertex);
+      }
+      break;
+    }
+    case ShapeKind::plane: break;
+  }
+  return pose * point;
+}
+
+SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour, const Pose& neighbour_pose,
+                                 const Vector3& direction) {
+  const auto along = [&](const Vector3& normal) {
+    const Vector3 nearest = support(object, object_pose, -normal);
+    const bool plane = neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane);
+    const Vector3 top = plane ? neighbour_pose.position : support(neighbour, neighbour_pose, normal);
+    const double gap = normal.dot(nearest - top);
+    return SeparatingPlane{nearest - gap * normal, normal, gap};
+  };
+  if (neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane)) return along(neighbour_pose.orientation * Vector3::UnitY());
+  SeparatingPlane best = along(direction);
+  // Flat faces near the direction: exact where the engine's direction is not. The neighbour's first, so that a box on a table has the table's face.
+  constexpr double kNear = 0.999;  // 2.6 degrees
+  constexpr double kNoise = 1e-5;  // m that a single-precision direction may win by
+  const auto try_faces = [&](const Shape& shape, const Pose& pose) {
+    const bool box = shape.kind == static_cast<std::uint32_t>(ShapeKind::box);
+    const bool cylinder = shape.kind == static_cast<std::uint32_t>(ShapeKind::cylinder);
+    if (!box && !cylinder) return false;
+    for (int axis = box ? 0 : 1; axis < (box ? 3 : 2); ++axis) {
+      Vector3 normal = pose.orientation * Vector3::Unit(axis);
+      if (normal.dot(direction) < 0) normal = -normal;
+      if (normal.dot(direction) < kNear) continue;
+      const SeparatingPlane face = along(normal);
+      if (face.gap < best.gap - kNoise) continue;
+      best = face;
+      return true;
+    }
+    return false;
+  };
+  if (!try_faces(neighbour, neighbour_pose)) try_faces(object, object_pose);
+  return best;
+}
+
+}  // namespace softhand

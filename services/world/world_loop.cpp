@@ -1,0 +1,332 @@
+#include "world/world_loop.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "world/follow.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kSeconds = 1e-9;
+constexpr double kForceStall = 0.030;   // s: older contact forces are not believed
+constexpr double kMotionStall = 0.100;  // s: nor velocities
+constexpr double kVanished = 0.500;     // s: nor the owner
+constexpr double kNearestPlane = 0.005; // m
+constexpr double kFarthestPlane = 0.050;
+constexpr double kAbsurd = 1e4;         // m
+
+bool believable(const ObjectTwin& twin) {
+  const auto near = [](double x) { return std::abs(x) < kAbsurd; };
+  const double norm = to_quaternion(twin.orientation).norm();
+  return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) && all_finite(twin.angular_velocity) &&
+         all_finite(twin.contact_force) && all_finite(twin.contact_torque) && std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 &&
+         norm < 2;
+}
+
+const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
+  for (const ObjectTwin& twin : coupling.twins)
+    if (twin.object == id) return &twin;
+  return nullptr;
+}
+
+bool before(const HandKey& a, const HandKey& b) { return a.user != b.user ? a.user < b.user : a.side < b.side; }
+
+}  // namespace
+
+WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step)
+    : options_(options),
+      step_(1 / options.rate_hz),
+      gravity_(options.gravity[0], options.gravity[1], options.gravity[2]),
+      engine_(make_physics_engine(options.engine)),
+      output_(std::make_unique<WorldOutput>()) {
+  std::string wrong;
+  for (const std::string& text : check_world(options, objects, hand_step)) wrong += (wrong.empty() ? "" : "\n") + text;
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+  objects_.reserve(objects.size());
+  for (const ObjectOptions& from : objects) {
+    Object& object = objects_.emplace_back();
+    object.options = from;
+    object.solid = make_solid(from);
+    object.start = Pose{to_vector(from.position), to_quaternion(from.orientation).normalized()} * object.solid.body_frame;
+    object.dynamic = from.mass > 0;
+    ObjectDescription& description = descriptions_.emplace_back();
+    description.object = static_cast<std::uint32_t>(objects_.size());
+    set_text(description.name, from.name);
+    description.is_static = object.dynamic ? 0 : 1;
+    description.mass = from.mass;
+    description.inertia = to_wire(object.solid.inertia);
+    description.friction = from.friction;
+    description.shape = object.solid.shape;
+    insert(objects_.size() - 1);
+  }
+}
+
+WorldLoop::~WorldLoop() = default;
+
+Vector3 WorldLoop::gravity_of(const Object& object) const {
+  return object.weightless || !object.dynamic ? Vector3(Vector3::Zero()) : gravity_;
+}
+
+/// Puts an object into the engine at its start, at rest.
+void WorldLoop::insert(std::size_t slot) {
+  Object& object = objects_[slot];
+  object.weightless = object.options.floating;
+  object.owned = object.near_hand = object.stalled = false;
+  object.pose = object.start;
+  object.velocity = object.previous_velocity = {};
+  object.present = true;
+  engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.start});
+  if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
+}
+
+void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& input) {
+  Object& object = objects_[slot];
+  const auto id = static_cast<std::uint32_t>(slot + 1);
+  const bool symmetric = options_.mode == "symmetric";
+  object.near_hand = false;
+  const ObjectCoupling* owner = nullptr;
+  const ObjectTwin* owner_twin = nullptr;
+  Wrench wrench;
+  bool pulled = false;
+  Follower follower{object.options.mass, Matrix3::Zero(), object.pose, object.velocity, gravity_of(object)};
+  const Matrix3 axes = object.pose.orientation.toRotationMatrix();
+  follower.inertia = axes * object.solid.inertia.asDiagonal() * axes.transpose();
+
+  // Hands in the order of their keys, so that the sum of two springs is the same whatever the order of the samples.
+  const HandKey* last = nullptr;
+  for (std::size_t n = 0; n < input.couplings.size(); ++n) {
+    const ObjectCoupling* coupling = nullptr;
+    for (const ObjectCoupling& candidate : input.couplings) {
+      if (last != nullptr && !before(*last, candidate.hand)) continue;
+      if (coupling == nullptr || before(candidate.hand, coupling->hand)) coupling = &candidate;
+    }
+    if (coupling == nullptr) break;
+    last = &coupling->hand;
+    const ObjectTwin* twin = twin_of(*coupling, id);
+    if (twin == nullptr) continue;
+    const double age = static_cast<double>(now - coupling->stamp.sample_time) * kSeconds;
+    if (age > kVanished) continue;
+    if ((coupling->mode == 1) != symmetric) {
+      ++counters_.refused_mode;
+      continue;
+    }
+    if (!believable(*twin)) {
+      ++counters_.refused_nonfinite;
+      continue;
+    }
+    object.near_hand = true;
+    if (!symmetric) {
+      // The present owner keeps the object until it lets go; a free one goes to the first key that claims it.
+      const bool present_owner = object.owned && object.owner == coupling->hand;
+      if (twin->owned != 0 && (present_owner || owner == nullptr)) owner = coupling, owner_twin = twin;
+      continue;
+    }
+    if (age > kMotionStall) continue;  // a spring to a place that is no longer true
+    const Leader leader{{to_vector(twin->position), to_quaternion(twin->orientation).normalized()},
+                        {to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)},
+                        {}};
+    // Touched: the text's coupling has no flag of its own.
+    if (to_vector(twin->contact_force).norm() > 0 && object.weightless) {
+      object.weightless = false;
+      engine_->set_gravity(slot, gravity_of(object));
+      follower.gravity = gravity_of(object);
+    }
+    const Wrench one = symmetric_wrench(follower, leader, options_.stiffness, options_.angular_stiffness, options_.damping_ratio, step_);
+    wrench.force += one.force;
+    wrench.torque += one.torque;
+    pulled = true;
+  }
+  if (symmetric) {
+    if (pulled) engine_->apply(slot, wrench);
+    return;
+  }
+
+  if (owner == nullptr) {
+    if (object.owned) {
+      // Let go, or gone: the copy goes on with its present velocity.
+      for (const ObjectCoupling& coupling : input.couplings)
+        if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished) ++counters_.vanished;
+    }
+    object.owned = object.stalled = false;
+    return;
+  }
+  object.owned = true;
+  object.owner = owner->hand;
+  object.owner_step = std::clamp(owner->step_period, 1e-4, 0.1);
+  if (object.weightless) {
+    object.weightless = false;
+    engine_->set_gravity(slot, gravity_of(object));
+    follower.gravity = gravity_of(object);
+  }
+  const double age = std::max(0.0, static_cast<double>(now - owner->stamp.sample_time) * kSeconds);
+  const double delay = (1 + options_.staleness) * (step_ + object.owner_step);
+  Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
+                {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
+                {to_vector(owner_twin->contact_force), to_vector(owner_twin->contact_torque)}};
+  // `age` runs to `now`, the end of this step: FACTS' min(age + T, D) with the age at its start.
+  const bool force_stale = age - step_ > std::max(3 * object.owner_step + 1.5 * step_, kForceStall);
+  if (force_stale) leader.wrench = {-follower.mass * follower.gravity, Vector3::Zero()};
+  if (age - step_ > kMotionStall) leader.velocity = {};
+  if (force_stale && !object.stalled) ++counters_.stalls;
+  object.stalled = force_stale;
+  const double ahead = std::min(age, delay);
+  leader.pose = increment(leader.pose, ahead * leader.velocity.linear, ahead * leader.velocity.angular);
+  engine_->apply(slot, owner_wrench(follower, leader, options_.follow_stiffness, step_));
+}
+
+const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
+  engine_->step(step_);
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    Object& object = objects_[slot];
+    if (!object.present || !object.dynamic) continue;
+    const Pose pose = engine_->pose(slot);
+    const Twist velocity = engine_->velocity(slot);
+    if (!pose.position.allFinite() || !pose.orientation.coeffs().allFinite() || !velocity.linear.allFinite() || !velocity.angular.allFinite()) {
+      // Nothing that is not finite leaves the world: the object stays where it last was.
+      ++counters_.repaired;
+      engine_->remove(slot);
+      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
+      engine_->set_gravity(slot, gravity_of(object));
+      object.velocity = object.previous_velocity = {};
+      continue;
+    }
+    object.previous_velocity = object.velocity;
+    object.pose = pose;
+    object.velocity = velocity;
+  }
+  publish(now);
+  return *output_;
+}
+
+void WorldLoop::publish(Nanoseconds now) {
+  WorldObjects& out = output_->objects;
+  out.stamp.sample_time = now;
+  out.step_period = step_;
+  out.objects.clear();
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    const Object& object = objects_[slot];
+    if (!object.present) continue;
+    ObjectState& state = out.objects.items[out.objects.count++];
+    state.object = static_cast<std::uint32_t>(slot + 1);
+    state.gravity = to_wire(gravity_of(object));
+    state.owned = object.owned ? 1 : 0;
+    state.owner_user = object.owned ? object.owner.user : 0;
+    state.owner_side = object.owned ? object.owner.side : 0;
+    state.position = to_wire(object.pose.position);
+    state.orientation = to_wire(object.pose.orientation);
+    state.linear_velocity = to_wire(object.velocity.linear);
+    state.angular_velocity = to_wire(object.velocity.angular);
+    state.linear_acceleration = to_wire(Vector3((object.velocity.linear - object.previous_velocity.linear) / step_));
+    state.angular_acceleration = to_wire(Vector3((object.velocity.angular - object.previous_velocity.angular) / step_));
+    state.planes.clear();
+    if (object.near_hand) write_planes(slot, state);
+  }
+}
+
+void WorldLoop::write_planes(std::size_t slot, ObjectState& state) const {
+  const Object& object = objects_[slot];
+  const double delay = (1 + options_.staleness) * (step_ + (object.owned ? object.owner_step : 1.0 / 90));
+  // Corners of a turning object are faster than its centre.
+  const double speed = object.velocity.linear.norm() + object.velocity.angular.norm() * object.solid.radius;
+  const double range = std::max(kNearestPlane, std::min(kFarthestPlane, speed * delay));
+  for (std::size_t other = 0; other < objects_.size(); ++other) {
+    const Object& neighbour = objects_[other];
+    if (other == slot || !neighbour.present) continue;
+    Vector3 direction;
+    if (!engine_->closest_direction(slot, other, range, direction)) continue;
+    const SeparatingPlane found = separating_plane(object.solid.shape, object.pose, neighbour.solid.shape, neighbour.pose, direction);
+    if (found.gap > range) continue;
+    NeighbourPlane plane;
+    plane.neighbour = static_cast<std::uint32_t>(other + 1);
+    plane.kind = neighbour.dynamic ? kNeighbourDynamic : kNeighbourStatic;
+    plane.point = to_wire(found.point);
+    plane.normal = to_wire(found.normal);
+    plane.velocity = to_wire(Vector3(neighbour.velocity.linear + neighbour.velocity.angular.cross(found.point - neighbour.pose.position)));
+    plane.gap = found.gap;
+    plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
+    plane.mass = neighbour.options.mass;
+    if (state.planes.push_back(plane)) continue;
+    // More neighbours than room: the nearest stay.
+    auto farthest = std::max_element(state.planes.begin(), state.planes.end(), [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
+    if (farthest->gap > plane.gap) *farthest = plane;
+  }
+}
+
+WorldLoop::Object* WorldLoop::find(std::string_view name) {
+  for (Object& object : objects_)
+    if (object.options.name == name) return &object;
+  return nullptr;
+}
+
+MessageReply WorldLoop::handle(const Message& message) {
+  MessageReply reply;
+  reply.id = message.id;
+  set_text(reply.module, "world");
+  const std::string_view module = get_text(message.module);
+  const std::string_view key = get_text(message.key);
+  const std::string_view value = get_text(message.value);
+  const auto answer = [&reply](std::uint32_t result, const char* text, std::string_view name = "") {
+    reply.result = result;
+    std::snprintf(reply.text.data(), reply.text.size(), "%s%.*s", text, static_cast<int>(name.size()), name.data());
+    return reply;
+  };
+  const bool known = key == "object.reset" || key == "object.remove" || key == "object.teleport";
+  if ((module != "world" && module != "*") || !known) return answer(kReplyIgnored, "");
+  const std::string_view name = value.substr(0, value.find(' '));
+  if (key == "object.reset" && name == "*") {
+    for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+      engine_->remove(slot);
+      insert(slot);
+      descriptions_[slot].removed = 0;
+    }
+    ++descriptions_version_;
+    return answer(kReplyApplied, "all objects reset");
+  }
+  Object* object = find(name);
+  if (object == nullptr) return answer(kReplyRefused, "expected the name of an object in the scene, not ", name);
+  const auto slot = static_cast<std::size_t>(object - objects_.data());
+  if (key == "object.reset") {
+    engine_->remove(slot);
+    insert(slot);
+    descriptions_[slot].removed = 0;
+    ++descriptions_version_;
+    return answer(kReplyApplied, "reset");
+  }
+  if (!object->present) return answer(kReplyRefused, "removed before; object.reset brings it back");
+  if (key == "object.remove") {
+    engine_->remove(slot);
+    object->present = object->owned = object->near_hand = false;
+    descriptions_[slot].removed = 1;
+    ++descriptions_version_;
+    return answer(kReplyApplied, "removed");
+  }
+  Vector3 to;
+  const std::string numbers(value.substr(std::min(value.size(), name.size())));
+  if (std::sscanf(numbers.c_str(), "%lf %lf %lf", &to.x(), &to.y(), &to.z()) != 3 || !to.allFinite() || to.norm() > 1000)
+    return answer(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
+  object->pose.position = to;
+  object->velocity = object->previous_velocity = {};
+  object->owned = false;
+  engine_->place(slot, object->pose, {});
+  return answer(kReplyApplied, "moved");
+}
+
+double WorldLoop::energy() const {
+  double sum = 0;
+  for (const Object& object : objects_) {
+    if (!object.present || !object.dynamic) continue;
+    const Vector3 spin = object.pose.orientation.conjugate() * object.velocity.angular;
+    sum += 0.5 * object.options.mass * object.velocity.linear.squaredNorm() + 0.5 * spin.dot(object.solid.inertia.cwiseProduct(spin)) -
+           object.options.mass * gravity_of(object).dot(object.pose.position);
+  }
+  return sum;
+}
+
+}  // namespace softhand

@@ -1,0 +1,115 @@
+#include "world/world_options.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include "messages/messages.hpp"
+#include "world/solid.hpp"
+
+namespace softhand {
+namespace {
+
+using Matrix8 = Eigen::Matrix<double, 8, 8>;
+
+/// The body of rows `own`, `own` + 1 (position, velocity) takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1.
+Matrix8 implicit_steps(int own, int copy, int steps, double k, double b, double step) {
+  // v' (1 + T b + T^2 k) = v + T k (x_c - x) + T b v_c, x' = x + T v', per unit mass.
+  Matrix8 one = Matrix8::Identity();
+  const double share = 1 / (1 + step * b + step * step * k);
+  one.row(own + 1).setZero();
+  one(own + 1, own + 1) = share;
+  one(own + 1, own) = -step * k * share;
+  one(own + 1, copy) = step * k * share;
+  one(own + 1, copy + 1) = step * b * share;
+  one.row(own) += step * one.row(own + 1);
+  Matrix8 all = Matrix8::Identity();
+  for (int i = 0; i < steps; ++i) all = one * all;
+  return all;
+}
+
+bool symmetric_is_stable(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
+  return symmetric_growth(stiffness_per_mass, damping_ratio, world_step, hand_step) <= 1 + 1e-5;
+}
+
+/// The nearest stiffness over mass at which the symmetric spring is stable, by factors of 1.1; 0 when there is none within 1e6.
+double nearest_stable(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
+  for (double factor = 1.1; factor < 1e6; factor *= 1.1)
+    for (double candidate : {stiffness_per_mass / factor, stiffness_per_mass * factor})
+      if (symmetric_is_stable(candidate, damping_ratio, world_step, hand_step)) return candidate;
+  return 0;
+}
+
+}  // namespace
+
+double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
+  // Rows: A 0 1, B 2 3, B's copy of A 4 5, A's copy of B 6 7. Within a period of the slower side each steps against a copy that was taken one period ago.
+  const double period = std::max(world_step, hand_step);
+  const int hand_steps = std::max(1, static_cast<int>(std::lround(period / hand_step)));
+  const int world_steps = std::max(1, static_cast<int>(std::lround(period / world_step)));
+  const double damping = 2 * damping_ratio * std::sqrt(stiffness_per_mass);
+  const Matrix8 moved = implicit_steps(0, 6, hand_steps, stiffness_per_mass, damping, period / hand_steps) *
+                        implicit_steps(2, 4, world_steps, stiffness_per_mass, damping, period / world_steps);
+  Matrix8 exchange = Matrix8::Identity();
+  exchange.block<2, 8>(4, 0).setZero();
+  exchange.block<2, 8>(6, 0).setZero();
+  exchange.block<2, 2>(4, 0).setIdentity();
+  exchange.block<2, 2>(6, 2).setIdentity();
+  // Copies are refreshed from the state before this period's steps: one period old when the next period reads them.
+  Matrix8 period_map = moved;
+  period_map.bottomRows<4>() = exchange.bottomRows<4>();
+  return period_map.eigenvalues().cwiseAbs().maxCoeff();
+}
+
+std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects, double hand_step) {
+  std::vector<std::string> wrong;
+  const auto refuse = [&wrong](const auto&... parts) {
+    std::ostringstream text;
+    (text << ... << parts);
+    wrong.push_back(text.str());
+  };
+  const double step = 1 / world.rate_hz;
+  if (world.mode == "owner" && world.follow_stiffness > 1)
+    refuse("world.follow_stiffness = ", world.follow_stiffness, ": above m/T^2 the world's copy overshoots stale twins; nearest value that works: 1");
+  if (objects.size() > kMaxObjects) refuse("objects: ", objects.size(), " objects, room for ", kMaxObjects);
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const ObjectOptions& object = objects[i];
+    const std::string where = "objects." + object.name;
+    if (object.name.empty() || object.name.size() > 63) refuse("objects[", i, "].name: expected 1 to 63 characters");
+    if (!names.insert(object.name).second) refuse(where, ": the name stands twice");
+    if (object.shape == "plane" && object.mass != 0) refuse(where, ".mass = ", object.mass, ": a plane is static; expected 0");
+    if (object.mass != 0 && !(object.mass >= 1e-4))
+      refuse(where, ".mass = ", object.mass, ": expected 0 (static) or at least 0.0001 kg, below which single precision loses it");
+    if (object.floating && object.mass == 0) refuse(where, ".floating: a static object cannot float; give it a mass");
+    const auto& q = object.orientation;
+    const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(std::abs(norm - 1) < 1e-3)) refuse(where, ".orientation: length ", norm, ", expected a unit quaternion xyzw");
+    try {
+      const Solid solid = make_solid(object);
+      if (world.mode != "symmetric" || object.mass == 0) continue;
+      const double offered = nearest_stable(world.stiffness / object.mass, world.damping_ratio, step, hand_step);
+      const double growth = symmetric_growth(world.stiffness / object.mass, world.damping_ratio, step, hand_step);
+      if (!(growth <= 1 + 1e-5))
+        refuse("world.stiffness = ", world.stiffness, ": grows ", growth, " times a period on ", where, " (", object.mass, " kg, ", world.rate_hz,
+               " Hz against ", 1 / hand_step, " Hz); ",
+               offered > 0 ? "nearest value that works: " + std::to_string(offered * object.mass) : std::string("no stiffness works: use mode owner"));
+      for (int axis = 0; axis < 3; ++axis) {
+        const double turning = symmetric_growth(world.angular_stiffness / solid.inertia[axis], world.damping_ratio, step, hand_step);
+        if (turning <= 1 + 1e-5) continue;
+        const double other = nearest_stable(world.angular_stiffness / solid.inertia[axis], world.damping_ratio, step, hand_step);
+        refuse("world.angular_stiffness = ", world.angular_stiffness, ": grows ", turning, " times a period on ", where, "; ",
+               other > 0 ? "nearest value that works: " + std::to_string(other * solid.inertia[axis]) : std::string("no stiffness works: use mode owner"));
+        break;
+      }
+    } catch (const std::invalid_argument& problem) {
+      refuse(where, ": ", problem.what());
+    }
+  }
+  return wrong;
+}
+
+}  // namespace softhand
