@@ -153,7 +153,9 @@ std::string text_of(const double* values, std::size_t count) {
   return text + "]";
 }
 
-std::string joined(const std::string& prefix, std::string_view key) { return prefix.empty() ? std::string(key) : fmt::format("{}.{}", prefix, key); }
+std::string joined(const std::string& prefix, std::string_view key) {
+  return prefix.empty() ? std::string(key) : fmt::format("{}.{}", prefix, key);
+}
 
 class TomlReader final : public OptionVisitor {
  public:
@@ -249,20 +251,24 @@ class LeafVisitor : public OptionVisitor {
   void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view text) override {
     leaf(key, std::to_string(value), unit, range_text(range), text);
   }
-  void flag(std::string_view key, bool& value, std::string_view text) override { leaf(key, value ? "true" : "false", "", "true, false", text); }
+  void flag(std::string_view key, bool& value, std::string_view text) override {
+    leaf(key, value ? "true" : "false", "", "true, false", text);
+  }
   void string(std::string_view key, std::string& value, std::string_view text) override { leaf(key, toml_string(value), "", "", text); }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view text) override {
     std::string all;
     for (const std::string_view one : allowed) all += fmt::format("{}\"{}\"", all.empty() ? "" : ", ", one);
     leaf(key, toml_string(value), "", all, text);
   }
-  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range, std::string_view text) override {
+  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range,
+               std::string_view text) override {
     const std::string limits = range_text(range);
     leaf(key, text_of(values, count), unit, limits.empty() ? limits : "each " + limits, text);
   }
 
  protected:
-  virtual void leaf(std::string_view key, const std::string& value, std::string_view unit, const std::string& range, std::string_view text) = 0;
+  virtual void leaf(std::string_view key, const std::string& value, std::string_view unit, const std::string& range,
+                    std::string_view text) = 0;
 };
 
 // The string key `name` of a list's element; empty when it has none.
@@ -292,22 +298,29 @@ class Overrider final : public OptionVisitor {
   }
 
   void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return text_of(value); }, false);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return text_of(value); }, false);
   }
   void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return std::to_string(value); }, false);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return std::to_string(value); }, false);
   }
   void flag(std::string_view key, bool& value, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, value); }, [&] { return std::string(value ? "true" : "false"); }, false);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value); }, [&] { return std::string(value ? "true" : "false"); }, false);
   }
   void string(std::string_view key, std::string& value, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, value); }, [&] { return toml_string(value); }, true);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value); }, [&] { return toml_string(value); }, true);
   }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, value, allowed); }, [&] { return toml_string(value); }, true);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value, allowed); }, [&] { return toml_string(value); }, true);
   }
   void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range, std::string_view) override {
-    leaf(key, [&](const toml::node& node) { return assign(node, values, count, unit, range); }, [&] { return text_of(values, count); }, false);
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, values, count, unit, range); }, [&] { return text_of(values, count); },
+        false);
   }
   void section(std::string_view key, std::string_view, const std::function<void(OptionVisitor&)>& members) override {
     if (!matches(key)) return;
@@ -356,7 +369,8 @@ class Overrider final : public OptionVisitor {
       if (!probe.name.empty()) names.push_back(probe.name);
     }
     if (match) return *match;
-    const bool digits = !selector.empty() && selector.size() < 10 && std::all_of(selector.begin(), selector.end(), [](char c) { return c >= '0' && c <= '9'; });
+    const bool digits = !selector.empty() && selector.size() < 10 &&
+                        std::all_of(selector.begin(), selector.end(), [](char c) { return c >= '0' && c <= '9'; });
     if (digits && std::stoul(selector) < size) return std::stoul(selector);
     throw ConfigError(fmt::format("--set {}: no element '{}' in a list of {}{}", key_, selector, size, suggestion(selector, names)));
   }
@@ -416,7 +430,8 @@ class ReferencePrinter final : public LeafVisitor {
   }
 
  protected:
-  void leaf(std::string_view key, const std::string& value, std::string_view unit, const std::string& range, std::string_view text) override {
+  void leaf(std::string_view key, const std::string& value, std::string_view unit, const std::string& range,
+            std::string_view text) override {
     row(fmt::format("`{}`", joined(prefix_, key)), fmt::format("`{}`", value), unit, range, text);
   }
 
@@ -467,7 +482,8 @@ std::string read_whole_file(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-void read_toml_text(const Description& description, std::string_view text, const std::string& path, const std::vector<std::string_view>& foreign) {
+void read_toml_text(const Description& description, std::string_view text, const std::string& path,
+                    const std::vector<std::string_view>& foreign) {
   toml::table table;
   try {
     table = toml::parse(text, path);

@@ -30,7 +30,8 @@ struct AppliedOverride {
 
 namespace config_detail {
 using Description = std::function<void(OptionVisitor&)>;
-void read_toml_text(const Description& description, std::string_view text, const std::string& path, const std::vector<std::string_view>& foreign);
+void read_toml_text(const Description& description, std::string_view text, const std::string& path,
+                    const std::vector<std::string_view>& foreign);
 std::string read_whole_file(const std::string& path);
 AppliedOverride apply_override(const Description& description, std::string_view assignment);
 std::string reference_markdown(const Description& description, std::string_view title);

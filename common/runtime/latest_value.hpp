@@ -8,9 +8,9 @@
 
 namespace softhand {
 
-/// Triple buffer for one writing and one reading thread. Both sides are wait-free: the writer always has a buffer of its own to fill, the reader
-/// one of its own to read, and the third changes hands by one atomic exchange. The latest value wins; older ones that were never read are counted.
-/// Holds three T in place: put those of big messages on the heap before the loop starts.
+/// Triple buffer for one writing and one reading thread. Both sides are wait-free: the writer always has a buffer of its own to fill, the
+/// reader one of its own to read, and the third changes hands by one atomic exchange. The latest value wins; older ones that were never
+/// read are counted. Holds three T in place: put those of big messages on the heap before the loop starts.
 template <typename T>
 class Mailbox {
   static_assert(std::is_trivially_copyable_v<T>);

@@ -15,7 +15,8 @@ namespace softhand {
 namespace {
 
 Nanoseconds period_of(double rate_hz) {
-  if (!(rate_hz >= 0.1 && rate_hz <= 100'000)) throw std::invalid_argument("loop rate: expected 0.1 to 100000 Hz, got " + std::to_string(rate_hz));
+  if (!(rate_hz >= 0.1 && rate_hz <= 100'000))
+    throw std::invalid_argument("loop rate: expected 0.1 to 100000 Hz, got " + std::to_string(rate_hz));
   return static_cast<Nanoseconds>(std::llround(1e9 / rate_hz));
 }
 

@@ -12,9 +12,9 @@
 
 namespace softhand {
 
-/// When steps are due, apart from any clock. Steps lie on the grid start + n * period and never drift from it. A step that ends after the next one
-/// was due is followed at once by one late step; the further ones that it made late are skipped for good, so that a stall is never made up for by a
-/// burst.
+/// When steps are due, apart from any clock. Steps lie on the grid start + n * period and never drift from it. A step that ends after the
+/// next one was due is followed at once by one late step; the further ones that it made late are skipped for good, so that a stall is never
+/// made up for by a burst.
 class Schedule {
  public:
   Schedule(Nanoseconds start, Nanoseconds period) : due_(start), period_(period) {}
@@ -37,7 +37,8 @@ class Schedule {
   std::uint64_t misses_ = 0;
 };
 
-/// Runs a step at a rate in the calling thread and measures it. Nothing allocates, locks or logs after construction, as far as the step does not.
+/// Runs a step at a rate in the calling thread and measures it. Nothing allocates, locks or logs after construction, as far as the step
+/// does not.
 class PeriodicLoop {
  public:
   /// Throws std::invalid_argument unless rate_hz is in [0.1, 100000].
@@ -75,8 +76,8 @@ class PeriodicLoop {
   std::uint64_t steps_ = 0;
 };
 
-/// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each that the system refused, with
-/// the reason: the loop then runs all the same, with less certain times. Threads started later inherit the priority.
+/// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each that the system
+/// refused, with the reason: the loop then runs all the same, with less certain times. Threads started later inherit the priority.
 std::vector<std::string> request_real_time(int priority);
 
 }  // namespace softhand

@@ -50,7 +50,8 @@ struct Cursor {
 
 }  // namespace
 
-RecordWriter::RecordWriter(const std::string& path) : path_(path), file_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
+RecordWriter::RecordWriter(const std::string& path)
+    : path_(path), file_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
   if (file_ < 0) throw std::runtime_error(path_ + ": cannot be written: " + std::strerror(errno));
   put_bytes(kMagic.data(), kMagic.size());
   begin_record(kHeader);

@@ -1,5 +1,5 @@
-// Recordings of topics: MCAP (https://mcap.dev/spec), without chunks, compression and index, so that every message is in the file as soon as
-// `write` returns and a recording cut off by kill -9 or a full disk reads up to its last whole message. Payloads are the caller's bytes.
+// Recordings of topics: MCAP (https://mcap.dev/spec), without chunks, compression and index, so that every message is in the file as soon
+// as `write` returns and a recording cut off by kill -9 or a full disk reads up to its last whole message. Payloads are the caller's bytes.
 #pragma once
 
 #include <cstddef>
@@ -37,7 +37,8 @@ class RecordWriter {
   /// The number by which `write` knows the channel.
   std::uint16_t add_channel(const RecordChannel& channel);
   /// `log_time` is when the recorder got the message; times count up from 0.
-  void write(std::uint16_t channel, std::uint32_t sequence, Nanoseconds log_time, Nanoseconds publish_time, std::span<const std::byte> payload);
+  void write(std::uint16_t channel, std::uint32_t sequence, Nanoseconds log_time, Nanoseconds publish_time,
+             std::span<const std::byte> payload);
   /// Ends the file in good order. Nothing can be written afterwards; calling it again does nothing.
   void finish();
 

@@ -24,8 +24,8 @@ class StopSignal {
   struct sigaction former_terminate_ {};
 };
 
-/// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused, or when the parent is
-/// gone already.
+/// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused, or when the parent
+/// is gone already.
 bool stop_with_parent();
 
 }  // namespace softhand

@@ -69,7 +69,8 @@ double RollingHistogram::rate() const {
 
 std::size_t Counters::add(std::string_view name) {
   NamedValue fresh;
-  if (name.empty() || name.size() >= fresh.name.size()) throw std::invalid_argument("counter name '" + std::string(name) + "' does not fit");
+  if (name.empty() || name.size() >= fresh.name.size())
+    throw std::invalid_argument("counter name '" + std::string(name) + "' does not fit");
   std::copy(name.begin(), name.end(), fresh.name.begin());
   for (std::size_t i = 0; i < count_; ++i) {
     if (names_[i].name == fresh.name) throw std::invalid_argument("two counters are named '" + std::string(name) + "'");

@@ -50,8 +50,8 @@ class RollingHistogram {
 /// Named counts that a module tells in its status. Name them all before the loop starts.
 class Counters {
  public:
-  /// Index of a new counter. Throws std::length_error when kMaxCounters are there, std::invalid_argument for a name that is empty, taken, or
-  /// does not fit NamedValue.
+  /// Index of a new counter. Throws std::length_error when kMaxCounters are there, std::invalid_argument for a name that is empty, taken,
+  /// or does not fit NamedValue.
   std::size_t add(std::string_view name);
   void increment(std::size_t counter, std::uint64_t by = 1) { values_[counter] += by; }
   std::uint64_t value(std::size_t counter) const { return values_[counter]; }

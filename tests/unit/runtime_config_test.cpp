@@ -63,9 +63,7 @@ std::string override_refusal(Sample sample, std::string_view assignment) {
   }
   return "";
 }
-Sample two_objects() {
-  return read("[[objects]]\nname = \"cube\"\n[[objects]]\nname = \"ball\"\nmass = 2\n");
-}
+Sample two_objects() { return read("[[objects]]\nname = \"cube\"\n[[objects]]\nname = \"ball\"\nmass = 2\n"); }
 
 TEST(ReadToml, ReadsEveryKindAndKeepsMissingKeys) {
   const Sample s = read(
@@ -91,7 +89,8 @@ TEST(ReadToml, NamesFileLineKeyRangeUnitAndValue) {
   EXPECT_EQ(refusal("[solver]\niterations = 2.0\n"), "f.toml:2: key 'solver.iterations': expected integer in [1, 100], got 2.0");
   EXPECT_EQ(refusal("[solver]\nenabled = 1\n"), "f.toml:2: key 'solver.enabled': expected true or false, got 1");
   EXPECT_EQ(refusal("[solver]\nmode = \"both\"\n"), "f.toml:2: key 'solver.mode': expected one of \"owner\", \"symmetric\", got 'both'");
-  EXPECT_EQ(refusal("[[objects]]\nposition = [1, 2]\n"), "f.toml:2: key 'objects.0.position': expected array of 3 numbers, each in [-10, 10] m, got [ 1, 2 ]");
+  EXPECT_EQ(refusal("[[objects]]\nposition = [1, 2]\n"),
+            "f.toml:2: key 'objects.0.position': expected array of 3 numbers, each in [-10, 10] m, got [ 1, 2 ]");
   EXPECT_NE(refusal("[[objects]]\nposition = [1, 2, nan]\n"), "");
   EXPECT_NE(refusal("[[objects]]\nposition = [1, 2, 11]\n"), "");
   EXPECT_NE(refusal("solver = 3\n").find("expected a table [solver]"), std::string::npos);
@@ -177,8 +176,8 @@ TEST(Override, NamesTheKeyAndWhatWasExpected) {
   EXPECT_EQ(override_refusal(s, "solver.rat_hz=3"), "--set solver.rat_hz: unknown key 'rat_hz'; did you mean 'rate_hz'?");
   EXPECT_NE(override_refusal(s, "objects.cub.mass=3").find("did you mean 'cube'?"), std::string::npos);
   EXPECT_NE(override_refusal(s, "objects.2.mass=3").find("no element '2' in a list of 2"), std::string::npos);
-  for (const char* bad : {"", "=3", "solver", "solver=3", "objects=3", "objects.0=3", "hand.x=3", "solver.rate_hz.=3", ".=3", "solver.rate_hz=1\nx=2",
-                          "objects.-1.mass=1", "objects.99999999999999999999.mass=1"}) {
+  for (const char* bad : {"", "=3", "solver", "solver=3", "objects=3", "objects.0=3", "hand.x=3", "solver.rate_hz.=3", ".=3",
+                          "solver.rate_hz=1\nx=2", "objects.-1.mass=1", "objects.99999999999999999999.mass=1"}) {
     EXPECT_NE(override_refusal(s, bad), "") << bad;
   }
   Sample twins = s;

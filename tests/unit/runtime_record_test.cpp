@@ -69,11 +69,10 @@ TEST_F(RecordFile, IsMcap) {
   using namespace std::string_literals;
   const std::string magic = "\x89MCAP0\r\n"s;
   const std::string u64_zero(8, '\0');
-  const std::string expected = magic +
-                               "\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0softhand"s +                                             // header
-                               "\x03\x16\0\0\0\0\0\0\0\x01\0\x01\0\0\0S\x06\0\0\0omgidl\x01\0\0\0x"s +                           // schema
-                               "\x04\x14\0\0\0\0\0\0\0\x01\0\x01\0\x01\0\0\0t\x03\0\0\0cdr\0\0\0\0"s +                           // channel
-                               "\x05\x17\0\0\0\0\0\0\0\x01\0\x02\0\0\0\x03\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\x64"s +               // message
+  const std::string expected = magic + "\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0softhand"s +                        // header
+                               "\x03\x16\0\0\0\0\0\0\0\x01\0\x01\0\0\0S\x06\0\0\0omgidl\x01\0\0\0x"s +              // schema
+                               "\x04\x14\0\0\0\0\0\0\0\x01\0\x01\0\x01\0\0\0t\x03\0\0\0cdr\0\0\0\0"s +              // channel
+                               "\x05\x17\0\0\0\0\0\0\0\x01\0\x02\0\0\0\x03\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\x64"s +  // message
                                "\x0f\x04\0\0\0\0\0\0\0\0\0\0\0"s + "\x02\x14\0\0\0\0\0\0\0"s + u64_zero + u64_zero + "\0\0\0\0"s +  // ends
                                magic;
   EXPECT_EQ(content(), expected);
@@ -111,11 +110,11 @@ TEST_F(RecordFile, RefusesWhatIsNoRecording) {
   EXPECT_THROW(RecordReader{path_}, std::runtime_error);
   using namespace std::string_literals;
   const std::string magic = "\x89MCAP0\r\n"s;
-  for (const std::string& record : {"\x05\x16\0\0\0\0\0\0\0"s + std::string(22, '\1'),   // message of no channel
-                                    "\x05\x01\0\0\0\0\0\0\0\1"s,                         // message without its fields
-                                    "\x04\x08\0\0\0\0\0\0\0\1\0\0\0\xff\xff\xff\xff"s,   // topic longer than the record
-                                    "\x04\x0c\0\0\0\0\0\0\0\1\0\5\0\0\0\0\0\0\0\0\0"s,   // channel of no schema
-                                    "\x06\0\0\0\0\0\0\0\0"s}) {                          // chunk
+  for (const std::string& record : {"\x05\x16\0\0\0\0\0\0\0"s + std::string(22, '\1'),  // message of no channel
+                                    "\x05\x01\0\0\0\0\0\0\0\1"s,                        // message without its fields
+                                    "\x04\x08\0\0\0\0\0\0\0\1\0\0\0\xff\xff\xff\xff"s,  // topic longer than the record
+                                    "\x04\x0c\0\0\0\0\0\0\0\1\0\5\0\0\0\0\0\0\0\0\0"s,  // channel of no schema
+                                    "\x06\0\0\0\0\0\0\0\0"s}) {                         // chunk
     put(magic + record);
     RecordReader reader(path_);
     RecordedMessage m;
