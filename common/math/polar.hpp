@@ -5,7 +5,7 @@
 
 namespace softhand {
 
-/// F = U diag(s) V^T with *rotations* U and V (det +1, no reflections) and s[0] >= s[1] >= |s[2]|: the smallest singular value carries
+/// F = U diag(s) V^T with *rotations* U and V (det +1, no reflections) and s[0] >= s[1] >= |s[2]| up to rounding: the smallest singular value carries
 /// the sign of det F (ES2725128A1 eq. 30 and its reference 9). The polar rotation is R = U V^T, det R = +1.
 struct RotationSvd {
   Matrix3 u = Matrix3::Identity();
