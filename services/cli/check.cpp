@@ -4,11 +4,12 @@
 #include <filesystem>
 #include <string>
 
+#include "cli/check.hpp"
 #include "cli/commands.hpp"
 #include "cli/rig.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
-#include "scene_file.hpp"
+#include "world/world_options.hpp"
 
 namespace softhand {
 namespace {
@@ -28,34 +29,53 @@ void check_rig(const std::string& path) {
   RigOptions rig;
   read_toml(rig, path);
   const auto scene_path = std::filesystem::path(path).parent_path() / rig.scene;
-  const Scene scene = read_scene(scene_path.string());
+  read_checked_scene(scene_path.string());
   fmt::print("{}: a rig of {} processes on scene {}\n", path, rig.processes.size(), scene_path.lexically_normal().string());
 }
 
 void check_scene(const std::string& path) {
-  const Scene scene = read_scene(path);
+  const Scene scene = read_checked_scene(path);
   const HandModel hand = load_scene_hand(scene);
-  fmt::print("{}: a scene of {} objects, hand {} ({} nodes), {:g} s\n", path, scene.options.objects.size(), hand.name, hand.node_count(), scene.options.simulate.seconds);
+  fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path, scene.options.objects.size(),
+             hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(), make_scene_motion(scene, hand)->duration());
+}
+
+// A file that is not TOML at all is none; reading it as a scene will say what is wrong with it.
+bool is_rig(const std::string& path) {
+  try {
+    return toml::parse_file(path).contains("process");
+  } catch (const toml::parse_error&) {
+    return false;
+  }
 }
 
 }  // namespace
 
-int run_check(const std::string& path) {
-  try {
-    if (path.ends_with(".json")) {
-      check_hand(path);
-    } else if (const auto table = toml::parse_file(path); table.contains("process")) {
-      check_rig(path);
-    } else {
-      check_scene(path);
-    }
-    return 0;
-  } catch (const toml::parse_error& error) {
-    fmt::print(stderr, "{}:{}: {}\n", path, error.source().begin.line, error.description());
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "{}\n", error.what());
+Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  Scene scene = read_scene(path, overrides);
+  std::string wrong;
+  for (const std::string& problem : check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
+    wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
-  return 1;
+  if (!wrong.empty()) throw ConfigError(wrong);
+  const HandModel hand = load_scene_hand(scene);
+  try {
+    make_scene_motion(scene, hand);
+  } catch (const std::invalid_argument& error) {
+    throw ConfigError(path + ": generator: " + error.what());
+  }
+  return scene;
+}
+
+int run_check(const std::string& path) {
+  if (path.ends_with(".json")) {
+    check_hand(path);
+  } else if (is_rig(path)) {
+    check_rig(path);
+  } else {
+    check_scene(path);
+  }
+  return 0;
 }
 
 }  // namespace softhand

@@ -1,4 +1,6 @@
-// The commands of `softhand`, each in a file of its own. Every one returns the process's exit code and prints errors itself.
+// The commands of `softhand`, each in a file of its own. Every one returns the process's exit code:
+// 0 done; 1 it did not work out (nobody answered, a file is wrong, a process had to be killed). Errors are thrown as std::exception, of which
+// main makes a line and exit code 1.
 #pragma once
 
 #include <cstdint>
@@ -64,5 +66,7 @@ int run_simulate(const SimulateArguments& arguments);
 
 /// `softhand reference`: the generated page of options.
 int run_reference();
+/// What it prints: docs/reference.md.
+std::string reference_page();
 
 }  // namespace softhand

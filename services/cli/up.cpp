@@ -5,14 +5,17 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 
 #include "bus/bus.hpp"
+#include "cli/check.hpp"
 #include "cli/commands.hpp"
 #include "cli/outcome.hpp"
 #include "cli/rig.hpp"
 #include "cli/status_table.hpp"
 #include "cli/supervisor.hpp"
+#include "cli/topic_recording.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/config.hpp"
@@ -25,11 +28,12 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
+constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misses none
 
 // Listens to what a summary needs, and to nothing when no summary is asked for: a topic that nobody reads is not computed.
 class Listener {
  public:
-  Listener(const bus::Participant& participant, bool everything) : status_(participant, bus::topics::loop_status) {
+  Listener(const bus::Participant& participant, bool everything) : status_(participant, with_history(bus::topics::loop_status, kHistory)) {
     if (everything) streams_.emplace(participant);
   }
 
@@ -59,8 +63,10 @@ class Listener {
  private:
   struct Streams {
     explicit Streams(const bus::Participant& p)
-        : tracked(p, bus::topics::tracked_skeleton), simulated(p, bus::topics::simulated_skeleton), contacts(p, bus::topics::contacts),
-          coupling(p, bus::topics::object_coupling), objects(p, bus::topics::objects), wrench(p, bus::topics::bone_wrench), device(p, bus::topics::device_state) {}
+        : tracked(p, with_history(bus::topics::tracked_skeleton, kHistory)), simulated(p, with_history(bus::topics::simulated_skeleton, kHistory)),
+          contacts(p, with_history(bus::topics::contacts, kHistory)), coupling(p, with_history(bus::topics::object_coupling, kHistory)),
+          objects(p, with_history(bus::topics::objects, kHistory)), wrench(p, with_history(bus::topics::bone_wrench, kHistory)),
+          device(p, with_history(bus::topics::device_state, kHistory)) {}
     bus::Reader<Skeleton> tracked;
     bus::Reader<Skeleton> simulated;
     bus::Reader<Contacts> contacts;
@@ -93,7 +99,7 @@ int run_up(const UpArguments& arguments) {
   const std::string scene_path = (fs::path(arguments.rig).parent_path() / rig.scene).lexically_normal().string();
   std::vector<std::string> overrides = arguments.overrides;
   if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
-  const Scene scene = read_scene(scene_path, overrides);  // refuses a bad scene before anything is started
+  const Scene scene = read_checked_scene(scene_path, overrides);
 
   const StopSignal stop;
   const bus::Participant participant("softhand up");
@@ -113,7 +119,7 @@ int run_up(const UpArguments& arguments) {
     if (listener.modules().count(process.name) == 0) fmt::print("{:>14} | not ready after {:g} s, going on\n", process.name, process.ready_timeout);
     if (stop.requested()) break;
   }
-  fmt::print("{:>14} | {} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.\n", "softhand", rig.name, rig.processes.size(), scene_path);
+  if (!stop.requested()) fmt::print("{:>14} | {} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.\n", "softhand", rig.name, rig.processes.size(), scene_path);
   std::fflush(stdout);
 
   const auto started = Clock::now();
@@ -127,7 +133,8 @@ int run_up(const UpArguments& arguments) {
   if (!arguments.json.empty()) {
     summary["rig"] = arguments.rig;
     summary["scene"] = scene_path;
-    summary["overrides"] = overrides;
+    summary["overrides"] = nlohmann::ordered_json::array();
+    for (const AppliedOverride& o : scene.overrides) summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
     summary["seconds"] = std::chrono::duration<double>(Clock::now() - started).count();
     for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
     for (const RigProcess& process : rig.processes) summary["restarts"][process.name] = supervisor.restarts(process.name);
@@ -139,10 +146,7 @@ int run_up(const UpArguments& arguments) {
     std::ofstream out(arguments.json);
     out << summary.dump(2) << "\n";
     out.flush();
-    if (!out) {
-      fmt::print(stderr, "{}: cannot be written\n", arguments.json);
-      return 1;
-    }
+    if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
     fmt::print("{:>14} | summary in {}\n", "softhand", arguments.json);
   }
   return clean ? 0 : 1;

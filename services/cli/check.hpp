@@ -1,0 +1,12 @@
+// What is checked of a scene before anything is started on it.
+#pragma once
+
+#include "scene_file.hpp"
+
+namespace softhand {
+
+/// Reads a scene and makes sure that its processes can start on it: the hand loads, the motion can be made, the world is stable. Throws ConfigError or
+/// std::invalid_argument with file and reason.
+Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides = {});
+
+}  // namespace softhand

@@ -1,0 +1,94 @@
+// softhand: starts, watches, asks, records and simulates the soft hand.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <functional>
+
+#include "cli/commands.hpp"
+
+int main(int argc, char** argv) {
+  using namespace softhand;
+  CLI::App app("A soft hand in real time: tracked fingers grasp the objects of a physics engine through simulated tissue, over DDS.\n"
+               "All processes of one machine meet on the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, default 0).",
+               "softhand");
+  app.require_subcommand(1);
+  app.footer("Exit codes: 0 done; 1 it did not work out, a line says why; above 100 the command line was wrong.\nMore: docs/command-line.md");
+  std::function<int()> run;
+  // CLI11 would take what follows a repeatable option for more of its values.
+  const auto overrides = [](CLI::App* command, std::vector<std::string>& values) {
+    command->add_option("--set", values, "Override one key of the scene, e.g. --set hand.rate_hz=60; repeatable. Keys: `softhand reference`")
+        ->type_name("KEY=VALUE")
+        ->allow_extra_args(false);
+  };
+  const auto topic_filter = [](CLI::App* command, std::vector<std::string>& values) {
+    command->add_option("--topic", values, "Only this topic, by the last part of its name, e.g. contacts; repeatable")->type_name("NAME")->allow_extra_args(false);
+  };
+
+  UpArguments up;
+  CLI::App* command = app.add_subcommand("up", "Start the processes that a rig file names, in order of readiness; restart those that die; Ctrl-C stops all");
+  command->add_option("rig", up.rig, "Rig file, e.g. config/rigs/demo.toml")->required()->type_name("FILE");
+  command->add_option("--seconds", up.seconds, "Stop after this time; default: run until Ctrl-C")->type_name("S")->check(CLI::NonNegativeNumber);
+  command->add_option("--json", up.json, "Listen to all topics and write a summary of the run (docs/outcome.md)")->type_name("FILE");
+  command->add_option("--hand", up.hand, "Hand file for every process instead of the scene's: a path, or a name in config/hands")->type_name("FILE");
+  overrides(command, up.overrides);
+  command->callback([&] { run = [&up] { return run_up(up); }; });
+
+  StatusArguments status;
+  command = app.add_subcommand("status", "Show every running module: rates, step times, missed deadlines, input age, counters");
+  command->add_flag("--once", status.once, "Print one table and end");
+  command->add_flag("--json", status.json, "Print one JSON object and end");
+  command->callback([&] { run = [&status] { return run_status(status); }; });
+
+  std::string file;
+  command = app.add_subcommand("check", "Check a scene, rig (.toml) or hand (.json) file: says what it is, or every error with its line");
+  command->add_option("file", file, "The file")->required()->type_name("FILE");
+  command->callback([&] { run = [&file] { return run_check(file); }; });
+
+  SendArguments send;
+  command = app.add_subcommand("send", "Send a named parameter to every running module and print what each did with it");
+  command->add_option("module", send.module, "Name of the addressed module as `softhand status` shows it, or * for all")->required();
+  command->add_option("key", send.key, "Name of the parameter, e.g. enabled")->required();
+  command->add_option("value", send.value, "Its value")->required();
+  command->add_option("--seconds", send.seconds, "How long to wait for answers")->capture_default_str()->type_name("S")->check(CLI::PositiveNumber);
+  command->callback([&] { run = [&send] { return run_send(send); }; });
+
+  RecordArguments record;
+  command = app.add_subcommand("record", "Write all topics to an MCAP file, which other tools read too; survives a crash up to the last message");
+  command->add_option("file", record.path, "The file to write, e.g. run.mcap")->required()->type_name("FILE");
+  command->add_option("--seconds", record.seconds, "Stop after this time; default: record until Ctrl-C")->type_name("S")->check(CLI::NonNegativeNumber);
+  topic_filter(command, record.topics);
+  command->callback([&] { run = [&record] { return run_record(record); }; });
+
+  ReplayArguments replay;
+  command = app.add_subcommand("replay", "Publish a recording again at its own pace, with times moved to now");
+  command->add_option("file", replay.path, "A recording of `softhand record`")->required()->type_name("FILE");
+  command->add_option("--speed", replay.speed, "Times the recorded pace")->capture_default_str()->check(CLI::Range(0.001, 1000.0));
+  topic_filter(command, replay.topics);
+  command->callback([&] { run = [&replay] { return run_replay(replay); }; });
+
+#ifdef SOFTHAND_WITH_SIMULATE
+  SimulateArguments simulate;
+  command = app.add_subcommand("simulate", "Run all loops of a scene in this process on a virtual clock: no DDS, and the same bits on every run");
+  command->add_option("scene", simulate.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")->required()->type_name("FILE");
+  command->add_option("--motion", simulate.motion, "Recorded hand (CSV) instead of the scene's motion")->type_name("FILE");
+  command->add_option("--hand", simulate.hand, "Hand file instead of the scene's: a path, or a name in config/hands")->type_name("FILE");
+  command->add_option("--seconds", simulate.seconds, "How long; default: the scene's")->type_name("S")->check(CLI::NonNegativeNumber);
+  command->add_option("--json", simulate.json, "Where the summary goes (docs/outcome.md); default: to the terminal")->type_name("FILE");
+  command->add_option("--csv", simulate.csv, "Signals, a row a step of the hand")->type_name("FILE");
+  overrides(command, simulate.overrides);
+  command->callback([&] { run = [&simulate] { return run_simulate(simulate); }; });
+#endif
+
+  command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
+  command->callback([&] { run = [] { return run_reference(); }; });
+
+  CLI11_PARSE(app, argc, argv);
+  try {
+    return run();
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "softhand {}: {}\n", app.get_subcommands().front()->get_name(), error.what());
+    return 1;
+  }
+}
