@@ -30,6 +30,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kPi = std::numbers::pi;
 // Closer to the surface than this (m) the direction to the closest point is rounding; the face's own normal is taken.
 constexpr double kOnSurface = 1e-12;
+// A cylinder whose axis leaves the ground by less than this sine (11.5 degrees) lies.
+constexpr double kLying = 0.2;
 
 struct Interval {
   double enter = -kInfinity;
@@ -241,10 +243,16 @@ class Cylinder final : public Solid {
   double bounding_radius() const override { return std::hypot(radius_, half_length_); }
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const override {
     // Turned so that one point of each rim is the lowest. On end, where the lowest is not defined, the turn does not matter.
-    const double phase = std::hypot(up.x(), up.z()) > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
+    const double across = std::hypot(up.x(), up.z());
+    const double phase = across > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
     for (std::size_t i = 0; i < 16; ++i) {
       const double angle = phase + 0.25 * kPi * static_cast<double>(i % 8);
       out[i] = {Vector3(radius_ * std::cos(angle), i < 8 ? half_length_ : -half_length_, radius_ * std::sin(angle)), 0};
+    }
+    // Lying, it rolls on balls of the rims' radius: a corner would have to be climbed over in every step.
+    if (std::abs(up.y()) < kLying) {
+      out[0] = {Vector3(0, half_length_, 0), radius_ * across};
+      out[8] = {Vector3(0, -half_length_, 0), radius_ * across};
     }
     return 16;
   }

@@ -26,8 +26,7 @@ struct Crossing {
   double fraction = 0;                ///< 0 at the path's start, 1 at its end
 };
 
-/// A ball of the solid that can rest on a half-space: the solid is the convex hull of all its balls (a cylinder's rims: of infinitely many,
-/// see `ShapeGeometry::resting_points`). Corners have radius 0.
+/// A ball on which the solid can rest on a half-space; a corner has radius 0.
 struct RestingPoint {
   Vector3 centre = Vector3::Zero();
   double radius = 0;
@@ -59,7 +58,7 @@ class ShapeGeometry {
   double bounding_radius() const { return bounding_radius_; }
   /// The points on which the solid can rest on a half-space with outward normal `up` (unit, shape's frame): at most
   /// `most_resting_points`. Their number and order are constant. Box: 8 corners; sphere 1; capsule 2; hull: its vertices; cylinder: 8 a rim,
-  /// turned so that one of them is the lowest exactly (rolling is smooth); a plane has none. Writes to `out` and returns the count.
+  /// turned so that one of them is the lowest exactly, and that one a ball while the cylinder lies (rolling is smooth); a plane has none. Writes to `out` and returns the count.
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const;
   static constexpr std::size_t most_resting_points = kMaxHullVertices;
   const SolidProperties& solid() const { return properties_; }

@@ -1,0 +1,428 @@
+// Contact and friction of skin nodes (eqs. 32, 33): derivatives, balance, known answers, no tunnelling, no creep.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "energies/contact.hpp"
+#include "energies/coulomb.hpp"
+#include "energies/dense_step.hpp"
+#include "energies/derivative_suite.hpp"
+#include "energies/friction.hpp"
+#include "energies/inertia.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kGravity = 9.81;
+
+Shape make(ShapeKind kind, Vec3 size = {}) {
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(kind);
+  shape.size = size;
+  return shape;
+}
+
+// `count` separate triangles of skin, all of the same size, so that every weight w is 1.
+HandModel skin(int triangles) {
+  HandModel hand;
+  for (int t = 0; t < triangles; ++t) {
+    const Vector3 centre(0.05 * t, 0, 0);
+    for (const Vector3& corner : {Vector3(0, 0, 0), Vector3(0, 0, 0.01), Vector3(0.01, 0, 0)}) hand.nodes.push_back(centre + corner);
+    hand.surface.push_back({3 * t, 3 * t + 1, 3 * t + 2});
+  }
+  hand.node_body.assign(hand.nodes.size(), static_cast<std::uint8_t>(index_of(Body::index_distal)));
+  return hand;
+}
+
+struct Rig {
+  Rig(int triangles, double stiffness, double node_mass, int moving_slots = 1, int slots = 1)
+      : hand(skin(triangles)),
+        contacts(hand, std::vector<double>(hand.nodes.size(), node_mass), stiffness, 0, moving_slots, slots),
+        contact(contacts),
+        friction(contacts),
+        inertia(std::vector<double>(hand.nodes.size(), node_mass), slots) {
+    state.node_positions.resize(3, hand.node_count());
+    state.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+    for (int n = 0; n < hand.node_count(); ++n) state.node_positions.col(n) = hand.nodes[static_cast<std::size_t>(n)];
+    state.body_poses.resize(static_cast<std::size_t>(slots));
+    state.body_velocities.resize(static_cast<std::size_t>(slots));
+  }
+  testing::DenseStepper stepper() { return testing::DenseStepper({&inertia, &contact, &friction}, state); }
+
+  HandModel hand;
+  ContactSet contacts;
+  ContactEnergy contact;
+  FrictionEnergy friction;
+  Inertia inertia;
+  State state;
+};
+
+// A scene in which every branch occurs: nodes that penetrate, stick, slide, are about to cross, next to a moving object.
+struct RandomScene {
+  explicit RandomScene(std::uint64_t seed, ContactObject kind = ContactObject::moving)
+      : sphere(make(ShapeKind::sphere, {0.05, 0, 0})), rig(4, 700, 1e-4) {
+    rig.contacts.set_object(0, &sphere, 0.7, 5, kind);
+    rig.state = testing::random_state(rig.state.layout(), seed, 0.2, 0.3);
+    std::mt19937_64 generator(seed);
+    const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
+    const Pose& body = rig.state.body_poses[0];
+    for (int n = 0; n < rig.hand.node_count(); ++n) {
+      const double x = uniform(), y = uniform(), z = uniform();
+      const Vector3 direction = Vector3(x, y, z).normalized();
+      const double height = n % 3 == 0 ? 0.002 : 0.0005;
+      rig.state.node_positions.col(n) = body.position + (0.05 + height) * direction;
+      rig.state.node_velocities.col(n) = rig.state.body_velocities[0].linear - 0.3 * direction + 0.2 * direction.unitOrthogonal();
+    }
+    // First step: all cross. Moved by hand to where they penetrate, then the second step's start.
+    rig.contacts.begin_step(rig.state, 0.01);
+    for (int n = 0; n < rig.hand.node_count(); ++n) rig.state.node_positions.col(n) += 0.01 * rig.state.node_velocities.col(n);
+    rig.contacts.end_step(rig.state);
+    // Half of them now leave their anchors tangentially, the others stay.
+    for (int n = 0; n < rig.hand.node_count(); n += 2) {
+      const Vector3 outward = (Vector3(rig.state.node_positions.col(n)) - body.position).normalized();
+      rig.state.node_positions.col(n) -= 0.002 * outward;
+    }
+  }
+  ShapeGeometry sphere;
+  Rig rig;
+};
+
+TEST(CoulombSpring, EnergyForceAndStiffnessBelongTogether) {
+  const CoulombSpring spring{800, 0.4};
+  const Vector3 n = Vector3(1, 2, 3).normalized();
+  for (const double length : {1e-4, 4.9e-4, 5.1e-4, 3e-3}) {
+    const Vector3 s = length * Vector3(n.unitOrthogonal());
+    const double h = 1e-8;
+    EXPECT_NEAR((spring.energy(length + h) - spring.energy(length - h)) / (2 * h), spring.secant(length) * length, 1e-6);
+    const Vector3 across = n.cross(s).normalized();
+    for (const Vector3& d : {Vector3(s.normalized()), across}) {
+      const auto force = [&](double t) { return Vector3(spring.secant((s + t * d).norm()) * (s + t * d)); };
+      EXPECT_LE(((force(h) - force(-h)) / (2 * h) - spring.tangent(s, n) * d).norm(), 1e-4);
+    }
+    EXPECT_LE(spring.secant(length) * length, spring.bound + 1e-15);
+  }
+  EXPECT_EQ((CoulombSpring{800, 0}.tangent(Vector3::Zero(), n)), Matrix3::Zero());
+}
+
+class ContactDerivatives : public ::testing::TestWithParam<std::uint64_t> {};
+
+TEST_P(ContactDerivatives, OfBothTermsOnAMovingObject) {
+  RandomScene scene(GetParam());
+  ASSERT_GT(scene.rig.contacts.count(), 6);
+  const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
+  testing::check_term(scene.rig.contact, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  scene.rig.contacts.begin_step(scene.rig.state, 0.01);
+  testing::check_term(scene.rig.friction, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  int sliding = 0, sticking = 0;
+  for (const auto& anchor : scene.rig.contacts.anchors()) {
+    if (!(anchor.friction_bound > 0)) continue;
+    const double stretch = scene.rig.contacts.offset(anchor, moved).stretch.norm();
+    (CoulombSpring{anchor.friction_stiffness, anchor.friction_bound}.slides(stretch) ? sliding : sticking) += 1;
+  }
+  EXPECT_GT(sliding + sticking, 3);
+}
+
+TEST_P(ContactDerivatives, OfFreshAnchors) {
+  RandomScene scene(GetParam());
+  scene.rig.contacts.reset();
+  const Vector3 centre = scene.rig.state.body_poses[0].position;
+  for (int n = 0; n < scene.rig.hand.node_count(); ++n) {
+    const Vector3 outward = (Vector3(scene.rig.state.node_positions.col(n)) - centre).normalized();
+    scene.rig.state.node_positions.col(n) = centre + 0.051 * outward;
+  }
+  const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
+  testing::check_term(scene.rig.contact, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  ASSERT_GT(scene.rig.contacts.count(), 6);
+  for (const auto& anchor : scene.rig.contacts.anchors()) EXPECT_TRUE(anchor.fresh);
+  testing::check_term(scene.rig.friction, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+}
+
+TEST_P(ContactDerivatives, OfAFixedObjectTouchNodesOnly) {
+  RandomScene scene(GetParam(), ContactObject::fixed);
+  const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
+  testing::check_term(scene.rig.contact, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  VectorX gradient = VectorX::Zero(moved.layout().dof_count());
+  scene.rig.contact.add_gradient(moved, gradient);
+  EXPECT_EQ(gradient.tail<6>().norm(), 0);
+  EXPECT_GT(scene.rig.contacts.count(0), 0);
+}
+
+TEST_P(ContactDerivatives, ForcesBalanceAndRigidMotionIsFree) {
+  RandomScene scene(GetParam());
+  scene.rig.contacts.begin_step(scene.rig.state, 0.01);
+  const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
+  const Pose motion{Vector3(0.3, -0.2, 0.5), Quaternion(0.3, 0.7, -0.2, 0.5).normalized()};
+  for (const Energy* term : {static_cast<const Energy*>(&scene.rig.contact), static_cast<const Energy*>(&scene.rig.friction)}) {
+    testing::check_balance(*term, moved);
+    testing::check_rigid_motion(*term, moved, motion);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, ContactDerivatives, ::testing::Values(1, 2, 3, 4, 5));
+
+// A node of mass m on a fixed plane under gravity g.
+struct NodesOnPlane {
+  explicit NodesOnPlane(double mu, double stiffness = 500, double mass = 0.01, double height = 0.0)
+      : plane(make(ShapeKind::plane)), rig(1, stiffness, mass), step(rig.stepper()) {
+    rig.contacts.set_object(0, &plane, mu, 1, ContactObject::fixed);
+    rig.inertia.hold(0);
+    rig.state.node_positions.row(1).setConstant(height);
+  }
+  void gravity(double angle) { rig.inertia.set_node_gravity(kGravity * Vector3(std::sin(angle), -std::cos(angle), 0)); }
+  void run(int steps, double dt, double tolerance = 1e-13) {
+    for (int i = 0; i < steps; ++i) step.step(rig.state, dt, tolerance);
+  }
+  Vector3 position() const { return rig.state.node_positions.col(0); }
+  Vector3 velocity() const { return rig.state.node_velocities.col(0); }
+  ShapeGeometry plane;
+  Rig rig;
+  testing::DenseStepper step;
+};
+
+TEST(Contact, RestDepthIsWeightOverStiffness) {
+  NodesOnPlane scene(0.5, 500, 0.01, 0.002);
+  scene.gravity(0);
+  scene.run(2000, 1.0 / 90);
+  EXPECT_NEAR(scene.position().y(), -0.01 * kGravity / 500, 1e-9);
+  EXPECT_NEAR(scene.rig.contacts.wrench(0).force.y(), -3 * 0.01 * kGravity, 1e-6);
+  EXPECT_NEAR(scene.rig.contacts.penetration_quantile(scene.rig.state, 1.0), 0.01 * kGravity / 500, 1e-9);
+  EXPECT_EQ(scene.rig.contacts.count(), 3);
+}
+
+// d0 + sqrt(d0^2 + m v^2/k), by Richardson from two small steps (the drop in energy of backward Euler is of first order).
+TEST(Contact, ImpactDepth) {
+  const double m = 0.01, k = 500, v = 0.3, d0 = m * kGravity / k;
+  const auto deepest = [&](double dt) {
+    NodesOnPlane scene(0, k, m, 1e-9);
+    scene.gravity(0);
+    scene.rig.state.node_velocities.row(1).setConstant(-v);
+    double depth = 0;
+    for (int i = 0; i < static_cast<int>(0.02 / dt); ++i) {
+      scene.run(1, dt);
+      depth = std::max(depth, -scene.position().y());
+    }
+    return depth;
+  };
+  const double coarse = deepest(1e-5), fine = deepest(5e-6);
+  const double expected = d0 + std::sqrt(d0 * d0 + m * v * v / k);
+  EXPECT_NEAR(2 * fine - coarse, expected, 0.01 * expected);
+}
+
+TEST(Friction, SticksBelowTheAngleWithoutCreep) {
+  NodesOnPlane scene(0.5);
+  scene.gravity(std::atan(0.49));
+  scene.run(1500, 1.0 / 90);  // settle
+  const Vector3 start = scene.position();
+  scene.run(90 * 10, 1.0 / 90);
+  EXPECT_LE((scene.position() - start).norm() / 10.0, 1e-9) << "m/s of creep";
+  EXPECT_GT(scene.rig.contacts.anchors().size(), 0u);
+  EXPECT_FALSE(scene.rig.contacts.anchors()[0].sliding);
+}
+
+TEST(Friction, SlidesWithCoulombsAcceleration) {
+  const double mu = 0.49, angle = std::atan(0.5);  // 26.565 degrees
+  for (const double dt : {1.0 / 90, 1.0 / 240}) {
+    NodesOnPlane scene(mu);
+    scene.gravity(angle);
+    scene.run(static_cast<int>(2.0 / dt), dt);
+    const double before = scene.velocity().x();
+    const int steps = static_cast<int>(1.0 / dt);
+    scene.run(steps, dt);
+    EXPECT_NEAR((scene.velocity().x() - before) / (steps * dt), 0.087734, 0.087734 * 1e-3);
+    EXPECT_TRUE(scene.rig.contacts.anchors()[0].sliding);
+    EXPECT_NEAR(scene.rig.contacts.anchors()[0].slip_speed, scene.velocity().x(), 1e-6);
+  }
+}
+
+TEST(Friction, StopDistance) {
+  for (const auto& [v, mu, expected] : {std::tuple{1.0, 0.5, 0.101937}, std::tuple{2.0, 0.4, 0.509684}}) {
+    const auto distance = [&, speed = v, friction = mu](double dt) {
+      NodesOnPlane scene(friction, 500);
+      scene.gravity(0);
+      scene.rig.state.node_positions.row(1).setConstant(-0.01 * kGravity / 500);  // starts at rest depth: anchored at once
+      scene.run(200, 1.0 / 90);
+      const double start = scene.position().x();
+      scene.rig.state.node_velocities.row(0).setConstant(speed);
+      scene.run(static_cast<int>(1.6 / dt), dt, 1e-12);
+      return scene.position().x() - start;
+    };
+    const double coarse = distance(1.0 / 500), fine = distance(1.0 / 1000);
+    EXPECT_NEAR(2 * fine - coarse, expected, 0.01 * expected);
+    EXPECT_NEAR(fine, expected - 0.5 * v / 1000, 0.01 * expected);
+  }
+}
+
+TEST(Friction, HeatIsTheLostEnergy) {
+  NodesOnPlane scene(0.5);
+  scene.gravity(0);
+  scene.run(500, 1.0 / 90);
+  scene.rig.state.node_velocities.row(0).setConstant(1.0);
+  const double kinetic = 3 * 0.5 * 0.01;
+  scene.run(3000, 1e-3, 1e-12);
+  EXPECT_NEAR(scene.rig.contacts.dissipated(), kinetic, 0.02 * kinetic);
+}
+
+TEST(Friction, FrictionlessAndHugeFriction) {
+  NodesOnPlane slippery(0);
+  slippery.gravity(0.1);
+  slippery.run(90, 1.0 / 90);
+  EXPECT_NEAR(slippery.velocity().x(), kGravity * std::sin(0.1), 1e-9);
+  EXPECT_EQ(slippery.rig.contacts.count(), 3);
+
+  NodesOnPlane rough(1000);
+  rough.gravity(1.5);
+  rough.run(2000, 1.0 / 90);
+  EXPECT_LE(rough.velocity().norm(), 1e-9);
+  EXPECT_EQ(rough.rig.contacts.count(), 3);
+}
+
+TEST(Contact, LetsGo) {
+  NodesOnPlane scene(1.0);
+  scene.gravity(0);
+  scene.run(200, 1.0 / 90);
+  ASSERT_EQ(scene.rig.contacts.count(), 3);
+  scene.rig.inertia.set_node_gravity(Vector3(0, 5, 0));
+  scene.run(20, 1.0 / 90);
+  EXPECT_EQ(scene.rig.contacts.count(), 0);
+  EXPECT_GT(scene.position().y(), 0.05);
+  EXPECT_EQ(scene.rig.contacts.wrench(0).force.norm(), 0);
+}
+
+// 0.5 mm plate, 5 m/s, 60 Hz (83 mm a step), one Newton iteration a step as in the fast mode; every start height.
+TEST(Contact, NothingTunnelsThroughAThinPlate) {
+  const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
+  for (const bool moving : {false, true}) {
+    int through = 0;
+    for (int trial = 0; trial < 1000; ++trial) {
+      Rig rig(1, 500, 1e-3);
+      rig.contacts.set_object(0, &plate, 0.5, 1, moving ? ContactObject::moving : ContactObject::fixed);
+      if (moving) {
+        rig.inertia.set_dynamic(0, 1000.0, 100.0 * Matrix3::Identity(), Vector3::Zero());
+      } else {
+        rig.inertia.hold(0);
+      }
+      rig.state.node_positions.row(1).setConstant(0.0003 + 0.25 * trial / 1000.0);
+      rig.state.node_velocities.row(1).setConstant(-5);
+      rig.state.node_velocities.row(0).setConstant(0.2);
+      testing::DenseStepper stepper = rig.stepper();
+      double lowest = 1;
+      for (int i = 0; i < 8; ++i) {
+        stepper.step(rig.state, 1.0 / 60, 1e-9, 1);
+        lowest = std::min(lowest, rig.state.node_positions.row(1).minCoeff());
+      }
+      if (rig.state.node_positions(1, 0) < 0 && rig.contacts.count() == 0) ++through;
+      EXPECT_GT(lowest, -0.02) << "the first step already holds it";
+    }
+    EXPECT_EQ(through, 0);
+  }
+}
+
+// An object that is moved past resting nodes between two steps still catches them.
+TEST(Contact, KinematicPlateSweepsNodesAlong) {
+  const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
+  Rig rig(1, 500, 1e-3);
+  rig.contacts.set_object(0, &plate, 0.5, 1, ContactObject::fixed);
+  rig.inertia.hold(0);
+  testing::DenseStepper stepper = rig.stepper();
+  rig.state.body_poses[0].position.y() = -0.1;
+  for (int i = 0; i < 20; ++i) {
+    stepper.step(rig.state, 1.0 / 60);
+    rig.state.body_poses[0].position.y() += 1.0 / 60;  // 1 m/s, 17 mm a step
+  }
+  EXPECT_GT(rig.state.node_positions(1, 0), rig.state.body_poses[0].position.y() - 0.03);
+  EXPECT_GT(rig.state.node_positions(1, 0), 0.15);
+}
+
+TEST(Contact, StartsInsideAndComesOutAtOneMetrePerSecond) {
+  const ShapeGeometry box(make(ShapeKind::box, {0.04, 0.04, 0.04}));
+  for (const double dt : {1.0 / 90, 1.0 / 1000}) {
+    Rig rig(1, 2000, 1e-3);
+    rig.contacts.set_object(0, &box, 0.5, 1, ContactObject::fixed);
+    rig.inertia.hold(0);
+    testing::DenseStepper stepper = rig.stepper();
+    for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = Vector3(0.001 * n, 0.0015 * n + 1e-4, 0);
+    double fastest = 0;
+    bool out = false;
+    for (int i = 0; i < static_cast<int>(0.5 / dt) && !out; ++i) {
+      stepper.step(rig.state, dt);
+      fastest = std::max(fastest, rig.state.node_velocities.colwise().norm().maxCoeff());
+      out = box.signed_distance(rig.state.node_positions.col(0)) > -1e-6;
+    }
+    EXPECT_TRUE(out);
+    EXPECT_LE(fastest, 2.01);  // a node on an undamped spring whose other end moves at 1 m/s swings to twice that
+    EXPECT_GT(fastest, 0.5);
+  }
+}
+
+// A node dragged around a fixed cylinder: the anchor follows the surface, its normal the radius.
+TEST(Friction, AnchorFollowsACurvedSurface) {
+  const ShapeGeometry cylinder(make(ShapeKind::cylinder, {0.02, 0.5, 0}));
+  Rig rig(1, 1000, 1e-3);
+  rig.contacts.set_object(0, &cylinder, 0.3, 1, ContactObject::fixed);
+  rig.inertia.hold(0);
+  for (int n = 0; n < 3; ++n) {
+    rig.state.node_positions.col(n) = Vector3(0.0202, 0.01 * n, 0);
+    rig.state.node_velocities.col(n) = Vector3(-0.05, 0, 0);
+  }
+  testing::DenseStepper stepper = rig.stepper();
+  double angle = 0;
+  for (int i = 0; i < 400; ++i) {
+    const Vector3 p = rig.state.node_positions.col(0);
+    const Vector3 radial = Vector3(p.x(), 0, p.z()).normalized();
+    // Pressed on and pulled around.
+    const Vector3 around = Vector3::UnitY().cross(radial);
+    rig.inertia.set_node_gravity(-300 * radial + 110 * std::min(1.0, i / 20.0) * around - 60 * Vector3(rig.state.node_velocities.col(0)));
+    stepper.step(rig.state, 1.0 / 240);
+    ASSERT_EQ(rig.contacts.count(), 3);
+    const auto& anchor = rig.contacts.anchors()[0];
+    EXPECT_NEAR(std::hypot(anchor.anchor.x(), anchor.anchor.z()), 0.02, 1e-9);
+    EXPECT_LE((anchor.normal - Vector3(anchor.anchor.x(), 0, anchor.anchor.z()) / 0.02).norm(), 2e-4);
+    angle += 1.0 / 240 * around.dot(Vector3(rig.state.node_velocities.col(0))) / 0.02;
+  }
+  EXPECT_GT(angle, 3.0) << "it did not slide around";
+}
+
+// The step of one iteration must not stick where the converged one slides.
+TEST(Friction, OneIterationSlidesToo) {
+  NodesOnPlane scene(0.49);
+  scene.gravity(std::atan(0.5));
+  for (int i = 0; i < 180; ++i) scene.step.step(scene.rig.state, 1.0 / 90, 1e-12, 1);
+  const double before = scene.velocity().x();
+  for (int i = 0; i < 90; ++i) scene.step.step(scene.rig.state, 1.0 / 90, 1e-12, 1);
+  EXPECT_NEAR(scene.velocity().x() - before, 0.087734, 0.087734 * 0.02);
+}
+
+TEST(Contact, WhatIsPublished) {
+  NodesOnPlane scene(0.5);
+  scene.gravity(0.2);
+  scene.run(300, 1.0 / 90);
+  Contacts message{};
+  scene.rig.contacts.write(scene.rig.state, message);
+  ASSERT_EQ(message.contacts.size(), 3u);
+  const FingerContact& finger = message.fingers[static_cast<std::size_t>(Finger::index)];
+  EXPECT_EQ(finger.contact_count, 3u);
+  EXPECT_EQ(finger.object, 1u);
+  EXPECT_NEAR(finger.force[1], 0.03 * kGravity * std::cos(0.2), 1e-4);
+  EXPECT_NEAR(finger.force[0], -0.03 * kGravity * std::sin(0.2), 1e-4);
+  EXPECT_NEAR(finger.normal[1], 1, 1e-12);
+  EXPECT_NEAR(finger.area, 0.5 * 0.01 * 0.01, 1e-12);
+  EXPECT_EQ(message.contacts[0].flags, kContactSticking);
+  EXPECT_EQ(message.fingers[static_cast<std::size_t>(Finger::thumb)].contact_count, 0u);
+  EXPECT_NEAR(message.contacts[0].penetration, 0.01 * kGravity * std::cos(0.2) / 500, 1e-7);
+
+  scene.rig.contacts.clear_object(0);
+  scene.rig.contacts.write(scene.rig.state, message);
+  EXPECT_EQ(message.contacts.size(), 0u);
+}
+
+TEST(Contact, RefusesBadNumbers) {
+  Rig rig(1, 500, 1e-3, 1, 2);
+  const ShapeGeometry plane(make(ShapeKind::plane));
+  EXPECT_THROW(rig.contacts.set_object(0, nullptr, 0.5, 1, ContactObject::fixed), std::invalid_argument);
+  EXPECT_THROW(rig.contacts.set_object(0, &plane, -0.5, 1, ContactObject::fixed), std::invalid_argument);
+  EXPECT_THROW(rig.contacts.set_object(1, &plane, 0.5, 1, ContactObject::moving), std::invalid_argument);
+  EXPECT_THROW(ContactSet(rig.hand, std::vector<double>(3, 1e-3), 0, 0, 1, 1), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace softhand
