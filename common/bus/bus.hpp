@@ -6,9 +6,9 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority before. One thread at a time may
-// use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when DDS refuses; everything else is noexcept and does not allocate on
-// our side. Writers and readers keep their participant alive.
+// Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority before. One thread at a
+// time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when DDS refuses; everything else is noexcept and
+// does not allocate on our side. Writers and readers keep their participant alive.
 #pragma once
 
 #include <chrono>
@@ -77,8 +77,8 @@ class ReaderEndpoint {
   ~ReaderEndpoint();
   ReaderEndpoint(ReaderEndpoint&&) noexcept;
   ReaderEndpoint& operator=(ReaderEndpoint&&) noexcept;
-  /// Takes the next sample for which `well_formed`, a member of `received`, comes out true; others are counted and passed over. False when there is
-  /// none. `source_time` orders samples of several instances.
+  /// Takes the next sample for which `well_formed`, a member of `received`, comes out true; others are counted and passed over. False when
+  /// there is none. `source_time` orders samples of several instances.
   bool take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept;
   bool wait(std::chrono::nanoseconds timeout) noexcept;
   int writer_count() const noexcept;
@@ -117,11 +117,9 @@ template <typename T>
 class Reader {
  public:
   /// With `only`, samples about other hands are passed over.
-  Reader(const Participant& participant, const Topic<T>& topic, std::optional<HandKey> only = std::nullopt)
-    requires detail::AboutAHand<T>
+  Reader(const Participant& participant, const Topic<T>& topic, std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
       : endpoint_(participant, topic, codec_of<T>(topic.type)), only_(only) {}
-  Reader(const Participant& participant, const Topic<T>& topic)
-    requires(!detail::AboutAHand<T>)
+  Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
       : endpoint_(participant, topic, codec_of<T>(topic.type)) {}
 
   /// Copies the newest sample into `out` and forgets the older ones. False, and `out` untouched, when nothing new has come. Never waits.

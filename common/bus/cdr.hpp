@@ -1,5 +1,5 @@
-// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final types. Straight from and to the
-// plain struct: no intermediate object, no allocation. The same bytes may be logged (MCAP's `cdr`) and decoded again.
+// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final types. Straight from
+// and to the plain struct: no intermediate object, no allocation. The same bytes may be logged (MCAP's `cdr`) and decoded again.
 #pragma once
 
 #include <array>
@@ -258,8 +258,8 @@ std::size_t encode(const T& message, std::span<std::byte> out) {
   return encoder.ok ? detail::kHeaderSize + encoder.offset : 0;
 }
 
-/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too long by more than padding,
-/// a sequence or text beyond its bound. `message` is unspecified then. Numbers are not judged: NaN passes.
+/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too long by more than
+/// padding, a sequence or text beyond its bound. `message` is unspecified then. Numbers are not judged: NaN passes.
 template <typename T>
 bool decode(std::span<const std::byte> bytes, T& message) {
   if (bytes.size() < detail::kHeaderSize || bytes[0] != std::byte{0} || bytes[1] != std::byte{1}) return false;

@@ -1,5 +1,6 @@
-// The fields of every message, in the order and under the names of idl/*.idl: the one place that ties messages.hpp to the wire. Reading, writing,
-// measuring, keys and the tests' field map are visitors of it. A test compares it with the IDL text and with both vendors' generated code.
+// The fields of every message, in the order and under the names of idl/*.idl: the one place that ties messages.hpp to the wire. Reading,
+// writing, measuring, keys and the tests' field map are visitors of it. A test compares it with the IDL text and with both vendors'
+// generated code.
 #pragma once
 
 #include <concepts>

@@ -16,12 +16,12 @@ struct TopicRow {
   const char* type;  ///< of idl/
   Reliability reliability;
   Durability durability;
-  int depth;           ///< history: keep last, per instance
-  int max_instances;   ///< of the key
-  int deadline_ms;     ///< per instance; 0 = none
-  int liveliness_ms;   ///< lease, asserted by the process; 0 = the process's own (2 s)
-  bool exclusive;      ///< of several writers of an instance only the strongest live one is read
-  double rate_hz;      ///< nominal; 0 = on demand
+  int depth;          ///< history: keep last, per instance
+  int max_instances;  ///< of the key
+  int deadline_ms;    ///< per instance; 0 = none
+  int liveliness_ms;  ///< lease, asserted by the process; 0 = the process's own (2 s)
+  bool exclusive;     ///< of several writers of an instance only the strongest live one is read
+  double rate_hz;     ///< nominal; 0 = on demand
   std::string_view writer;
   std::string_view readers;
 };
@@ -62,7 +62,8 @@ inline constexpr Topic<HandDescription>   hand_description     {{"softhand/v1/ha
 /// Calls f(topic) for every row.
 template <typename F>
 void for_each(F&& f) {
-  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects), f(object_coupling), f(bone_wrench);
+  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects), f(object_coupling),
+      f(bone_wrench);
   f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description), f(hand_description);
 }
 

@@ -72,19 +72,32 @@ struct MapFields {
 
   template <typename T>
   std::string type_of() {
-    if constexpr (std::is_same_v<T, double>) return "double";
-    else if constexpr (std::is_same_v<T, float>) return "float";
-    else if constexpr (std::is_same_v<T, std::uint32_t>) return "uint32";
-    else if constexpr (std::is_same_v<T, std::uint64_t>) return "uint64";
-    else if constexpr (std::is_same_v<T, std::int64_t>) return "int64";
-    else if constexpr (std::is_same_v<T, Vec3>) return "Vector3";
-    else if constexpr (std::is_same_v<T, Vec4>) return "Quaternion";
-    else if constexpr (std::is_same_v<T, std::array<float, 3>>) return "FloatVector3";
-    else if constexpr (std::is_same_v<T, std::array<float, 4>>) return "FloatVector4";
-    else if constexpr (std::is_same_v<T, std::array<std::uint32_t, 3>>) return "Indices3";
-    else if constexpr (std::is_same_v<T, std::array<std::uint32_t, 4>>) return "Indices4";
-    else if constexpr (detail::is_text<T>) return "string<" + std::to_string(std::tuple_size_v<T> - 1) + ">";
-    else if constexpr (detail::is_array<T>) return type_of<typename T::value_type>() + "[" + std::to_string(std::tuple_size_v<T>) + "]";
+    if constexpr (std::is_same_v<T, double>)
+      return "double";
+    else if constexpr (std::is_same_v<T, float>)
+      return "float";
+    else if constexpr (std::is_same_v<T, std::uint32_t>)
+      return "uint32";
+    else if constexpr (std::is_same_v<T, std::uint64_t>)
+      return "uint64";
+    else if constexpr (std::is_same_v<T, std::int64_t>)
+      return "int64";
+    else if constexpr (std::is_same_v<T, Vec3>)
+      return "Vector3";
+    else if constexpr (std::is_same_v<T, Vec4>)
+      return "Quaternion";
+    else if constexpr (std::is_same_v<T, std::array<float, 3>>)
+      return "FloatVector3";
+    else if constexpr (std::is_same_v<T, std::array<float, 4>>)
+      return "FloatVector4";
+    else if constexpr (std::is_same_v<T, std::array<std::uint32_t, 3>>)
+      return "Indices3";
+    else if constexpr (std::is_same_v<T, std::array<std::uint32_t, 4>>)
+      return "Indices4";
+    else if constexpr (detail::is_text<T>)
+      return "string<" + std::to_string(std::tuple_size_v<T> - 1) + ">";
+    else if constexpr (detail::is_array<T>)
+      return type_of<typename T::value_type>() + "[" + std::to_string(std::tuple_size_v<T>) + "]";
     else if constexpr (detail::is_sequence<T>)
       return "sequence<" + type_of<typename decltype(T::items)::value_type>() + "," + std::to_string(T::max_size()) + ">";
     else {
@@ -124,13 +137,15 @@ FieldMap map_of_idl() {
   for (const auto& path : paths) {
     std::stringstream stream;
     stream << std::ifstream(path).rdbuf();
-    texts.push_back(std::regex_replace(std::regex_replace(stream.str(), std::regex(R"(//[^\n]*)"), ""), std::regex(R"(/\*[\s\S]*?\*/)"), ""));
+    texts.push_back(
+        std::regex_replace(std::regex_replace(stream.str(), std::regex(R"(//[^\n]*)"), ""), std::regex(R"(/\*[\s\S]*?\*/)"), ""));
   }
   const auto each = [](const std::string& text, const std::regex& pattern, auto&& f) {
     for (std::sregex_iterator i(text.begin(), text.end(), pattern), end; i != end; ++i) f(*i);
   };
   for (const std::string& text : texts)
-    each(text, std::regex(R"(const uint32 (\w+) = (\d+);)"), [&](const std::smatch& m) { constants["softhand::v1::" + m.str(1)] = m.str(2); });
+    each(text, std::regex(R"(const uint32 (\w+) = (\d+);)"),
+         [&](const std::smatch& m) { constants["softhand::v1::" + m.str(1)] = m.str(2); });
   for (std::string text : texts) {
     for (const auto& [name, value] : constants) text = std::regex_replace(text, std::regex(name + "\\b"), value);
     each(text, std::regex(R"((@final )?struct (\w+) \{([^}]*)\};)"), [&](const std::smatch& m) {
@@ -140,7 +155,8 @@ FieldMap map_of_idl() {
       each(body, std::regex(R"((@key )?(sequence<\w+, *\d+>|[\w<>]+) (\w+)(\[\d+\])?;)"), [&](const std::smatch& f) {
         fields.push_back(f.str(1) + std::regex_replace(f.str(2), std::regex(" "), "") + f.str(4) + " " + f.str(3));
       });
-      EXPECT_EQ(fields.size(), static_cast<std::size_t>(std::count(body.begin(), body.end(), ';'))) << m.str(2) << ": a field that this test cannot read";
+      EXPECT_EQ(fields.size(), static_cast<std::size_t>(std::count(body.begin(), body.end(), ';')))
+          << m.str(2) << ": a field that this test cannot read";
     });
   }
   return map;
@@ -148,7 +164,7 @@ FieldMap map_of_idl() {
 
 TEST(BusWire, FieldsAreThoseOfTheIdl) {
   FieldMap idl = map_of_idl();
-  const std::map<std::string, std::string> plain{{"Vector3", "double"},      {"Quaternion", "double"}, {"FloatVector3", "float"},
+  const std::map<std::string, std::string> plain{{"Vector3", "double"},     {"Quaternion", "double"}, {"FloatVector3", "float"},
                                                  {"FloatVector4", "float"}, {"Indices3", "uint32"},   {"Indices4", "uint32"}};
   for (const auto& [name, number] : plain) {
     ASSERT_TRUE(idl.contains(name));

@@ -1,5 +1,6 @@
-/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name, and writes the sample back, whole,
- * on TOPIC_echo until the reader there has it (standard input closes) or 20 s have passed. Shows the other vendor's view of the wire. */
+/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name, and writes the sample
+ * back, whole, on TOPIC_echo until the reader there has it (standard input closes) or 20 s have passed. Shows the other vendor's view of
+ * the wire. */
 #include <inttypes.h>
 #include <poll.h>
 #include <stdio.h>
@@ -19,37 +20,37 @@
 #include "status.h"
 #include "tissue.h"
 
-static void print_skeleton(const void *sample) {
-  const softhand_v1_Skeleton *s = sample;
+static void print_skeleton(const void* sample) {
+  const softhand_v1_Skeleton* s = sample;
   printf("hand.side %" PRIu32 "\nstamp.sample_time %" PRId64 "\nconfidence %.17g\n", s->hand.side, s->stamp.sample_time, s->confidence);
   printf("joints[25].orientation.w %.17g\njoints[25].radius %.17g\n", s->joints[25].orientation.w, s->joints[25].radius);
 }
-static void print_contacts(const void *sample) {
-  const softhand_v1_Contacts *s = sample;
-  const softhand_v1_Contact *last = &s->contacts._buffer[s->contacts._length - 1];
+static void print_contacts(const void* sample) {
+  const softhand_v1_Contacts* s = sample;
+  const softhand_v1_Contact* last = &s->contacts._buffer[s->contacts._length - 1];
   printf("fingers[5].area %.17g\ncontacts.length %" PRIu32 "\n", s->fingers[5].area, s->contacts._length);
   printf("contacts[last].force.z %.17g\ncontacts[last].slip_speed %.17g\n", last->force.z, last->slip_speed);
 }
-static void print_objects(const void *sample) {
-  const softhand_v1_WorldObjects *s = sample;
-  const softhand_v1_ObjectState *last = &s->objects._buffer[s->objects._length - 1];
+static void print_objects(const void* sample) {
+  const softhand_v1_WorldObjects* s = sample;
+  const softhand_v1_ObjectState* last = &s->objects._buffer[s->objects._length - 1];
   printf("objects.length %" PRIu32 "\nobjects[last].position.y %.17g\n", s->objects._length, last->position.y);
   printf("objects[last].planes[last].mass %.17g\n", last->planes._buffer[last->planes._length - 1].mass);
 }
-static void print_wrench(const void *sample) {
-  const softhand_v1_BoneWrench *s = sample;
+static void print_wrench(const void* sample) {
+  const softhand_v1_BoneWrench* s = sample;
   printf("bones[20].coupling_torque.y %.17g\n", s->bones[20].coupling_torque.y);
 }
-static void print_status(const void *sample) {
-  const softhand_v1_LoopStatus *s = sample;
+static void print_status(const void* sample) {
+  const softhand_v1_LoopStatus* s = sample;
   printf("module_name %s\nstep_ms_p99 %.17g\n", s->module_name, s->step_ms_p99);
 }
-static void print_nothing(const void *sample) { (void)sample; }
+static void print_nothing(const void* sample) { (void)sample; }
 
 static const struct {
-  const char *topic;
-  const dds_topic_descriptor_t *type;
-  void (*print)(const void *sample);
+  const char* topic;
+  const dds_topic_descriptor_t* type;
+  void (*print)(const void* sample);
 } kinds[] = {
     {"softhand/v1/tracked_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
     {"softhand/v1/intermediate_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
@@ -68,7 +69,7 @@ static const struct {
     {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},
 };
 
-int main(int argc, char **argv) {
+int main(int argc, char** argv) {
   if (argc != 3) return 2;
   size_t k = 0;
   while (k < sizeof kinds / sizeof kinds[0] && strcmp(kinds[k].topic, argv[2]) != 0) ++k;
@@ -77,7 +78,7 @@ int main(int argc, char **argv) {
 
   const dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
   const dds_entity_t topic = dds_create_topic(participant, kinds[k].type, argv[2], NULL, NULL);
-  dds_qos_t *read_qos = dds_create_qos();
+  dds_qos_t* read_qos = dds_create_qos();
   dds_qset_reliability(read_qos, DDS_RELIABILITY_BEST_EFFORT, 0);
   if (exclusive) dds_qset_ownership(read_qos, DDS_OWNERSHIP_EXCLUSIVE);
   const dds_entity_t reader = dds_create_reader(participant, topic, read_qos, NULL);
@@ -85,7 +86,7 @@ int main(int argc, char **argv) {
   char echo_name[128];
   snprintf(echo_name, sizeof echo_name, "%s_echo", argv[2]);
   const dds_entity_t echo_topic = dds_create_topic(participant, kinds[k].type, echo_name, NULL, NULL);
-  dds_qos_t *write_qos = dds_create_qos();
+  dds_qos_t* write_qos = dds_create_qos();
   dds_qset_reliability(write_qos, DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
   dds_qset_durability(write_qos, DDS_DURABILITY_TRANSIENT_LOCAL);
   if (exclusive) {
@@ -99,7 +100,7 @@ int main(int argc, char **argv) {
     return 1;
   }
 
-  void *sample[1] = {NULL};
+  void* sample[1] = {NULL};
   dds_sample_info_t info;
   for (int tries = 0; tries < 2000; ++tries) {
     if (dds_take(reader, sample, &info, 1, 1) == 1) {
