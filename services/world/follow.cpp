@@ -9,7 +9,6 @@
 namespace softhand {
 namespace {
 
-constexpr double kForceCap = 100;          // N, beyond the weight
 constexpr double kTorqueCap = 10;          // N m
 constexpr double kFollowSpeed = 2;         // m/s at which a far twin is approached
 constexpr double kFollowTurn = 20;         // rad/s
@@ -35,7 +34,7 @@ Wrench owner_wrench(const Follower& b, const Leader& a, double kappa, double ste
   Wrench result;
   result.force = a.wrench.force + share * (b.mass * spring - (beta + kappa) * (a.wrench.force + b.mass * b.gravity));
   result.torque = a.wrench.torque + share * (b.inertia * twist - (beta + kappa) * a.wrench.torque);
-  result.force = clamped(result.force, kForceCap + b.mass * b.gravity.norm());
+  result.force = clamped(result.force, kOwnerForceCap + b.mass * b.gravity.norm());
   result.torque = clamped(result.torque, kTorqueCap);
   return result;
 }
@@ -53,7 +52,7 @@ Wrench symmetric_wrench(const Follower& b, const Leader& a, double stiffness, do
   const Vector3 explicit_torque =
       angular_stiffness * (turn - step * b.velocity.angular) + angular_damping * (a.velocity.angular - b.velocity.angular);
   result.torque = b.inertia * (b.inertia + angular_z * Matrix3::Identity()).inverse() * explicit_torque;
-  result.force = clamped(result.force, kForceCap + b.mass * b.gravity.norm());
+  result.force = clamped(result.force, kOwnerForceCap + b.mass * b.gravity.norm());
   result.torque = clamped(result.torque, kTorqueCap);
   return result;
 }

@@ -8,6 +8,9 @@
 
 namespace softhand {
 
+/// Coupling forces end here, beyond the object's weight (VALIDATION.md G4: a hand), N.
+inline constexpr double kOwnerForceCap = 100;
+
 /// The world's copy at the start of the step.
 struct Follower {
   double mass = 1;                            ///< kg

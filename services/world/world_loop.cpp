@@ -18,6 +18,8 @@ constexpr double kMotionStall = 0.100;  // s: nor velocities
 constexpr double kVanished = 0.500;     // s: nor the owner
 constexpr double kNearestPlane = 0.005; // m
 constexpr double kFarthestPlane = 0.050;
+constexpr double kTouching = 0.001;     // m: nearer neighbours take part of the hand's force
+constexpr double kSeating = 0.0001;     // m a step that an object may be driven into what stops it, so that the engine sees the contact
 constexpr double kAbsurd = 1e4;         // m
 
 bool believable(const ObjectTwin& twin) {
@@ -80,6 +82,7 @@ void WorldLoop::insert(std::size_t slot) {
   object.pose = object.start;
   object.velocity = object.previous_velocity = {};
   object.present = true;
+  object.planes.clear();
   engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.start});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
@@ -176,10 +179,46 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   object.stalled = force_stale;
   const double ahead = std::min(age, delay);
   leader.pose = increment(leader.pose, ahead * leader.velocity.linear, ahead * leader.velocity.angular);
-  engine_->apply(slot, owner_wrench(follower, leader, options_.follow_stiffness, step_));
+  leader.wrench = without_reaction(object, follower, leader.wrench);
+  Wrench wanted = owner_wrench(follower, leader, options_.follow_stiffness, step_);
+  stop_at_planes(object, follower, wanted);
+  engine_->apply(slot, wanted);
+}
+
+/// The hand's wrench is what the copy needs in free flight. Against a neighbour the twin also feels a reaction, which the hand does not publish and which
+/// balances the hand's push: the copy, fed with the push alone, would be thrown at the neighbour (5 N on 1 g for one step of 17 ms is 83 m/s).
+/// So the push is left out along and into what cannot move, and kept where it moves a neighbour.
+Wrench WorldLoop::without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const {
+  const Vector3 net = hand.force + follower.mass * follower.gravity;
+  Vector3 into_dynamic = Vector3::Zero();
+  bool touches = false, touches_static = false;
+  for (const NeighbourPlane& plane : object.planes) {
+    if (plane.gap > kTouching) continue;
+    touches = true;
+    if (plane.kind == kNeighbourStatic) touches_static = true;
+    if (plane.kind == kNeighbourDynamic) into_dynamic += std::min(0.0, to_vector(plane.normal).dot(net)) * to_vector(plane.normal);
+  }
+  return {touches_static ? Vector3(into_dynamic - follower.mass * follower.gravity) : hand.force, touches ? Vector3(Vector3::Zero()) : hand.torque};
+}
+
+/// Keeps the coupling from driving the copy through a neighbour within one step: engines find contacts only where bodies already are.
+void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const {
+  for (int pass = 0; pass < 3; ++pass) {
+    for (const NeighbourPlane& plane : object.planes) {
+      if (plane.kind == kNeighbourDynamic && plane.gap <= kSeating) continue;  // a touched neighbour is pushed
+      const Vector3 n = to_vector(plane.normal);
+      const Vector3 next = follower.velocity.linear + step_ * (wrench.force / follower.mass + follower.gravity);
+      const double closing = n.dot(next - to_vector(plane.velocity));
+      const double fastest = -(std::max(plane.gap, 0.0) + kSeating) / step_;
+      if (closing < fastest) wrench.force += follower.mass * (fastest - closing) / step_ * n;
+    }
+  }
+  const double cap = kOwnerForceCap + follower.mass * follower.gravity.norm();
+  if (wrench.force.norm() > cap) wrench.force *= cap / wrench.force.norm();
 }
 
 const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
+  for (const ObjectCoupling& coupling : input.couplings) newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
   engine_->step(step_);
@@ -201,12 +240,17 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
     object.pose = pose;
     object.velocity = velocity;
   }
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    objects_[slot].planes.clear();
+    if (objects_[slot].near_hand) find_planes(slot);
+  }
   publish(now);
   return *output_;
 }
 
 void WorldLoop::publish(Nanoseconds now) {
   WorldObjects& out = output_->objects;
+  ++out.stamp.sequence;
   out.stamp.sample_time = now;
   out.step_period = step_;
   out.objects.clear();
@@ -225,13 +269,12 @@ void WorldLoop::publish(Nanoseconds now) {
     state.angular_velocity = to_wire(object.velocity.angular);
     state.linear_acceleration = to_wire(Vector3((object.velocity.linear - object.previous_velocity.linear) / step_));
     state.angular_acceleration = to_wire(Vector3((object.velocity.angular - object.previous_velocity.angular) / step_));
-    state.planes.clear();
-    if (object.near_hand) write_planes(slot, state);
+    state.planes = object.planes;
   }
 }
 
-void WorldLoop::write_planes(std::size_t slot, ObjectState& state) const {
-  const Object& object = objects_[slot];
+void WorldLoop::find_planes(std::size_t slot) {
+  Object& object = objects_[slot];
   const double delay = (1 + options_.staleness) * (step_ + (object.owned ? object.owner_step : 1.0 / 90));
   // Corners of a turning object are faster than its centre.
   const double speed = object.velocity.linear.norm() + object.velocity.angular.norm() * object.solid.radius;
@@ -252,9 +295,9 @@ void WorldLoop::write_planes(std::size_t slot, ObjectState& state) const {
     plane.gap = found.gap;
     plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
     plane.mass = neighbour.options.mass;
-    if (state.planes.push_back(plane)) continue;
+    if (object.planes.push_back(plane)) continue;
     // More neighbours than room: the nearest stay.
-    auto farthest = std::max_element(state.planes.begin(), state.planes.end(), [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
+    auto farthest = std::max_element(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
     if (farthest->gap > plane.gap) *farthest = plane;
   }
 }
@@ -265,20 +308,20 @@ WorldLoop::Object* WorldLoop::find(std::string_view name) {
   return nullptr;
 }
 
-MessageReply WorldLoop::handle(const Message& message) {
+MessageReply WorldLoop::answer(const Message& message, std::string_view module) {
   MessageReply reply;
   reply.id = message.id;
-  set_text(reply.module, "world");
-  const std::string_view module = get_text(message.module);
+  set_text(reply.module, module);
+  const std::string_view addressed = get_text(message.module);
   const std::string_view key = get_text(message.key);
   const std::string_view value = get_text(message.value);
-  const auto answer = [&reply](std::uint32_t result, const char* text, std::string_view name = "") {
+  const auto result_of = [&reply](std::uint32_t result, const char* text, std::string_view subject = "") {
     reply.result = result;
-    std::snprintf(reply.text.data(), reply.text.size(), "%s%.*s", text, static_cast<int>(name.size()), name.data());
+    std::snprintf(reply.text.data(), reply.text.size(), "%s%.*s", text, static_cast<int>(subject.size()), subject.data());
     return reply;
   };
   const bool known = key == "object.reset" || key == "object.remove" || key == "object.teleport";
-  if ((module != "world" && module != "*") || !known) return answer(kReplyIgnored, "");
+  if ((addressed != module && addressed != "*") || !known) return result_of(kReplyIgnored, "");
   const std::string_view name = value.substr(0, value.find(' '));
   if (key == "object.reset" && name == "*") {
     for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
@@ -287,35 +330,51 @@ MessageReply WorldLoop::handle(const Message& message) {
       descriptions_[slot].removed = 0;
     }
     ++descriptions_version_;
-    return answer(kReplyApplied, "all objects reset");
+    return result_of(kReplyApplied, "all objects reset");
   }
   Object* object = find(name);
-  if (object == nullptr) return answer(kReplyRefused, "expected the name of an object in the scene, not ", name);
+  if (object == nullptr) return result_of(kReplyRefused, "expected the name of an object in the scene, not ", name);
   const auto slot = static_cast<std::size_t>(object - objects_.data());
   if (key == "object.reset") {
     engine_->remove(slot);
     insert(slot);
     descriptions_[slot].removed = 0;
     ++descriptions_version_;
-    return answer(kReplyApplied, "reset");
+    return result_of(kReplyApplied, "reset");
   }
-  if (!object->present) return answer(kReplyRefused, "removed before; object.reset brings it back");
+  if (!object->present) return result_of(kReplyRefused, "removed before; object.reset brings it back");
   if (key == "object.remove") {
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
+    object->planes.clear();
     descriptions_[slot].removed = 1;
     ++descriptions_version_;
-    return answer(kReplyApplied, "removed");
+    return result_of(kReplyApplied, "removed");
   }
   Vector3 to;
   const std::string numbers(value.substr(std::min(value.size(), name.size())));
   if (std::sscanf(numbers.c_str(), "%lf %lf %lf", &to.x(), &to.y(), &to.z()) != 3 || !to.allFinite() || to.norm() > 1000)
-    return answer(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
+    return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
   object->pose.position = to;
   object->velocity = object->previous_velocity = {};
   object->owned = false;
+  object->planes.clear();
   engine_->place(slot, object->pose, {});
-  return answer(kReplyApplied, "moved");
+  return result_of(kReplyApplied, "moved");
+}
+
+void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
+  status.input_age_ms = newest_input_ > 0 ? static_cast<double>(now - newest_input_) * 1e-6 : -1;
+  status.energies.clear();
+  NamedValue mechanical;
+  set_text(mechanical.name, "mechanical");
+  mechanical.value = energy();
+  status.energies.push_back(mechanical);
+  add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite));
+  add_counter(status, "refused_mode", static_cast<double>(counters_.refused_mode));
+  add_counter(status, "stalls", static_cast<double>(counters_.stalls));
+  add_counter(status, "vanished", static_cast<double>(counters_.vanished));
+  add_counter(status, "repaired", static_cast<double>(counters_.repaired));
 }
 
 double WorldLoop::energy() const {

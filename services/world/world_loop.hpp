@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "messages/messages.hpp"
+#include "world/follow.hpp"
 #include "world/physics_engine.hpp"
 #include "world/solid.hpp"
 #include "world/world_options.hpp"
@@ -21,7 +22,7 @@ struct WorldInput {
 };
 
 struct WorldOutput {
-  /// Every object that has not been removed, the static ones too (their pose is nowhere else). The caller fills sequence, epoch, clock and publish time.
+  /// Every object that has not been removed, the static ones too (their pose is nowhere else). The caller fills epoch, clock and publish time.
   WorldObjects objects;
 };
 
@@ -48,8 +49,12 @@ class WorldLoop {
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
   /// Between steps. Keys: `object.reset` NAME or * (back to its place of the scene, at rest; a removed one returns), `object.remove` NAME,
-  /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Any other key is ignored.
-  MessageReply handle(const Message& message);
+  /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Any other key is ignored, and so is
+  /// what is addressed to another module than `module`.
+  MessageReply answer(const Message& message, std::string_view module = "world");
+
+  /// Age of the newest coupling, energy of the objects, counters.
+  void fill_status(LoopStatus& status, Nanoseconds now) const;
 
   const WorldCounters& counters() const { return counters_; }
   double step_period() const { return step_; }
@@ -72,12 +77,15 @@ class WorldLoop {
     Pose pose;
     Twist velocity;
     Twist previous_velocity;
+    BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< after the last step, while near_hand
   };
 
   void insert(std::size_t slot);
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
-  void write_planes(std::size_t slot, ObjectState& state) const;
+  void find_planes(std::size_t slot);
+  Wrench without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const;
+  void stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const;
   Vector3 gravity_of(const Object& object) const;
   Object* find(std::string_view name);
 
@@ -89,6 +97,7 @@ class WorldLoop {
   std::vector<ObjectDescription> descriptions_;
   std::uint64_t descriptions_version_ = 1;
   WorldCounters counters_;
+  Nanoseconds newest_input_ = 0;
   std::unique_ptr<WorldOutput> output_;
 };
 

@@ -13,12 +13,13 @@
 namespace softhand {
 namespace {
 
-using Matrix8 = Eigen::Matrix<double, 8, 8>;
+// Rows: A's position and velocity 0 1, B's 2 3; the four a period ago 4..7, and two periods ago 8..11.
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
 
-/// The body of rows `own`, `own` + 1 (position, velocity) takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1.
-Matrix8 implicit_steps(int own, int copy, int steps, double k, double b, double step) {
-  // v' (1 + T b + T^2 k) = v + T k (x_c - x) + T b v_c, x' = x + T v', per unit mass.
-  Matrix8 one = Matrix8::Identity();
+/// The body of rows `own`, `own` + 1 takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1, per unit of mass.
+Matrix12 implicit_steps(int own, int copy, int steps, double k, double b, double step) {
+  // v' (1 + T b + T^2 k) = v + T k (x_c - x) + T b v_c, x' = x + T v'.
+  Matrix12 one = Matrix12::Identity();
   const double share = 1 / (1 + step * b + step * step * k);
   one.row(own + 1).setZero();
   one(own + 1, own + 1) = share;
@@ -26,7 +27,7 @@ Matrix8 implicit_steps(int own, int copy, int steps, double k, double b, double 
   one(own + 1, copy) = step * k * share;
   one(own + 1, copy + 1) = step * b * share;
   one.row(own) += step * one.row(own + 1);
-  Matrix8 all = Matrix8::Identity();
+  Matrix12 all = Matrix12::Identity();
   for (int i = 0; i < steps; ++i) all = one * all;
   return all;
 }
@@ -46,22 +47,15 @@ double nearest_stable(double stiffness_per_mass, double damping_ratio, double wo
 }  // namespace
 
 double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
-  // Rows: A 0 1, B 2 3, B's copy of A 4 5, A's copy of B 6 7. Within a period of the slower side each steps against a copy that was taken one period ago.
   const double period = std::max(world_step, hand_step);
   const int hand_steps = std::max(1, static_cast<int>(std::lround(period / hand_step)));
   const int world_steps = std::max(1, static_cast<int>(std::lround(period / world_step)));
   const double damping = 2 * damping_ratio * std::sqrt(stiffness_per_mass);
-  const Matrix8 moved = implicit_steps(0, 6, hand_steps, stiffness_per_mass, damping, period / hand_steps) *
-                        implicit_steps(2, 4, world_steps, stiffness_per_mass, damping, period / world_steps);
-  Matrix8 exchange = Matrix8::Identity();
-  exchange.block<2, 8>(4, 0).setZero();
-  exchange.block<2, 8>(6, 0).setZero();
-  exchange.block<2, 2>(4, 0).setIdentity();
-  exchange.block<2, 2>(6, 2).setIdentity();
-  // Copies are refreshed from the state before this period's steps: one period old when the next period reads them.
-  Matrix8 period_map = moved;
-  period_map.bottomRows<4>() = exchange.bottomRows<4>();
-  return period_map.eigenvalues().cwiseAbs().maxCoeff();
+  Matrix12 map = implicit_steps(0, 10, hand_steps, stiffness_per_mass, damping, period / hand_steps) *
+                 implicit_steps(2, 8, world_steps, stiffness_per_mass, damping, period / world_steps);
+  map.bottomRows<8>().setZero();
+  map.block<8, 8>(4, 0).setIdentity();
+  return map.eigenvalues().cwiseAbs().maxCoeff();
 }
 
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects, double hand_step) {

@@ -1,0 +1,60 @@
+// softhand-world: the bridge to a physics engine.
+#include <memory>
+#include <vector>
+
+#include "scene_file.hpp"
+#include "service/service.hpp"
+#include "world/world_loop.hpp"
+
+namespace {
+using namespace softhand;
+
+void run(int argc, char** argv) {
+  const ServiceArguments arguments = parse_arguments(argc, argv, "world", "The physics world of a scene");
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const WorldOptions& options = scene.options.world;
+  WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz);
+
+  Service service(arguments, options.rate_hz);
+  bus::Reader couplings(service.participant(), bus::topics::object_coupling);
+  bus::Writer objects(service.participant(), bus::topics::objects);
+  bus::Writer descriptions(service.participant(), bus::topics::object_description);
+
+  std::uint64_t described = 0;
+  const auto describe_objects = [&] {
+    if (described == loop.descriptions_version()) return;
+    described = loop.descriptions_version();
+    for (ObjectDescription description : loop.descriptions()) {
+      service.stamp(description.stamp);
+      descriptions.write(description);
+    }
+  };
+  describe_objects();
+
+  std::vector<ObjectCoupling> newest;
+  newest.reserve(bus::topics::kHands);
+  auto out = std::make_unique<WorldObjects>();
+  const auto step = [&](Nanoseconds now) {
+    describe_objects();
+    couplings.take_all([&](const ObjectCoupling& each) {
+      for (ObjectCoupling& known : newest) {
+        if (known.hand != each.hand) continue;
+        known = each;
+        return;
+      }
+      if (newest.size() < newest.capacity()) newest.push_back(each);
+    });
+    const WorldOutput& result = loop.step(now, {newest});
+    if (!objects.has_readers()) return;
+    *out = result.objects;
+    service.stamp(out->stamp);
+    objects.write(*out);
+  };
+  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
+               [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  return softhand::guarded_main("softhand-world", [&] { run(argc, argv); });
+}
