@@ -16,6 +16,7 @@ namespace {
 
 constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside (METHOD.md section 4)
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
+constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
@@ -147,8 +148,8 @@ ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector
   Anchor anchor;
   anchor.node = node;
   anchor.slot = slot;
-  anchor.anchor = point;
-  anchor.normal = normal;
+  anchor.anchor = anchor.kept_anchor = point;
+  anchor.normal = anchor.kept_normal = normal;
   anchor.stiffness = stiffness_ * weights_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])];
   anchor.friction = at(slot).friction;
   anchor.friction_stiffness = friction_stiffness(anchor.stiffness, anchor.friction);
@@ -164,6 +165,7 @@ double ContactSet::reach(const Slot& slot, const Pose& from, const Pose& to) con
 }
 
 void ContactSet::begin_step(const State& state, double time_step) {
+  if (std::exchange(in_step_, true)) remove_if([](const Anchor& anchor) { return anchor.fresh; });
   time_step_ = time_step;
   start_positions_ = state.node_positions;
   bool any = false;
@@ -208,7 +210,7 @@ void ContactSet::find_candidates(int slot, const State& state) {
       }
     }
     if (nearest.distance < 0) {
-      if (Anchor* anchor = create(slot, node, now, nearest.normal)) anchor->recess = -nearest.distance;
+      if (Anchor* anchor = create(slot, node, now, nearest.normal)) anchor->kept_recess = -nearest.distance;
     } else if (const auto crossing = s.geometry->first_crossing(now, next)) {
       if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) anchor->fresh = true;
     }
@@ -216,6 +218,11 @@ void ContactSet::find_candidates(int slot, const State& state) {
 }
 
 void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
+  anchor.anchor = anchor.kept_anchor;
+  anchor.normal = anchor.kept_normal;
+  anchor.recess = anchor.kept_recess;
+  anchor.sliding = anchor.kept_sliding;
+  anchor.ahead = false;
   const double out = std::min(anchor.recess, kExitSpeed * time_step_);
   anchor.anchor += out * anchor.normal;
   anchor.recess -= out;
@@ -226,7 +233,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
   const Vector3 now = to_local(s.start_pose, position) - anchor.anchor;
   const Vector3 next = to_local(s.predicted_pose, position + time_step_ * velocity) - anchor.anchor;
-  const Vector3 stretch = tangential(now);
+  Vector3 stretch = tangential(now);
   const Vector3 movement = tangential(next - now);
   if (anchor.fresh) {
     const double depth = std::max(0.0, -anchor.normal.dot(next));
@@ -238,11 +245,25 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
     anchor.friction_bound = anchor.friction * anchor.stiffness * std::max(0.0, -anchor.normal.dot(now));
     anchor.stretch_origin.setZero();
   }
-  anchor.stretch_start = stretch - anchor.stretch_origin;
   anchor.sliding = anchor.sliding && stretch.dot(movement) > 0;
+  if (anchor.sliding && !(anchor.recess > 0)) {
+    const SurfacePoint there = s.geometry->closest(anchor.anchor + movement);
+    if (std::abs(there.distance) > kOffSurface && there.normal.dot(anchor.normal) > kSmoothTurn) {
+      // The stretch goes with the surface: same length, turned into the new plane.
+      const Vector3 turned = Quaternion::FromTwoVectors(anchor.normal, there.normal) * stretch;
+      const Vector3 from_there = now + anchor.anchor - there.point;
+      anchor.anchor = there.point;
+      anchor.normal = there.normal;
+      anchor.stretch_origin = tangential(from_there) - turned;
+      anchor.ahead = true;
+      stretch = tangential(from_there);
+    }
+  }
+  anchor.stretch_start = stretch - anchor.stretch_origin;
 }
 
 void ContactSet::end_step(const State& state) {
+  in_step_ = false;
   for (Slot& s : slots_) {
     s.wrench = {};
     s.count = 0;
@@ -278,7 +299,13 @@ void ContactSet::end_step(const State& state) {
     s.last_pose = body_pose(slot, state);
     s.seen = true;
   }
-  for (const Anchor& anchor : anchors_) ++at(anchor.slot).count;
+  for (Anchor& anchor : anchors_) {
+    anchor.kept_anchor = anchor.anchor;
+    anchor.kept_normal = anchor.normal;
+    anchor.kept_recess = anchor.recess;
+    anchor.kept_sliding = anchor.sliding;
+    ++at(anchor.slot).count;
+  }
 }
 
 void ContactSet::find_missed(int slot, const State& state) {
@@ -295,25 +322,28 @@ void ContactSet::find_missed(int slot, const State& state) {
 
 // The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched.
 void ContactSet::slide(Anchor& anchor, const State& state) {
+  // A fresh anchor's true stretch is that from the crossing on; of one ahead it is that of the energy.
+  const bool ahead = std::exchange(anchor.ahead, false);
+  if (!ahead) anchor.stretch_origin.setZero();
   anchor.fresh = false;
-  anchor.stretch_origin.setZero();
   const Offset o = offset(anchor, state);
   const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -o.depth);
   const double stretch = o.stretch.norm();
   const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
   anchor.sliding = distance > 0;
   anchor.slip_speed = distance / time_step_;
-  if (!anchor.sliding) return;
+  const Vector3 origin = std::exchange(anchor.stretch_origin, Vector3::Zero());
+  if (!anchor.sliding && !ahead) return;
   dissipated_ += limit * distance;
   const Pose pose = body_pose(anchor.slot, state);
-  const Vector3 along = pose.orientation.conjugate() * o.stretch / stretch;
-  const Vector3 surface = anchor.anchor + anchor.recess * anchor.normal + distance * along;
-  const SurfacePoint nearest = at(anchor.slot).geometry->closest(surface);
+  Vector3 movement = origin;
+  if (anchor.sliding) movement += distance / stretch * (pose.orientation.conjugate() * o.stretch);
+  const SurfacePoint nearest = at(anchor.slot).geometry->closest(anchor.anchor + anchor.recess * anchor.normal + movement);
   if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
     anchor.normal = nearest.normal;
     anchor.anchor = nearest.point - anchor.recess * anchor.normal;
   } else {
-    anchor.anchor += distance * along;
+    anchor.anchor += movement;
   }
 }
 

@@ -12,6 +12,8 @@
 //   crossing already at the step's start, and for this one step it holds two-sidedly. Otherwise a step of one Newton iteration, which starts at the
 //   state before the crossing, would not feel it, and a tip at 1 m/s would sink 11 mm before the first force.
 // - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at most.
+// - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where the node's velocity takes it:
+//   the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
 // - Kinematic objects keep the pose of the step's start within the step.
 #pragma once
 
@@ -50,10 +52,16 @@ class ContactSet {
     // Fixed within the step.
     bool fresh = false;                     ///< about to cross: two-sided
     bool sliding = false;                   ///< slid in the last step and still moves that way
+    bool ahead = false;                     ///< anchor and normal are those that the node slides to
     double friction_bound = 0;              ///< mu f_n, N, f_n from the step's start
     double predicted_secant = 0;            ///< of the friction of a fresh anchor at the predicted end of the step, N/m
-    Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that counts as none (fresh: that of the step's start)
+    Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that counts as none (fresh, ahead; else zero)
     Vector3 stretch_start = Vector3::Zero();   ///< tangential stretch at the step's start
+    // As between steps; what a step begins with.
+    Vector3 kept_anchor = Vector3::Zero();
+    Vector3 kept_normal = Vector3::UnitY();
+    double kept_recess = 0;
+    bool kept_sliding = false;
     // Results of the last step.
     Vector3 force = Vector3::Zero();        ///< on the node, N, world
     double slip_speed = 0;                  ///< m/s
@@ -72,6 +80,7 @@ class ContactSet {
   /// The hand was moved at one stroke: all contacts end, no path is drawn from where it was.
   void reset();
 
+  /// A step that began and never ended (refused, failed) leaves no trace in the next.
   void begin_step(const State& state, double time_step);
   void end_step(const State& state);
   void add_pattern(BlockPattern& pattern) const;
@@ -159,6 +168,7 @@ class ContactSet {
   Eigen::Matrix3Xd start_positions_;
   Eigen::Matrix3Xd displacements_;
   double time_step_ = 0;
+  bool in_step_ = false;
   double dissipated_ = 0;
   std::uint64_t dropped_ = 0;
 };
