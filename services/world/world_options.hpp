@@ -47,7 +47,7 @@ inline void describe(OptionVisitor& v, VertexOptions& o) {
 inline void describe(OptionVisitor& v, WorldOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {30, 2000},
            "Rate of the world; its step T is the reciprocal. 250 Hz has a step of whole nanoseconds, keeps a followed object's lag (about 4 T^2 a) "
-           "under a millimetre for what hands do, and costs about 2 % of a core for a table with ten objects.");
+           "under a millimetre for what hands do, and costs about 3 % of a core for a table with ten objects.");
   v.choice("engine", o.engine, {"bullet"}, "The physics engine.");
   v.numbers("gravity", o.gravity.data(), 3, "m/s^2", {-100, 100}, "Acceleration on every object that does not float.");
   v.choice("mode", o.mode, {"owner", "symmetric"},
