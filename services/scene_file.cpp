@@ -34,6 +34,11 @@ Side side_of(const Recording& recording) {
   return thumb.x() < little.x() ? Side::right : Side::left;
 }
 
+Side scene_side(const Scene& scene, const std::optional<Recording>& recording) {
+  if (recording) return side_of(*recording);
+  return scene.options.hand.side == "left" ? Side::left : Side::right;
+}
+
 const ObjectOptions* judged_object(const SceneOptions& options) {
   for (const ObjectOptions& object : options.objects) {
     if (options.judge.object.empty() ? object.mass > 0 : object.name == options.judge.object) return &object;
@@ -81,7 +86,7 @@ std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandMo
 HandModel load_scene_hand(const Scene& scene) {
   HandModel hand = load_hand(find_file(scene, scene.options.hand.model, "hands"));
   const auto recording = load_recording(scene);
-  const Side side = recording ? side_of(*recording) : scene.options.hand.side == "left" ? Side::left : Side::right;
+  const Side side = scene_side(scene, recording);
   if (hand.side != side) hand = mirrored(hand);
   if (recording && scene.options.fit_hand) hand = fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
   return hand;
@@ -90,6 +95,10 @@ HandModel load_scene_hand(const Scene& scene) {
 ObjectSpring object_spring(const WorldOptions& world) {
   if (world.mode != "symmetric") return {};
   return {world.stiffness, world.angular_stiffness, world.damping_ratio};
+}
+
+HandKey hand_key(const Scene& scene) {
+  return {static_cast<std::uint32_t>(scene.options.user), scene_side(scene, load_recording(scene)) == Side::left ? 0u : 1u};
 }
 
 OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {

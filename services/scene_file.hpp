@@ -90,6 +90,9 @@ HandModel load_scene_hand(const Scene& scene);
 /// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in mode owner.
 ObjectSpring object_spring(const WorldOptions& world);
 
+/// Which hand the scene is about: its user, and the side of its recording or else of `hand.side`.
+HandKey hand_key(const Scene& scene);
+
 /// How a run of this scene is judged; `motion_start` on the messages' clock.
 OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start);
 

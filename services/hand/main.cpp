@@ -13,11 +13,12 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandOptions& options = scene.options.hand;
-  HandLoop loop(load_scene_hand(scene), options, arguments.hand, object_spring(scene.options.world));
+  const HandKey key = hand_key(scene);
+  HandLoop loop(load_scene_hand(scene), options, key, object_spring(scene.options.world));
 
-  Service service(arguments);
+  Service service(arguments, options.rate_hz);
   const auto& p = service.participant();
-  bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, arguments.hand);
+  bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, key);
   bus::Reader heads(p, bus::topics::head_pose);
   bus::Reader worlds(p, bus::topics::objects);
   bus::Reader descriptions(p, bus::topics::object_description);
@@ -56,11 +57,12 @@ void run(int argc, char** argv) {
     if (skeletons.take_latest(*skeleton)) input.skeleton = skeleton.get();
     if (worlds.take_latest(*world)) input.world = world.get();
     heads.take_all([&](const HeadPose& each) {
-      if (each.user != arguments.hand.user) return;
+      if (each.user != key.user) return;
       head = each;
       input.head = &head;
     });
     *output = loop.step(now, input, {surface_writer.has_readers(), contacts_writer.has_readers(), options.direct && wrench_writer.has_readers()});
+    if (!output->valid) return;
     publish(simulated_writer, output->simulated);
     publish(coupling_writer, output->coupling);
     publish(contacts_writer, output->contacts);
@@ -71,7 +73,7 @@ void run(int argc, char** argv) {
     loop.fill_status(status, now);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
   };
-  service.run(options.rate_hz, {step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status});
+  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status});
 }
 }  // namespace
 

@@ -1,52 +1,42 @@
-// main() of a haptic or tactile driver: `run_device<Driver>(argc, argv, topic, kind, name)`.
+// main() of a haptic or tactile driver: `run_device<Driver>(argc, argv, topic, kind, name, options)`.
 #pragma once
 
 #include <CLI/CLI.hpp>
 
 #include "device/device_loop.hpp"
+#include "scene_file.hpp"
 #include "service/service.hpp"
 
 namespace softhand {
 
-template <typename Driver>
-struct DeviceConfiguration {
-  DeviceLoopOptions loop;
-  typename Driver::Options driver;
-};
-template <typename Driver>
-void describe(OptionVisitor& v, DeviceConfiguration<Driver>& o) {
-  describe_section(v, "loop", "The safety around the driver.", o.loop);
-  describe_section(v, "driver", "The device.", o.driver);
-}
-
-/// `kind` 0 haptic, 1 tactile. Configuration: sections [loop] and [driver].
-template <typename Driver, typename Input>
-int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module) {
+/// `kind` 0 haptic, 1 tactile. `options` takes from a scene what has `.loop` (the safety around the driver) and `.driver` (the device).
+template <typename Driver, typename Input, typename OptionsOf>
+int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module, OptionsOf options_of) {
   return guarded_main("softhand-" + module, [&] {
     std::uint32_t device = 0;
     const ServiceArguments arguments = parse_arguments(argc, argv, module, "Drives a device", [&](CLI::App& app) {
-      app.add_option("--device", device, "Id of this device, the key of device_state");
+      app.add_option("--device", device, "Id of this device, the key of device_state")->capture_default_str();
     });
-    DeviceConfiguration<Driver> configuration;
-    configure(configuration, arguments, other_sections({"loop", "driver"}));
-    // Before the service raises this thread's priority, which a driver's own threads (a log writer) must not inherit.
-    DeviceLoop<Input> loop(configuration.loop, std::make_unique<Driver>(configuration.driver), device, kind);
-    Service service(arguments);
-    bus::Reader<Input> reader(service.participant(), topic, arguments.hand);
+    const Scene scene = read_scene(arguments.config, arguments.overrides);
+    const HandKey hand = hand_key(scene);
+    const auto& options = options_of(scene.options);
+    Service service(arguments, options.loop.rate_hz);
+    bus::Reader<Input> reader(service.participant(), topic, hand);
     bus::Writer<DeviceState> writer(service.participant(), bus::topics::device_state);
+    DeviceLoop<Input> loop(options.loop, std::make_unique<Driver>(options.driver), device, kind);
     auto input = std::make_unique<Input>();
     const auto publish = [&](DeviceState state) {
       service.stamp(state.stamp);
-      state.hand = arguments.hand;
+      state.hand = hand;
       writer.write(state);
     };
     const auto step = [&](Nanoseconds now) {
       const DeviceState& state = loop.step(now, reader.take_latest(*input) ? input.get() : nullptr);
       if (writer.has_readers()) publish(state);
     };
-    service.run(configuration.loop.rate_hz, {step, [&](const Message& message) { return loop.answer(message, arguments.module); },
-                                             [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
-    publish(loop.stop(monotonic_now()));
+    service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
+                 [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
+    publish(loop.stop(now()));
   });
 }
 

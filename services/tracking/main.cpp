@@ -1,32 +1,21 @@
 // softhand-tracking: owner of the intermediate skeleton.
-#include <CLI/CLI.hpp>
-
+#include "scene_file.hpp"
 #include "service/service.hpp"
 #include "tracking/tracking_loop.hpp"
 
 namespace {
 using namespace softhand;
 
-struct Configuration {
-  TrackingOptions tracking;
-};
-void describe(OptionVisitor& v, Configuration& o) { describe_section(v, "tracking", "The tracking loop.", o.tracking); }
-
 void run(int argc, char** argv) {
-  std::string hand_file = "right_750.hand.json";
-  const ServiceArguments arguments = parse_arguments(argc, argv, "tracking", "Owner of the intermediate skeleton", [&](CLI::App& app) {
-    app.add_option("--hand", hand_file, "Hand file: a path, or a name in config/hands");
-  });
-  Configuration configuration;
-  configure(configuration, arguments, other_sections({"tracking"}));
-  HandModel hand = load_hand(find_hand_file(hand_file));
-  if (static_cast<std::uint32_t>(hand.side) != arguments.hand.side) hand = mirrored(hand);
-  TrackingLoop loop(configuration.tracking, hand, arguments.hand);
+  const ServiceArguments arguments = parse_arguments(argc, argv, "tracking", "Owner of the intermediate skeleton");
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const HandKey hand = hand_key(scene);
+  TrackingLoop loop(scene.options.tracking, load_scene_hand(scene), hand);
 
-  Service service(arguments);
-  bus::Reader tracked_reader(service.participant(), bus::topics::tracked_skeleton, arguments.hand);
-  bus::Reader simulated_reader(service.participant(), bus::topics::simulated_skeleton, arguments.hand);
-  bus::Reader contacts_reader(service.participant(), bus::topics::contacts, arguments.hand);
+  Service service(arguments, scene.options.tracking.rate_hz);
+  bus::Reader tracked_reader(service.participant(), bus::topics::tracked_skeleton, hand);
+  bus::Reader simulated_reader(service.participant(), bus::topics::simulated_skeleton, hand);
+  bus::Reader contacts_reader(service.participant(), bus::topics::contacts, hand);
   bus::Reader head_reader(service.participant(), bus::topics::head_pose);
   bus::Writer intermediate_writer(service.participant(), bus::topics::intermediate_skeleton);
   bus::Writer wrench_writer(service.participant(), bus::topics::bone_wrench);
@@ -42,7 +31,7 @@ void run(int argc, char** argv) {
     input.wrench_wanted = wrench_writer.has_readers();
     if (input.wrench_wanted && contacts_reader.take_latest(contacts)) input.contacts = &contacts;
     head_reader.take_all([&](const HeadPose& each) {
-      if (each.user != arguments.hand.user) return;
+      if (each.user != hand.user) return;
       own_head = each;
       input.head = &own_head;
     });
@@ -61,8 +50,8 @@ void run(int argc, char** argv) {
       wrench_writer.write(wrench);
     }
   };
-  service.run(configuration.tracking.rate_hz, {step, [&](const Message& message) { return loop.answer(message, arguments.module); },
-                                               [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
+  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
+               [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
 }
 }  // namespace
 

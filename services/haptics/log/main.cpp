@@ -3,5 +3,7 @@
 #include "service/device_service.hpp"
 
 int main(int argc, char** argv) {
-  return softhand::run_device<softhand::HapticLogDriver>(argc, argv, softhand::bus::topics::bone_wrench, 0, "haptic-log");
+  using namespace softhand;
+  return run_device<HapticLogDriver>(argc, argv, bus::topics::bone_wrench, 0, "haptic-log",
+                                     [](const SceneOptions& scene) -> const HapticOptions& { return scene.haptic; });
 }

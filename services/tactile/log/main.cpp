@@ -3,5 +3,7 @@
 #include "tactile/log/tactile_log_driver.hpp"
 
 int main(int argc, char** argv) {
-  return softhand::run_device<softhand::TactileLogDriver>(argc, argv, softhand::bus::topics::contacts, 1, "tactile-log");
+  using namespace softhand;
+  return run_device<TactileLogDriver>(argc, argv, bus::topics::contacts, 1, "tactile-log",
+                                      [](const SceneOptions& scene) -> const TactileOptions& { return scene.tactile; });
 }
