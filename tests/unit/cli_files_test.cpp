@@ -1,0 +1,188 @@
+// What the command says about files: scenes, rigs, hands, the reference page; and the table of modules.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "cli/check.hpp"
+#include "cli/commands.hpp"
+#include "cli/idl_text.hpp"
+#include "cli/rig.hpp"
+#include "cli/status_table.hpp"
+#include "messages/convert.hpp"
+#include "runtime/config.hpp"
+
+namespace softhand {
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path kSource = SOFTHAND_SOURCE_DIR;
+
+std::string text_of(const fs::path& path) {
+  std::ifstream in(path);
+  std::ostringstream out;
+  out << in.rdbuf();
+  return out.str();
+}
+
+class FilesTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::temp_directory_path() / ("softhand_cli_" + std::to_string(getpid()));
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::string write(const std::string& name, const std::string& text) {
+    const fs::path path = folder_ / name;
+    std::ofstream(path) << text;
+    return path.string();
+  }
+  // What the command would print; empty when it finds nothing wrong.
+  static std::string complaint(const std::string& path) {
+    try {
+      testing::internal::CaptureStdout();
+      run_check(path);
+      testing::internal::GetCapturedStdout();
+      return {};
+    } catch (const std::exception& error) {
+      testing::internal::GetCapturedStdout();
+      return error.what();
+    }
+  }
+  fs::path folder_;
+};
+
+TEST_F(FilesTest, ShippedRigsAndScenesAreGood) {
+  for (const char* kind : {"scenes", "rigs"}) {
+    for (const auto& entry : fs::directory_iterator(kSource / "config" / kind)) {
+      if (entry.path().extension() == ".toml") {
+        EXPECT_EQ(complaint(entry.path().string()), "") << entry.path();
+      }
+    }
+  }
+}
+
+TEST_F(FilesTest, AMisspeltKeyIsRefusedWithFileLineAndTheNearestOne) {
+  const std::string path = write("scene.toml", "name = \"x\"\n[hand]\nrate_hs = 90\n");
+  const std::string what = complaint(path);
+  EXPECT_NE(what.find(path + ":3"), std::string::npos) << what;
+  EXPECT_NE(what.find("rate_hz"), std::string::npos) << what;
+}
+
+TEST_F(FilesTest, BrokenTomlIsRefusedWithFileAndLine) {
+  const std::string path = write("scene.toml", "name = \"x\"\n\n[hand\n");
+  EXPECT_NE(complaint(path).find(path + ":3"), std::string::npos) << complaint(path);
+}
+
+TEST_F(FilesTest, AnUnstableWorldIsRefusedWithItsFile) {
+  const std::string path = write("scene.toml", "[world]\nfollow_stiffness = 4\n");
+  const std::string what = complaint(path);
+  EXPECT_NE(what.find(path + ": world.follow_stiffness"), std::string::npos) << what;
+}
+
+TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
+  const std::string path = write("scene.toml", "[hand]\nmodel = \"nobody.hand.json\"\n");
+  EXPECT_NE(complaint(path).find("nobody.hand.json"), std::string::npos) << complaint(path);
+}
+
+TEST_F(FilesTest, AJudgeOfAnObjectThatIsNotThereIsRefused) {
+  const std::string path = write("scene.toml", "[judge]\nobject = \"ball\"\n");
+  EXPECT_NE(complaint(path).find("ball"), std::string::npos) << complaint(path);
+}
+
+TEST_F(FilesTest, AMissingFileIsRefusedByItsName) {
+  for (const char* name : {"/nonexistent/scene.toml", "/nonexistent/hand.json"}) EXPECT_NE(complaint(name).find(name), std::string::npos) << complaint(name);
+}
+
+TEST_F(FilesTest, ARigWhoseSceneIsMissingIsRefused) {
+  const std::string path = write("rig.toml", "scene = \"gone.toml\"\n[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n");
+  EXPECT_NE(complaint(path).find("gone.toml"), std::string::npos) << complaint(path);
+}
+
+TEST_F(FilesTest, ARigNamesItsProcessesInOrder) {
+  RigOptions rig;
+  read_toml_text(rig,
+                 "name = \"r\"\nscene = \"s.toml\"\n"
+                 "[[process]]\nname = \"a\"\nprogram = \"p\"\narguments = \"--x {scene}\"\nready_timeout = 2.5\n"
+                 "[[process]]\nname = \"b\"\nprogram = \"/bin/q\"\n",
+                 "rig.toml");
+  ASSERT_EQ(rig.processes.size(), 2u);
+  EXPECT_EQ(rig.scene, "s.toml");
+  EXPECT_EQ(rig.processes[0].name, "a");
+  EXPECT_EQ(rig.processes[0].arguments, "--x {scene}");
+  EXPECT_EQ(rig.processes[0].ready_timeout, 2.5);
+  EXPECT_EQ(rig.processes[1].program, "/bin/q");
+  EXPECT_THROW(read_toml_text(rig, "[[process]]\nready_timeout = -1\n", "rig.toml"), ConfigError);
+}
+
+TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
+  const std::string path = write("scene.toml", "[[objects]]\nname = \"cube\"\nmass = 0.05\n");
+  const Scene scene = read_scene(path, {"objects.cube.mass=0.2", "hand.rate_hz=60"});
+  EXPECT_EQ(scene.options.objects.at(0).mass, 0.2);
+  EXPECT_EQ(scene.options.tracking.hand_rate_hz, 60) << "the tracking loop assumes the rate that the hand has";
+  ASSERT_EQ(scene.overrides.size(), 2u);
+  EXPECT_EQ(scene.overrides[0].key, "objects.cube.mass");
+  EXPECT_THROW(read_scene(path, {"objects.ball.mass=1"}), ConfigError);
+}
+
+TEST_F(FilesTest, TheCommittedReferencePageIsTheGeneratedOne) {
+  EXPECT_TRUE(text_of(kSource / "docs/reference.md") == reference_page())
+      << "an option has changed: write the page anew with `softhand reference > docs/reference.md`";
+}
+
+LoopStatus status_of(const std::string& module, Nanoseconds published) {
+  LoopStatus status;
+  set_text(status.module, module);
+  status.stamp.publish_time = published;
+  status.rate_hz = 89.9;
+  status.nominal_rate_hz = 90;
+  status.step_ms_p50 = 4.25;
+  status.deadline_misses = 12;
+  status.input_age_ms = -1;
+  add_counter(status, "teleports", 3);
+  add_counter(status, "refused", 0);
+  return status;
+}
+
+TEST(StatusTable, ShowsFiguresAndOnlyWhatWasCounted) {
+  const std::string table = status_table({{"hand", status_of("hand", 1'000'000'000)}}, 1'500'000'000);
+  for (const char* part : {"hand", "89.9", "90.0", "4.250", "12", "teleports=3"}) EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
+  EXPECT_EQ(table.find("refused"), std::string::npos) << table;
+  EXPECT_EQ(table.find("SILENT"), std::string::npos) << table;
+}
+
+TEST(StatusTable, FlagsAModuleThatFellSilent) {
+  const std::string table =
+      status_table({{"hand", status_of("hand", 1'000'000'000)}, {"world", status_of("world", 3'900'000'000)}}, 4'000'000'000);
+  std::istringstream lines(table);
+  std::string line;
+  while (std::getline(lines, line)) {
+    EXPECT_EQ(line.find("SILENT for 3.0 s") != std::string::npos, line.starts_with("hand")) << line;
+    EXPECT_EQ(line.find("SILENT") != std::string::npos, line.starts_with("hand")) << line;
+  }
+}
+
+TEST(StatusTable, JsonCarriesTheContractsKeys) {
+  const auto json = status_json(status_of("hand", 1));
+  for (const char* key : {"rate_hz", "step_ms_p50", "step_ms_p99", "deadline_misses"}) EXPECT_TRUE(json.contains(key)) << key;
+  EXPECT_EQ(json["counters"]["teleports"], 3);
+}
+
+TEST(IdlText, DeclaresTheTypeAndAllThatItNeeds) {
+  const std::string idl = idl_of("softhand::v1::BoneWrench");
+  for (const char* part : {"struct BoneWrench {", "struct BoneSample {", "struct Stamp {", "module softhand"}) {
+    EXPECT_NE(idl.find(part), std::string::npos) << part;
+  }
+  EXPECT_EQ(idl.find("#include"), std::string::npos) << "a recording cannot include files";
+  EXPECT_EQ(idl.find("struct Contacts {"), std::string::npos) << "nor needs what is not its own";
+  EXPECT_EQ(idl_of("softhand::v1::Nothing"), "");
+}
+
+}  // namespace
+}  // namespace softhand
