@@ -173,6 +173,12 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     const Vector3 start = body == Body::forearm ? Vector3(0, 0, 0.045) : position(joint_of(body));
     pieces.push_back({start, position(end_joint_of(body)), size});
   }
+  // The webs: coarse facets would bridge the gap between two fingers.
+  for (int j = index_of(Joint::index_proximal); j < index_of(Joint::little_proximal); j += 5) {
+    const auto web = [&rest](int joint) { return Vector3(rest.joints[static_cast<std::size_t>(joint)] * Vector3(0, 0, -0.016)); };
+    const Vector3 middle = 0.5 * (web(j) + web(j + 5));
+    pieces.push_back({middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 1.1});
+  }
   return [pieces](const Vector3& point) {
     double least = 3.2;
     for (const Piece& piece : pieces) {

@@ -49,9 +49,9 @@ TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, doub
   for (const Vector3& seed : seeds) points.emplace_back(Kernel::Point_3(seed.x(), seed.y(), seed.z()), points.front().second);
   complex.insert_surface_points(points.begin(), points.end());
 
-  Criteria criteria(params::facet_angle = 25, params::facet_size = ScaledField{&sizing, 1.25 * scale}, params::facet_distance = ScaledField{&sizing, 0.16 * scale},
-                    params::cell_radius_edge_ratio = 2.0, params::cell_size = ScaledField{&sizing, scale});
-  CGAL::refine_mesh_3(complex, domain, criteria, params::no_odt(), params::no_lloyd(), params::no_perturb(), params::no_exude(), params::manifold());
+  Criteria criteria(params::facet_angle = 25, params::facet_size = ScaledField{&sizing, 1.25 * scale}, params::facet_distance = ScaledField{&sizing, 0.3 * scale},
+                    params::cell_radius_edge_ratio = 2.0, params::cell_size = ScaledField{&sizing, 0.85 * scale});
+  CGAL::refine_mesh_3(complex, domain, criteria, params::no_odt(), params::no_lloyd(), params::no_perturb(), params::no_exude());
   CGAL::odt_optimize_mesh_3(complex, domain, params::time_limit = 0, params::max_iteration_number = 20, params::convergence = 0.02,
                             params::freeze_bound = 0.01, params::do_freeze = true);
   CGAL::perturb_mesh_3(complex, domain, params::time_limit = 0, params::sliver_bound = 14);

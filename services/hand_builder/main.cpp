@@ -57,8 +57,8 @@ int main(int argc, char** argv) {
       rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
     }
     const builder::ParametricSkin skin(rest);
-    const auto mesh = builder::mesh_skin_with_nodes(skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, skin));
-    HandModel hand = builder::assemble_hand(rest, mesh, builder::triangulate_skin(skin, 0.0027));
+    const auto mesh = builder::mesh_skin(skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, skin));
+    HandModel hand = builder::assemble_hand(rest, mesh, builder::triangulate_skin(skin, 0.0030));
     if (side == Side::left) hand = mirrored(hand);
     hand.name = !name.empty() ? name : side_name + "_" + std::to_string(nodes);
     validate(hand, output);

@@ -1,8 +1,10 @@
-// The mesh of asked size: CGAL's refinement inside a search for the scale, then our own smoother.
-#include <cstdio>
-#include <cstdlib>
+// The mesh of asked size: CGAL's refinement inside a search for the scale, a repair of what it bridged, then our own smoother.
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <limits>
+#include <numeric>
+#include <set>
 #include <stdexcept>
 
 #include "hand_builder/cgal_mesh.hpp"
@@ -10,71 +12,120 @@
 namespace softhand::builder {
 namespace {
 
-// One component, every node used: the largest set of tetrahedra that hang together by faces must be all of them.
-bool one_component(const TetrahedralMesh& mesh) {
-  std::vector<std::int32_t> root(mesh.nodes.size());
-  for (std::size_t n = 0; n < root.size(); ++n) root[n] = static_cast<std::int32_t>(n);
-  const auto find = [&root](std::int32_t n) {
-    while (root[static_cast<std::size_t>(n)] != n) n = root[static_cast<std::size_t>(n)];
-    return n;
-  };
-  for (const auto& t : mesh.tetrahedra) {
-    for (std::size_t k = 1; k < 4; ++k) root[static_cast<std::size_t>(find(t[k]))] = find(t[0]);
+std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+class DisjointSets {
+ public:
+  explicit DisjointSets(std::size_t count) : root_(count) { std::iota(root_.begin(), root_.end(), std::size_t{0}); }
+  std::size_t find(std::size_t i) const {
+    while (root_[i] != i) i = root_[i];
+    return i;
   }
-  for (std::size_t n = 0; n < root.size(); ++n) {
-    if (find(static_cast<std::int32_t>(n)) != find(0)) return false;
-  }
-  return !mesh.nodes.empty();
+  void join(std::size_t a, std::size_t b) { root_[std::max(find(a), find(b))] = std::min(find(a), find(b)); }
+
+ private:
+  std::vector<std::size_t> root_;
+};
+
+int shared_nodes(const std::array<std::int32_t, 4>& a, const std::array<std::int32_t, 4>& b) {
+  return static_cast<int>(std::count_if(a.begin(), a.end(), [&b](std::int32_t n) { return std::find(b.begin(), b.end(), n) != b.end(); }));
 }
 
-bool closed_manifold(const TetrahedralMesh& mesh) {
-  std::map<std::pair<std::int32_t, std::int32_t>, int> directed;
-  for (const auto& f : mesh.surface) {
-    for (std::size_t k = 0; k < 3; ++k) ++directed[{f[k], f[(k + 1) % 3]}];
-  }
-  bool good = true;
-  for (const auto& [edge, uses] : directed) {
-    const auto back = directed.find({edge.second, edge.first});
-    if (uses != 1 || back == directed.end() || back->second != 1) {
-      if (getenv("TRACE")) { Vector3 m = 0.5e3 * (mesh.nodes[edge.first] + mesh.nodes[edge.second]); printf("bad edge %d %d uses %d at %g %g %g\n", edge.first, edge.second, uses, m.x(), m.y(), m.z()); }
-      good = false;
+// Of the tetrahedra around an edge or a node, those outside the largest group that hangs together by faces.
+void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::int32_t>& around, std::set<std::int32_t>& out) {
+  DisjointSets groups(around.size());
+  for (std::size_t i = 0; i < around.size(); ++i) {
+    for (std::size_t j = i + 1; j < around.size(); ++j) {
+      if (shared_nodes(mesh.tetrahedra[at(around[i])], mesh.tetrahedra[at(around[j])]) == 3) groups.join(i, j);
     }
   }
-  return good;
+  std::map<std::size_t, double> volumes;
+  for (std::size_t i = 0; i < around.size(); ++i) {
+    const auto& t = mesh.tetrahedra[at(around[i])];
+    const Vector3& x = mesh.nodes[at(t[0])];
+    volumes[groups.find(i)] += (mesh.nodes[at(t[1])] - x).dot((mesh.nodes[at(t[2])] - x).cross(mesh.nodes[at(t[3])] - x));
+  }
+  const auto largest = std::max_element(volumes.begin(), volumes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  for (std::size_t i = 0; i < around.size(); ++i) {
+    if (groups.find(i) != largest->first) out.insert(around[i]);
+  }
+}
+
+// Coarse meshes touch themselves across a web in an edge or a node. The tetrahedra that touch there are bridges: take the smaller side away until the
+// boundary is a closed manifold, drop what hangs loose after that, and number the remaining nodes.
+void open_bridges(TetrahedralMesh& mesh) {
+  for (bool changed = true; changed;) {
+    std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> edges;
+    std::vector<std::vector<std::int32_t>> nodes(mesh.nodes.size());
+    DisjointSets components(mesh.tetrahedra.size());
+    std::map<std::array<std::int32_t, 3>, std::size_t> faces;
+    for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
+      auto sorted = mesh.tetrahedra[t];
+      std::sort(sorted.begin(), sorted.end());
+      for (std::size_t a = 0; a < 4; ++a) {
+        nodes[at(sorted[a])].push_back(static_cast<std::int32_t>(t));
+        for (std::size_t b = a + 1; b < 4; ++b) edges[{sorted[a], sorted[b]}].push_back(static_cast<std::int32_t>(t));
+        std::array<std::int32_t, 3> face{};
+        for (std::size_t k = 0, n = 0; k < 4; ++k) {
+          if (k != a) face[n++] = sorted[k];
+        }
+        const auto [found, fresh] = faces.try_emplace(face, t);
+        if (!fresh) components.join(found->second, t);
+      }
+    }
+    std::set<std::int32_t> removed;
+    for (const auto& [edge, around] : edges) collect_minor_groups(mesh, around, removed);
+    for (const auto& around : nodes) {
+      if (!around.empty()) collect_minor_groups(mesh, around, removed);
+    }
+    std::map<std::size_t, int> sizes;
+    for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) ++sizes[components.find(t)];
+    const auto largest = std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+    for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
+      if (components.find(t) != largest->first) removed.insert(static_cast<std::int32_t>(t));
+    }
+    changed = !removed.empty();
+    std::vector<std::array<std::int32_t, 4>> kept;
+    for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
+      if (!removed.contains(static_cast<std::int32_t>(t))) kept.push_back(mesh.tetrahedra[t]);
+    }
+    mesh.tetrahedra = std::move(kept);
+  }
+  std::vector<std::int32_t> number(mesh.nodes.size(), -1);
+  std::vector<Vector3> kept;
+  for (auto& t : mesh.tetrahedra) {
+    for (std::int32_t& n : t) {
+      if (number[at(n)] < 0) {
+        number[at(n)] = static_cast<std::int32_t>(kept.size());
+        kept.push_back(mesh.nodes[at(n)]);
+      }
+      n = number[at(n)];
+    }
+  }
+  mesh.nodes = std::move(kept);
+  mesh.surface = boundary(mesh.tetrahedra);
 }
 
 }  // namespace
 
-TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds) {
-  TetrahedralMesh mesh = cgal_mesh(skin, sizing, scale, seeds);
-  if (!one_component(mesh)) throw std::runtime_error("mesh: more than one component");
-  mesh.surface = boundary(mesh.tetrahedra);
-
-  improve(mesh, skin, skin_volume(skin, 0.001));
-  return mesh;
-}
-
-TetrahedralMesh mesh_skin_with_nodes(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds) {
-  // Counts go with scale to a power between -2 (surface) and -3; start from a guess, then follow the measured counts. A mesh that is not sound is
-  // passed over, its neighbour in scale is tried.
-  double scale = 0.0031 * std::pow(1450.0 / node_count, 0.42);
-  double best_scale = 0, best_error = 1e9;
-  for (int trial = 0; trial < 9; ++trial) {
-    const TetrahedralMesh mesh = cgal_mesh(skin, sizing, scale, seeds);
-    TetrahedralMesh checked = mesh;
-    checked.surface = boundary(checked.tetrahedra);
+TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds) {
+  // Counts go with scale to a power between -2 (surface) and -3; start from a guess, then follow the measured counts.
+  double scale = 0.0042 * std::pow(1450.0 / node_count, 0.45);
+  double least_error = std::numeric_limits<double>::infinity();
+  TetrahedralMesh best;
+  for (int trial = 0; trial < 10 && least_error > 0.02; ++trial) {
+    TetrahedralMesh mesh = cgal_mesh(skin, sizing, scale, seeds);
+    open_bridges(mesh);
     const double ratio = static_cast<double>(mesh.nodes.size()) / node_count;
-    const double error = std::abs(std::log(ratio));
-    if (one_component(checked) && error < best_error) {
-      best_error = error;
-      best_scale = scale;
+    if (std::abs(std::log(ratio)) < least_error) {
+      least_error = std::abs(std::log(ratio));
+      best = std::move(mesh);
     }
-    if (getenv("TRACE")) printf("scale %g nodes %zu one %d man %d\n", scale, mesh.nodes.size(), one_component(checked), closed_manifold(checked)), fflush(stdout);
-    if (best_error < 0.03) break;
-    scale *= error < 0.03 ? 1.01 : std::pow(ratio, 0.42);
+    scale *= std::pow(ratio, 0.42);
   }
-  if (best_scale == 0) throw std::runtime_error("mesh: no sound mesh near " + std::to_string(node_count) + " nodes");
-  return mesh_skin(skin, sizing, best_scale, seeds);
+  if (least_error > 0.05) throw std::runtime_error("mesh: no mesh within 5 % of " + std::to_string(node_count) + " nodes; nearest " + std::to_string(best.nodes.size()));
+  improve(best, skin, skin_volume(skin, 0.001));
+  return best;
 }
 
 }  // namespace softhand::builder

@@ -26,13 +26,10 @@ struct TriangleMesh {
 /// Edge length asked for, as a multiple of a common scale, at a point.
 using SizingField = std::function<double(const Vector3&)>;
 
-/// A mesh of `skin` with edges of about scale * sizing(point). `seeds` are points of the surface that become nodes (fingertips, so that no coarse
-/// mesh cuts them off). CGAL Mesh_3 with Lloyd-like, perturbation and exudation passes, none limited by time: the same bits on each run. Then
-/// `improve`. Throws std::runtime_error when the result is not one closed component.
-TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds);
-
-/// As `mesh_skin`, with the scale searched so that the node count comes within 3 % of `node_count` (best of the tries otherwise).
-TetrahedralMesh mesh_skin_with_nodes(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds);
+/// A tetrahedral mesh of `skin` whose edges follow `sizing`, its common scale searched so that it has `node_count` nodes within 5 % (mostly 2 %). `seeds`
+/// are points of the surface that become nodes (fingertips, so that no coarse mesh cuts them off). CGAL Mesh_3 with its optimisers, none limited by
+/// time: the same bits on each run. One component, closed manifold boundary; then `improve`. Throws std::runtime_error where no such mesh is found.
+TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds);
 
 /// Moves one node at a time where that raises the worst dihedral angle around it; surface nodes stay on the level set that makes
 /// the mesh's volume equal `volume` (chords of a convex surface lose some). Never turns a tetrahedron over.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace softhand::builder {
 namespace {
@@ -40,8 +41,10 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
   const auto axis = [&rest](Joint joint, int k) { return Vector3(rest.joints[static_cast<std::size_t>(index_of(joint))].orientation * Vector3::Unit(k)); };
   const double scale = radius(Joint::middle_proximal) / 0.011;
   const double mm = 1e-3 * scale;
-  palm_blend_ = 9 * mm;
+  palm_blend_ = 12 * mm;
   chain_blend_ = 1.5 * mm;
+  web_blend_ = 10 * mm;
+  root_blend_ = 5 * mm;
 
   // Palm: the four metacarpals, and pads that reach beyond their heads to the webs.
   for (int f = 1; f < kFingerCount; ++f) {
@@ -63,7 +66,15 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
   // Carpus.
   const Vector3 wrist = position(Joint::wrist);
   const Vector3 wide = Vector3::UnitX() * (position(Joint::little_metacarpal) - position(Joint::index_metacarpal)).norm();
-  palm_.push_back({wrist - 0.30 * wide + Vector3(0, -1, -4) * mm, wrist + 0.30 * wide + Vector3(0, -1, -4) * mm, 16.5 * mm, 15.5 * mm});
+  palm_.push_back({wrist - 0.30 * wide + Vector3(0, -1, -4) * mm, wrist + 0.30 * wide + Vector3(0, -1, -4) * mm, 15.0 * mm, 14.0 * mm});
+
+  // The hollow of the palm is shallow.
+  const auto along_metacarpal = [&position](Joint metacarpal, double fraction) {
+    return Vector3((1 - fraction) * position(metacarpal) + fraction * position(static_cast<Joint>(index_of(metacarpal) + 1)));
+  };
+  palm_.push_back({0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.2) + along_metacarpal(Joint::ring_metacarpal, 0.2)) - 5.0 * mm * Vector3::UnitY(),
+                   0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.95) + along_metacarpal(Joint::ring_metacarpal, 0.95)) - 5.0 * mm * Vector3::UnitY(),
+                   10.5 * mm, 9.5 * mm});
 
   // Thenar: from the thumb's base along its metacarpal, bulging to the palm; and the web of muscle to the index metacarpal.
   const Vector3 cmc = position(Joint::thumb_metacarpal);
@@ -87,18 +98,17 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
     Digit& digit = digits_[static_cast<std::size_t>(f)];
     const int first = f == 0 ? 3 : 7 + 5 * (f - 1);  // proximal joint
     const int last = 5 + 5 * f;                      // tip
-    digit.root_blend = 5.0 * mm;
     for (int j = first; j < last; ++j) {
       const Joint a = static_cast<Joint>(j);
       const Joint b = static_cast<Joint>(j + 1);
-      digit.cones.push_back({position(a), position(b), j == first && f > 0 ? radius(a) - 0.6 * mm : radius(a), radius(b)});
+      digit.push_back({position(a), position(b), j == first && f > 0 ? radius(a) - 0.6 * mm : radius(a), radius(b)});
     }
     // The pulp's cushion under the distal bone.
     const Joint distal = static_cast<Joint>(last - 1);
     const Joint tip = static_cast<Joint>(last);
     const Vector3 palmar = -axis(distal, 1);
     const Vector3 start = position(distal) + 0.45 * (position(tip) - position(distal));
-    digit.cones.push_back({start + 0.9 * mm * palmar, position(tip) + 0.7 * mm * palmar - 0.6 * mm * (position(tip) - position(distal)).normalized(),
+    digit.push_back({start + 0.9 * mm * palmar, position(tip) + 0.7 * mm * palmar - 0.6 * mm * (position(tip) - position(distal)).normalized(),
                            0.5 * (radius(distal) + radius(tip)) - 0.2 * mm, radius(tip) - 0.1 * mm});
   }
 
@@ -127,14 +137,15 @@ double ParametricSkin::distance(const Vector3& point) const {
   palm = smooth_minimum(palm, forearm, 2 * palm_blend_);
   // Cut with a rounded edge.
   palm = -smooth_minimum(-palm, -(point.z() - stump_), palm_blend_);
-  // Each digit blends with the palm, never with its neighbour: fingers that touch do not melt.
-  double result = palm;
+  // Fingers melt into each other near the palm only, where that rounds the web; further out those that touch stay apart.
+  const double web_blend = std::clamp(web_blend_ - 0.6 * palm, chain_blend_ / 5, web_blend_);
+  double fingers = std::numeric_limits<double>::infinity();
   for (const Digit& digit : digits_) {
-    double finger = cone(digit.cones.front());
-    for (std::size_t i = 1; i < digit.cones.size(); ++i) finger = smooth_minimum(finger, cone(digit.cones[i]), chain_blend_);
-    result = std::min(result, smooth_minimum(palm, finger, digit.root_blend));
+    double finger = cone(digit.front());
+    for (std::size_t i = 1; i < digit.size(); ++i) finger = smooth_minimum(finger, cone(digit[i]), chain_blend_);
+    fingers = std::isinf(fingers) ? finger : smooth_minimum(fingers, finger, web_blend);
   }
-  return result;
+  return smooth_minimum(palm, fingers, root_blend_);
 }
 
 }  // namespace softhand::builder

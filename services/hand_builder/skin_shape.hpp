@@ -34,15 +34,11 @@ class ParametricSkin : public SkinShape {
     Vector3 a, b;
     double radius_a, radius_b;
   };
-  struct Digit {
-    std::vector<Cone> cones;  // proximal to distal
-    double root_blend;        // metres, with the palm
-  };
+  using Digit = std::vector<Cone>;  // proximal to distal
   std::vector<Cone> palm_;
   std::vector<Cone> forearm_;
   std::array<Digit, kFingerCount> digits_;
-  double palm_blend_ = 0;
-  double chain_blend_ = 0;
+  double palm_blend_ = 0, chain_blend_ = 0, web_blend_ = 0, root_blend_ = 0;  // metres
   double stump_ = 0;  // z of the cut through the forearm
   Vector3 low_, high_;
 };
