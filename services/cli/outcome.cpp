@@ -243,18 +243,20 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
     for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
   }
 
-  // Released: in the last half second nothing touches the object, and it lies still.
+  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen, nothing has touched the object for
+  // half a second, and it lies still.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
-    const double end = seconds(contacts_.back().time);
+    double end = seconds(contacts_.back().time);
+    if (!frame.phases.empty()) end = std::min(end, start + frame.phases.back().end + 0.5);
     bool touched = false;
     for (const ContactSample& c : contacts_) {
-      if (seconds(c.time) < end - 0.5) continue;
+      if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
       for (std::size_t f = 0; f < c.finger_force.size(); ++f) touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
     }
     double speed = std::nan("");
     for (const ObjectSample& o : objects_) {
-      if (o.object == frame.object) speed = o.velocity.norm();
+      if (o.object == frame.object && seconds(o.time) <= end) speed = o.velocity.norm();
     }
     released = !touched && speed < kAtRest;
   }

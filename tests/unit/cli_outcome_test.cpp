@@ -54,7 +54,7 @@ ObjectCoupling coupling(double t, const Pose& pose, const Vector3& force, bool o
 
 OutcomeFrame pinch_frame() {
   OutcomeFrame frame;
-  frame.phases = {{"approach", 0, 1}, {"lift", 1, 2}, {"hold", 2, 7}, {"shake", 7, 10}, {"turn", 10, 11}};
+  frame.phases = {{"approach", 0, 1}, {"lift", 1, 2}, {"hold", 2, 7}, {"shake", 7, 10}, {"turn", 10, 11}, {"retreat", 11, 12}};
   frame.motion_start = kStart;
   frame.object = kCube;
   frame.object_mass = kMass;
@@ -163,6 +163,17 @@ TEST(OutcomePinch, AnObjectThatSticksToAFingerIsNotReleased) {
   contacts.fingers[1].contact_count = 1;
   outcome.on_contacts(contacts);
   EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
+}
+
+TEST(OutcomePinch, ATrackerThatBeginsAgainDoesNotUndoTheRelease) {
+  Outcome outcome;
+  play_pinch(outcome, {});
+  Contacts contacts;
+  contacts.stamp.sample_time = at(14);
+  contacts.fingers[1].object = kCube;
+  contacts.fingers[1].contact_count = 1;
+  outcome.on_contacts(contacts);
+  EXPECT_EQ(outcome.summary(pinch_frame())["released"], true) << "the motion and the half second after it were over before";
 }
 
 TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
