@@ -68,7 +68,6 @@ int main(int argc, char** argv) {
   topic_filter(command, replay.topics);
   command->callback([&] { run = [&replay] { return run_replay(replay); }; });
 
-#ifdef SOFTHAND_WITH_SIMULATE
   SimulateArguments simulate;
   command = app.add_subcommand("simulate", "Run all loops of a scene in this process on a virtual clock: no DDS, and the same bits on every run");
   command->add_option("scene", simulate.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")->required()->type_name("FILE");
@@ -79,7 +78,6 @@ int main(int argc, char** argv) {
   command->add_option("--csv", simulate.csv, "Signals, a row a step of the hand")->type_name("FILE");
   overrides(command, simulate.overrides);
   command->callback([&] { run = [&simulate] { return run_simulate(simulate); }; });
-#endif
 
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });
