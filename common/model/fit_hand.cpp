@@ -4,6 +4,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "math/rotation.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand {
@@ -20,26 +21,80 @@ Joint offset_frame(Joint joint) {
   return joint_of(parent_of(body));
 }
 
-bool keeps_metacarpal_orientation(Joint joint) {
-  const Body body = body_of(joint);
-  return joint_of(body) == joint && is_metacarpal(body) && body != Body::thumb_metacarpal;
-}
-
-// Point p of a bone's joint frame goes to turn * (thickness * p across the bone + length * p along it).
+// How a bone carries its surroundings from the old rest pose to the new: p -> end + turn * (length along the bone, thickness across it) * (p - start).
+// It looks at where bones lie, not at how their frames are turned about them, which is the source's convention.
 struct BoneMap {
-  Pose old_joint;
-  Pose new_joint;
-  Vector3 direction;  // of the old bone, joint frame
-  Quaternion turn;    // from the old bone's direction to the new one's, joint frame
+  Vector3 old_origin = Vector3::Zero();
+  Vector3 new_origin = Vector3::Zero();
+  Vector3 direction = -Vector3::UnitZ();  // of the old bone
+  Quaternion turn = Quaternion::Identity();
   double length = 1;
   double thickness = 1;
 
-  Vector3 local(const Vector3& p) const {
+  Vector3 operator()(const Vector3& rest) const {
+    const Vector3 p = rest - old_origin;
     const Vector3 along = direction * direction.dot(p);
-    return turn * (length * along + thickness * (p - along));
+    return new_origin + turn * (length * along + thickness * (p - along));
   }
-  Vector3 operator()(const Vector3& rest) const { return new_joint * local(old_joint.inverse() * rest); }
 };
+
+// Thickness is taken over within what the mesh was shown to bear.
+constexpr double kThinnest = 0.85;
+constexpr double kThickest = 1.15;
+
+double finger_thickness(const std::array<double, kJointCount>& user, const std::array<double, kJointCount>& model, std::size_t joint, std::size_t end) {
+  double ratio = 0;
+  int count = 0;
+  for (const std::size_t j : {joint, end}) {
+    if (user[j] > 0 && model[j] > 0) {
+      ratio += user[j] / model[j];
+      ++count;
+    }
+  }
+  return count == 0 ? 1.0 : std::clamp(ratio / count, kThinnest, kThickest);
+}
+
+// Evens out how far neighbouring nodes were moved: where bones with different turns meet (the web of the thumb), tetrahedra would go flat.
+void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
+  constexpr int kPasses = 6;
+  std::vector<Vector3> displacement(nodes.size()), sum(nodes.size());
+  std::vector<int> count(nodes.size());
+  for (std::size_t n = 0; n < nodes.size(); ++n) displacement[n] = nodes[n] - hand.nodes[n];
+  for (int pass = 0; pass < kPasses; ++pass) {
+    std::fill(sum.begin(), sum.end(), Vector3::Zero());
+    std::fill(count.begin(), count.end(), 0);
+    for (const auto& tetrahedron : hand.tetrahedra) {
+      for (std::size_t a = 0; a < 4; ++a) {
+        for (std::size_t b = 0; b < 4; ++b) {
+          if (a == b) continue;
+          sum[static_cast<std::size_t>(tetrahedron[a])] += displacement[static_cast<std::size_t>(tetrahedron[b])];
+          ++count[static_cast<std::size_t>(tetrahedron[a])];
+        }
+      }
+    }
+    for (std::size_t n = 0; n < nodes.size(); ++n) displacement[n] = 0.5 * (displacement[n] + sum[n] / count[n]);
+  }
+  for (std::size_t n = 0; n < nodes.size(); ++n) nodes[n] = hand.nodes[n] + displacement[n];
+}
+
+// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on the axes that the joint holds, and
+// widens its ranges to what was measured.
+void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest, JointModel& model) {
+  const bool holds_x = model.kind == JointKind::ball;
+  const bool holds_y = model.kind == JointKind::ball || model.kind == JointKind::hinge;
+  // Angles about turned axes change in second order: twice is enough.
+  for (int pass = 0; pass < 3; ++pass) {
+    Vector3 mean = Vector3::Zero();
+    for (const auto& frame : user.orientations) mean += rotation_log(rest.conjugate() * frame[joint]);
+    mean /= static_cast<double>(user.orientations.size());
+    rest = (rest * rotation_exp(Vector3(holds_x ? mean.x() : 0, holds_y ? mean.y() : 0, mean.z()))).normalized();
+  }
+  for (const auto& frame : user.orientations) {
+    const Vector3 angles = rotation_log(rest.conjugate() * frame[joint]);
+    if (!holds_x) model.flexion_range = {std::min(model.flexion_range[0], angles.x()), std::max(model.flexion_range[1], angles.x())};
+    if (!holds_y) model.abduction_range = {std::min(model.abduction_range[0], angles.y()), std::max(model.abduction_range[1], angles.y())};
+  }
+}
 
 double distance_to_segment(const Vector3& p, const Vector3& a, const Vector3& b) {
   const Vector3 d = b - a;
@@ -54,38 +109,32 @@ MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>>
   if (frames.empty()) throw std::invalid_argument("measure_skeleton: no frame with all joints valid");
   MeasuredSkeleton user;
   user.radii = radii;
+  user.orientations.resize(frames.size());
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const std::size_t parent = index(offset_frame(static_cast<Joint>(j)));
     Vector3 offset = Vector3::Zero();
-    Eigen::Vector4d orientation = Eigen::Vector4d::Zero();
-    for (const auto& frame : frames) {
-      const Pose local = frame[parent].inverse() * frame[j];
+    for (std::size_t f = 0; f < frames.size(); ++f) {
+      const Pose local = frames[f][parent].inverse() * frames[f][j];
       offset += local.position;
-      const Eigen::Vector4d q = local.orientation.coeffs();
-      orientation += q.dot(orientation) < 0 ? Eigen::Vector4d(-q) : q;
+      user.orientations[f][j] = local.orientation;
     }
     user.offsets[j] = offset / static_cast<double>(frames.size());
-    user.metacarpal_orientations[j] =
-        keeps_metacarpal_orientation(static_cast<Joint>(j)) ? Quaternion(orientation).normalized() : Quaternion::Identity();
   }
   return user;
 }
 
 HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   HandModel out = hand;
-  const auto old_offset = [&hand](Joint joint) {
-    const Pose& frame = hand.rest_joints[index(offset_frame(joint))];
-    return Vector3(frame.inverse() * hand.rest_joints[index(joint)].position);
-  };
-
-  // The new rest skeleton: the user's offsets, the model's rest orientations (metacarpals II-V: the user's, because there they are a convention).
-  for (std::size_t j = 1; j < kJointCount; ++j) {
+  // The new rest skeleton: the user's offsets; the model's rest angles on the axes that move, the user's on those that are held.
+  for (std::size_t j = 2; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
-    if (joint == Joint::wrist) continue;
+    const std::size_t frame = index(offset_frame(joint));
     Pose& pose = out.rest_joints[j];
-    const Pose& frame = out.rest_joints[index(offset_frame(joint))];
-    pose.position = frame * user.offsets[j];
-    if (keeps_metacarpal_orientation(joint)) pose.orientation = frame.orientation * user.metacarpal_orientations[j];
+    pose.position = out.rest_joints[frame] * user.offsets[j];
+    Quaternion rest = hand.rest_joints[frame].orientation.conjugate() * hand.rest_joints[j].orientation;
+    const Body body = body_of(joint);
+    if (joint_of(body) == joint) fit_joint(user, j, rest, out.bodies[static_cast<std::size_t>(index_of(body))].joint);
+    pose.orientation = out.rest_joints[frame].orientation * rest;
   }
   const std::size_t palm = index(Joint::palm);
   const Pose& palm_frame = out.rest_joints[index(Joint::middle_metacarpal)];
@@ -93,19 +142,21 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   out.rest_joints[palm].orientation = palm_frame.orientation * (hand.rest_joints[index(Joint::middle_metacarpal)].orientation.conjugate() *
                                                                 hand.rest_joints[palm].orientation);
 
+  const auto knuckles = [](const HandModel& model) {
+    return (model.rest_joints[index(Joint::index_proximal)].position - model.rest_joints[index(Joint::little_proximal)].position).norm();
+  };
+  const double breadth = std::clamp(knuckles(out) / knuckles(hand), kThinnest, kThickest);
   std::array<BoneMap, kBodyCount> maps;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     const std::size_t joint = index(joint_of(body));
     const std::size_t end = index(end_joint_of(body));
     BoneMap& map = maps[b];
-    map.old_joint = hand.rest_joints[joint];
-    map.new_joint = out.rest_joints[joint];
-    map.direction = -Vector3::UnitZ();
-    map.turn = Quaternion::Identity();
-    if (body != Body::forearm) {
-      const Vector3 before = old_offset(static_cast<Joint>(end));
-      const Vector3 after = user.offsets[end];
+    map.old_origin = hand.rest_joints[joint].position;
+    map.new_origin = out.rest_joints[joint].position;
+    if (index_of(body) >= 2) {
+      const Vector3 before = hand.rest_joints[end].position - map.old_origin;
+      const Vector3 after = out.rest_joints[end].position - map.new_origin;
       map.length = after.norm() / before.norm();
       if (!(map.length >= 0.5 && map.length <= 2.0)) {
         throw std::invalid_argument("fitted: bone " + std::string(kBodyNames[b]) + ": expected a length within a factor of 2 of the model's " +
@@ -114,25 +165,17 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
       map.direction = before.normalized();
       map.turn = Quaternion::FromTwoVectors(before, after);
     }
-    double ratio = 0;
-    int count = 0;
-    for (const std::size_t j : {joint, end}) {
-      if (user.radii[j] > 0 && hand.joint_radii[j] > 0) {
-        ratio += user.radii[j] / hand.joint_radii[j];
-        ++count;
-      }
-    }
-    map.thickness = count == 0 ? 1.0 : std::clamp(ratio / count, 0.8, 1.25);
+    // The palm's thickness goes with its breadth: sources do not agree what a metacarpal's or wrist's radius means.
+    const bool palm_bone = index_of(body) < 2 || is_metacarpal(body);
+    map.thickness = palm_bone ? breadth : finger_thickness(user.radii, hand.joint_radii, joint, end);
   }
-  // A carpus that stretched by itself would tear at the wrist: it is as long as the forearm's end leaves it, but as thick as the palm.
-  maps[0].thickness = maps[1].thickness;
 
   // Nodes go with the bones around them, each by the inverse sixth power of its distance: continuous everywhere, and a neighbouring finger does not pull.
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     Vector3 moved = Vector3::Zero();
     double total = 0;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
-      const Pose& joint = maps[b].old_joint;
+      const Pose& joint = hand.rest_joints[index(joint_of(static_cast<Body>(b)))];
       const double distance = distance_to_segment(hand.nodes[n], joint * hand.bodies[b].bone_start, joint * hand.bodies[b].bone_end);
       const double weight = std::pow(distance + 1e-3, -6.0);
       moved += weight * maps[b](hand.nodes[n]);
@@ -140,14 +183,19 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     }
     out.nodes[n] = moved / total;
   }
+  smooth_displacements(hand, out.nodes);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     BodyModel& body = out.bodies[b];
     const BoneMap& map = maps[b];
-    body.bone_start = map.local(body.bone_start);
-    body.bone_end = map.local(body.bone_end);
+    const std::size_t joint = index(joint_of(static_cast<Body>(b)));
+    const Pose& from = hand.rest_joints[joint];
+    const Pose back = out.rest_joints[joint].inverse();
+    const auto moved = [&](const Vector3& local) { return back * map(from * local); };
+    body.bone_start = moved(body.bone_start);
+    body.bone_end = moved(body.bone_end);
     body.bone_start_radius *= map.thickness;
     body.bone_end_radius *= map.thickness;
-    body.joint_from_body.position = map.local(body.joint_from_body.position);
+    body.joint_from_body = {moved(body.joint_from_body.position), (back.orientation * map.turn * from.orientation * body.joint_from_body.orientation).normalized()};
     const double volume = map.length * map.thickness * map.thickness;
     body.mass *= volume;
     body.inertia *= volume * 0.5 * (map.length * map.length + map.thickness * map.thickness);

@@ -115,8 +115,8 @@ struct MeasuredSkeleton {
   /// Origin of each joint in the frame of the joint that carries its bone's proximal end (`parent_of(body_of(joint))`'s joint; for tips their own
   /// distal joint), metres. Wrist: zero.
   std::array<Vector3, kJointCount> offsets{};
-  /// Orientation of the metacarpals II-V in the wrist's frame, by joint; others identity. Sources differ here by convention.
-  std::array<Quaternion, kJointCount> metacarpal_orientations{};
+  /// Orientation of each joint in the same frame, one entry a frame of the measurement.
+  std::vector<std::array<Quaternion, kJointCount>> orientations;
   std::array<double, kJointCount> radii{};  ///< metres; <= 0 where the source has none
 };
 
@@ -124,7 +124,8 @@ struct MeasuredSkeleton {
 MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>> frames, const std::array<double, kJointCount>& radii);
 
 /// The hand fitted to a user: bone lengths, joint offsets and thickness become the user's; mesh, bones and attachments are blended along,
-/// without remeshing (FACTS.md, "Scaling to a user"). Throws std::invalid_argument where a length ratio is outside [0.5, 2] or a tetrahedron
+/// without remeshing (FACTS.md, "Scaling to a user"). How a source lays its joint frames about the bone is its convention: on the axes that a
+/// joint holds, rest becomes the mean of what was measured; ranges of motion grow to hold what was measured. Throws std::invalid_argument where a length ratio is outside [0.5, 2] or a tetrahedron
 /// would turn over.
 HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user);
 

@@ -233,6 +233,8 @@ const HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const 
   if (input.skeleton != nullptr) take_skeleton(now, *input.skeleton);
   if (input.world != nullptr) take_world(*input.world);
   set_targets(now);
+  output_.valid = any_skeleton_;
+  if (!any_skeleton_) return output_;
   mirror_objects(now);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
@@ -265,7 +267,7 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
     const Pose pose = simulation_->joint_pose(joint);
     const Twist velocity = simulation_->joint_velocity(joint);
     simulated.joints[j] = {to_wire(pose.position), to_wire(pose.orientation), to_wire(velocity.linear), to_wire(velocity.angular),
-                           simulation_->hand().joint_radii[j], any_skeleton_ ? kJointValid : 0u, 1};
+                           simulation_->hand().joint_radii[j], kJointValid, 1};
   }
 
   ObjectCoupling& coupling = output_.coupling;
@@ -302,7 +304,7 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
   if (wants.bone_wrench && options_.direct) {
     BoneWrench& wrench = output_.bone_wrench;
     wrench.stamp = stamp;
-    wrench.simulated_valid = any_skeleton_ ? 1 : 0;
+    wrench.simulated_valid = 1;
     const auto& targets = tracked_.targets(now);
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       const Body body = static_cast<Body>(b);

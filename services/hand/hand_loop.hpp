@@ -28,6 +28,7 @@ struct HandWants {
 };
 
 struct HandOutput {
+  bool valid = false;  ///< false before the first skeleton: the hand is nowhere yet, and nothing is to be published
   Skeleton simulated;
   ObjectCoupling coupling;
   Contacts contacts;

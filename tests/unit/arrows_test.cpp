@@ -80,7 +80,9 @@ TEST(Arrows, PhysicsUsesOnlyOptionsOfTheRuntime) {
   for (const auto& [file, list] : includes()) {
     if (!starts_with(file, "common/energies/") && !starts_with(file, "common/solver/") && !starts_with(file, "common/scene/")) continue;
     for (const std::string& include : list) {
-      if (room(include) == "runtime") EXPECT_EQ(include, "runtime/options.hpp") << file;
+      if (room(include) == "runtime") {
+        EXPECT_EQ(include, "runtime/options.hpp") << file;
+      }
     }
   }
 }
@@ -89,7 +91,9 @@ TEST(Arrows, SolverSeesNoConcreteTerm) {
   for (const auto& [file, list] : includes()) {
     if (!starts_with(file, "common/solver/")) continue;
     for (const std::string& include : list) {
-      if (room(include) == "energies") EXPECT_EQ(include, "energies/energy.hpp") << file;
+      if (room(include) == "energies") {
+        EXPECT_EQ(include, "energies/energy.hpp") << file;
+      }
     }
   }
 }

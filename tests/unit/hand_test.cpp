@@ -93,7 +93,7 @@ TEST(HandSimulation, ADynamicSlotFallsAndAKinematicOneStays) {
   const MirroredObject object{7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8};
   for (int slot = 0; slot < 2; ++slot) {
     simulation.set_slot(slot, object);
-    simulation.set_slot_motion(slot, {Vector3(slot, 1, 0), Quaternion::Identity()}, {});
+    simulation.set_slot_motion(slot, {Vector3(3 + slot, 1, 0), Quaternion::Identity()}, {});
   }
   simulation.make_dynamic(0, Vector3(0, -9.81, 0));
   const int steps = 45;

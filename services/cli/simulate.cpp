@@ -1,0 +1,131 @@
+#include <fmt/format.h>
+#include <fmt/os.h>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/commands.hpp"
+#include "cli/virtual_rig.hpp"
+#include "messages/convert.hpp"
+#include "scene_file.hpp"
+
+namespace softhand {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Chosen signals, a row a step of the hand. Columns: docs/outcome.md.
+class SignalFile {
+ public:
+  explicit SignalFile(const std::string& path) : out_(path) {
+    if (!out_) throw std::runtime_error(path + ": cannot be written");
+    out_ << "t_s,residual_n,iterations,contacts";
+    for (std::size_t f = 0; f < kFingerCount; ++f) out_ << ',' << kFingerNames[f] << "_force_n";
+    for (const char* joint : {"thumb_tip", "index_tip", "palm"}) out_ << ',' << joint << "_x_m," << joint << "_y_m," << joint << "_z_m";
+    out_ << ",object,owned,object_x_m,object_y_m,object_z_m,object_vx,object_vy,object_vz,contact_fx_n,contact_fy_n,contact_fz_n,penetration_max_mm\n";
+  }
+  void add(const HandStepView& view) {
+    const HandOutput& o = *view.output;
+    out_ << fmt::format("{:.6f},{:.3e},{},{}", static_cast<double>(view.time - VirtualRig::kStart) * 1e-9, o.report.residual, o.report.iterations, o.contacts.contacts.size());
+    for (std::size_t f = 0; f < kFingerCount; ++f) out_ << fmt::format(",{:.5f}", to_vector(o.contacts.fingers[f].force).norm());
+    for (const Joint joint : {Joint::thumb_tip, Joint::index_tip, Joint::palm}) {
+      const Vec3& p = o.simulated.joints[static_cast<std::size_t>(index_of(joint))].position;
+      out_ << fmt::format(",{:.6f},{:.6f},{:.6f}", p[0], p[1], p[2]);
+    }
+    double deepest = 0;
+    for (const Contact& contact : o.contacts.contacts) deepest = std::max(deepest, contact.penetration);
+    if (o.coupling.twins.empty()) {
+      out_ << ",,,,,,,,,,,";
+    } else {
+      const ObjectTwin& t = o.coupling.twins[0];
+      out_ << fmt::format(",{},{},{:.6f},{:.6f},{:.6f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f}", t.object, t.owned, t.position[0], t.position[1], t.position[2],
+                          t.linear_velocity[0], t.linear_velocity[1], t.linear_velocity[2], t.contact_force[0], t.contact_force[1], t.contact_force[2]);
+    }
+    out_ << fmt::format(",{:.4f}\n", deepest * 1e3);
+  }
+
+ private:
+  std::ofstream out_;
+};
+
+Json timing_split(const std::vector<StepTiming>& timings) {
+  Json json;
+  const auto entry = [&json, &timings](const char* key, auto get) {
+    std::vector<double> values;
+    for (const StepTiming& t : timings) values.push_back(get(t) * 1e3);
+    json[key] = {{"p50", percentile(values, 0.5)}, {"p99", percentile(values, 0.99)}};
+  };
+  entry("total_ms", [](const StepTiming& t) { return t.total(); });
+  entry("contact_ms", [](const StepTiming& t) { return t.begin + t.end; });
+  entry("energies_ms", [](const StepTiming& t) { return t.energies; });
+  entry("assembly_ms", [](const StepTiming& t) { return t.assembly; });
+  entry("factorisation_ms", [](const StepTiming& t) { return t.factorisation; });
+  entry("solve_ms", [](const StepTiming& t) { return t.solve; });
+  return json;
+}
+
+}  // namespace
+
+int run_simulate(const SimulateArguments& arguments) {
+  std::vector<std::string> overrides = arguments.overrides;
+  if (!arguments.motion.empty()) overrides.push_back("motion=" + std::filesystem::absolute(arguments.motion).string());
+  if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
+  const Scene scene = read_scene(arguments.scene, overrides);
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
+
+  double seconds = arguments.seconds > 0 ? arguments.seconds : scene.options.simulate.seconds;
+  if (seconds <= 0) seconds = motion->duration() - scene.options.tracker.start_time + 0.5;
+  std::optional<SignalFile> signals;
+  if (!arguments.csv.empty()) signals.emplace(arguments.csv);
+  const auto started = std::chrono::steady_clock::now();
+  rig.run(seconds, [&signals](const HandStepView& view) {
+    if (signals) signals->add(view);
+  });
+  const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+
+  OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
+  Json json;
+  json["scene"] = arguments.scene;
+  json["hand"] = {{"name", hand.name}, {"side", hand.side == Side::right ? "right" : "left"}, {"nodes", hand.node_count()}, {"tetrahedra", hand.tetrahedra.size()}};
+  json["overrides"] = Json::array();
+  for (const AppliedOverride& o : scene.overrides) json["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
+  json["simulated_seconds"] = seconds;
+  json.update(rig.outcome().summary(frame));
+  json["state_hash"] = rig.state_hash();
+  const HandCounters& counters = rig.hand().counters();
+  json["hand_counters"] = {{"steps", rig.steps_of_hand()},
+                           {"failed_steps", counters.failed_steps},
+                           {"stale_steps", counters.stale_steps},
+                           {"repositioned", counters.repositioned},
+                           {"refused_nonfinite", counters.refused_nonfinite},
+                           {"objects_without_slot", counters.objects_without_slot}};
+  if (rig.tracking() != nullptr) {
+    const TrackedInputCounters& input = rig.tracking()->input().counters();
+    json["tracking_counters"] = {{"accepted", input.accepted},
+                                 {"refused_nonfinite", input.refused_nonfinite},
+                                 {"refused_implausible", input.refused_implausible},
+                                 {"refused_order", input.refused_order},
+                                 {"repositioned", input.repositioned}};
+  }
+  // Wall-clock figures stand apart: they differ from run to run, everything above does not.
+  json["wall"] = {{"elapsed_s", elapsed}, {"hand_step", timing_split(rig.hand_timings())}};
+  const std::string text = json.dump(2) + "\n";
+  if (arguments.json.empty()) {
+    fmt::print("{}", text);
+    return 0;
+  }
+  std::ofstream out(arguments.json);
+  out << text;
+  out.flush();
+  if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
+  return 0;
+}
+
+}  // namespace softhand

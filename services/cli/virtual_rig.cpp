@@ -1,0 +1,158 @@
+#include "cli/virtual_rig.hpp"
+
+#include <algorithm>
+
+#include "haptics/log/haptic_log_driver.hpp"
+
+namespace softhand {
+namespace {
+
+Nanoseconds nanoseconds(double seconds) { return static_cast<Nanoseconds>(std::llround(seconds * 1e9)); }
+
+template <typename T>
+void add_bits(Sha256& hasher, const T& value) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  hasher.add(std::as_bytes(std::span(&value, 1)));
+}
+
+void add_state(Sha256& hasher, const State& state) {
+  hasher.add(std::as_bytes(std::span(state.node_positions.data(), static_cast<std::size_t>(state.node_positions.size()))));
+  hasher.add(std::as_bytes(std::span(state.node_velocities.data(), static_cast<std::size_t>(state.node_velocities.size()))));
+  const auto add = [&hasher](const auto& coefficients) {
+    hasher.add(std::as_bytes(std::span(coefficients.data(), static_cast<std::size_t>(coefficients.size()))));
+  };
+  for (const Pose& pose : state.body_poses) {
+    add(pose.position);
+    add(pose.orientation.coeffs());
+  }
+  for (const Twist& twist : state.body_velocities) {
+    add(twist.linear);
+    add(twist.angular);
+  }
+}
+
+}  // namespace
+
+VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker)
+    : options_(scene.options), tracker_(std::move(tracker)), transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
+      hand_compute_(nanoseconds(scene.options.simulate.hand_compute_fraction / scene.options.hand.rate_hz)) {
+  const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
+  const bool layered = !options_.hand.direct;
+  if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, hand, key);
+  world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz);
+  hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
+  for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
+  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop, std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
+
+  // Phases are spread so that no two loops tick together; where they do, the order below decides.
+  const auto add = [this](double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
+    const Nanoseconds period = nanoseconds(1.0 / rate_hz);
+    loops_.push_back({period, kStart + nanoseconds(phase / rate_hz), step});
+  };
+  add(1000, 0.0, &VirtualRig::step_tracker);  // polls; the source delivers at its own rate
+  if (layered) add(options_.tracking.rate_hz, 0.31, &VirtualRig::step_tracking);
+  add(options_.hand.rate_hz, 0.47, &VirtualRig::step_hand);
+  add(options_.world.rate_hz, 0.63, &VirtualRig::step_world);
+  add(options_.haptic.loop.rate_hz, 0.79, &VirtualRig::step_haptic);
+}
+
+VirtualRig::~VirtualRig() = default;
+
+void VirtualRig::run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step) {
+  after_hand_step_ = after_hand_step;
+  const Nanoseconds end = kStart + nanoseconds(seconds);
+  for (;;) {
+    Loop& next = *std::min_element(loops_.begin(), loops_.end(), [](const Loop& a, const Loop& b) { return a.next < b.next; });
+    if (next.next >= end) break;
+    const Nanoseconds now = next.next;
+    next.next += next.period;
+    (this->*next.step)(now);
+  }
+}
+
+void VirtualRig::step_tracker(Nanoseconds now) {
+  Skeleton skeleton;
+  if (!tracker_->sample(now, skeleton)) return;
+  skeleton.stamp.publish_time = now;
+  skeleton.stamp.epoch = 1;
+  skeleton.stamp.chain.tracker_sample = skeleton.stamp.sample_time;
+  outcome_.on_tracked(skeleton);
+  add_bits(hasher_, skeleton.joints);
+  if (tracking_) {
+    tracked_to_tracking_.send(now + transport_, skeleton);
+  } else {
+    skeleton_to_hand_.send(now + transport_, skeleton);
+  }
+}
+
+void VirtualRig::step_tracking(Nanoseconds now) {
+  TrackingInput input;
+  input.tracked = tracked_to_tracking_.receive(now);
+  input.simulated = simulated_to_tracking_.receive(now);
+  input.contacts = contacts_to_tracking_.receive(now);
+  const TrackingOutput& output = tracking_->step(now, input);
+  if (!output.valid) return;
+  add_bits(hasher_, output.intermediate.joints);
+  Skeleton intermediate = output.intermediate;
+  intermediate.stamp.publish_time = now;
+  skeleton_to_hand_.send(now + transport_, intermediate);
+  BoneWrench wrench = output.wrench;
+  wrench.stamp.publish_time = now;
+  outcome_.on_bone_wrench(wrench);
+  wrench_to_haptic_.send(now + transport_, wrench);
+}
+
+void VirtualRig::step_hand(Nanoseconds now) {
+  HandInput input;
+  input.skeleton = skeleton_to_hand_.receive(now);
+  input.world = objects_to_hand_.receive(now);
+  HandOutput output = hand_->step(now, input, {});
+  if (!output.valid) return;
+  ++hand_steps_;
+  hand_timings_.push_back(output.report.timing);
+  add_state(hasher_, hand_->simulation().state());
+  // A step's results leave when it is done, most of a period after its inputs were read.
+  const Nanoseconds done = now + hand_compute_;
+  output.simulated.stamp.publish_time = output.coupling.stamp.publish_time = output.contacts.stamp.publish_time = done;
+  output.bone_wrench.stamp.publish_time = done;
+  outcome_.on_simulated(output.simulated);
+  outcome_.on_contacts(output.contacts);
+  outcome_.on_coupling(output.coupling);
+  if (tracking_) {
+    simulated_to_tracking_.send(done + transport_, output.simulated);
+    contacts_to_tracking_.send(done + transport_, output.contacts);
+  } else {
+    outcome_.on_bone_wrench(output.bone_wrench);
+    output.bone_wrench.stamp.chain.simulated_published = output.bone_wrench.stamp.chain.wrench_published = done;
+    wrench_to_haptic_.send(done + transport_, output.bone_wrench);
+  }
+  coupling_to_world_.send(done + transport_, output.coupling);
+  if (after_hand_step_) after_hand_step_({now, &output, &hand_->simulation()});
+}
+
+void VirtualRig::step_world(Nanoseconds now) {
+  if (const ObjectCoupling* coupling = coupling_to_world_.receive(now)) {
+    coupling_ = *coupling;
+    coupling_heard_ = true;
+  }
+  WorldInput input;
+  if (coupling_heard_) input.couplings = std::span(&coupling_, 1);
+  WorldObjects objects = world_->step(now, input).objects;
+  objects.stamp.publish_time = now;
+  for (const ObjectState& object : objects.objects) {
+    add_bits(hasher_, object.position);
+    add_bits(hasher_, object.orientation);
+    add_bits(hasher_, object.linear_velocity);
+    add_bits(hasher_, object.angular_velocity);
+  }
+  outcome_.on_objects(objects);
+  objects_to_hand_.send(now + transport_, objects);
+}
+
+void VirtualRig::step_haptic(Nanoseconds now) {
+  DeviceState state = haptic_->step(now, wrench_to_haptic_.receive(now));
+  state.stamp.publish_time = now;
+  outcome_.on_device(state);
+}
+
+}  // namespace softhand
