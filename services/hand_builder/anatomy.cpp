@@ -157,7 +157,12 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
     const Joint metacarpal = joint_of_finger(f, 0);
     const Joint proximal = joint_of_finger(f, 1);
     follow(metacarpal, Joint::wrist);
-    Quaternion told = user.metacarpal_orientations[at(metacarpal)];
+    Eigen::Vector4d mean = Eigen::Vector4d::Zero();
+    for (const auto& frame_of_user : user.orientations) {
+      const Eigen::Vector4d q = frame_of_user[at(metacarpal)].coeffs();
+      mean += q.dot(mean) < 0 ? Eigen::Vector4d(-q) : q;
+    }
+    Quaternion told = Quaternion(mean).normalized();
     if (side == Side::left) told = Quaternion(told.w(), told.x(), -told.y(), -told.z());
     const Vector3 along = told * to_right(user.offsets[at(proximal)]);
     rest.joints[at(metacarpal)].orientation = frame(along, told * Vector3::UnitY());
@@ -186,7 +191,7 @@ struct BoneRow {
 };
 BoneRow bone_row(Body body) {
   if (body == Body::forearm) return {9.0, 10.0};
-  if (body == Body::carpus) return {10.0, 10.0};
+  if (body == Body::carpus) return {10.0, 8.0};
   if (is_metacarpal(body)) return {5.5, 5.5};
   const int b = index_of(body);
   const int k = b < 5 ? (b == 3 ? 1 : 3) : (b - 5) % 4;
@@ -233,7 +238,8 @@ MotionRow motion_row(Body body) {
 JointModel make_joint(const RestSkeleton& rest, Body body) {
   JointModel joint;
   if (body == Body::forearm) return joint;
-  joint.position_stiffness = 1e5;
+  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the carpus is not one rigid bone).
+  joint.position_stiffness = body == Body::thumb_metacarpal ? 2e3 : body == Body::index_metacarpal ? 2e4 : 1e5;
   joint.kind = JointKind::ball;
   if (body == Body::carpus) return joint;  // the wrist is free under the coupling
   if (is_metacarpal(body) && body != Body::thumb_metacarpal) {
@@ -263,13 +269,14 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
 }
 
 void set_coupling(BodyModel& body, Body which) {
-  const bool palm = finger_of(which) == Finger::palm || (is_metacarpal(which) && which != Body::thumb_metacarpal);
+  const bool wrist = finger_of(which) == Finger::palm;
+  const bool palm = wrist || (is_metacarpal(which) && which != Body::thumb_metacarpal);
   const bool distal = which == distal_of(finger_of(which)) && !palm;
-  body.coupling_linear_stiffness = palm ? 2000 : which == Body::thumb_metacarpal ? 1200 : distal ? 500 : 700;
-  body.coupling_angular_stiffness = palm ? 5 : which == Body::thumb_metacarpal ? 1.5 : distal ? 0.3 : 0.8;
-  // 16 N a finger, 80 N for five; the wrist's two bodies have the rest of the hand's 100 N.
+  body.coupling_linear_stiffness = wrist ? 4000 : palm ? 2000 : which == Body::thumb_metacarpal ? 1500 : 800;
+  body.coupling_angular_stiffness = wrist ? 10 : palm ? 5 : which == Body::thumb_metacarpal ? 1.5 : distal ? 0.5 : 1;
+  // 15 N a finger, 75 N for five; the wrist's two bodies share what is left of the hand's 100 N.
   const double bodies_of_finger = finger_of(which) == Finger::thumb ? 3 : 4;
-  body.coupling_force_cap = finger_of(which) == Finger::palm ? 10.0 : 16.0 / bodies_of_finger;
+  body.coupling_force_cap = wrist ? 12.0 : 15.0 / bodies_of_finger;
   body.coupling_torque_cap = palm ? 2.0 : 0.5;
 }
 
@@ -284,7 +291,7 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     const double skin_start = rest.radii[at(joint_of(which))] / reference_radius(joint_of(which));
     const double skin_end = rest.radii[at(end_joint_of(which))] / reference_radius(end_joint_of(which));
     const BoneRow row = bone_row(which);
-    const double finger_scale = finger_of(which) == Finger::thumb ? 1.1 : finger_of(which) == Finger::little ? 0.88 : 1.0;
+    const double finger_scale = finger_of(which) == Finger::thumb ? 1.2 : finger_of(which) == Finger::little ? 0.88 : 1.0;
     body.bone_start_radius = 1e-3 * row.start * skin_start * finger_scale;
     body.bone_end_radius = 1e-3 * row.end * skin_end * finger_scale;
     if (which == Body::forearm) {
@@ -299,7 +306,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
       body.bone_start = along * 0.6 * body.bone_start_radius;
       body.bone_end = along * (distal ? length : which == Body::carpus ? length - 0.6 * body.bone_end_radius : length - 0.7 * body.bone_end_radius);
       if (which == Body::carpus) {
-        body.bone_start = along * 0.002;
+        // The middle metacarpal's base is dorsal of the wrist's middle.
+        body.bone_start = along * 0.002 - 0.002 * Vector3::UnitY();
+        body.bone_end.y() -= 0.005;
       }
       // The distal bone lies 1 mm nearer the nail, which leaves the pulp its thickness.
       if (distal) {
@@ -309,9 +318,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     }
     set_mass(body);
     if (which == Body::forearm) {
-      // Stands for the whole forearm behind the stump, so that the wrist does not whip it about.
-      body.mass = 0.25;
-      body.inertia = Vector3(2.5e-4, 2.5e-4, 1.2e-4).asDiagonal();
+      // Light: the user's arm carries the forearm, and what the wrist's couplings must accelerate comes off their 24 N.
+      body.mass = 0.06;
+      body.inertia = Vector3(6e-5, 6e-5, 3e-5).asDiagonal();
     }
     body.joint = make_joint(rest, which);
     set_coupling(body, which);

@@ -17,12 +17,14 @@ constexpr double kAttachmentStiffness = 1e11;
 enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
 std::vector<Material> make_materials() {
-  // name, density, E, nu, W_max, k_s. W_max = E e^2 / 2 at the strain e where limiting starts; k_s/W_max = 10 for the pulp (stiffness x 21 at the kink).
-  const auto material = [](const char* name, double youngs_modulus, double strain, double ratio) {
+  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the kink). Only the pulp does not bend
+  // with a joint: it has the skin's stiffness. Elsewhere linear tetrahedra stand for skin that folds and slides over the joints, and stiffer values
+  // would hold a fist open against couplings of at most 20 N a finger.
+  const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
-    return Material{name, 1050, youngs_modulus, 0.45, energy, ratio * energy};
+    return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy};
   };
-  return {material("pulp", 6e4, 0.20, 10), material("palm", 9e4, 0.20, 10), material("back", 1.2e5, 0.25, 5), material("knuckle", 1.5e5, 0.25, 5)};
+  return {material("pulp", 5e4, 0.45, 0.20, 10), material("palm", 1e4, 0.40, 0.35, 2), material("back", 5e3, 0.35, 0.60, 1), material("knuckle", 3e3, 0.35, 0.60, 1)};
 }
 
 struct Bones {

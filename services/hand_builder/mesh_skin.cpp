@@ -106,24 +106,35 @@ void open_bridges(TetrahedralMesh& mesh) {
   mesh.surface = boundary(mesh.tetrahedra);
 }
 
+// Euler's number of a closed surface without handles is 2; its edges are 3/2 of its triangles.
+bool is_topological_ball(const TetrahedralMesh& mesh) {
+  std::set<std::int32_t> outer;
+  for (const auto& t : mesh.surface) outer.insert(t.begin(), t.end());
+  return 2 * outer.size() == 4 + mesh.surface.size();
+}
+
 }  // namespace
 
 TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds) {
   // Counts go with scale to a power between -2 (surface) and -3; start from a guess, then follow the measured counts.
   double scale = 0.0042 * std::pow(1450.0 / node_count, 0.45);
+  // A coarse mesh may leave a handle between two fingers: those tries count only while there is no better one, and never in the end.
   double least_error = std::numeric_limits<double>::infinity();
   TetrahedralMesh best;
-  for (int trial = 0; trial < 10 && least_error > 0.02; ++trial) {
+  for (int trial = 0; trial < 16 && least_error > 0.02; ++trial) {
     TetrahedralMesh mesh = cgal_mesh(skin, sizing, scale, seeds);
     open_bridges(mesh);
     const double ratio = static_cast<double>(mesh.nodes.size()) / node_count;
-    if (std::abs(std::log(ratio)) < least_error) {
-      least_error = std::abs(std::log(ratio));
+    const double error = std::abs(std::log(ratio));
+    const bool sound = is_topological_ball(mesh);
+    if (sound && error < least_error) {
+      least_error = error;
       best = std::move(mesh);
     }
-    scale *= std::pow(ratio, 0.42);
+    // Where the count is right and the topology is not, another scale nearby makes another mesh.
+    scale *= error > 0.02 ? std::pow(ratio, 0.42) : trial % 2 == 0 ? 0.99 : 1.015;
   }
-  if (least_error > 0.05) throw std::runtime_error("mesh: no mesh within 5 % of " + std::to_string(node_count) + " nodes; nearest " + std::to_string(best.nodes.size()));
+  if (!(least_error < 0.05)) throw std::runtime_error("mesh: no sound mesh within 5 % of " + std::to_string(node_count) + " nodes");
   improve(best, skin, skin_volume(skin, 0.001));
   return best;
 }
