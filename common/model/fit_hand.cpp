@@ -54,30 +54,65 @@ double finger_thickness(const std::array<double, kJointCount>& user, const std::
   return count == 0 ? 1.0 : std::clamp(ratio / count, kThinnest, kThickest);
 }
 
-// Evens out how far neighbouring nodes were moved: where bones with different turns meet (the web of the thumb), tetrahedra would go flat.
-void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
-  constexpr int kPasses = 6;
-  std::vector<Vector3> displacement(nodes.size()), sum(nodes.size());
-  std::vector<int> count(nodes.size());
-  for (std::size_t n = 0; n < nodes.size(); ++n) displacement[n] = nodes[n] - hand.nodes[n];
-  for (int pass = 0; pass < kPasses; ++pass) {
-    std::fill(sum.begin(), sum.end(), Vector3::Zero());
-    std::fill(count.begin(), count.end(), 0);
-    for (const auto& tetrahedron : hand.tetrahedra) {
-      for (std::size_t a = 0; a < 4; ++a) {
-        for (std::size_t b = 0; b < 4; ++b) {
-          if (a == b) continue;
-          sum[static_cast<std::size_t>(tetrahedron[a])] += displacement[static_cast<std::size_t>(tetrahedron[b])];
-          ++count[static_cast<std::size_t>(tetrahedron[a])];
-        }
-      }
-    }
-    for (std::size_t n = 0; n < nodes.size(); ++n) displacement[n] = 0.5 * (displacement[n] + sum[n] / count[n]);
+// Volume over the cube of the root mean square edge: 0 for a flat tetrahedron, negative for one turned over, largest for a regular one.
+double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vector3>& nodes) {
+  const auto x = [&](std::size_t k) -> const Vector3& { return nodes[static_cast<std::size_t>(t[k])]; };
+  const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
+  double edges = 0;
+  for (std::size_t a = 0; a < 4; ++a) {
+    for (std::size_t b = a + 1; b < 4; ++b) edges += (x(a) - x(b)).squaredNorm();
   }
-  for (std::size_t n = 0; n < nodes.size(); ++n) nodes[n] = hand.nodes[n] + displacement[n];
+  return volume / std::pow(edges / 6, 1.5);
 }
 
-// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on the axes that the joint holds, and
+// Evens out how far neighbouring nodes were moved: first a little everywhere, then, where bones with different turns meet (the web of the thumb), as
+// long as some tetrahedron has lost most of its shape. Neighbours that move alike keep their tetrahedra's shape, so this ends.
+void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
+  constexpr int kPassesEverywhere = 4;
+  constexpr int kMostPasses = 500;
+  constexpr double kLeastQualityRatio = 0.4;
+  const std::size_t count = nodes.size();
+  std::vector<std::vector<std::size_t>> neighbours(count);
+  for (const auto& t : hand.tetrahedra) {
+    for (const std::int32_t a : t) {
+      for (const std::int32_t b : t) {
+        if (a != b) neighbours[static_cast<std::size_t>(a)].push_back(static_cast<std::size_t>(b));
+      }
+    }
+  }
+  std::vector<Vector3> displacement(count), before(count);
+  for (std::size_t n = 0; n < count; ++n) displacement[n] = nodes[n] - hand.nodes[n];
+  std::vector<bool> chosen(count, true);
+  for (int pass = 0; pass < kMostPasses; ++pass) {
+    if (pass >= kPassesEverywhere) {
+      std::fill(chosen.begin(), chosen.end(), false);
+      bool any = false;
+      for (std::size_t n = 0; n < count; ++n) nodes[n] = hand.nodes[n] + displacement[n];
+      for (const auto& t : hand.tetrahedra) {
+        if (shape_quality(t, nodes) >= kLeastQualityRatio * shape_quality(t, hand.nodes)) continue;
+        any = true;
+        Vector3 mean = Vector3::Zero();
+        for (const std::int32_t a : t) mean += 0.25 * displacement[static_cast<std::size_t>(a)];
+        for (const std::int32_t a : t) {
+          displacement[static_cast<std::size_t>(a)] = 0.5 * (displacement[static_cast<std::size_t>(a)] + mean);
+          chosen[static_cast<std::size_t>(a)] = true;
+          for (const std::size_t b : neighbours[static_cast<std::size_t>(a)]) chosen[b] = true;
+        }
+      }
+      if (!any) break;
+    }
+    before = displacement;
+    for (std::size_t n = 0; n < count; ++n) {
+      if (!chosen[n]) continue;
+      Vector3 mean = Vector3::Zero();
+      for (const std::size_t b : neighbours[n]) mean += before[b];
+      displacement[n] = 0.5 * (before[n] + mean / static_cast<double>(neighbours[n].size()));
+    }
+  }
+  for (std::size_t n = 0; n < count; ++n) nodes[n] = hand.nodes[n] + displacement[n];
+}
+
+// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on all axes but flexion, and
 // widens its ranges to what was measured.
 void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest, JointModel& model) {
   const bool holds_x = model.kind == JointKind::ball;
@@ -87,7 +122,7 @@ void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest
     Vector3 mean = Vector3::Zero();
     for (const auto& frame : user.orientations) mean += rotation_log(rest.conjugate() * frame[joint]);
     mean /= static_cast<double>(user.orientations.size());
-    rest = (rest * rotation_exp(Vector3(holds_x ? mean.x() : 0, holds_y ? mean.y() : 0, mean.z()))).normalized();
+    rest = (rest * rotation_exp(Vector3(holds_x ? mean.x() : 0, mean.y(), mean.z()))).normalized();
   }
   for (const auto& frame : user.orientations) {
     const Vector3 angles = rotation_log(rest.conjugate() * frame[joint]);
@@ -161,6 +196,12 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
       if (!(map.length >= 0.5 && map.length <= 2.0)) {
         throw std::invalid_argument("fitted: bone " + std::string(kBodyNames[b]) + ": expected a length within a factor of 2 of the model's " +
                                     std::to_string(before.norm() * 1e3) + " mm, got " + std::to_string(after.norm() * 1e3) + " mm");
+      }
+      if (is_metacarpal(body)) {
+        // Sources disagree where a metacarpal begins, not where it ends: it hangs from its knuckle, and keeps nearly its length.
+        map.old_origin += before;
+        map.new_origin += after;
+        map.length = std::clamp(map.length, 0.9, 1.1);
       }
       map.direction = before.normalized();
       map.turn = Quaternion::FromTwoVectors(before, after);

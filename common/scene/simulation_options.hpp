@@ -7,7 +7,7 @@
 namespace softhand {
 
 struct SimulationOptions {
-  double coupling_damping_ratio = 1;
+  double coupling_damping_ratio = 0.3;
   double contact_stiffness = 2000;
   bool gravity = false;
   SolverOptions solver;
@@ -15,7 +15,7 @@ struct SimulationOptions {
 
 inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("coupling_damping_ratio", o.coupling_damping_ratio, "1", {0, 5},
-           "Damping of each bone relative to the skeleton that it is coupled to, 1 = critical for the bone and the tissue around it.");
+           "Damping of each bone relative to the skeleton that it is coupled to, 1 = critical for the bone and the tissue around it; more follows the noise of a tracker's velocity.");
   v.number("contact_stiffness", o.contact_stiffness, "N/m", {1, 1e8}, "k_c of eqs. 32 and 33, for a node of mean skin area.");
   v.flag("gravity", o.gravity, "Weight of the hand itself; off, because the user's arm carries it.");
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
