@@ -72,6 +72,7 @@ void run(int argc, char** argv) {
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
+    add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
   };
   service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status});
 }

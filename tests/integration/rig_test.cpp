@@ -1,0 +1,346 @@
+// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages. Times are asserted with room for a
+// busy machine; what was measured is printed.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "integration/rig_harness.hpp"
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+
+namespace softhand::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr const char* kDemo = "config/rigs/demo.toml";
+const std::set<std::string> kModules{"world", "hand", "tracking", "haptic", "tactile", "tracker"};
+constexpr std::uint32_t kHaptic = 1;  // device ids of the demo
+constexpr std::uint32_t kTactile = 2;
+constexpr double kFollows = 0.02;  // m, mean over the joints: a hand that lags, presses or holds, but goes where the tracked one goes
+
+double milliseconds_between(Nanoseconds from, Nanoseconds to) { return static_cast<double>(to - from) * 1e-6; }
+
+// The fixture sets the domain before anything opens it.
+class Rig : public ::testing::Test {
+ protected:
+  Rig() { use_own_domain(); }
+
+  static bool all_present(const Ears& ears) {
+    return std::all_of(kModules.begin(), kModules.end(), [&](const std::string& m) { return ears.process_id(m) > 0; });
+  }
+  /// Follows with tracker samples taken after `since`, in each of the last `count` steps.
+  static bool follows(const Ears& ears, Nanoseconds since, std::size_t count = 10) {
+    if (ears.simulated.size() < count) return false;
+    return std::all_of(ears.simulated.end() - static_cast<std::ptrdiff_t>(count), ears.simulated.end(), [&](const Ears::HandSample& s) {
+      return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
+    });
+  }
+  static void expect_all_finite(const Ears& ears) {
+    for (const auto& [topic, count] : ears.nonfinite) EXPECT_EQ(count, 0u) << topic;
+    for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts", "object_coupling", "objects", "device_state"}) {
+      EXPECT_GT(ears.heard.count(topic) != 0 ? ears.heard.at(topic) : 0u, 0u) << topic;
+    }
+  }
+};
+
+TEST_F(Rig, DemoComesUpFollowsAndStops) {
+  Ears ears;
+  std::set<std::uint32_t> processes;
+  {
+    Up up(kDemo, {});
+    ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+    EXPECT_TRUE(ears.wait(10s, [&] { return follows(ears, 0); }));
+    EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic); }));
+    EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kTactile); }));
+    ears.listen(2s);  // rates are of the last second
+    for (const std::string& module : kModules) {
+      const LoopStatus& status = ears.modules.at(module);
+      processes.insert(status.process_id);
+      std::printf("%-9s %7.1f of %6.1f Hz, step p99 %6.3f ms\n", module.c_str(), status.rate_hz, status.nominal_rate_hz, status.step_ms_p99);
+      EXPECT_GT(status.rate_hz, 0.6 * status.nominal_rate_hz) << module;
+      EXPECT_LT(status.rate_hz, 1.1 * status.nominal_rate_hz) << module;
+    }
+    EXPECT_EQ(processes.size(), kModules.size());
+    for (const std::uint32_t process : processes) EXPECT_TRUE(is_alive(process));
+    expect_all_finite(ears);
+    up.send_signal(SIGINT);
+    EXPECT_EQ(up.wait(8s), 0) << "not a clean stop:\n" << up.output();
+  }
+  for (const std::uint32_t process : processes) EXPECT_FALSE(is_alive(process)) << "orphan " << process;
+  // On exit a device is left at zero.
+  ears.poll();
+  for (const std::uint32_t device : {kHaptic, kTactile}) {
+    EXPECT_FALSE(ears.devices[device].back().live) << device;
+    EXPECT_EQ(ears.devices[device].back().largest_command, 0) << device;
+  }
+}
+
+TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
+  Ears ears;
+  Up up(kDemo, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  up.send_signal(SIGKILL);
+  EXPECT_TRUE(ears.wait(5s, [&] {
+    return std::none_of(ears.modules.begin(), ears.modules.end(), [](const auto& each) { return is_alive(each.second.process_id); });
+  }));
+}
+
+TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
+  const std::string path = "/tmp/softhand_rig_summary_" + std::to_string(getpid()) + ".json";
+  const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo, "--seconds", "8", "--json", path});
+  EXPECT_EQ(up.exit_code, 0) << up.output;
+  std::ifstream in(path);
+  const nlohmann::json summary = nlohmann::json::parse(in, nullptr, false);
+  unlink(path.c_str());
+  ASSERT_TRUE(summary.is_object()) << up.output;
+  for (const std::string& module : kModules) {
+    ASSERT_TRUE(summary["loops"].contains(module)) << module;
+    EXPECT_GT(summary["loops"][module]["steps"].get<double>(), 100) << module;
+    EXPECT_EQ(summary["restarts"][module].get<int>(), 0) << module << "\n" << up.output;
+  }
+  for (const char* key : {"motion_to_force_ms_p50", "motion_to_force_ms_p99"}) {
+    ASSERT_TRUE(summary.contains(key) && summary[key].is_object()) << key;
+    EXPECT_GT(summary[key]["total"].get<double>(), 1) << key;
+    EXPECT_LT(summary[key]["total"].get<double>(), 500) << key;
+    for (const char* hop : {"tracker", "tracking", "hand", "wrench", "device"}) EXPECT_TRUE(summary[key]["hops"].contains(hop)) << hop;
+    std::printf("%s %.1f\n", key, summary[key]["total"].get<double>());
+  }
+  EXPECT_EQ(summary["nonfinite_published"].get<int>(), 0);
+  EXPECT_TRUE(summary["clean_stop"].get<bool>());
+}
+
+// What each death does to the devices: whose input dies is zeroed by its own stale timer.
+struct Death {
+  const char* module;
+  std::vector<std::uint32_t> zeroed;  // devices
+};
+void PrintTo(const Death& death, std::ostream* out) { *out << death.module; }
+
+class RigDeath : public Rig, public ::testing::WithParamInterface<Death> {};
+
+TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
+  const std::string victim = GetParam().module;
+  Ears ears;
+  // A quick pinch, held until the end.
+  Up up(kDemo, {"--set", "generator.approach_time=0.6", "--set", "generator.close_time=0.5", "--set", "generator.settle_time=0.3", "--set",
+                "generator.lift_time=0.6", "--set", "generator.hold_time=3600"});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ears.listen(3s);
+  ASSERT_TRUE(ears.wait(10s, [&] { return follows(ears, 0) && ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
+      << "follow error " << ears.simulated.back().follow_error;
+  std::map<std::string, std::int64_t> before;
+  for (const std::string& module : kModules) before[module] = ears.process_id(module);
+  const std::uint64_t hand_epoch = ears.simulated.back().epoch;
+
+  const Nanoseconds killed = now();
+  ASSERT_EQ(kill(static_cast<pid_t>(before[victim]), SIGKILL), 0);
+
+  // A device whose input lives is not disturbed; one whose input died goes to zero, and stays there until its input is back.
+  ears.listen(60ms);
+  for (const std::uint32_t device : {kHaptic, kTactile}) {
+    const bool itself = (victim == "haptic" && device == kHaptic) || (victim == "tactile" && device == kTactile);
+    if (itself) continue;
+    const bool should_zero = std::count(GetParam().zeroed.begin(), GetParam().zeroed.end(), device) != 0;
+    const auto first_zero = [&]() -> const Ears::DeviceSample* {
+      for (const auto& sample : ears.devices[device]) {
+        if (sample.time > killed && !sample.live) return &sample;
+      }
+      return nullptr;
+    };
+    if (should_zero) {
+      ASSERT_TRUE(ears.wait(2s, [&] { return first_zero() != nullptr; })) << "device " << device << " was never zeroed";
+      const double milliseconds = milliseconds_between(killed, first_zero()->time);
+      EXPECT_EQ(first_zero()->largest_command, 0);
+      EXPECT_LT(milliseconds, 150) << "device " << device;
+      std::printf("%s killed: device %u zero after %.1f ms\n", victim.c_str(), device, milliseconds);
+    } else {
+      EXPECT_EQ(first_zero(), nullptr) << "device " << device << " lost a command whose input lives";
+    }
+  }
+
+  ASSERT_TRUE(ears.wait(5s, [&] { return ears.process_id(victim) != before[victim]; })) << "not restarted\n" << up.output();
+  const auto works_again = [&] {
+    if (!follows(ears, killed)) return false;
+    if (victim == "hand" && ears.simulated.back().epoch == hand_epoch) return false;
+    return true;
+  };
+  EXPECT_TRUE(ears.wait(10s, works_again)) << "follow error " << ears.simulated.back().follow_error;
+  const double followed = milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
+  EXPECT_LT(followed, 3000);
+  std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
+  for (const std::uint32_t device : {kHaptic, kTactile}) {
+    EXPECT_TRUE(ears.wait(10s, [&] { return ears.devices[device].back().time > killed && ears.devices[device].back().live; })) << "device " << device;
+  }
+  const auto status_after = now();
+  EXPECT_TRUE(ears.wait(5s, [&] {
+    return std::all_of(kModules.begin(), kModules.end(), [&](const std::string& m) { return ears.modules.at(m).stamp.publish_time > status_after; });
+  }));
+  for (const std::string& module : kModules) {
+    if (module == victim) continue;
+    EXPECT_EQ(ears.process_id(module), before[module]) << module << " died too\n" << up.output();
+  }
+  expect_all_finite(ears);
+}
+
+INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
+                         ::testing::Values(Death{"world", {}}, Death{"hand", {kHaptic, kTactile}}, Death{"tracking", {kHaptic}}, Death{"tracker", {}},
+                                           Death{"haptic", {}}, Death{"tactile", {}}),
+                         [](const auto& death) { return std::string(death.param.module); });
+
+TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
+  Ears ears;
+  Up up("tests/integration/rig_two_trackers.toml", {});
+  const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
+  ASSERT_TRUE(ears.wait(20s, [&] { return ears.process_id("weak") > 0 && ears.process_id("strong") > 0 && owner() == 2; })) << up.output();
+  ears.listen(500ms);  // the change itself is not judged
+  const Nanoseconds settled = now();
+  ears.listen(2s);
+  const auto since = [&](Nanoseconds time, std::uint32_t source) {
+    return std::count_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > time && s.source == source; });
+  };
+  EXPECT_GT(since(settled, 2), 100);
+  EXPECT_EQ(since(settled, 1), 0) << "the weaker tracker was heard beside the stronger";
+  EXPECT_GT(ears.counter("weak", "published"), 100) << "the weaker tracker did not publish: this shows nothing";
+
+  const Nanoseconds killed = now();
+  ASSERT_EQ(kill(static_cast<pid_t>(ears.process_id("strong")), SIGKILL), 0);
+  ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "nobody took the hand over";
+  const auto taken = std::find_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > killed && s.source == 1; });
+  std::printf("handed over after %.1f ms\n", milliseconds_between(killed, taken->published));
+  EXPECT_LT(milliseconds_between(killed, taken->published), 300);
+  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, killed); }));
+  EXPECT_TRUE(ears.wait(10s, [&] { return owner() == 2; })) << "the restarted tracker did not get the hand back";
+}
+
+TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
+  Ears ears;
+  // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s to 7.5 s.
+  Up up(kDemo, {"--set", "generator.motion=free_motion", "--set", "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set",
+                "tracker.teleport_time=1", "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
+                "tracker.freeze_time=2"});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && ears.counter("tracker", "motion_start_s") > 0; })) << up.output();
+  const Nanoseconds start = static_cast<Nanoseconds>(ears.counter("tracker", "motion_start_s") * 1e9);
+  const auto motion_time = [&](Nanoseconds time) { return static_cast<double>(time - start) * 1e-9; };
+  double largest_step_age = 0;
+  ASSERT_TRUE(ears.wait(20s, [&] {
+    if (const auto found = ears.modules.find("tracking"); found != ears.modules.end()) largest_step_age = std::max(largest_step_age, found->second.input_age_ms);
+    return motion_time(now()) > 9;
+  }));
+
+  // Teleport: counted there and back; the simulated hand went along and came back, at no more than a hand's speed apart from the two jumps.
+  EXPECT_EQ(ears.counter("tracking", "repositioned"), 2);
+  EXPECT_GE(ears.counter("hand", "repositioned"), 2);
+  double farthest = 0;
+  for (const auto& sample : ears.simulated) farthest = std::max(farthest, std::abs(sample.wrist[0]));
+  EXPECT_NEAR(farthest, 10, 1);
+  // The bone that is no number: refused for half a second at 90 Hz, its place inferred; the rest of the hand goes on.
+  EXPECT_NEAR(ears.counter("tracking", "refused_nonfinite"), 45, 15);
+  EXPECT_GT(ears.counter("tracking", "inferred"), 0);
+  // The freeze: seen as stale and over.
+  EXPECT_EQ(ears.peaks["tracking"]["stale"], 1);
+  EXPECT_EQ(ears.counter("tracking", "stale"), 0);
+  EXPECT_GT(largest_step_age, 1500);
+  // While frozen, the simulated hand stays where it was: no drift, no drop.
+  Vec3 frozen{};
+  double drift = 0;
+  bool any = false;
+  for (const auto& sample : ears.simulated) {
+    if (motion_time(sample.time) < 6.2 || motion_time(sample.time) > 7.4) continue;
+    if (!any) frozen = sample.wrist;
+    any = true;
+    drift = std::max(drift, (to_vector(sample.wrist) - to_vector(frozen)).norm());
+  }
+  EXPECT_TRUE(any);
+  EXPECT_LT(drift, 0.002);
+  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, start + 8'000'000'000); })) << ears.simulated.back().follow_error;
+  std::printf("drift while frozen %.3f mm, follow error at the end %.1f mm\n", drift * 1e3, ears.simulated.back().follow_error * 1e3);
+  expect_all_finite(ears);
+  for (const std::string& module : kModules) EXPECT_TRUE(is_alive(ears.modules.at(module).process_id)) << module;
+}
+
+TEST_F(Rig, EveryModuleAnswersEveryMessage) {
+  Ears ears;
+  Up up(kDemo, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(ears.wait(15s, [&] { return ears.device_is_on(kHaptic); }));
+  const auto send = [](const std::string& module, const std::string& key, const std::string& value) {
+    return run_program({SOFTHAND_PROGRAMS "/softhand", "send", module, key, value});
+  };
+  /// Module -> result, of what `softhand send` prints.
+  const auto answers = [](const Finished& sent) {
+    std::map<std::string, std::string> results;
+    std::istringstream lines(sent.output);
+    for (std::string line; std::getline(lines, line);) {
+      std::istringstream words(line);
+      std::string module, result;
+      if (words >> module >> result && kModules.count(module) != 0) results[module] = result;
+    }
+    return results;
+  };
+  const auto expect_from_all = [&](const Finished& sent) {
+    const auto results = answers(sent);
+    for (const std::string& module : kModules) EXPECT_EQ(results.count(module), 1u) << module << " did not answer:\n" << sent.output;
+    return results;
+  };
+
+  const Finished off = send("*", "motors", "off");
+  auto results = expect_from_all(off);
+  EXPECT_EQ(off.exit_code, 0);
+  for (const std::string& module : kModules) EXPECT_EQ(results[module], module == "haptic" || module == "tactile" ? "applied" : "not") << module;
+  ears.listen(100ms);
+  const Nanoseconds switched_off = now();
+  ears.listen(1s);
+  for (const std::uint32_t device : {kHaptic, kTactile}) {
+    int samples = 0;
+    for (const auto& sample : ears.devices[device]) {
+      if (sample.time < switched_off) continue;
+      ++samples;
+      ASSERT_EQ(sample.largest_command, 0) << "device " << device << " commands with its motors off";
+    }
+    EXPECT_GT(samples, 100);
+  }
+
+  results = expect_from_all(send("haptic", "motors", "on"));
+  EXPECT_EQ(results["haptic"], "applied");
+  EXPECT_EQ(results["tactile"], "not");
+  EXPECT_TRUE(ears.wait(15s, [&] { return ears.device_is_on(kHaptic); }));
+
+  const Finished refused = send("haptic", "gain", "2");
+  EXPECT_EQ(answers(refused)["haptic"], "REFUSED") << refused.output;
+  EXPECT_EQ(refused.exit_code, 1);
+}
+
+TEST_F(Rig, NothingIsSentThatNobodyReads) {
+  Ears ears;
+  Up up(kDemo, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(ears.wait(10s, [&] { return follows(ears, 0); }));
+  ears.listen(500ms);
+  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), 0) << "nobody reads tissue_surface";
+  double sent = 0;
+  {
+    const bus::Participant participant("viewer");
+    bus::Reader<TissueSurface> surfaces(participant, bus::topics::tissue_surface);
+    std::size_t heard = 0;
+    auto surface = std::make_unique<TissueSurface>();
+    ASSERT_TRUE(ears.wait(10s, [&] { return (heard += surfaces.take_latest(*surface) ? 1 : 0) > 20; }));
+    EXPECT_GT(surface->nodes.size(), 100u);
+    ears.listen(300ms);
+    EXPECT_GT(ears.counter("hand", "surfaces_sent"), 20);
+  }
+  ears.listen(1s);  // the reader has taken its leave
+  sent = ears.counter("hand", "surfaces_sent");
+  ears.listen(1s);
+  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), sent) << "sent on after the reader had gone";
+}
+
+}  // namespace
+}  // namespace softhand::rig
