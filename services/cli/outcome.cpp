@@ -18,6 +18,7 @@ using Json = nlohmann::ordered_json;
 constexpr double kPressingForce = 3.0;        // N, VALIDATION.md G5
 constexpr double kClosedFist = 0.060;         // m, middle tip to middle metacarpal joint
 constexpr double kHeldMovement = 0.005;       // m in the palm's frame
+constexpr double kGripGap = 0.1;              // s
 constexpr double kAtRest = 0.005;             // m/s
 constexpr double kLargestShift = 0.030;       // s, over which a constant lag is looked for; searched to twice that
 
@@ -318,33 +319,42 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   // Held while closed.
   std::vector<TwinSample> twins;
   std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
+  // In each grip (closed, with gaps of at most a tenth of a second) the object's place in the palm is its median place; held is who stays near it.
   std::size_t closed_samples = 0;
   std::size_t held_samples = 0;
-  Vector3 reference = Vector3::Zero();  // where the object was in the palm when it was first held in this closing
-  bool referred = false;
   double largest_movement = 0;
+  std::vector<Vector3> places;
+  double last_closed = -1;
+  const auto end_grip = [&] {
+    if (places.empty()) return;
+    Vector3 median;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      std::vector<double> values;
+      for (const Vector3& place : places) values.push_back(place[k]);
+      median[k] = percentile(values, 0.5);
+    }
+    for (const Vector3& place : places) {
+      const double moved = (place - median).norm();
+      largest_movement = std::max(largest_movement, moved);
+      if (moved < kHeldMovement) ++held_samples;
+    }
+    places.clear();
+  };
   for (const ContactSample& c : contacts_) {
     const double t = seconds(c.time);
     const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; });
     const auto root = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; });
-    if (!tip || !root) continue;
-    if ((tip->position - root->position).norm() >= kClosedFist) {
-      referred = false;
-      continue;
-    }
+    if (!tip || !root || (tip->position - root->position).norm() >= kClosedFist) continue;
+    if (t - last_closed > kGripGap) end_grip();
+    last_closed = t;
     ++closed_samples;
     int fingers = 0;
     for (std::size_t f = 0; f < kFingerCount; ++f) fingers += c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object;
     const auto palm = pose_at(simulated_, t, [](const HandSample& s) { return s.joints[joint(Joint::palm)]; });
     const auto object = pose_at(twins, t, [](const TwinSample& s) { return s.pose; });
-    if (fingers < 2 || !palm || !object) continue;
-    const Vector3 local = palm->inverse() * object->position;
-    if (!referred) reference = local;
-    referred = true;
-    const double moved = (local - reference).norm();
-    largest_movement = std::max(largest_movement, moved);
-    if (moved < kHeldMovement) ++held_samples;
+    if (fingers >= 2 && palm && object) places.push_back(palm->inverse() * object->position);
   }
+  end_grip();
   json["held_fraction"] = closed_samples == 0 ? Json(nullptr) : Json(static_cast<double>(held_samples) / static_cast<double>(closed_samples));
   json["closed_samples"] = closed_samples;
   json["held_movement_max_mm"] = largest_movement * 1e3;
