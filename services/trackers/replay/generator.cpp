@@ -151,38 +151,69 @@ struct Grip {
 
 constexpr double kPerMetre = 1e3;  // a millimetre counts like a radian
 
+// A distal phalanx in the wrist's frame, as the pinch uses it: the side of the pulp that faces the other finger presses.
+struct Phalanx {
+  Vector3 centre;     // on its axis, under the pad
+  Vector3 direction;  // towards the tip
+  Vector3 normal;     // palmar
+};
+
 Grip solve_pinch(const HandModel& hand, const GeneratorOptions& o) {
-  const InverseKinematics ik(hand, {{Body::index_proximal, 0, -0.7},
-                                    {Body::index_proximal, 1, 0},
-                                    {Body::index_intermediate, 0, -0.8},
-                                    {Body::index_distal, 0, -0.4},
-                                    {Body::thumb_metacarpal, 0, -0.1},
-                                    {Body::thumb_metacarpal, 1, 0},
-                                    {Body::thumb_proximal, 0, -0.2},
-                                    {Body::thumb_distal, 0, -0.2}});
+  const double side = hand.side == Side::right ? 1 : -1;  // abduction changes its sign in a mirror
+  const InverseKinematics ik(hand, {{Body::index_proximal, 0, -1.1},
+                                    {Body::index_proximal, 1, -0.2 * side},
+                                    {Body::index_intermediate, 0, -0.05},
+                                    {Body::index_distal, 0, 0.05},
+                                    {Body::thumb_metacarpal, 0, 0},
+                                    {Body::thumb_metacarpal, 1, 0.4 * side},
+                                    {Body::thumb_proximal, 0, -0.3},
+                                    {Body::thumb_proximal, 1, 0.2 * side},
+                                    {Body::thumb_distal, 0, -0.05}});
+  const Vector3 thumb_pad = pad_in_distal(hand, Finger::thumb), index_pad = pad_in_distal(hand, Finger::index);
+  const double thumb_radius = -thumb_pad.y(), index_radius = -index_pad.y();
   const double closed = o.object_width - 2 * o.closing_depth, open = o.object_width + 2 * o.opening;
-  const auto pads = [&](const JointAngles& angles) {
-    const JointFrames frames = forward_kinematics(hand, Pose{}, angles);
-    return std::pair{pad_of(hand, Finger::thumb, frames), pad_of(hand, Finger::index, frames)};
+  const auto phalanx = [](const Pose& distal, const Vector3& pad) {
+    return Phalanx{distal * Vector3(0, 0, pad.z()), distal.orientation * Vector3(0, 0, -1), distal.orientation * Vector3(0, -1, 0)};
   };
-  // First where thumb and index meet best at the object's own width: the grip's axis and middle in the hand follow from it.
+  struct Pinch {
+    Phalanx thumb, finger;
+    Vector3 knuckle;  // of the index finger
+  };
+  const auto pinch_of = [&](const JointAngles& angles) {
+    const JointFrames frames = forward_kinematics(hand, Pose{}, angles);
+    return Pinch{phalanx(frames[index(Joint::thumb_distal)], thumb_pad), phalanx(frames[index(Joint::index_distal)], index_pad),
+                 frames[index(Joint::index_proximal)].position};
+  };
+  // First where thumb and index meet best at the object's own width, both upright beside it and the knuckle well above: the grip's axis and middle in
+  // the hand follow from it.
   JointAngles at_width = ik.solve(ik.start(), [&](const JointAngles& angles, std::vector<double>& r) {
-    const auto [thumb, finger] = pads(angles);
-    const Vector3 between = finger.position - thumb.position;
+    const auto [thumb, finger, knuckle] = pinch_of(angles);
+    const Vector3 between = finger.centre - thumb.centre;
     const Vector3 axis = between.normalized();
-    r.push_back(kPerMetre * (between.norm() - o.object_width));
-    append(thumb.normal - axis, 1.2, r);
-    append(finger.normal + axis, 1.2, r);
-    ik.append_nominal(angles, 1.8, r);
+    const Vector3 middle = 0.5 * (thumb.centre + finger.centre);
+    Vector3 up = knuckle - middle;
+    up -= axis * axis.dot(up);
+    const double height = up.norm();
+    up /= height;
+    r.push_back(kPerMetre * (between.norm() - o.object_width - thumb_radius - index_radius));
+    r.push_back(0.17 * kPerMetre * std::max(0.0, 0.055 - height));
+    for (const Phalanx& each : {thumb, finger}) {
+      r.push_back(2.4 * each.direction.dot(axis));
+      r.push_back(1.4 * (each.direction.dot(up) + 1));
+    }
+    append(thumb.normal - axis, 0.8, r);
+    append(finger.normal + axis, 0.8, r);
+    ik.append_nominal(angles, 0.2, r);
   });
-  const auto [thumb_pad, index_pad] = pads(at_width);
-  const Vector3 middle = 0.5 * (thumb_pad.position + index_pad.position);
-  const Vector3 axis = (index_pad.position - thumb_pad.position).normalized();
+  const Pinch pinch = pinch_of(at_width);
+  const Vector3 axis = (pinch.finger.centre - pinch.thumb.centre).normalized();
+  const Vector3 middle = 0.5 * (pinch.thumb.centre + thumb_radius * axis + pinch.finger.centre - index_radius * axis);
 
   // Fingers that take no part get out of the way of object and table.
   constexpr std::array<std::array<double, 3>, 5> kPostures{
       {{0.25, 0, 0}, {0, 0, 0}, {-0.35, -0.5, -0.3}, {-1.0, -1.3, -0.7}, {-1.35, -1.55, -0.9}}};
-  const Vector3 up_in_hand = (Quaternion(Eigen::AngleAxisd(-o.tilt, axis)) * Vector3(-middle + axis * axis.dot(middle))).normalized();
+  const Vector3 to_knuckle = pinch.knuckle - middle;
+  const Vector3 up_in_hand = (Quaternion(Eigen::AngleAxisd(-o.tilt, axis)) * Vector3(to_knuckle - axis * axis.dot(to_knuckle))).normalized();
   double best = -1e9;
   std::array<double, 3> posture{};
   for (const auto& candidate : kPostures) {
@@ -206,21 +237,23 @@ Grip solve_pinch(const HandModel& hand, const GeneratorOptions& o) {
   JointAngles angles = at_width;
   for (std::size_t i = 0; i < kApertures; ++i) {
     const double aperture = closed + (open - closed) * static_cast<double>(i) / (kApertures - 1);
-    const Vector3 thumb_goal = middle - 0.5 * aperture * axis, index_goal = middle + 0.5 * aperture * axis;
+    const Vector3 thumb_goal = middle - (0.5 * aperture + thumb_radius) * axis, index_goal = middle + (0.5 * aperture + index_radius) * axis;
     angles = ik.solve(angles, [&](const JointAngles& a, std::vector<double>& r) {
-      const auto [thumb, finger] = pads(a);
-      append(thumb.position - thumb_goal, 100 * kPerMetre, r);
-      append(finger.position - index_goal, 100 * kPerMetre, r);
-      append(thumb.normal - axis, 1, r);
-      append(finger.normal + axis, 1, r);
-      ik.append_nominal(a, 0.5, r);
+      const Pinch now = pinch_of(a);
+      append(now.thumb.centre - thumb_goal, 100 * kPerMetre, r);
+      append(now.finger.centre - index_goal, 100 * kPerMetre, r);
+      for (const Phalanx& each : {now.thumb, now.finger}) {
+        r.push_back(2.4 * each.direction.dot(axis));
+        r.push_back(1.4 * (each.direction.dot(up_in_hand) + 1));
+      }
+      for (std::size_t b = 2; b <= index(Body::index_distal); ++b) append(a[b] - at_width[b], 0.3, r);
     });
-    const auto [thumb, finger] = pads(angles);
-    const double error = std::max((thumb.position - thumb_goal).norm(), (finger.position - index_goal).norm());
+    const Pinch now = pinch_of(angles);
+    const double error = std::max((now.thumb.centre - thumb_goal).norm(), (now.finger.centre - index_goal).norm());
     // Only the way open may fall short: a smaller opening still grips.
     if (error > 1e-3 && aperture <= o.object_width + 2e-3) {
       throw std::invalid_argument("generator: pinch of " + std::to_string(aperture * 1e3) + " mm: the pads reach " +
-                                  std::to_string((finger.position - thumb.position).norm() * 1e3) +
+                                  std::to_string(((now.finger.centre - now.thumb.centre).norm() - thumb_radius - index_radius) * 1e3) +
                                   " mm; expected an object_width that the hand can span");
     }
     if (error > 1e-3) break;
