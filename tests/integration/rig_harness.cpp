@@ -118,17 +118,24 @@ bool is_alive(std::uint32_t process_id) {
 }
 
 Ears::Ears()
-    : participant_("rig test"), status_(participant_, deep(bus::topics::loop_status)), tracked_(participant_, deep(bus::topics::tracked_skeleton)),
-      intermediate_(participant_, deep(bus::topics::intermediate_skeleton)), simulated_(participant_, deep(bus::topics::simulated_skeleton)),
-      contacts_(participant_, deep(bus::topics::contacts)), coupling_(participant_, deep(bus::topics::object_coupling)),
-      objects_(participant_, deep(bus::topics::objects)), wrench_(participant_, deep(bus::topics::bone_wrench)),
+    : participant_("rig test"),
+      status_(participant_, deep(bus::topics::loop_status)),
+      tracked_(participant_, deep(bus::topics::tracked_skeleton)),
+      intermediate_(participant_, deep(bus::topics::intermediate_skeleton)),
+      simulated_(participant_, deep(bus::topics::simulated_skeleton)),
+      contacts_(participant_, deep(bus::topics::contacts)),
+      coupling_(participant_, deep(bus::topics::object_coupling)),
+      objects_(participant_, deep(bus::topics::objects)),
+      wrench_(participant_, deep(bus::topics::bone_wrench)),
       device_(participant_, deep(bus::topics::device_state)) {}
 
 void Ears::take_skeleton(const Skeleton& skeleton, const char* topic) {
   ++heard[topic];
   for (const JointSample& joint : skeleton.joints) {
     if ((joint.flags & kJointValid) == 0) continue;
-    if (all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity)) continue;
+    if (all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
+        all_finite(joint.angular_velocity))
+      continue;
     ++nonfinite[topic];
     break;
   }
@@ -165,21 +172,22 @@ void Ears::poll() {
   intermediate_.take_all([this](const Skeleton& skeleton) { take_skeleton(skeleton, "intermediate_skeleton"); });
   simulated_.take_all([this](const Skeleton& skeleton) {
     take_skeleton(skeleton, "simulated_skeleton");
-    keep(simulated, HandSample{skeleton.stamp.publish_time, skeleton.stamp.epoch, skeleton.stamp.chain.tracker_sample, follow_error(skeleton),
-                               skeleton.joints[0].position});
-    simulated.back().wrist = skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position;
+    keep(simulated, HandSample{skeleton.stamp.publish_time, skeleton.stamp.epoch, skeleton.stamp.chain.tracker_sample,
+                               follow_error(skeleton), skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position});
   });
   contacts_.take_all([this](const Contacts& contacts) {
     ++heard["contacts"];
     const auto finite = [](const auto& c) { return all_finite(c.force) && all_finite(c.normal); };
-    if (!std::all_of(contacts.fingers.begin(), contacts.fingers.end(), finite) || !std::all_of(contacts.contacts.begin(), contacts.contacts.end(), finite)) {
+    if (!std::all_of(contacts.fingers.begin(), contacts.fingers.end(), finite) ||
+        !std::all_of(contacts.contacts.begin(), contacts.contacts.end(), finite)) {
       ++nonfinite["contacts"];
     }
   });
   coupling_.take_all([this](const ObjectCoupling& coupling) {
     ++heard["object_coupling"];
     for (const ObjectTwin& twin : coupling.twins) {
-      if (!all_finite(twin.position) || !all_finite(twin.orientation) || !all_finite(twin.linear_velocity) || !all_finite(twin.contact_force)) {
+      if (!all_finite(twin.position) || !all_finite(twin.orientation) || !all_finite(twin.linear_velocity) ||
+          !all_finite(twin.contact_force)) {
         ++nonfinite["object_coupling"];
       }
     }
@@ -193,7 +201,8 @@ void Ears::poll() {
   wrench_.take_all([this](const BoneWrench& wrench) {
     ++heard["bone_wrench"];
     for (const BoneSample& bone : wrench.bones) {
-      if (!all_finite(bone.intermediate_position) || !all_finite(bone.coupling_force) || !all_finite(bone.coupling_torque) || !all_finite(bone.contact_force)) {
+      if (!all_finite(bone.intermediate_position) || !all_finite(bone.coupling_force) || !all_finite(bone.coupling_torque) ||
+          !all_finite(bone.contact_force)) {
         ++nonfinite["bone_wrench"];
         break;
       }

@@ -1,5 +1,5 @@
-// A rig of real processes under `softhand up`, and ears on its topics. Figures come from the messages' own stamps, so that they do not depend on when
-// the test got to run.
+// A rig of real processes under `softhand up`, and ears on its topics. Figures come from the messages' own stamps, so that they do not
+// depend on when the test got to run.
 #pragma once
 
 #include <sys/types.h>
@@ -65,7 +65,7 @@ class Ears {
     double largest_command;
   };
   struct HandSample {
-    Nanoseconds time;            // published
+    Nanoseconds time;  // published
     std::uint64_t epoch;
     Nanoseconds tracker_sample;  // that led to it; 0 = none
     double follow_error;         // m, mean distance of its joints from the tracked ones; negative = nothing tracked at its time
@@ -77,13 +77,14 @@ class Ears {
     std::uint32_t source;
     std::array<Vec3, kJointCount> joints;
   };
-  std::map<std::string, LoopStatus> modules;                    ///< newest of each
+  std::map<std::string, LoopStatus> modules;                   ///< newest of each
   std::map<std::string, std::map<std::string, double>> peaks;  ///< largest value of each counter, by module
   std::map<std::uint32_t, std::deque<DeviceSample>> devices;
   std::deque<HandSample> simulated;
   std::deque<TrackedSample> tracked;
-  std::map<std::string, std::uint64_t> heard;      ///< samples by topic
-  std::map<std::string, std::uint64_t> nonfinite;  ///< of these, those with a number that is none, where the joint or object is said to be valid
+  std::map<std::string, std::uint64_t> heard;  ///< samples by topic
+  std::map<std::string, std::uint64_t>
+      nonfinite;  ///< of these, those with a number that is none, where the joint or object is said to be valid
 
   double counter(const std::string& module, const std::string& name) const;
   /// -1 before its first status.

@@ -1,5 +1,5 @@
-// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages. Times are asserted with room for a
-// busy machine; what was measured is printed.
+// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages. Times are asserted
+// with room for a busy machine; what was measured is printed.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -46,7 +46,8 @@ class Rig : public ::testing::Test {
   }
   static void expect_all_finite(const Ears& ears) {
     for (const auto& [topic, count] : ears.nonfinite) EXPECT_EQ(count, 0u) << topic;
-    for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts", "object_coupling", "objects", "device_state"}) {
+    for (const char* topic :
+         {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts", "object_coupling", "objects", "device_state"}) {
       EXPECT_GT(ears.heard.count(topic) != 0 ? ears.heard.at(topic) : 0u, 0u) << topic;
     }
   }
@@ -65,7 +66,8 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
     for (const std::string& module : kModules) {
       const LoopStatus& status = ears.modules.at(module);
       processes.insert(status.process_id);
-      std::printf("%-9s %7.1f of %6.1f Hz, step p99 %6.3f ms\n", module.c_str(), status.rate_hz, status.nominal_rate_hz, status.step_ms_p99);
+      std::printf("%-9s %7.1f of %6.1f Hz, step p99 %6.3f ms\n", module.c_str(), status.rate_hz, status.nominal_rate_hz,
+                  status.step_ms_p99);
       EXPECT_GT(status.rate_hz, 0.6 * status.nominal_rate_hz) << module;
       EXPECT_LT(status.rate_hz, 1.1 * status.nominal_rate_hz) << module;
     }
@@ -96,7 +98,8 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
 
 TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
   const std::string path = "/tmp/softhand_rig_summary_" + std::to_string(getpid()) + ".json";
-  const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo, "--seconds", "8", "--json", path});
+  const Finished up =
+      run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo, "--seconds", "8", "--json", path});
   EXPECT_EQ(up.exit_code, 0) << up.output;
   std::ifstream in(path);
   const nlohmann::json summary = nlohmann::json::parse(in, nullptr, false);
@@ -177,7 +180,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   EXPECT_LT(followed, 3000);
   std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
-    ASSERT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; })) << "device " << device;
+    ASSERT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
+        << "device " << device;
     // When it came on for good: after the last sample that was not live, or the first of a new process.
     const auto& samples = ears.devices[device];
     auto on = samples.end() - 1;
@@ -188,7 +192,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   }
   const Nanoseconds status_after = now();
   EXPECT_TRUE(ears.wait(5s, [&] {
-    return std::all_of(kModules.begin(), kModules.end(), [&](const std::string& m) { return ears.modules.at(m).stamp.publish_time > status_after; });
+    return std::all_of(kModules.begin(), kModules.end(),
+                       [&](const std::string& m) { return ears.modules.at(m).stamp.publish_time > status_after; });
   }));
   for (const std::string& module : kModules) {
     if (module == victim) continue;
@@ -198,8 +203,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
-                         ::testing::Values(Death{"world", {}}, Death{"hand", {kHaptic, kTactile}}, Death{"tracking", {kHaptic}}, Death{"tracker", {}},
-                                           Death{"haptic", {}}, Death{"tactile", {}}),
+                         ::testing::Values(Death{"world", {}}, Death{"hand", {kHaptic, kTactile}}, Death{"tracking", {kHaptic}},
+                                           Death{"tracker", {}}, Death{"haptic", {}}, Death{"tactile", {}}),
                          [](const auto& death) { return std::string(death.param.module); });
 
 TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
@@ -220,7 +225,8 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(ears.process_id("strong")), SIGKILL), 0);
   ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "nobody took the hand over";
-  const auto taken = std::find_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > killed && s.source == 1; });
+  const auto taken =
+      std::find_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > killed && s.source == 1; });
   std::printf("handed over after %.1f ms\n", milliseconds_between(killed, taken->published));
   EXPECT_LT(milliseconds_between(killed, taken->published), 300);
   EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, killed); }));
@@ -231,15 +237,15 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   Ears ears;
   // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s to 7.5 s.
   Up up(kDemo, {"--set", "generator.motion=free_motion", "--set", "generator.object_position=[0,0.5,0]", "--set",
-                "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set",
-                "tracker.teleport_time=1", "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
-                "tracker.freeze_time=2"});
+                "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1", "--set",
+                "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set", "tracker.freeze_time=2"});
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && ears.counter("tracker", "motion_start_s") > 0; })) << up.output();
   const Nanoseconds start = static_cast<Nanoseconds>(ears.counter("tracker", "motion_start_s") * 1e9);
   const auto motion_time = [&](Nanoseconds time) { return static_cast<double>(time - start) * 1e-9; };
   double largest_step_age = 0;
   ASSERT_TRUE(ears.wait(20s, [&] {
-    if (const auto found = ears.modules.find("tracking"); found != ears.modules.end()) largest_step_age = std::max(largest_step_age, found->second.input_age_ms);
+    if (const auto found = ears.modules.find("tracking"); found != ears.modules.end())
+      largest_step_age = std::max(largest_step_age, found->second.input_age_ms);
     return motion_time(now()) > 9;
   }));
 
@@ -302,7 +308,8 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   const Finished off = send("*", "motors", "off");
   auto results = expect_from_all(off);
   EXPECT_EQ(off.exit_code, 0);
-  for (const std::string& module : kModules) EXPECT_EQ(results[module], module == "haptic" || module == "tactile" ? "applied" : "not") << module;
+  for (const std::string& module : kModules)
+    EXPECT_EQ(results[module], module == "haptic" || module == "tactile" ? "applied" : "not") << module;
   ears.listen(100ms);
   const Nanoseconds switched_off = now();
   ears.listen(1s);
@@ -333,7 +340,6 @@ TEST_F(Rig, NothingIsSentThatNobodyReads) {
   ASSERT_TRUE(ears.wait(10s, [&] { return follows(ears, 0); }));
   ears.listen(500ms);
   EXPECT_EQ(ears.counter("hand", "surfaces_sent"), 0) << "nobody reads tissue_surface";
-  double sent = 0;
   {
     const bus::Participant participant("viewer");
     bus::Reader<TissueSurface> surfaces(participant, bus::topics::tissue_surface);
@@ -345,7 +351,7 @@ TEST_F(Rig, NothingIsSentThatNobodyReads) {
     EXPECT_GT(ears.counter("hand", "surfaces_sent"), 20);
   }
   ears.listen(1s);  // the reader has taken its leave
-  sent = ears.counter("hand", "surfaces_sent");
+  const double sent = ears.counter("hand", "surfaces_sent");
   ears.listen(1s);
   EXPECT_EQ(ears.counter("hand", "surfaces_sent"), sent) << "sent on after the reader had gone";
 }
