@@ -19,7 +19,7 @@
 namespace softhand {
 
 struct SolverOptions {
-  std::int64_t max_iterations = 1;
+  std::int64_t max_iterations = 3;
   double residual_tolerance = 1e-6;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
@@ -29,7 +29,7 @@ struct SolverOptions {
 };
 
 inline void describe(OptionVisitor& v, SolverOptions& o) {
-  v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method.");
+  v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method, which light objects gripped in stiff contact make unstable.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
