@@ -8,7 +8,7 @@ namespace softhand {
 
 struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
-  double contact_stiffness = 15000;
+  double contact_stiffness = 12000;
   bool gravity = false;
   SolverOptions solver;
 };

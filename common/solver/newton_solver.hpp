@@ -19,7 +19,7 @@
 namespace softhand {
 
 struct SolverOptions {
-  std::int64_t max_iterations = 3;
+  std::int64_t max_iterations = 5;
   double residual_tolerance = 1e-6;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
