@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <stdexcept>
 
 #include "math/rotation.hpp"
@@ -23,116 +24,65 @@ double smooth(double s) {
   return s * s * s * (10 + s * (6 * s - 15));
 }
 
-// A joint angle that the inverse kinematics may choose.
-struct Variable {
-  Body body;
-  int axis;        // 0 flexion, 1 abduction
-  double nominal;  // radians from rest; where nothing else decides
-};
+constexpr double kPerMetre = 1e3;          // a millimetre counts like a radian
+constexpr double kPlace = 30 * kPerMetre;  // of pads, against all wishes
+constexpr std::array<Finger, 4> kFingers{Finger::index, Finger::middle, Finger::ring, Finger::little};
 
-// Damped Gauss-Newton with differences, inside the ranges of motion. Deterministic; runs at load only.
-class InverseKinematics {
- public:
-  InverseKinematics(const HandModel& hand, std::vector<Variable> variables) : hand_(hand), variables_(std::move(variables)) {}
+using Residual = std::vector<double>;
 
-  std::size_t size() const { return variables_.size(); }
-  JointAngles start() const {
-    JointAngles angles;
-    angles.fill(Vector3::Zero());
-    for (const Variable& v : variables_) angles[index(v.body)][v.axis] = limited(v, v.nominal);
-    return angles;
-  }
-  void append_nominal(const JointAngles& angles, double weight, std::vector<double>& residual) const {
-    for (const Variable& v : variables_) residual.push_back(weight * (angles[index(v.body)][v.axis] - v.nominal));
-  }
-  /// Minimises the sum of squares of what `residual` appends.
-  JointAngles solve(JointAngles angles, const std::function<void(const JointAngles&, std::vector<double>&)>& residual) const {
-    const auto evaluate = [&](const JointAngles& a) {
-      std::vector<double> r;
-      residual(a, r);
-      return r;
-    };
-    const auto cost = [](const std::vector<double>& r) {
-      double sum = 0;
-      for (const double x : r) sum += x * x;
-      return sum;
-    };
-    const auto n = static_cast<Eigen::Index>(size());
-    std::vector<double> current = evaluate(angles);
-    double damping = 1e-2;
-    for (int iteration = 0; iteration < 200; ++iteration) {
-      const auto rows = static_cast<Eigen::Index>(current.size());
-      Eigen::MatrixXd jacobian(rows, n);
-      constexpr double kStep = 1e-6;
-      for (Eigen::Index c = 0; c < n; ++c) {
-        const Variable& v = variables_[static_cast<std::size_t>(c)];
-        JointAngles up = angles, down = angles;
-        up[index(v.body)][v.axis] += kStep;
-        down[index(v.body)][v.axis] -= kStep;
-        const std::vector<double> a = evaluate(up), b = evaluate(down);
-        for (Eigen::Index r = 0; r < rows; ++r)
-          jacobian(r, c) = (a[static_cast<std::size_t>(r)] - b[static_cast<std::size_t>(r)]) / (2 * kStep);
-      }
-      const Eigen::Map<const Eigen::VectorXd> r(current.data(), rows);
-      const Eigen::VectorXd gradient = jacobian.transpose() * r;
-      Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
-      // Angles that rest on a limit and would leave it take no part in the step.
-      for (Eigen::Index c = 0; c < n; ++c) {
-        const Variable& v = variables_[static_cast<std::size_t>(c)];
-        const double at = angles[index(v.body)][v.axis];
-        if (limited(v, at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) !=
-            at - 1e-9 * gradient[c] / (std::abs(gradient[c]) + 1e-300)) {
-          normal.row(c).setZero();
-          normal.col(c).setZero();
-          normal(c, c) = 1e12;
-        }
-      }
-      const Eigen::VectorXd diagonal = normal.diagonal();
-      normal.diagonal() += damping * diagonal;
-      const Eigen::VectorXd change = -normal.ldlt().solve(gradient);
-      JointAngles next = angles;
-      for (Eigen::Index c = 0; c < n; ++c) {
-        const Variable& v = variables_[static_cast<std::size_t>(c)];
-        double& angle = next[index(v.body)][v.axis];
-        angle = limited(v, angle + std::clamp(change[c], -0.3, 0.3));
-      }
-      const std::vector<double> tried = evaluate(next);
-      if (cost(tried) < cost(current)) {
-        const bool done = cost(current) - cost(tried) < 1e-14 * (1 + cost(current));
-        angles = next;
-        current = tried;
-        damping = std::max(1e-9, damping * 0.3);
-        if (done) break;
-      } else {
-        damping *= 5;
-        if (damping > 1e9) break;
-      }
-    }
-    return angles;
-  }
-
- private:
-  double limited(const Variable& v, double angle) const {
-    const JointModel& joint = hand_.bodies[index(v.body)].joint;
-    const std::array<double, 2>& range = v.axis == 0 ? joint.flexion_range : joint.abduction_range;
-    return std::clamp(angle, range[0], range[1]);
-  }
-  const HandModel& hand_;
-  std::vector<Variable> variables_;
-};
-
-// A pad's place and the direction it presses in, in the wrist's frame.
-struct Pad {
-  Vector3 position;
-  Vector3 normal;
-};
-Pad pad_of(const HandModel& hand, Finger finger, const JointFrames& frames) {
-  const Pose& distal = frames[index(joint_of(distal_of(finger)))];
-  return {distal * pad_in_distal(hand, finger), distal.orientation * Vector3(0, -1, 0)};
+void append(const Vector3& v, double weight, Residual& residual) {
+  for (int i = 0; i < 3; ++i) residual.push_back(weight * v[i]);
 }
 
-void append(const Vector3& v, double weight, std::vector<double>& residual) {
-  for (int i = 0; i < 3; ++i) residual.push_back(weight * v[i]);
+// Damped Gauss-Newton with differences: minimises the sum of squares of what `evaluate` appends, inside the bounds. Deterministic; runs at
+// load only.
+VectorX minimised(VectorX x, const VectorX& lower, const VectorX& upper, const std::function<void(const VectorX&, Residual&)>& evaluate) {
+  const auto residual = [&](const VectorX& at) {
+    Residual r;
+    evaluate(at, r);
+    return VectorX(Eigen::Map<const VectorX>(r.data(), static_cast<Eigen::Index>(r.size())));
+  };
+  x = x.cwiseMax(lower).cwiseMin(upper);
+  VectorX current = residual(x);
+  double damping = 1e-2;
+  for (int iteration = 0; iteration < 120; ++iteration) {
+    Eigen::MatrixXd jacobian(current.size(), x.size());
+    constexpr double kStep = 1e-7;
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      VectorX moved = x;
+      moved[c] += kStep;
+      jacobian.col(c) = (residual(moved) - current) / kStep;
+    }
+    const VectorX gradient = jacobian.transpose() * current;
+    Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
+    // Values that rest on a bound and would leave it take no part in the step.
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      if ((gradient[c] > 0 && x[c] <= lower[c]) || (gradient[c] < 0 && x[c] >= upper[c])) {
+        normal.row(c).setZero();
+        normal.col(c).setZero();
+        normal(c, c) = 1e12;
+      }
+    }
+    bool done = true;
+    for (int attempt = 0; attempt < 12; ++attempt) {
+      Eigen::MatrixXd damped = normal;
+      damped.diagonal() *= 1 + damping;
+      damped.diagonal().array() += 1e-9;
+      const VectorX change = -damped.ldlt().solve(gradient);
+      const VectorX next = (x + change.cwiseMax(-0.3).cwiseMin(0.3)).cwiseMax(lower).cwiseMin(upper);
+      const VectorX tried = residual(next);
+      if (tried.squaredNorm() < current.squaredNorm()) {
+        done = current.squaredNorm() - tried.squaredNorm() < 1e-7 * current.squaredNorm();
+        x = next;
+        current = tried;
+        damping = std::max(1e-9, damping * 0.3);
+        break;
+      }
+      damping *= 5;
+    }
+    if (done) break;
+  }
+  return x;
 }
 
 void flex(JointAngles& angles, Finger finger, double proximal, double intermediate, double distal) {
@@ -142,195 +92,446 @@ void flex(JointAngles& angles, Finger finger, double proximal, double intermedia
   angles[last].x() = distal;
 }
 
-// How the hand takes the object: joint angles from closed (first) to open (last), and where its wrist is then.
+// A joint angle that a solve may choose.
+struct Variable {
+  Body body;
+  int axis;  // 0 flexion, 1 abduction
+};
+std::vector<Variable> variables_of(Finger finger) {
+  const int last = index_of(distal_of(finger));
+  const Body first = static_cast<Body>(last - 2);
+  return {{first, 0}, {first, 1}, {static_cast<Body>(last - 1), 0}, {static_cast<Body>(last), 0}};
+}
+
+// The hand as the solves see it: pads, joint limits, and spheres along its bones that must keep clear of things.
+class GripHand {
+ public:
+  explicit GripHand(const HandModel& hand) : hand_(hand) {
+    for (int f = 0; f < kFingerCount; ++f) pads_[static_cast<std::size_t>(f)] = pad_in_distal(hand, static_cast<Finger>(f));
+  }
+  const HandModel& model() const { return hand_; }
+
+  struct Pad {
+    Vector3 position;
+    Vector3 normal;  // the direction it presses in
+    Vector3 along;   // from its joint to its tip
+    Vector3 centre;  // in the finger, `radius` behind the skin
+    double radius;
+    /// Where the round finger touches a face that looks along -`towards`: the pad itself where it is flat on the face.
+    Vector3 touch(const Vector3& towards) const { return centre + radius * towards; }
+  };
+  Pad pad(Finger finger, const JointFrames& frames) const {
+    const Pose& distal = frames[index(joint_of(distal_of(finger)))];
+    const Vector3& pad = pads_[static_cast<std::size_t>(finger)];
+    const Vector3 normal = distal.orientation * Vector3(0, -1, 0);
+    return {distal * pad, normal, distal.orientation * Vector3(0, 0, -1), distal * Vector3(pad.x(), 0, pad.z()), -pad.y()};
+  }
+
+  double limited(const Variable& v, double angle) const {
+    const JointModel& joint = hand_.bodies[index(v.body)].joint;
+    const std::array<double, 2>& range = v.axis == 0 ? joint.flexion_range : joint.abduction_range;
+    return std::clamp(angle, range[0], range[1]);
+  }
+  JointAngles limited(JointAngles angles) const {
+    for (std::size_t b = 2; b < kBodyCount; ++b) {
+      for (int axis = 0; axis < 2; ++axis) angles[b][axis] = limited({static_cast<Body>(b), axis}, angles[b][axis]);
+    }
+    return angles;
+  }
+
+  struct Sphere {
+    Body body;
+    double along;  // of the bone, 0 at its own joint
+    Vector3 centre;
+    double radius;
+  };
+  /// Along every bone from metacarpals to tips.
+  std::vector<Sphere> spheres(const JointFrames& frames) const {
+    std::vector<Sphere> out;
+    out.reserve(4 * kBodyCount);
+    for (std::size_t b = 2; b < kBodyCount; ++b) {
+      const Body body = static_cast<Body>(b);
+      const std::size_t from = index(joint_of(body)), to = index(end_joint_of(body));
+      for (const double s : {0.0, 1.0 / 3, 2.0 / 3, 1.0}) {
+        out.push_back({body, s, (1 - s) * frames[from].position + s * frames[to].position,
+                       (1 - s) * hand_.joint_radii[from] + s * hand_.joint_radii[to]});
+      }
+    }
+    return out;
+  }
+  /// Thumb against the phalanges of `fingers`, and index against middle finger: what lies closer than `margin` is penalised.
+  static void keep_apart(const std::vector<Sphere>& spheres, std::initializer_list<Finger> fingers, double margin, Residual& residual) {
+    const auto distance = [&](const Sphere& s, Finger other) {
+      double least = 1;
+      for (const Sphere& o : spheres) {
+        if (finger_of(o.body) == other && !is_metacarpal(o.body))
+          least = std::min(least, (s.centre - o.centre).norm() - s.radius - o.radius);
+      }
+      return least;
+    };
+    for (const Sphere& s : spheres) {
+      if (is_metacarpal(s.body)) continue;
+      for (const Finger finger : fingers) {
+        if (finger_of(s.body) == finger) residual.push_back(kPerMetre * std::max(0.0, margin - distance(s, Finger::thumb)));
+      }
+      // Neighbours lie side by side; only beyond the knuckles can they cross.
+      if (finger_of(s.body) == Finger::index && s.body != Body::index_proximal)
+        residual.push_back(kPerMetre * std::max(0.0, -1.5e-3 - distance(s, Finger::middle)));
+    }
+  }
+
+ private:
+  const HandModel& hand_;
+  std::array<Vector3, kFingerCount> pads_;
+};
+
+// The unknowns of a solve, in one vector: a wrist about a first guess, and chosen joint angles of one or more postures.
+class Unknowns {
+ public:
+  Unknowns(const GripHand& hand, const Pose* free_wrist) : hand_(hand) {
+    if (free_wrist) {
+      wrist_ = *free_wrist;
+      x_.assign(6, 0.0);
+      lower_.assign(6, -0.5);
+      upper_.assign(6, 0.5);
+      for (std::size_t i = 3; i < 6; ++i) lower_[i] = -2.5, upper_[i] = 2.5;
+    }
+  }
+  /// Appends angles that start at `start`.
+  void add(std::vector<JointAngles*> where, const std::vector<Variable>& variables, const JointAngles& start) {
+    for (const Variable& v : variables) {
+      chosen_.push_back({where, v, start[index(v.body)][v.axis]});
+      x_.push_back(start[index(v.body)][v.axis]);
+      lower_.push_back(hand_.limited(v, -10));
+      upper_.push_back(hand_.limited(v, 10));
+    }
+  }
+  Pose wrist(const VectorX& x) const {
+    // Turned about the grip's middle, which hardly moves the pads.
+    return Pose{x.head<3>(), rotation_exp(x.segment<3>(3))} * wrist_;
+  }
+  void write(const VectorX& x) const {
+    const Eigen::Index first = x.size() - static_cast<Eigen::Index>(chosen_.size());
+    for (std::size_t i = 0; i < chosen_.size(); ++i) {
+      for (JointAngles* angles : chosen_[i].where)
+        (*angles)[index(chosen_[i].variable.body)][chosen_[i].variable.axis] = x[first + static_cast<Eigen::Index>(i)];
+    }
+  }
+  /// Holds every angle to where it started.
+  void append_start(const VectorX& x, double weight, Residual& residual) const {
+    const Eigen::Index first = x.size() - static_cast<Eigen::Index>(chosen_.size());
+    for (std::size_t i = 0; i < chosen_.size(); ++i)
+      residual.push_back(weight * (x[first + static_cast<Eigen::Index>(i)] - chosen_[i].start));
+  }
+  /// From `first` (null: the start) to the minimum.
+  VectorX solve(const std::function<void(const VectorX&, Residual&)>& residual, const VectorX* first = nullptr) const {
+    const auto vector = [](const std::vector<double>& v) {
+      return VectorX(Eigen::Map<const VectorX>(v.data(), static_cast<Eigen::Index>(v.size())));
+    };
+    const VectorX x = minimised(first ? *first : vector(x_), vector(lower_), vector(upper_), [&](const VectorX& at, Residual& r) {
+      write(at);
+      residual(at, r);
+    });
+    write(x);
+    return x;
+  }
+
+ private:
+  struct Chosen {
+    std::vector<JointAngles*> where;
+    Variable variable;
+    double start;
+  };
+  const GripHand& hand_;
+  Pose wrist_;
+  std::vector<double> x_, lower_, upper_;
+  std::vector<Chosen> chosen_;
+};
+
+// How the hand takes the object: joint angles from closed (first) to open (last), and where its wrist is then. Solved in the grip's frame:
+// origin at the grip's middle, +Y up, -Z along the grip's direction.
 struct Grip {
   std::vector<JointAngles> apertures;
   Pose wrist;               // world, fingers at the object in its first place
   Vector3 approach_offset;  // from there to where the hand comes from, world
 };
 
-constexpr double kPerMetre = 1e3;  // a millimetre counts like a radian
+void place(Grip& grip, const GeneratorOptions& o, const Vector3& approach) {
+  const Pose world{to_vector(o.object_position), Quaternion(Eigen::AngleAxisd(o.yaw, Vector3::UnitY()))};
+  grip.wrist = world * grip.wrist;
+  grip.approach_offset = world.orientation * (o.approach_distance * approach);
+}
 
-// A distal phalanx in the wrist's frame, as the pinch uses it: the side of the pulp that faces the other finger presses.
-struct Phalanx {
-  Vector3 centre;     // on its axis, under the pad
-  Vector3 direction;  // towards the tip
-  Vector3 normal;     // palmar
-};
+// Signed distance to a cube about the origin.
+double outside_cube(const Vector3& point, double half) {
+  const Vector3 q = point.cwiseAbs() - Vector3::Constant(half);
+  return q.cwiseMax(0.0).norm() + std::min(q.maxCoeff(), 0.0);
+}
 
-Grip solve_pinch(const HandModel& hand, const GeneratorOptions& o) {
-  const double side = hand.side == Side::right ? 1 : -1;  // abduction changes its sign in a mirror
-  const InverseKinematics ik(hand, {{Body::index_proximal, 0, -1.1},
-                                    {Body::index_proximal, 1, -0.2 * side},
-                                    {Body::index_intermediate, 0, -0.05},
-                                    {Body::index_distal, 0, 0.05},
-                                    {Body::thumb_metacarpal, 0, 0},
-                                    {Body::thumb_metacarpal, 1, 0.4 * side},
-                                    {Body::thumb_proximal, 0, -0.3},
-                                    {Body::thumb_proximal, 1, 0.2 * side},
-                                    {Body::thumb_distal, 0, -0.05}});
-  const Vector3 thumb_pad = pad_in_distal(hand, Finger::thumb), index_pad = pad_in_distal(hand, Finger::index);
-  const double thumb_radius = -thumb_pad.y(), index_radius = -index_pad.y();
-  const double closed = o.object_width - 2 * o.closing_depth, open = o.object_width + 2 * o.opening;
-  const auto phalanx = [](const Pose& distal, const Vector3& pad) {
-    return Phalanx{distal * Vector3(0, 0, pad.z()), distal.orientation * Vector3(0, 0, -1), distal.orientation * Vector3(0, -1, 0)};
-  };
-  struct Pinch {
-    Phalanx thumb, finger;
-    Vector3 knuckle;  // of the index finger
-  };
-  const auto pinch_of = [&](const JointAngles& angles) {
-    const JointFrames frames = forward_kinematics(hand, Pose{}, angles);
-    return Pinch{phalanx(frames[index(Joint::thumb_distal)], thumb_pad), phalanx(frames[index(Joint::index_distal)], index_pad),
-                 frames[index(Joint::index_proximal)].position};
-  };
-  // First where thumb and index meet best at the object's own width, both upright beside it and the knuckle well above: the grip's axis and middle in
-  // the hand follow from it.
-  JointAngles at_width = ik.solve(ik.start(), [&](const JointAngles& angles, std::vector<double>& r) {
-    const auto [thumb, finger, knuckle] = pinch_of(angles);
-    const Vector3 between = finger.centre - thumb.centre;
-    const Vector3 axis = between.normalized();
-    const Vector3 middle = 0.5 * (thumb.centre + finger.centre);
-    Vector3 up = knuckle - middle;
-    up -= axis * axis.dot(up);
-    const double height = up.norm();
-    up /= height;
-    r.push_back(kPerMetre * (between.norm() - o.object_width - thumb_radius - index_radius));
-    r.push_back(0.17 * kPerMetre * std::max(0.0, 0.055 - height));
-    for (const Phalanx& each : {thumb, finger}) {
-      r.push_back(2.4 * each.direction.dot(axis));
-      r.push_back(1.4 * (each.direction.dot(up) + 1));
-    }
-    append(thumb.normal - axis, 0.8, r);
-    append(finger.normal + axis, 0.8, r);
-    ik.append_nominal(angles, 0.2, r);
-  });
-  const Pinch pinch = pinch_of(at_width);
-  const Vector3 axis = (pinch.finger.centre - pinch.thumb.centre).normalized();
-  const Vector3 middle = 0.5 * (pinch.thumb.centre + thumb_radius * axis + pinch.finger.centre - index_radius * axis);
+// Thumb (+Z) against index (-Z) on the faces of a cube that stands on a table: wrist, grip and widest opening are sought together, so that
+// one place of the wrist serves both; then the way between them with the wrist at rest.
+Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
+  const GripHand hand(model);
+  const double half = 0.5 * o.object_width;
+  const double closed = half - o.closing_depth, open = half + o.opening;
+  constexpr double kClear = 4.5e-3;
+  constexpr double kAbove = 2e-3;  // pads a little above the middle: room for the fingertips
 
-  // Fingers that take no part get out of the way of object and table.
-  constexpr std::array<std::array<double, 3>, 5> kPostures{
-      {{0.25, 0, 0}, {0, 0, 0}, {-0.35, -0.5, -0.3}, {-1.0, -1.3, -0.7}, {-1.35, -1.55, -0.9}}};
-  const Vector3 to_knuckle = pinch.knuckle - middle;
-  const Vector3 up_in_hand = (Quaternion(Eigen::AngleAxisd(-o.tilt, axis)) * Vector3(to_knuckle - axis * axis.dot(to_knuckle))).normalized();
-  double best = -1e9;
-  std::array<double, 3> posture{};
-  for (const auto& candidate : kPostures) {
-    JointAngles angles = at_width;
-    for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
-      flex(angles, finger, candidate[0], candidate[1], candidate[2]);
-    const JointFrames frames = forward_kinematics(hand, Pose{}, angles);
-    double clearance = 1e9;
-    for (std::size_t j = index(Joint::middle_intermediate); j < kJointCount; ++j) {
-      if (is_metacarpal(body_of(static_cast<Joint>(j)))) continue;
-      const Vector3 from_middle = frames[j].position - middle;
-      clearance = std::min({clearance, from_middle.dot(up_in_hand) - hand.joint_radii[j] + 0.5 * o.object_width,
-                            from_middle.norm() - hand.joint_radii[j] - 0.7 * o.object_width});
-    }
-    if (clearance <= best) continue;
-    best = clearance;
-    posture = candidate;
-  }
-
-  Grip grip;
-  JointAngles angles = at_width;
-  for (std::size_t i = 0; i < kApertures; ++i) {
-    const double aperture = closed + (open - closed) * static_cast<double>(i) / (kApertures - 1);
-    const Vector3 thumb_goal = middle - (0.5 * aperture + thumb_radius) * axis, index_goal = middle + (0.5 * aperture + index_radius) * axis;
-    angles = ik.solve(angles, [&](const JointAngles& a, std::vector<double>& r) {
-      const Pinch now = pinch_of(a);
-      append(now.thumb.centre - thumb_goal, 100 * kPerMetre, r);
-      append(now.finger.centre - index_goal, 100 * kPerMetre, r);
-      for (const Phalanx& each : {now.thumb, now.finger}) {
-        r.push_back(2.4 * each.direction.dot(axis));
-        r.push_back(1.4 * (each.direction.dot(up_in_hand) + 1));
-      }
-      for (std::size_t b = 2; b <= index(Body::index_distal); ++b) append(a[b] - at_width[b], 0.3, r);
+  // Where pads of that distance face each other best, whatever else is there: it gives the grip's place in the hand.
+  JointAngles facing;
+  facing.fill(Vector3::Zero());
+  flex(facing, Finger::index, -0.6, -0.5, -0.3);
+  flex(facing, Finger::thumb, -0.1, -0.2, -0.2);
+  facing = hand.limited(facing);
+  Pose in_grip;
+  {
+    const JointAngles start = facing;
+    Unknowns unknowns(hand, nullptr);
+    for (const Finger f : {Finger::thumb, Finger::index}) unknowns.add({&facing}, variables_of(f), start);
+    unknowns.solve([&](const VectorX& x, Residual& r) {
+      const JointFrames at = forward_kinematics(model, Pose{}, facing);
+      const auto t = hand.pad(Finger::thumb, at), i = hand.pad(Finger::index, at);
+      const Vector3 between = i.position - t.position, axis = between.normalized();
+      r.push_back(kPerMetre * (between.norm() - 2 * closed));
+      append(t.normal - axis, 12, r);
+      append(i.normal + axis, 12, r);
+      append(i.along - t.along, 2, r);
+      unknowns.append_start(x, 10, r);
     });
-    const Pinch now = pinch_of(angles);
-    const double error = std::max((now.thumb.centre - thumb_goal).norm(), (now.finger.centre - index_goal).norm());
-    // Only the way open may fall short: a smaller opening still grips.
-    if (error > 1e-3 && aperture <= o.object_width + 2e-3) {
-      throw std::invalid_argument("generator: pinch of " + std::to_string(aperture * 1e3) + " mm: the pads reach " +
-                                  std::to_string(((now.finger.centre - now.thumb.centre).norm() - thumb_radius - index_radius) * 1e3) +
-                                  " mm; expected an object_width that the hand can span");
-    }
-    if (error > 1e-3) break;
-    JointAngles whole = angles;
-    for (const Finger f : {Finger::middle, Finger::ring, Finger::little}) flex(whole, f, posture[0], posture[1], posture[2]);
-    grip.apertures.push_back(whole);
+    const JointFrames frames = forward_kinematics(model, Pose{}, facing);
+    const Vector3 thumb = hand.pad(Finger::thumb, frames).position, finger = hand.pad(Finger::index, frames).position;
+    const Vector3 axis = (thumb - finger).normalized(), middle = 0.5 * (thumb + finger);
+    const Vector3 up = (-middle + axis * axis.dot(middle)).normalized();
+    Matrix3 in_hand;
+    in_hand << up.cross(axis), up, axis;
+    in_grip.orientation = Quaternion(Matrix3(in_hand.transpose()));
+    in_grip.position = -(in_grip.orientation * middle);
   }
 
-  const Vector3 forward = Quaternion(Eigen::AngleAxisd(o.yaw, Vector3::UnitY())) * Vector3(0, 0, -1);
-  Matrix3 in_hand, in_world;
-  in_hand << axis, up_in_hand, axis.cross(up_in_hand);
-  in_world << forward, Vector3::UnitY(), forward.cross(Vector3::UnitY());
-  grip.wrist.orientation = Quaternion(Matrix3(in_world * in_hand.transpose())).normalized();
-  grip.wrist.position = to_vector(o.object_position) - grip.wrist.orientation * middle;
-  grip.approach_offset = Vector3(0, o.approach_distance, 0);
+  // Fingers that take no part are either curled or stretched out, and the hand may lean: what clears best.
+  constexpr std::array<std::array<double, 3>, 2> kPostures{{{-0.9, -1.2, -0.7}, {0.3, -0.2, -0.1}}};
+  JointAngles a, b;
+  double exact = 0, clear = 0;  // weights of the pads' places and of clearance
+  const Vector3 down = Eigen::AngleAxisd(o.tilt, -Vector3::UnitZ()) * Vector3::UnitY();
+  const auto attempt = [&](const Pose& wrist_start, const JointAngles& closed_start, const JointAngles& open_start,
+                           std::initializer_list<std::array<double, 2>> weights, Pose& wrist_out) {
+    Unknowns unknowns(hand, &wrist_start);
+    for (const Finger f : {Finger::thumb, Finger::index}) unknowns.add({&a}, variables_of(f), closed_start);
+    for (const Finger f : {Finger::thumb, Finger::index}) unknowns.add({&b}, variables_of(f), open_start);
+    for (const Finger f : {Finger::middle, Finger::ring, Finger::little}) unknowns.add({&a, &b}, variables_of(f), closed_start);
+    const auto residual = [&](const VectorX& x, Residual& r) {
+      const Pose wrist = unknowns.wrist(x);
+      for (const bool gripping : {true, false}) {
+        const JointFrames at = forward_kinematics(model, wrist, gripping ? a : b);
+        const auto t = hand.pad(Finger::thumb, at), i = hand.pad(Finger::index, at);
+        const double reach = gripping ? closed : open;
+        const Vector3 thumb_at = t.touch(-Vector3::UnitZ()), index_at = i.touch(Vector3::UnitZ());
+        r.push_back(exact * (thumb_at.z() - reach));
+        r.push_back(exact * (index_at.z() + reach));
+        const double across = gripping ? exact : 0.1 * kPerMetre;
+        r.push_back(across * thumb_at.x());
+        r.push_back(across * index_at.x());
+        r.push_back(across * (thumb_at.y() - index_at.y()));
+        r.push_back((gripping ? 1.0 : 0.3) * kPerMetre * (0.5 * (thumb_at.y() + index_at.y()) - kAbove));
+        const double flat = gripping ? 9 : 1.0;
+        append(t.normal + Vector3::UnitZ(), flat, r);
+        append(i.normal - Vector3::UnitZ(), flat, r);
+        // Fingertips down, or they would cross.
+        append(t.along + down, gripping ? 2 : 1, r);
+        append(i.along + down, gripping ? 3 : 1, r);
+        const auto spheres = hand.spheres(at);
+        for (const auto& s : spheres) {
+          const Finger whose = finger_of(s.body);
+          // The tracked pads are as deep in the cube as they would press; so is what lies behind them, and a flat pad takes its joint
+          // along.
+          const bool grips = gripping && (whose == Finger::thumb || whose == Finger::index);
+          const bool touches =
+              grips && (s.body == distal_of(whose) || (end_joint_of(s.body) == joint_of(distal_of(whose)) && s.along == 1));
+          const double margin = grips ? 1e-3 - o.closing_depth : kClear;
+          const double table = s.centre.y() + half - s.radius - o.lower_depth, cube = outside_cube(s.centre, half) - s.radius;
+          r.push_back(clear * std::max(0.0, kClear - table));
+          r.push_back(touches ? 0.0 : clear * std::max(0.0, margin - cube));
+        }
+        GripHand::keep_apart(spheres, {Finger::middle, Finger::ring, Finger::little}, 2e-3, r);
+      }
+      const Vector3 from_above = Eigen::AngleAxisd(o.tilt, Vector3::UnitZ()) * wrist.position.normalized();
+      r.push_back(from_above.x());
+      unknowns.append_start(x, 2, r);
+    };
+    VectorX x;
+    for (const auto& weight : weights) {
+      exact = weight[0] * kPerMetre;
+      clear = weight[1] * kPerMetre;
+      x = unknowns.solve(residual, x.size() > 0 ? &x : nullptr);
+    }
+    wrist_out = unknowns.wrist(x);
+    Residual r;
+    residual(x, r);
+    double cost = 0;
+    for (const double e : r) cost += e * e;
+    return cost;
+  };
+  Grip grip;
+  JointAngles shut, wide;
+  double best = std::numeric_limits<double>::infinity();
+  for (const auto& posture : kPostures) {
+    for (const double lean : {-1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2}) {
+      a = facing;
+      for (const Finger finger : {Finger::middle, Finger::ring, Finger::little}) flex(a, finger, posture[0], posture[1], posture[2]);
+      a = hand.limited(a);
+      b = a;
+      for (const Finger finger : {Finger::index, Finger::thumb}) {
+        for (const Variable& v : variables_of(finger)) b[index(v.body)][v.axis] *= 0.4;
+      }
+      const JointAngles closed_start = a, open_start = b;
+      const Quaternion turn(Eigen::AngleAxisd(o.tilt + lean, -Vector3::UnitZ()));
+      Pose wrist;
+      const double cost =
+          attempt(Pose{Vector3::Zero(), turn} * in_grip, closed_start, open_start, {{0.3, 0.03}, {1, 0.2}, {3, 1}, {10, 2}}, wrist);
+      if (cost >= best) continue;
+      best = cost;
+      shut = a;
+      wide = b;
+      grip.wrist = wrist;
+    }
+  }
+  {
+    const JointAngles closed_start = shut, open_start = wide;
+    const Pose start = grip.wrist;
+    attempt(start, closed_start, open_start, {{30, 2}}, grip.wrist);
+    shut = a;
+    wide = b;
+  }
+
+  const auto pads_of = [&](const JointAngles& angles) {
+    const JointFrames frames = forward_kinematics(model, grip.wrist, angles);
+    return std::pair{hand.pad(Finger::thumb, frames).touch(-Vector3::UnitZ()), hand.pad(Finger::index, frames).touch(Vector3::UnitZ())};
+  };
+  const auto [thumb_shut, index_shut] = pads_of(shut);
+  const auto [thumb_wide, index_wide] = pads_of(wide);
+  // Only the way open may fall short: a smaller opening still grips.
+  const double missed = std::max(
+      {std::abs(thumb_shut.z() - closed), std::abs(index_shut.z() + closed), half + 1e-3 - thumb_wide.z(), half + 1e-3 + index_wide.z()});
+  if (missed > 1e-3) {
+    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: the pads reach from " +
+                                std::to_string((thumb_shut.z() - index_shut.z()) * 1e3) + " to " +
+                                std::to_string((thumb_wide.z() - index_wide.z()) * 1e3) +
+                                " mm; expected an object_width that the hand can span");
+  }
+  JointAngles angles = shut;
+  for (std::size_t k = 0; k < kApertures; ++k) {
+    const double s = static_cast<double>(k) / (kApertures - 1);
+    const Vector3 thumb_goal = (1 - s) * thumb_shut + s * thumb_wide;
+    const Vector3 index_goal = (1 - s) * index_shut + s * index_wide;
+    JointAngles between = shut;
+    for (std::size_t n = 2; n < kBodyCount; ++n) between[n] = (1 - s) * shut[n] + s * wide[n];
+    Unknowns unknowns(hand, nullptr);
+    for (const Finger f : {Finger::thumb, Finger::index}) unknowns.add({&angles}, variables_of(f), between);
+    unknowns.solve([&](const VectorX& x, Residual& r) {
+      const auto [thumb, finger] = pads_of(angles);
+      append(thumb - thumb_goal, kPlace, r);
+      append(finger - index_goal, kPlace, r);
+      unknowns.append_start(x, 0.5, r);
+    });
+    grip.apertures.push_back(angles);
+  }
+  place(grip, o, Vector3::UnitY());
   return grip;
 }
 
-Grip solve_power_grasp(const HandModel& hand, const GeneratorOptions& o) {
-  const double radius = 0.5 * o.object_width;
-  const double reach = radius - o.closing_depth;
-  // The cylinder lies across the palm, just distal of the knuckles' row and clear of their skin.
-  Vector3 centre = Vector3::Zero();
-  for (const Joint joint : {Joint::index_proximal, Joint::middle_proximal, Joint::ring_proximal, Joint::little_proximal}) {
-    centre += 0.25 * hand.rest_joints[index(joint)].position;
-  }
-  centre += Vector3(0, -(radius + hand.joint_radii[index(Joint::middle_proximal)] + 0.004), -0.004);
-  const Vector3 axis = Vector3::UnitX();
-  const auto radial = [&](const Vector3& p) { return Vector3((p - centre) - axis * axis.dot(p - centre)); };
+// All fingers around an upright cylinder in the palm, thumb on its other side and above. The palm looks along the grip's direction.
+Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
+  const GripHand hand(model);
+  const double radius = 0.5 * o.object_width, reach = radius - o.closing_depth;
+  constexpr double kPalmGap = 5e-3;
+  const auto radial = [](const Vector3& p) { return Vector3(p.x(), 0, p.z()); };
 
-  JointAngles closed;
-  closed.fill(Vector3::Zero());
-  for (const Finger finger : {Finger::index, Finger::middle, Finger::ring, Finger::little}) {
-    double best = 1e9, chosen = 0;
-    for (double s = 0; s <= 1.6; s += 0.002) {
-      JointAngles angles = closed;
-      flex(angles, finger, -0.9 * s, -1.0 * s, -0.6 * s);
-      const double distance = radial(pad_of(hand, finger, forward_kinematics(hand, Pose{}, angles)).position).norm() - reach;
-      if (std::abs(distance) < best) {
-        best = std::abs(distance);
-        chosen = s;
-      }
-      if (distance <= 0) break;  // the first touch, not one from beyond
+  JointAngles shut;
+  shut.fill(Vector3::Zero());
+  for (const Finger finger : kFingers) flex(shut, finger, -0.8, -0.9, -0.5);
+  flex(shut, Finger::thumb, -0.2, -0.3, -0.4);
+  shut = hand.limited(shut);
+  const JointAngles start = shut;
+  // First guess: palm along -Z, the thumb's side up, the cylinder below the knuckles.
+  const Vector3 thumb_side = model.side == Side::right ? Vector3(-1, 0, 0) : Vector3(1, 0, 0);
+  Matrix3 in_hand;
+  in_hand << thumb_side.cross(Vector3::UnitY()), thumb_side, Vector3::UnitY();
+  Pose guess;
+  guess.orientation = Quaternion(Matrix3(in_hand.transpose()));
+  const std::size_t knuckle = index(Joint::middle_proximal);
+  const Vector3 centre = model.rest_joints[knuckle].position - Vector3(0, radius + model.joint_radii[knuckle] + kPalmGap, 0);
+  guess.position = -(guess.orientation * centre);
+
+  std::vector<Variable> variables;
+  for (int f = 0; f < kFingerCount; ++f) {
+    for (const Variable& v : variables_of(static_cast<Finger>(f))) variables.push_back(v);
+  }
+  Unknowns unknowns(hand, &guess);
+  unknowns.add({&shut}, variables, start);
+  const VectorX x = unknowns.solve([&](const VectorX& at, Residual& r) {
+    const JointFrames frames = forward_kinematics(model, unknowns.wrist(at), shut);
+    const Vector3 opposite = radial(hand.pad(Finger::middle, frames).position).normalized();
+    for (int f = 0; f < kFingerCount; ++f) {
+      const auto pad = hand.pad(static_cast<Finger>(f), frames);
+      const Vector3 out = radial(pad.position);
+      r.push_back(kPlace * (out.norm() - reach));
+      append(pad.normal + out.normalized(), 3, r);
+      if (f == 0) append(out.normalized() + opposite, 1, r);
     }
-    flex(closed, finger, -0.9 * chosen, -1.0 * chosen, -0.6 * chosen);
-  }
-  const InverseKinematics thumb_ik(
-      hand,
-      {{Body::thumb_metacarpal, 0, -0.2}, {Body::thumb_metacarpal, 1, 0}, {Body::thumb_proximal, 0, -0.4}, {Body::thumb_distal, 0, -0.4}});
-  JointAngles thumb_start = closed;
-  for (const Body body : {Body::thumb_metacarpal, Body::thumb_proximal, Body::thumb_distal})
-    thumb_start[index(body)] = thumb_ik.start()[index(body)];
-  closed = thumb_ik.solve(thumb_start, [&](const JointAngles& angles, std::vector<double>& r) {
-    const Pad pad = pad_of(hand, Finger::thumb, forward_kinematics(hand, Pose{}, angles));
-    const Vector3 out = radial(pad.position);
-    r.push_back(kPerMetre * (out.norm() - reach));
-    append(pad.normal + out.normalized(), 4, r);
-    thumb_ik.append_nominal(angles, 0.3, r);
+    const auto spheres = hand.spheres(frames);
+    double palm = 1;
+    for (const auto& s : spheres) {
+      const double distance = radial(s.centre).norm() - radius - s.radius;
+      const bool distal = s.body == distal_of(finger_of(s.body));
+      const double margin = is_metacarpal(s.body) ? kPalmGap : distal ? -o.closing_depth - 1e-3 : 1e-3;
+      if (is_metacarpal(s.body) && finger_of(s.body) != Finger::thumb) palm = std::min(palm, distance);
+      r.push_back(2 * kPerMetre * std::max(0.0, margin - distance));
+      // Phalanges lie along the cylinder where they can.
+      r.push_back(distal || is_metacarpal(s.body) ? 0.0 : 0.05 * kPerMetre * (distance - margin));
+    }
+    r.push_back(kPerMetre * (palm - kPalmGap));
+    GripHand::keep_apart(spheres, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.5e-3, r);
+    r.push_back(0.1 * kPerMetre * hand.pad(Finger::middle, frames).position.y());
+    append(at.segment<3>(3), 3, r);
+    unknowns.append_start(at, 0.4, r);
   });
-
   Grip grip;
-  for (std::size_t i = 0; i < kApertures; ++i) {
-    const double open = static_cast<double>(i) / (kApertures - 1);
-    JointAngles angles = closed;
-    for (std::size_t b = 2; b < kBodyCount; ++b) angles[b] *= 1 - 0.85 * open;
+  grip.wrist = unknowns.wrist(x);
+  {
+    const JointFrames frames = forward_kinematics(model, grip.wrist, shut);
+    for (int f = 0; f < kFingerCount; ++f) {
+      const double got = radial(hand.pad(static_cast<Finger>(f), frames).position).norm();
+      if (std::abs(got - reach) > 2e-3) {
+        throw std::invalid_argument("generator: power_grasp of " + std::to_string(o.object_width * 1e3) + " mm: the pad of " +
+                                    std::string(kFingerNames[static_cast<std::size_t>(f)]) + " comes to " + std::to_string(got * 1e3) +
+                                    " mm of the axis; expected an object_width that the hand can close on");
+      }
+    }
+  }
+
+  // Open: fingers nearly straight, everything clear of the cylinder and of the way that it comes into the hand.
+  JointAngles wide = shut;
+  for (std::size_t b = 2; b < kBodyCount; ++b) wide[b] *= 0.15;
+  const JointAngles open_start = wide;
+  Unknowns opening(hand, nullptr);
+  opening.add({&wide}, variables, open_start);
+  opening.solve([&](const VectorX& at, Residual& r) {
+    const auto spheres = hand.spheres(forward_kinematics(model, grip.wrist, wide));
+    for (const auto& s : spheres) {
+      Vector3 from = radial(s.centre);
+      if (from.z() < 0) from.z() = 0;  // the cylinder comes along +Z, as the hand sees it
+      const double margin = is_metacarpal(s.body) ? 4e-3 : 0.5 * o.opening;
+      r.push_back(2 * kPerMetre * std::max(0.0, margin - (from.norm() - radius - s.radius)));
+    }
+    opening.append_start(at, 1, r);
+  });
+  for (std::size_t k = 0; k < kApertures; ++k) {
+    const double s = static_cast<double>(k) / (kApertures - 1);
+    JointAngles angles = shut;
+    for (std::size_t b = 2; b < kBodyCount; ++b) angles[b] = (1 - s) * shut[b] + s * wide[b];
     grip.apertures.push_back(angles);
   }
-  // Upright cylinder, thumb above: the thumb's side of the hand up, the palm facing along the grip's direction.
-  const Vector3 forward = Quaternion(Eigen::AngleAxisd(o.yaw, Vector3::UnitY())) * Vector3(0, 0, -1);
-  const Vector3 thumb_side = hand.side == Side::right ? Vector3(-1, 0, 0) : Vector3(1, 0, 0);
-  const Vector3 palm(0, -1, 0);
-  Matrix3 in_hand, in_world;
-  in_hand << palm, thumb_side, palm.cross(thumb_side);
-  in_world << forward, Vector3::UnitY(), forward.cross(Vector3::UnitY());
-  grip.wrist.orientation = Quaternion(Matrix3(in_world * in_hand.transpose())).normalized();
-  grip.wrist.position = to_vector(o.object_position) - grip.wrist.orientation * centre;
-  grip.approach_offset = -o.approach_distance * forward;
+  place(grip, o, Vector3::UnitZ());
   return grip;
 }
 
@@ -410,35 +611,73 @@ class GraspMotion : public Motion {
   double duration_ = 0;
 };
 
-// Opens and closes, or wanders about with every joint in motion; no object.
+// How far each finger flexes before it meets the palm, and the thumb that then lies across the fingers.
+JointAngles solve_fist(const HandModel& model) {
+  const GripHand hand(model);
+  JointAngles fist;
+  fist.fill(Vector3::Zero());
+  for (const Finger finger : kFingers) {
+    for (double s = 0.05; s <= 1; s += 0.01) {
+      JointAngles tried = fist;
+      flex(tried, finger, -1.25 * s, -1.45 * s, -0.9 * s);
+      tried = hand.limited(tried);
+      const auto spheres = hand.spheres(forward_kinematics(model, Pose{}, tried));
+      double gap = 1;
+      for (const auto& tip : spheres) {
+        if (tip.body != distal_of(finger)) continue;
+        for (const auto& palm : spheres) {
+          if (is_metacarpal(palm.body) && finger_of(palm.body) != Finger::thumb)
+            gap = std::min(gap, (tip.centre - palm.centre).norm() - tip.radius - palm.radius);
+        }
+      }
+      if (gap < 2e-3) break;
+      fist = tried;
+    }
+  }
+  const JointAngles start = fist;
+  Unknowns unknowns(hand, nullptr);
+  unknowns.add({&fist}, variables_of(Finger::thumb), start);
+  unknowns.solve([&](const VectorX& x, Residual& r) {
+    const JointFrames frames = forward_kinematics(model, Pose{}, fist);
+    const Vector3 over = 0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
+    append(hand.pad(Finger::thumb, frames).position - over, 0.1 * kPerMetre, r);
+    GripHand::keep_apart(hand.spheres(frames), {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3, r);
+    unknowns.append_start(x, 0.5, r);
+  });
+  return fist;
+}
+
+// Opens and closes, or wanders about with every joint in motion; no object. Starts and ends at rest.
 class FreeMotion : public Motion {
  public:
-  FreeMotion(const HandModel& hand, const GeneratorOptions& options) : hand_(hand), options_(options) {}
+  FreeMotion(const HandModel& hand, const GeneratorOptions& options) : hand_(hand), options_(options), fist_(solve_fist(hand)) {}
   double duration() const override { return options_.free_time; }
   const std::array<double, kJointCount>& radii() const override { return hand_.joint_radii; }
   JointFrames at(double time) const override {
     const double t = std::clamp(time, 0.0, options_.free_time);
+    const double window = smooth(t) * smooth(options_.free_time - t);  // swells and fades over a second
     const bool fist = options_.motion == "fist";
     Pose wrist{to_vector(options_.object_position), Quaternion::Identity()};
     if (!fist) {
-      wrist.position += Vector3(0.15 * std::sin(2.1 * t), 0.08 * std::sin(3.3 * t), 0.1 * std::sin(1.7 * t));
-      wrist.orientation = rotation_exp(Vector3(0.5 * std::sin(1.3 * t), 0.6 * std::sin(1.9 * t), 0.7 * std::sin(1.1 * t)));
+      wrist.position += window * Vector3(0.08 * std::sin(1.3 * t), 0.05 * std::sin(1.9 * t), 0.06 * std::sin(1.1 * t));
+      wrist.orientation = rotation_exp(window * Vector3(0.35 * std::sin(0.9 * t), 0.4 * std::sin(1.2 * t), 0.5 * std::sin(0.7 * t)));
     }
-    JointAngles angles;
-    angles.fill(Vector3::Zero());
-    for (int f = 1; f < kFingerCount; ++f) {
-      const double s = fist ? 0.5 - 0.5 * std::cos(2 * M_PI * t / 4) : 0.35 - 0.35 * std::cos(3 * t - 0.6 * f);
-      flex(angles, static_cast<Finger>(f), -1.2 * s, -1.4 * s, -0.8 * s);
+    JointAngles angles = fist_;
+    for (int f = 0; f < kFingerCount; ++f) {
+      const bool thumb = f == 0;
+      // A wave through the fingers; the thumb closes over them last and opens first.
+      const double beat = 0.5 - 0.5 * std::cos(2 * M_PI * t / 4);
+      const double share = fist ? window * (thumb ? smooth(2 * beat - 1) : smooth(beat / 0.8))
+                                : window * (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));
+      for (const Variable& v : variables_of(static_cast<Finger>(f))) angles[index(v.body)][v.axis] *= share;
     }
-    const double thumb = fist ? 0.5 - 0.5 * std::cos(2 * M_PI * t / 4) : 0.3 - 0.3 * std::cos(2.3 * t);
-    angles[index(Body::thumb_proximal)].x() = -0.5 * thumb;
-    angles[index(Body::thumb_distal)].x() = -0.7 * thumb;
     return forward_kinematics(hand_, wrist, angles);
   }
 
  private:
   HandModel hand_;
   GeneratorOptions options_;
+  JointAngles fist_;
 };
 
 }  // namespace
