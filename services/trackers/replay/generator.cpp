@@ -529,6 +529,17 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
     const double s = static_cast<double>(k) / (kApertures - 1);
     JointAngles angles = shut;
     for (std::size_t b = 2; b < kBodyCount; ++b) angles[b] = (1 - s) * shut[b] + s * wide[b];
+    // On the way no finger may cut through more of the cylinder than it does in the end.
+    Unknowns between(hand, nullptr);
+    const JointAngles straight = angles;
+    between.add({&angles}, variables, straight);
+    between.solve([&](const VectorX& at, Residual& r) {
+      for (const auto& sphere : hand.spheres(forward_kinematics(model, grip.wrist, angles))) {
+        const double distance = radial(sphere.centre).norm() - radius - sphere.radius;
+        r.push_back(kPerMetre * std::max(0.0, -o.closing_depth - 1e-3 - distance));
+      }
+      between.append_start(at, 1, r);
+    });
     grip.apertures.push_back(angles);
   }
   place(grip, o, Vector3::UnitZ());
