@@ -329,7 +329,9 @@ TEST(NewtonSolver, ReportsWhatItDid) {
   Brick brick;
   brick.shake(0.002, 6);
   State fast = brick.state;
-  NewtonSolver one(brick.terms(), brick.state.layout(), {});
+  SolverOptions one_step;
+  one_step.max_iterations = 1;
+  NewtonSolver one(brick.terms(), brick.state.layout(), one_step);
   const StepReport first = one.step(fast, 0.01);
   EXPECT_EQ(first.status, StepStatus::iteration_limit);
   EXPECT_EQ(first.iterations, 1);
