@@ -79,9 +79,8 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
   }
   for (const std::uint32_t process : processes) EXPECT_FALSE(is_alive(process)) << "orphan " << process;
   // On exit a device is left at zero.
-  ears.poll();
   for (const std::uint32_t device : {kHaptic, kTactile}) {
-    EXPECT_FALSE(ears.devices[device].back().live) << device;
+    EXPECT_TRUE(ears.wait(1s, [&] { return !ears.devices[device].back().live; })) << device;
     EXPECT_EQ(ears.devices[device].back().largest_command, 0) << device;
   }
 }
