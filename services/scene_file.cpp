@@ -70,8 +70,6 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
   scene.path = path;
   read_toml(scene.options, path);
   for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
-  // One figure, told twice on the wire: what the tracking loop assumes of the hand's rate is what the hand runs at.
-  scene.options.tracking.hand_rate_hz = scene.options.hand.rate_hz;
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
   }

@@ -14,7 +14,7 @@ int run_send(const SendArguments& arguments) {
   Message message;
   if (arguments.module.size() >= message.module.size() || arguments.key.size() >= message.key.size() || arguments.value.size() >= message.value.size()) {
     fmt::print(stderr, "softhand send: module, key and value take at most {} characters each\n", message.key.size() - 1);
-    return 2;
+    return 1;
   }
   set_text(message.module, arguments.module);
   set_text(message.key, arguments.key);

@@ -38,7 +38,7 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
       hand_compute_(nanoseconds(scene.options.simulate.hand_compute_fraction / scene.options.hand.rate_hz)) {
   const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
   const bool layered = !options_.hand.direct;
-  if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, hand, key);
+  if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, options_.hand.rate_hz, hand, key);
   world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz);
   hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
   for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);

@@ -10,7 +10,7 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "tracking", "Owner of the intermediate skeleton");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey hand = hand_key(scene);
-  TrackingLoop loop(scene.options.tracking, load_scene_hand(scene), hand);
+  TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, load_scene_hand(scene), hand);
 
   Service service(arguments, scene.options.tracking.rate_hz);
   bus::Reader tracked_reader(service.participant(), bus::topics::tracked_skeleton, hand);

@@ -33,13 +33,13 @@ double tracked_stiffness(double ratio, double coupling, double inertia) {
 
 // Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero. `old_periods` = how
 // many hand periods the copies are old.
-double growth_of(const TrackingOptions& o, double mass, double coupling, int old_periods) {
+double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, double coupling, int old_periods) {
   const double m1 = o.mass_fraction * mass;
   const double k1 = tracked_stiffness(o.stiffness_ratio, coupling, m1);
   const double kf = o.feedback_ratio * coupling;
   const double b1 = 2 * o.damping_ratio * std::sqrt(k1 * m1);
   const double b2 = 2 * std::sqrt(coupling * mass);
-  const double h = 1 / o.rate_hz, H = 1 / o.hand_rate_hz;
+  const double h = 1 / o.rate_hz, H = 1 / hand_rate_hz;
   const int steps = std::max(1, static_cast<int>(std::lround(H / h)));
   const double limit = o.input.extrapolation_limit;
   double x = 1, v = 0, y = -1, w = 0;
@@ -73,26 +73,26 @@ double growth_of(const TrackingOptions& o, double mass, double coupling, int old
 
 }  // namespace
 
-double chain_growth(const TrackingOptions& options, const HandModel& hand) {
+double chain_growth(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand) {
   double worst = 0;
   for (const BodyModel& body : hand.bodies) {
     for (int old_periods : {0, 1}) {
       if (body.coupling_linear_stiffness > 0)
-        worst = std::max(worst, growth_of(options, body.mass, body.coupling_linear_stiffness, old_periods));
+        worst = std::max(worst, growth_of(options, hand_rate_hz, body.mass, body.coupling_linear_stiffness, old_periods));
       if (body.coupling_angular_stiffness > 0) {
-        worst = std::max(worst, growth_of(options, inertia_about_joint(body), body.coupling_angular_stiffness, old_periods));
+        worst = std::max(worst, growth_of(options, hand_rate_hz, inertia_about_joint(body), body.coupling_angular_stiffness, old_periods));
       }
     }
   }
   return worst;
 }
 
-void check_stability(const TrackingOptions& options, const HandModel& hand) {
-  const double growth = chain_growth(options, hand);
+void check_stability(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand) {
+  const double growth = chain_growth(options, hand_rate_hz, hand);
   if (growth < 1) return;
   // The nearest values that pass: less feedback first, since it costs least; then a stiffer, lighter intermediate layer.
   TrackingOptions better = options;
-  for (int attempt = 0; attempt < 40 && chain_growth(better, hand) >= 1; ++attempt) {
+  for (int attempt = 0; attempt < 40 && chain_growth(better, hand_rate_hz, hand) >= 1; ++attempt) {
     if (better.feedback_ratio > 0.1) {
       better.feedback_ratio = std::max(0.1, better.feedback_ratio * 0.8);
     } else {
@@ -105,14 +105,14 @@ void check_stability(const TrackingOptions& options, const HandModel& hand) {
                 "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: small deviations grow "
                 "%.4f times a hand "
                 "period; expected less than 1, e.g. stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
-                options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, options.hand_rate_hz, growth,
+                options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, hand_rate_hz, growth,
                 better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
   throw std::invalid_argument(text);
 }
 
-TrackingLoop::TrackingLoop(const TrackingOptions& options, const HandModel& hand, HandKey key)
+TrackingLoop::TrackingLoop(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand, HandKey key)
     : options_(options), time_step_(1 / options.rate_hz), feedback_ratio_(options.feedback_ratio), key_(key), input_(options.input) {
-  check_stability(options, hand);
+  check_stability(options, hand_rate_hz, hand);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const BodyModel& body = hand.bodies[b];
     Bone& bone = bones_[b];

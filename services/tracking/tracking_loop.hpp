@@ -34,16 +34,16 @@ struct TrackingOutput {
 };
 
 /// Growth per hand period of small deviations of the worst bone, by running the linear chain of intermediate and simulated bone with states
-/// that are up to one hand period old. Stable below 1.
-double chain_growth(const TrackingOptions& options, const HandModel& hand);
+/// that are up to one hand period, 1/hand_rate_hz, old. Stable below 1.
+double chain_growth(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand);
 
 /// Throws std::invalid_argument with the growth and the nearest stable values where `chain_growth` is not below 1.
-void check_stability(const TrackingOptions& options, const HandModel& hand);
+void check_stability(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand);
 
 class TrackingLoop {
  public:
-  /// Checks stability. Of `hand` only the skeleton is used: rest joints, masses, couplings.
-  TrackingLoop(const TrackingOptions& options, const HandModel& hand, HandKey key);
+  /// Checks stability against a hand simulation of `hand_rate_hz`. Of `hand` only the skeleton is used: rest joints, masses, couplings.
+  TrackingLoop(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand, HandKey key);
 
   /// One step of 1/rate_hz that ends at `now`. The result is valid until the next call.
   const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);

@@ -12,7 +12,6 @@ struct TrackingOptions {
   double feedback_ratio = 0.1;
   double mass_fraction = 0.1;
   double damping_ratio = 1;
-  double hand_rate_hz = 90;
   double simulated_stale_after = 0.04;
   TrackedInputOptions input;
 };
@@ -26,7 +25,6 @@ inline void describe(OptionVisitor& v, TrackingOptions& o) {
   v.number("mass_fraction", o.mass_fraction, "1", {0.001, 1},
            "Mass and inertia of an intermediate bone, over those of the bone in the hand file.");
   v.number("damping_ratio", o.damping_ratio, "1", {0.1, 3}, "Damping of the intermediate bones against the world; 1 = critical.");
-  v.number("hand_rate_hz", o.hand_rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation that the check of stability at start assumes.");
   v.number("simulated_stale_after", o.simulated_stale_after, "s", {0.005, 1},
            "Age of the newest simulated skeleton after which its spring and all coupling forces are zero.");
   describe_section(v, "input", "What is done with a tracker's samples.", o.input);

@@ -321,7 +321,8 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     return reply;
   };
   const bool known = key == "object.reset" || key == "object.remove" || key == "object.teleport";
-  if ((addressed != module && addressed != "*") || !known) return result_of(kReplyIgnored, "");
+  if (addressed != module && addressed != "*") return result_of(kReplyIgnored, "not for this module");
+  if (!known) return result_of(kReplyIgnored, "unknown key; known: object.reset, object.remove, object.teleport");
   const std::string_view name = value.substr(0, value.find(' '));
   if (key == "object.reset" && name == "*") {
     for (std::size_t slot = 0; slot < objects_.size(); ++slot) {

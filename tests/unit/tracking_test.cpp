@@ -37,6 +37,8 @@ Skeleton skeleton_at(const Pose& wrist, std::uint64_t sequence, Nanoseconds time
   return out;
 }
 
+constexpr double kHandRate = 90;  // Hz
+
 Pose still() { return {Vector3(0.1, 1.2, -0.3), Quaternion::Identity()}; }
 
 // Runs the loop at 1 kHz with a tracker at `rate`, whose wrist is at `wrist(t)`; `after(t, output)` sees each step.
@@ -62,7 +64,7 @@ void run(TrackingLoop& loop, double seconds, double rate, Motion wrist, After af
 Vector3 position(const Skeleton& s, std::size_t joint) { return to_vector(s.joints[joint].position); }
 
 TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   run(
       loop, 0.5, 90, [](double) { return still(); },
       [](double, const TrackingOutput& out) {
@@ -76,14 +78,14 @@ TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
 }
 
 TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   EXPECT_FALSE(loop.step(kStart, {}).valid);
 }
 
 // FACTS.md, "Skeleton chain": 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms
 // late.
 TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   const double speed = 0.8;
   const auto wrist = [&](double t) { return Pose{Vector3(speed * t, 1, 0), Quaternion::Identity()}; };
   double sum = 0, worst = 0;
@@ -105,7 +107,7 @@ TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
 }
 
 TEST(Tracking, LagOfAShakenHandIsAFewMilliseconds) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   // 3 Hz, 5 cm: 0.94 m/s. The lag is the shift that fits best: phase by projection on sine and cosine.
   const double omega = 2 * std::numbers::pi * 3;
   const auto wrist = [&](double t) { return Pose{Vector3(0.05 * std::sin(omega * t), 1, 0), Quaternion::Identity()}; };
@@ -126,7 +128,7 @@ TEST(Tracking, LagOfAShakenHandIsAFewMilliseconds) {
 }
 
 TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   const double speed = 2 * std::numbers::pi;  // 720 degrees in 2 s
   std::uint64_t sequence = 0;
   for (int i = 0; i < 2000; ++i) {
@@ -155,7 +157,7 @@ TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
 // intermediate is pulled by k_feedback against k1.
 TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
   TrackingOptions options;
-  TrackingLoop loop(options, hand(), {});
+  TrackingLoop loop(options, kHandRate, hand(), {});
   const double d = 0.004;
   TrackingOutput last;
   std::uint64_t sequence = 0;
@@ -181,7 +183,7 @@ TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
 
 TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
   TrackingOptions options;
-  TrackingLoop loop(options, hand(), {});
+  TrackingLoop loop(options, kHandRate, hand(), {});
   std::uint64_t sequence = 0;
   bool zeroed = false;
   for (int i = 0; i < 200; ++i) {
@@ -215,7 +217,7 @@ TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
 
 TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersLive) {
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e308}) {
-    TrackingLoop loop({}, hand(), {});
+    TrackingLoop loop({}, kHandRate, hand(), {});
     std::uint64_t sequence = 0;
     for (int i = 0; i < 500; ++i) {
       const Nanoseconds now = kStart + i * kMillisecond;
@@ -284,7 +286,7 @@ TEST(Tracking, AnotherClockIsReplacedByTheTimeOfArrival) {
 }
 
 TEST(Tracking, FreezeHoldsAndIsFlaggedStaleWithin100Milliseconds) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   Vector3 at_hold = Vector3::Zero();
   std::uint64_t sequence = 0;
   const double speed = 0.5;
@@ -311,7 +313,7 @@ TEST(Tracking, FreezeHoldsAndIsFlaggedStaleWithin100Milliseconds) {
 }
 
 TEST(Tracking, TeleportRepositionsAtOnceAndMakesNoVelocity) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   const auto wrist = [](double t) { return Pose{Vector3(t < 1 ? 0 : 10, 1, 0), Quaternion::Identity()}; };
   run(loop, 2, 90, wrist, [&](double t, const TrackingOutput& out) {
     EXPECT_LT(to_vector(out.intermediate.joints[kIndexTip].linear_velocity).norm(), 1e-6) << t;
@@ -322,7 +324,7 @@ TEST(Tracking, TeleportRepositionsAtOnceAndMakesNoVelocity) {
 }
 
 TEST(Tracking, ReturnFromADropoutFarAwayIsFollowedWithoutOvershoot) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   std::uint64_t sequence = 0;
   double highest = 0, speed = 0;
   for (int i = 0; i < 4000; ++i) {
@@ -378,17 +380,17 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
 }
 
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
-  EXPECT_LT(chain_growth({}, hand()), 1);
+  EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
   // FACTS.md: equal masses, k1 = k2/10 and a spring back as strong as the forward one.
   TrackingOptions bad;
   bad.mass_fraction = 1;
   bad.stiffness_ratio = 1;
   bad.feedback_ratio = 1;
   bad.damping_ratio = 0.1;
-  const double growth = chain_growth(bad, hand());
+  const double growth = chain_growth(bad, kHandRate, hand());
   ASSERT_GT(growth, 1);
   try {
-    TrackingLoop loop(bad, hand(), {});
+    TrackingLoop loop(bad, kHandRate, hand(), {});
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
     const std::string text = error.what();
@@ -397,13 +399,13 @@ TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
                           &offered.stiffness_ratio, &offered.feedback_ratio, &offered.mass_fraction),
               3)
         << text;
-    EXPECT_LT(chain_growth(offered, hand()), 1) << text;
+    EXPECT_LT(chain_growth(offered, kHandRate, hand()), 1) << text;
   }
 }
 
 TEST(Tracking, SameInputsGiveTheSameBits) {
   const auto last = [] {
-    TrackingLoop loop({}, hand(), {});
+    TrackingLoop loop({}, kHandRate, hand(), {});
     Skeleton result;
     run(
         loop, 1, 90,
@@ -418,7 +420,7 @@ TEST(Tracking, SameInputsGiveTheSameBits) {
 }
 
 TEST(Tracking, EveryMessageIsAnswered) {
-  TrackingLoop loop({}, hand(), {});
+  TrackingLoop loop({}, kHandRate, hand(), {});
   Message message;
   message.id = 42;
   set_text(message.module, "hand");

@@ -668,8 +668,12 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
     set_text(m.value, value);
     return world.answer(m);
   };
-  EXPECT_EQ(send("object.reset", "cube", "hand").result, kReplyIgnored);
-  EXPECT_EQ(send("glove.gain", "1", "*").result, kReplyIgnored);
+  const MessageReply elsewhere = send("object.reset", "cube", "hand");
+  EXPECT_EQ(elsewhere.result, kReplyIgnored);
+  EXPECT_EQ(get_text(elsewhere.text), "not for this module");
+  const MessageReply unknown = send("glove.gain", "1", "*");
+  EXPECT_EQ(unknown.result, kReplyIgnored);
+  EXPECT_NE(get_text(unknown.text).find("object.reset"), std::string_view::npos) << "the answer names the keys that are known";
   EXPECT_EQ(send("object.reset", "ball").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 1 nan 0").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 0.1 0.2 0.3").result, kReplyApplied);
