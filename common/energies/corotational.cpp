@@ -39,29 +39,4 @@ CorotationalState evaluate_corotational(const CorotationalMaterial& material, co
   return state;
 }
 
-CorotationalHessian corotational_hessian(const CorotationalMaterial& material, const CorotationalState& state, Curvature curvature) {
-  CorotationalHessian hessian;
-  const double m = state.factor;
-  const Vector3& s = state.svd.singular_values;
-  hessian.identity = 2 * material.mu * m;
-  hessian.weight[0] = material.lambda * m;
-  hessian.direction[0] = state.rotation;
-  const bool projected = curvature == Curvature::projected;
-  const double floor = projected ? 1e-3 : 1e-9;
-  const double numerator = 2 * (material.lambda * (s.sum() - 3.0) - 2 * material.mu);
-  constexpr int pairs[3][2] = {{0, 1}, {0, 2}, {1, 2}};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const int i = pairs[k][0], j = pairs[k][1];
-    double weight = numerator / std::max(s[i] + s[j], floor);
-    if (projected) weight = std::max(weight, -2 * material.mu);
-    hessian.weight[k + 1] = m * weight;
-    hessian.direction[k + 1] =
-        M_SQRT1_2 * (state.svd.u.col(i) * state.svd.v.col(j).transpose() - state.svd.u.col(j) * state.svd.v.col(i).transpose());
-  }
-  hessian.direction[4] = state.stress_quadratic;
-  // m > 1 exactly where the limit is passed.
-  hessian.weight[4] = m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
-  return hessian;
-}
-
 }  // namespace softhand

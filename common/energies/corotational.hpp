@@ -13,9 +13,6 @@
 // Units: J/m^3, Pa.
 #pragma once
 
-#include <array>
-
-#include "energies/energy.hpp"
 #include "math/polar.hpp"
 
 namespace softhand {
@@ -30,7 +27,8 @@ struct CorotationalMaterial {
 /// Lame parameters from engineering constants; std::invalid_argument unless E > 0, 0 <= nu < 0.5, W_max > 0, k_s >= 0, all finite.
 CorotationalMaterial corotational_material(double youngs_modulus, double poisson_ratio, double strain_limit_energy, double strain_limit_stiffness);
 
-/// The density and what its derivatives are made of, at one deformation gradient.
+/// The density and its first derivative at one deformation gradient: for single elements. The step's kernels have the same law in lanes, with the Hessian
+/// (tissue_kernel_source.hpp).
 struct CorotationalState {
   RotationSvd svd;
   Matrix3 rotation;         ///< R
@@ -41,14 +39,5 @@ struct CorotationalState {
 };
 
 CorotationalState evaluate_corotational(const CorotationalMaterial& material, const Matrix3& f);
-
-/// d2W/dF2 = identity * 1 + sum_k weight[k] q_k q_k^T, q_k = vec(direction[k]).
-struct CorotationalHessian {
-  double identity = 0;
-  std::array<double, 5> weight{};
-  std::array<Matrix3, 5> direction;
-};
-
-CorotationalHessian corotational_hessian(const CorotationalMaterial& material, const CorotationalState& state, Curvature curvature);
 
 }  // namespace softhand

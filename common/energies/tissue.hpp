@@ -5,16 +5,16 @@
 // W and its derivatives: corotational.hpp. Degrees of freedom: the nodes. Assumption: node n of the hand is node n of the state. The integral runs over the
 // reference volume (eq. 21). The four gradients b_a sum to zero, so six 3x3 blocks of the element's Hessian give the other four.
 //
-// Data are a structure of arrays over elements. The nodes of an element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on
-// scatter; F does not depend on the order. Elements are summed in their order in the hand's file: the same bits on each run.
+// Elements are evaluated side by side (tissue_kernel.hpp), with the same bits for every instruction set and on each run: they are summed in their order in the
+// hand's file. The nodes of an element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on scatter; F does not depend on the
+// order.
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <vector>
 
 #include "energies/corotational.hpp"
 #include "energies/energy.hpp"
+#include "energies/tissue_kernel.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand {
@@ -22,10 +22,10 @@ namespace softhand {
 class Tissue final : public Energy {
  public:
   /// Uses nodes, tetrahedra, their materials. std::invalid_argument, naming the element, where a tetrahedron has no volume or a node, material or
-  /// constant is out of range.
-  explicit Tissue(const HandModel& hand);
+  /// constant is out of range. `set` must be supported by the processor.
+  explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
 
-  int element_count() const { return static_cast<int>(volume_.size()); }
+  int element_count() const { return element_count_; }
   /// Tetrahedra with det F < 0.
   int inverted_elements(const State& state) const;
   /// W, J/m^3 of reference volume.
@@ -42,15 +42,12 @@ class Tissue final : public Energy {
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
-  Matrix3 deformation_gradient(const State& state, std::size_t element) const;
-  CorotationalMaterial material(std::size_t element) const;
-  double evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const;
+  Matrix3 deformation_gradient(const State& state, int element) const;
+  CorotationalMaterial material(int element) const;
 
-  std::array<std::vector<std::int32_t>, 4> node_;   // ascending within an element
-  std::array<std::vector<double>, 9> shape_;        // D_m^-1, row-major: its rows are b_1, b_2, b_3; b_0 = -(b_1 + b_2 + b_3)
-  std::vector<double> volume_;
-  std::array<std::vector<double>, 4> constants_;    // mu, lambda, W_max, k_s
-  std::array<std::vector<std::int32_t>, 10> slot_;  // stored block of (a, b), a >= b, row by row
+  TissueKernel kernel_;
+  int element_count_ = 0;
+  std::vector<TissueBatch> batches_;  // element e is lane e mod kTissueBatch of batch e / kTissueBatch
 };
 
 }  // namespace softhand

@@ -7,10 +7,13 @@
 #include "energies/derivative_suite.hpp"
 #include "energies/tissue.hpp"
 #include "support/box_mesh.hpp"
+#include "support/scalar_tissue.hpp"
 
 namespace softhand {
 namespace {
 
+using testing::CorotationalHessian;
+using testing::corotational_hessian;
 using testing::Random;
 
 Matrix3 random_rotation(Random& random) {

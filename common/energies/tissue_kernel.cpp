@@ -1,0 +1,21 @@
+// The baseline's kernel, and the choice among all.
+#include "energies/tissue_kernel.hpp"
+
+#include "energies/tissue_kernel_source.hpp"
+
+namespace softhand {
+
+// Defined in the files of these names, which CMake compiles with their instruction set's flags.
+double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
+
+TissueKernel tissue_kernel(InstructionSet set) {
+#if defined(__x86_64__)
+  if (set == InstructionSet::avx2) return tissue_energy_avx2;
+  if (set == InstructionSet::avx512) return tissue_energy_avx512;
+#endif
+  static_cast<void>(set);
+  return tissue_energy;
+}
+
+}  // namespace softhand

@@ -1,0 +1,13 @@
+// Compiled for AVX2; empty on other architectures.
+#if defined(__AVX2__)
+#include "energies/tissue_kernel_source.hpp"
+
+namespace softhand {
+
+double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
+double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+  return tissue_energy(batches, count, positions, output);
+}
+
+}  // namespace softhand
+#endif

@@ -1,0 +1,13 @@
+// Compiled for AVX-512 F, DQ and VL; empty on other architectures.
+#if defined(__AVX512F__)
+#include "energies/tissue_kernel_source.hpp"
+
+namespace softhand {
+
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+  return tissue_energy(batches, count, positions, output);
+}
+
+}  // namespace softhand
+#endif

@@ -1,0 +1,334 @@
+// The one source of the tissue's kernels: see tissue_kernel.hpp. Include it once in a file per instruction set, which then wraps `tissue_energy`. All of it has internal
+// linkage and nothing of the standard library or Eigen is instantiated: a function shared with the rest of the program could be the one with this file's instructions.
+#pragma once
+
+#include "energies/tissue_kernel.hpp"
+#include "math/lanes.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr std::size_t tissue_slot(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
+
+static_assert(kTissueBatch % kLanes == 0);
+constexpr int kMaxSweeps = 12;             // one-sided Jacobi converges quadratically: 3 to 5 are usual
+constexpr double kOrthogonal = 1e-29;      // square of the cosine
+constexpr double kSmallestProduct = 1e-280;  // below it squares lose digits, and the columns say nothing
+constexpr double kNoDirection = 1e-120;    // of a column's length against the longest
+constexpr double kSmallestScale = 1e-300;  // a matrix below counts as zero
+
+// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F.
+struct LaneSvd {
+  Lanes3 u[3], v[3];
+  Lanes s[3];
+};
+
+// Turns a_p and a_q (and v_p, v_q along) until they are orthogonal; lanes where they are stay as they are.
+template <bool kDirections>
+SOFTHAND_INLINE void orthogonalise(Lanes3& a_p, Lanes3& a_q, Lanes3& v_p, Lanes3& v_q) {
+  const Lanes pp = dot(a_p, a_p);
+  const Lanes qq = dot(a_q, a_q);
+  const Lanes pq = dot(a_p, a_q);
+  const Lanes square = pq * pq;
+  const Choice turns = (square > kOrthogonal * (pp * qq)) & (square > kSmallestProduct);
+  const Lanes difference = 0.5 * (qq - pp);
+  const Lanes adjacent = absolute(difference) + square_root(difference * difference + square);
+  const Lanes inverse = splat(1.0) / square_root(adjacent * adjacent + square);
+  const Lanes c = select(turns, adjacent * inverse, splat(1.0));
+  const Lanes s = select(turns, select(difference < 0.0, -pq, pq) * inverse, splat(0.0));
+  const Lanes3 x = a_p;
+  a_p = c * x - s * a_q;
+  a_q = s * x + c * a_q;
+  if constexpr (kDirections) {
+    const Lanes3 y = v_p;
+    v_p = c * y - s * v_q;
+    v_q = s * y + c * v_q;
+  }
+}
+
+SOFTHAND_INLINE Choice skewed(const Lanes3& a, const Lanes3& b) {
+  const Lanes product = dot(a, b);
+  const Lanes square = product * product;
+  return (square > kOrthogonal * (dot(a, a) * dot(b, b))) & (square > kSmallestProduct);
+}
+
+// A unit vector orthogonal to the unit vector `u` (Duff et al. 2017).
+SOFTHAND_INLINE Lanes3 perpendicular(const Lanes3& u) {
+  const Lanes sign = select(u.z < 0.0, splat(-1.0), splat(1.0));
+  const Lanes a = splat(-1.0) / (sign + u.z);
+  return {splat(1.0) + sign * u.x * u.x * a, sign * (u.x * u.y * a), -(sign * u.x)};
+}
+
+// Without kDirections only `s`, with the same bits.
+template <bool kDirections>
+SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
+  // Scaled, so that squares neither overflow nor vanish.
+  Lanes scale = absolute(f[0].x);
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j) scale = maximum(absolute(f[j].x), maximum(absolute(f[j].y), maximum(absolute(f[j].z), scale)));
+  const Choice vanishes = scale < kSmallestScale;
+  const Lanes inverse = splat(1.0) / select(vanishes, splat(1.0), scale);
+  const Lanes one = splat(1.0), zero = splat(0.0);
+  Lanes3 a[3];
+  Lanes3 v[3] = {{one, zero, zero}, {zero, one, zero}, {zero, zero, one}};
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j) a[j] = select(vanishes, v[j], inverse * f[j]);
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+    // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
+    if (!any(skewed(a[0], a[1]) | skewed(a[0], a[2]) | skewed(a[1], a[2]))) break;
+    orthogonalise<kDirections>(a[0], a[1], v[0], v[1]);
+    orthogonalise<kDirections>(a[0], a[2], v[0], v[2]);
+    orthogonalise<kDirections>(a[1], a[2], v[1], v[2]);
+  }
+  Lanes square[3] = {dot(a[0], a[0]), dot(a[1], a[1]), dot(a[2], a[2])};
+  const Choice inverted = dot(a[0], cross(a[1], a[2])) < 0.0;
+  const auto order = [&](std::size_t p, std::size_t q) {
+    const Choice swaps = square[q] > square[p];
+    const Lanes larger = select(swaps, square[q], square[p]);
+    square[q] = select(swaps, square[p], square[q]);
+    square[p] = larger;
+    if constexpr (kDirections) {
+      // One of the two is turned round, so that V stays a rotation.
+      const auto swap = [&swaps](Lanes3& x, Lanes3& y) {
+        const Lanes3 first = select(swaps, y, x);
+        y = select(swaps, -x, y);
+        x = first;
+      };
+      swap(a[p], a[q]);
+      swap(v[p], v[q]);
+    }
+  };
+  order(0, 1);
+  order(0, 2);
+  order(1, 2);
+  LaneSvd svd;
+  const Lanes length[3] = {square_root(square[0]), square_root(square[1]), square_root(square[2])};
+  svd.s[0] = scale * length[0];
+  svd.s[1] = scale * length[1];
+  svd.s[2] = scale * length[2];
+  svd.s[2] = select(inverted, -svd.s[2], svd.s[2]);
+  if constexpr (kDirections) {
+    svd.u[0] = (one / length[0]) * a[0];
+    svd.u[1] = (one / length[1]) * a[1];
+    svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
+    const Choice directed = length[1] > kNoDirection;
+    if (any(!directed)) svd.u[1] = select(directed, svd.u[1], perpendicular(svd.u[0]));
+    svd.u[2] = cross(svd.u[0], svd.u[1]);
+#pragma GCC unroll 3
+    for (std::size_t k = 0; k < 3; ++k) svd.v[k] = v[k];
+  }
+  return svd;
+}
+
+SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std::size_t component) {
+  Lanes result;
+#pragma GCC unroll 4
+  for (std::size_t k = 0; k < kVectorsPerLanes; ++k) {
+    const std::int32_t* of = index + k * kVectorWidth;
+    const auto at = [&](std::size_t i) { return base[3 * static_cast<std::ptrdiff_t>(of[i]) + static_cast<std::ptrdiff_t>(component)]; };
+#if defined(__AVX512F__)
+    result.part[k] = Vector{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
+#elif defined(__AVX2__)
+    result.part[k] = Vector{at(0), at(1), at(2), at(3)};
+#else
+    result.part[k] = Vector{at(0), at(1)};
+#endif
+  }
+  return result;
+}
+
+// What the lanes of a batch leave to be added.
+struct alignas(64) BatchResult {
+  double energy[kTissueBatch];
+  double force[12][kTissueBatch];   // gradient, node by node
+  double block[10][9][kTissueBatch];  // as TissueBatch::slot, column-major
+};
+
+// w_l for a block's row of three: entry (i, l) of the sum over k of left_k right_k^T.
+template <std::size_t kTerms>
+SOFTHAND_INLINE void add_products(const Lanes3 (&left)[kTerms], const Lanes3 (&right)[kTerms], Lanes3 (&column)[3]) {
+#pragma GCC unroll 5
+  for (std::size_t k = 0; k < kTerms; ++k) {
+    column[0] = column[0] + right[k].x * left[k];
+    column[1] = column[1] + right[k].y * left[k];
+    column[2] = column[2] + right[k].z * left[k];
+  }
+}
+
+template <bool kGradient, bool kHessian>
+SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions, bool projected, BatchResult& result) {
+  const auto row = [first](const double (&values)[kTissueBatch]) { return load_lanes(values + first); };
+  Lanes3 f[3];
+  Lanes3 shape[3];
+  {
+    Lanes3 point[4];
+#pragma GCC unroll 4
+    for (std::size_t n = 0; n < 4; ++n) {
+      const std::int32_t* node = batch.node[n] + first;
+      point[n] = {gather(positions, node, 0), gather(positions, node, 1), gather(positions, node, 2)};
+    }
+#pragma GCC unroll 3
+    for (std::size_t n = 0; n < 3; ++n) {
+      shape[n] = {row(batch.shape[3 * n]), row(batch.shape[3 * n + 1]), row(batch.shape[3 * n + 2])};
+      const Lanes3 edge = point[n + 1] - point[0];
+      if (n == 0) {
+        f[0] = shape[n].x * edge, f[1] = shape[n].y * edge, f[2] = shape[n].z * edge;
+      } else {
+        f[0] = f[0] + shape[n].x * edge, f[1] = f[1] + shape[n].y * edge, f[2] = f[2] + shape[n].z * edge;
+      }
+    }
+  }
+  const LaneSvd svd = lane_svd<kGradient || kHessian>(f);
+  const Lanes mu = row(batch.mu), lambda = row(batch.lambda), volume = row(batch.volume);
+  const Lanes limit_energy = row(batch.limit_energy), limit_stiffness = row(batch.limit_stiffness);
+  const Lanes strain[3] = {svd.s[0] - 1.0, svd.s[1] - 1.0, svd.s[2] - 1.0};
+  const Lanes trace = strain[0] + strain[1] + strain[2];
+  const Lanes quadratic = mu * (strain[0] * strain[0] + strain[1] * strain[1] + strain[2] * strain[2]) + 0.5 * lambda * trace * trace;
+  const Lanes excess = quadratic / limit_energy - 1.0;
+  const Choice limited = excess > 0.0;
+  const Lanes over = select(limited, excess, splat(0.0));
+  store(result.energy + first, volume * (quadratic + 0.5 * limit_stiffness * over * over));
+  if constexpr (!kGradient && !kHessian) return;
+
+  const Lanes factor = splat(1.0) + limit_stiffness / limit_energy * over;
+  const Lanes weight = volume * factor;
+  // R b, dW_q/dF b and the twists (u_i v_j^T - u_j v_i^T) b by the shape gradients b of nodes 1 to 3.
+  Lanes3 direction[3][5];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) {
+    const Lanes b[3] = {dot(svd.v[0], shape[n]), dot(svd.v[1], shape[n]), dot(svd.v[2], shape[n])};
+    direction[n][0] = b[0] * svd.u[0] + b[1] * svd.u[1] + b[2] * svd.u[2];
+    const Lanes3 stretched = shape[n].x * f[0] + shape[n].y * f[1] + shape[n].z * f[2];
+    direction[n][4] = (2.0 * mu) * (stretched - direction[n][0]) + (lambda * trace) * direction[n][0];
+    if constexpr (kHessian) {
+      direction[n][1] = b[1] * svd.u[0] - b[0] * svd.u[1];
+      direction[n][2] = b[2] * svd.u[0] - b[0] * svd.u[2];
+      direction[n][3] = b[2] * svd.u[1] - b[1] * svd.u[2];
+    }
+  }
+  if constexpr (kGradient) {
+    Lanes3 sum;
+#pragma GCC unroll 3
+    for (std::size_t n = 0; n < 3; ++n) {
+      const Lanes3 force = weight * direction[n][4];
+      sum = n == 0 ? force : sum + force;
+      store(result.force[3 * n + 3] + first, force.x);
+      store(result.force[3 * n + 4] + first, force.y);
+      store(result.force[3 * n + 5] + first, force.z);
+    }
+    sum = -sum;
+    store(result.force[0] + first, sum.x);
+    store(result.force[1] + first, sum.y);
+    store(result.force[2] + first, sum.z);
+  }
+  if constexpr (!kHessian) return;
+
+  // Half of c_k, because the twists are not of unit length; floors as in corotational.cpp.
+  const Lanes stiffness = 2.0 * mu;
+  const Lanes numerator = lambda * trace - stiffness;
+  const Lanes floor = splat(projected ? 1e-3 : 1e-9);
+  const auto twist = [&](std::size_t i, std::size_t j) {
+    const Lanes half = numerator / maximum(svd.s[i] + svd.s[j], floor);
+    return weight * (projected ? maximum(half, -mu) : half);
+  };
+  const Lanes terms[5] = {weight * lambda, twist(0, 1), twist(0, 2), twist(1, 2),
+                          select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0))};
+  const Lanes isotropic = weight * stiffness;
+  const auto put = [&](std::size_t slot, const Lanes3 (&column)[3]) {
+#pragma GCC unroll 3
+    for (std::size_t l = 0; l < 3; ++l) {
+      store(result.block[slot][3 * l] + first, column[l].x);
+      store(result.block[slot][3 * l + 1] + first, column[l].y);
+      store(result.block[slot][3 * l + 2] + first, column[l].z);
+    }
+  };
+  // Rows of the element's Hessian sum to zero: block (n, 0) = -sum of (n, 1) to (n, 3), and the corner likewise.
+  Lanes3 to_first[3][3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) {
+    Lanes3 scaled[5];
+#pragma GCC unroll 5
+    for (std::size_t k = 0; k < 5; ++k) scaled[k] = terms[k] * direction[n][k];
+#pragma GCC unroll 3
+    for (std::size_t m = 0; m <= n; ++m) {
+      const Lanes same = isotropic * dot(shape[n], shape[m]);
+      const Lanes none = splat(0.0);
+      Lanes3 column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
+      add_products(scaled, direction[m], column);
+      put(tissue_slot(n + 1, m + 1), column);
+#pragma GCC unroll 3
+      for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
+      if (m < n) {
+        to_first[m][0] = to_first[m][0] - Lanes3{column[0].x, column[1].x, column[2].x};
+        to_first[m][1] = to_first[m][1] - Lanes3{column[0].y, column[1].y, column[2].y};
+        to_first[m][2] = to_first[m][2] - Lanes3{column[0].z, column[1].z, column[2].z};
+      }
+    }
+  }
+  Lanes3 corner[3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) put(tissue_slot(n + 1, 0), to_first[n]);
+#pragma GCC unroll 3
+  for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
+  // Symmetric in exact arithmetic; half of it and its transpose is in floating point too.
+  const Lanes xy = 0.5 * (corner[0].y + corner[1].x), xz = 0.5 * (corner[0].z + corner[2].x), yz = 0.5 * (corner[1].z + corner[2].y);
+  const Lanes3 symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
+  put(tissue_slot(0, 0), symmetric);
+}
+
+// Adds the blocks of a batch: block by block, and within it element by element, so that the order does not depend on the vectors' width.
+SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult& result, double* blocks) {
+  for (std::size_t slot = 0; slot < 10; ++slot) {
+    const std::int32_t* index = batch.slot[slot];
+    const auto& entries = result.block[slot];
+    for (std::size_t first = 0; first < batch.count; first += kVectorWidth) {
+      Vector tile[8 / kVectorWidth][kVectorWidth];
+#pragma GCC unroll 4
+      for (std::size_t t = 0; t < 8 / kVectorWidth; ++t) {
+#pragma GCC unroll 8
+        for (std::size_t k = 0; k < kVectorWidth; ++k) tile[t][k] = load(&entries[t * kVectorWidth + k][first]);
+        transpose(tile[t]);
+      }
+#pragma GCC unroll 8
+      for (std::size_t lane = 0; lane < kVectorWidth; ++lane) {
+        if (first + lane >= batch.count) break;
+        double* stored = blocks + 9 * static_cast<std::ptrdiff_t>(index[first + lane]);
+#pragma GCC unroll 4
+        for (std::size_t t = 0; t < 8 / kVectorWidth; ++t) store(stored + t * kVectorWidth, load(stored + t * kVectorWidth) + tile[t][lane]);
+        stored[8] += entries[8][first + lane];
+      }
+    }
+  }
+}
+
+template <bool kGradient, bool kHessian>
+double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+  double energy = 0;
+  BatchResult result;
+  for (const TissueBatch* batch = batches; batch != batches + count; ++batch) {
+    for (std::size_t first = 0; first < batch->count; first += kLanes) {
+      evaluate_lanes<kGradient, kHessian>(*batch, first, positions, output.projected, result);
+    }
+    for (std::size_t lane = 0; lane < batch->count; ++lane) energy += result.energy[lane];
+    if constexpr (kGradient) {
+      for (std::size_t n = 0; n < 4; ++n) {
+        for (std::size_t lane = 0; lane < batch->count; ++lane) {
+          double* stored = output.gradient + 3 * static_cast<std::ptrdiff_t>(batch->node[n][lane]);
+          for (std::size_t c = 0; c < 3; ++c) stored[c] += result.force[3 * n + c][lane];
+        }
+      }
+    }
+    if constexpr (kHessian) scatter_blocks(*batch, result, output.blocks);
+  }
+  return energy;
+}
+
+double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+  if (output.blocks != nullptr) {
+    return output.gradient != nullptr ? tissue_energy<true, true>(batches, count, positions, output) : tissue_energy<false, true>(batches, count, positions, output);
+  }
+  return output.gradient != nullptr ? tissue_energy<true, false>(batches, count, positions, output) : tissue_energy<false, false>(batches, count, positions, output);
+}
+
+}  // namespace
+}  // namespace softhand
