@@ -1,6 +1,7 @@
 // A motion of one hand over time, recorded or made: joint frames in the world, no imperfections.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <span>
 #include <string>
@@ -19,6 +20,12 @@ struct MotionPhase {
   double begin = 0;
   double end = 0;
 };
+
+/// 0 to 1 with `share` from 0 to 1, clamped; zero velocity and acceleration at both ends.
+inline double minimum_jerk(double share) {
+  const double s = std::clamp(share, 0.0, 1.0);
+  return s * s * s * (10 + s * (6 * s - 15));
+}
 
 class Motion {
  public:

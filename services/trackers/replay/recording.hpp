@@ -2,10 +2,14 @@
 #pragma once
 
 #include <iosfwd>
+#include <string_view>
 
 #include "trackers/replay/motion.hpp"
 
 namespace softhand {
+
+/// The joint's name in WebXR ("pinky-finger-phalanx-distal"); empty for the palm, which WebXR lacks.
+std::string_view webxr_name(Joint joint);
 
 class Recording : public Motion {
  public:

@@ -1,0 +1,91 @@
+#include "trackers/replay/free_motion.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "trackers/replay/posture_solver.hpp"
+
+namespace softhand {
+namespace {
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
+
+// How far each finger flexes before it meets the palm, and the thumb that then lies across the fingers.
+JointAngles solve_fist(const HandModel& model) {
+  const GripHand hand(model);
+  JointAngles fist;
+  fist.fill(Vector3::Zero());
+  for (const Finger finger : kFourFingers) {
+    for (double s = 0.05; s <= 1; s += 0.01) {
+      JointAngles tried = fist;
+      flex(tried, finger, -1.25 * s, -1.45 * s, -0.9 * s);
+      tried = hand.limited(tried);
+      const auto spheres = hand.spheres(forward_kinematics(model, Pose{}, tried));
+      double gap = 1;
+      for (const auto& tip : spheres) {
+        if (tip.body != distal_of(finger)) continue;
+        for (const auto& palm : spheres) {
+          if (is_metacarpal(palm.body) && finger_of(palm.body) != Finger::thumb)
+            gap = std::min(gap, (tip.centre - palm.centre).norm() - tip.radius - palm.radius);
+        }
+      }
+      if (gap < 2e-3) break;
+      fist = tried;
+    }
+  }
+  PostureSolver solver(hand, Pose{}, {fist});
+  solver.free_finger(Finger::thumb, {0});
+  solver.solve([](PostureSolver& s) {
+    const JointFrames& frames = s.frames(0);
+    const Vector3 over = 0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
+    const auto thumb = s.pad(Finger::thumb, 0);
+    s.want_point(0.1 * kPerMetre, 0, thumb.body, thumb.position, over);
+    s.want_apart(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3);
+    s.want_start(0.5);
+  });
+  return solver.angles(0);
+}
+
+// Opens and closes, or wanders about with every joint in motion; no object. Starts and ends at rest.
+class FreeMotion : public Motion {
+ public:
+  FreeMotion(const HandModel& hand, const GeneratorOptions& options) : hand_(hand), options_(options), fist_(solve_fist(hand)) {}
+  double duration() const override { return options_.free_time; }
+  const std::array<double, kJointCount>& radii() const override { return hand_.joint_radii; }
+  JointFrames at(double time) const override {
+    const double t = std::clamp(time, 0.0, options_.free_time);
+    const double window = minimum_jerk(t) * minimum_jerk(options_.free_time - t);  // swells and fades over a second
+    const bool fist = options_.motion == "fist";
+    Pose wrist{to_vector(options_.object_position), Quaternion::Identity()};
+    if (!fist) {
+      wrist.position += window * Vector3(0.08 * std::sin(1.3 * t), 0.05 * std::sin(1.9 * t), 0.06 * std::sin(1.1 * t));
+      wrist.orientation = rotation_exp(window * Vector3(0.35 * std::sin(0.9 * t), 0.4 * std::sin(1.2 * t), 0.5 * std::sin(0.7 * t)));
+    }
+    JointAngles angles = fist_;
+    for (int f = 0; f < kFingerCount; ++f) {
+      const bool thumb = f == 0;
+      // A wave through the fingers; the thumb closes over them last and opens first.
+      const double beat = 0.5 - 0.5 * std::cos(2 * M_PI * t / 4);
+      const double share = fist ? window * (thumb ? minimum_jerk(2 * beat - 1) : minimum_jerk(beat / 0.8))
+                                : window * (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));
+      for (const JointAxis& v : axes_of(static_cast<Finger>(f))) angles[index(v.body)][v.axis] *= share;
+    }
+    return forward_kinematics(hand_, wrist, angles);
+  }
+
+ private:
+  HandModel hand_;
+  GeneratorOptions options_;
+  JointAngles fist_;
+};
+
+}  // namespace
+
+std::unique_ptr<Motion> make_free_motion(const HandModel& hand, const GeneratorOptions& options) {
+  return std::make_unique<FreeMotion>(hand, options);
+}
+
+}  // namespace softhand

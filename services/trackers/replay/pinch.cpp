@@ -1,0 +1,232 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "trackers/replay/grip.hpp"
+#include "trackers/replay/posture_solver.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kClear = 4.5e-3;  // room of all that does not grip
+constexpr double kAbove = 2e-3;    // pads a little above the middle: room for the fingertips
+constexpr std::size_t kShut = 0, kWide = 1;
+
+struct Distance {
+  double value;
+  Vector3 gradient;
+};
+// To a cube about the origin, negative inside.
+Distance outside_cube(const Vector3& point, double half) {
+  const Vector3 q = point.cwiseAbs() - Vector3::Constant(half);
+  Eigen::Index face;
+  const double deepest = q.maxCoeff(&face);
+  Vector3 gradient = q.cwiseMax(0.0);
+  const double outside = gradient.norm();
+  if (outside > 0) {
+    gradient /= outside;
+  } else {
+    gradient = Vector3::Unit(face);
+  }
+  for (int i = 0; i < 3; ++i) gradient[i] = std::copysign(gradient[i], point[i]);
+  return {outside + std::min(deepest, 0.0), gradient};
+}
+
+// Thumb and index with pads `distance` apart that face each other as well as they can, whatever else is there.
+JointAngles facing_pads(const GripHand& hand, double distance) {
+  JointAngles start;
+  start.fill(Vector3::Zero());
+  flex(start, Finger::index, -0.6, -0.5, -0.3);
+  flex(start, Finger::thumb, -0.1, -0.2, -0.2);
+  PostureSolver solver(hand, Pose{}, {hand.limited(start)});
+  for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
+  solver.solve([distance](PostureSolver& s) {
+    const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
+    const Vector3 between = index.position - thumb.position;
+    const double length = between.norm();
+    const Vector3 axis = between / length;
+    s.want(kPerMetre, length - distance, {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+    for (int i = 0; i < 3; ++i) {
+      const Vector3 unit = Vector3::Unit(i), across = (unit - axis * axis[i]) / length;  // gradient of axis[i] by `between`
+      const Change by_index = by_point(0, index.body, index.position, across), by_thumb = by_point(0, thumb.body, thumb.position, across);
+      const auto negative = [](const Change& c) { return Change{c.posture, c.body, -c.force, -c.torque}; };
+      s.want(12, thumb.normal[i] - axis[i], {by_direction(0, thumb.body, thumb.normal, unit), negative(by_index), by_thumb});
+      s.want(12, index.normal[i] + axis[i], {by_direction(0, index.body, index.normal, unit), by_index, negative(by_thumb)});
+      s.want(2, index.along[i] - thumb.along[i],
+             {by_direction(0, index.body, index.along, unit), by_direction(0, thumb.body, thumb.along, -unit)});
+    }
+    s.want_start(10);
+  });
+  return solver.angles(0);
+}
+
+// The wrist that brings these pads to the grip's axis, itself above it.
+Pose wrist_above(const GripHand& hand, const JointAngles& facing) {
+  const JointFrames frames = forward_kinematics(hand.model(), Pose{}, facing);
+  const Vector3 thumb = hand.pad(Finger::thumb, frames).position, index = hand.pad(Finger::index, frames).position;
+  const Vector3 axis = (thumb - index).normalized(), middle = 0.5 * (thumb + index);
+  const Vector3 up = (-middle + axis * axis.dot(middle)).normalized();
+  Matrix3 in_hand;
+  in_hand << up.cross(axis), up, axis;
+  Pose wrist;
+  wrist.orientation = Quaternion(Matrix3(in_hand.transpose()));
+  wrist.position = -(wrist.orientation * middle);
+  return wrist;
+}
+
+// What the grip and the widest opening should be, with one wrist for both.
+struct PinchGoals {
+  double half;          // of the cube
+  double closed, open;  // of the pads from the middle
+  double closing_depth, lower_depth, tilt;
+  double exact = 0, clear = 0;  // weights of the pads' places and of clearance
+
+  void operator()(PostureSolver& s) const {
+    for (const std::size_t posture : {kShut, kWide}) {
+      place_pads(s, posture);
+      keep_clear(s, posture);
+      s.want_apart(posture, {Finger::middle, Finger::ring, Finger::little}, 2e-3);
+    }
+    const Vector3& wrist = s.wrist().position;
+    const Vector3 up = wrist.normalized(), side(std::cos(tilt), -std::sin(tilt), 0);
+    s.want(1, side.dot(up), {by_point(kShut, Body::carpus, wrist, (side - up * up.dot(side)) / wrist.norm())});
+    s.want_start(2);
+  }
+
+ private:
+  void place_pads(PostureSolver& s, std::size_t posture) const {
+    const bool gripping = posture == kShut;
+    const auto thumb = s.pad(Finger::thumb, posture), index = s.pad(Finger::index, posture);
+    const double reach = gripping ? closed : open;
+    const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
+    const Vector3 thumb_at = thumb.touch(-z), index_at = index.touch(z);
+    const auto by_thumb = [&](const Vector3& gradient) { return by_point(posture, thumb.body, thumb.centre, gradient); };
+    const auto by_index = [&](const Vector3& gradient) { return by_point(posture, index.body, index.centre, gradient); };
+    s.want(exact, thumb_at.z() - reach, {by_thumb(z)});
+    s.want(exact, index_at.z() + reach, {by_index(z)});
+    const double across = gripping ? exact : 0.1 * kPerMetre;
+    s.want(across, thumb_at.x(), {by_thumb(x)});
+    s.want(across, index_at.x(), {by_index(x)});
+    s.want(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
+    s.want((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove, {by_thumb(0.5 * y), by_index(0.5 * y)});
+    const double flat = gripping ? 9 : 1.0;
+    s.want_direction(flat, posture, thumb.body, thumb.normal, -z);
+    s.want_direction(flat, posture, index.body, index.normal, z);
+    // Fingertips down, or they would cross.
+    const Vector3 down(-std::sin(tilt), -std::cos(tilt), 0);
+    s.want_direction(gripping ? 2 : 1, posture, thumb.body, thumb.along, down);
+    s.want_direction(gripping ? 3 : 1, posture, index.body, index.along, down);
+  }
+
+  void keep_clear(PostureSolver& s, std::size_t posture) const {
+    for (const GripHand::Sphere& sphere : s.spheres(posture)) {
+      const Finger whose = finger_of(sphere.body);
+      const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
+      if (table < kClear) s.want(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+      // The tracked pads are as deep in the cube as they would press; so is what lies behind them, and a flat pad takes its joint along.
+      const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
+      if (grips && (sphere.body == distal_of(whose) || (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
+        continue;
+      const double margin = grips ? 1e-3 - closing_depth : kClear;
+      const Distance cube = outside_cube(sphere.centre, half);
+      const double room = cube.value - sphere.radius;
+      if (room < margin) s.want(clear, margin - room, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
+    }
+  }
+};
+
+struct Postures {
+  Pose wrist;
+  JointAngles shut, wide;
+  double cost = std::numeric_limits<double>::infinity();
+};
+
+// Rising weights: from far away, clearance first lets pass.
+Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals, std::initializer_list<std::array<double, 2>> weights) {
+  PostureSolver solver(hand, start.wrist, {start.shut, start.wide});
+  solver.free_wrist();
+  for (const std::size_t posture : {kShut, kWide}) {
+    for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {posture});
+  }
+  for (const Finger f : {Finger::middle, Finger::ring, Finger::little}) solver.free_finger(f, {kShut, kWide});
+  double cost = 0;
+  for (const auto& [exact, clear] : weights) {
+    goals.exact = exact * kPerMetre;
+    goals.clear = clear * kPerMetre;
+    cost = solver.solve(goals);
+  }
+  return {solver.wrist(), solver.angles(kShut), solver.angles(kWide), cost};
+}
+
+}  // namespace
+
+// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between them with the wrist
+// at rest.
+Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
+  const GripHand hand(model);
+  const double half = 0.5 * o.object_width;
+  PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
+  const JointAngles facing = facing_pads(hand, 2 * goals.closed);
+  const Pose above = wrist_above(hand, facing);
+
+  // Fingers that take no part are either curled or stretched out, and the hand may lean: what clears best.
+  Postures best;
+  for (const auto& posture : {std::array{-0.9, -1.2, -0.7}, std::array{0.3, -0.2, -0.1}}) {
+    for (const double lean : {-1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2}) {
+      Postures start;
+      start.wrist = Pose{Vector3::Zero(), Quaternion(Eigen::AngleAxisd(o.tilt + lean, -Vector3::UnitZ()))} * above;
+      start.shut = facing;
+      for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
+        flex(start.shut, finger, posture[0], posture[1], posture[2]);
+      start.shut = hand.limited(start.shut);
+      start.wide = start.shut;
+      for (const Finger finger : {Finger::index, Finger::thumb}) {
+        for (const JointAxis& axis : axes_of(finger)) start.wide[static_cast<std::size_t>(index_of(axis.body))][axis.axis] *= 0.4;
+      }
+      const Postures found = improved(hand, start, goals, {{0.3, 0.03}, {1, 0.2}, {3, 1}, {10, 2}});
+      if (found.cost < best.cost) best = found;
+    }
+  }
+  best = improved(hand, best, goals, {{30, 2}});
+
+  struct Touches {
+    Vector3 thumb, index;
+  };
+  const auto touches = [&](const JointAngles& angles) {
+    const JointFrames frames = forward_kinematics(model, best.wrist, angles);
+    return Touches{hand.pad(Finger::thumb, frames).touch(-Vector3::UnitZ()), hand.pad(Finger::index, frames).touch(Vector3::UnitZ())};
+  };
+  const Touches shut = touches(best.shut), wide = touches(best.wide);
+  // Only the way open may fall short: a smaller opening still grips.
+  const double missed = std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
+                                  half + 1e-3 - wide.thumb.z(), half + 1e-3 + wide.index.z()});
+  if (missed > 1e-3) {
+    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: the pads reach from " +
+                                std::to_string((shut.thumb.z() - shut.index.z()) * 1e3) + " to " +
+                                std::to_string((wide.thumb.z() - wide.index.z()) * 1e3) +
+                                " mm; expected an object_width that the hand can span");
+  }
+  Grip grip;
+  grip.wrist = best.wrist;
+  for (std::size_t k = 0; k < kApertures; ++k) {
+    const double s = static_cast<double>(k) / (kApertures - 1);
+    JointAngles between = best.shut;
+    for (std::size_t b = 2; b < kBodyCount; ++b) between[b] = (1 - s) * best.shut[b] + s * best.wide[b];
+    PostureSolver solver(hand, grip.wrist, {between});
+    for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
+    solver.solve([&](PostureSolver& way) {
+      const auto thumb = way.pad(Finger::thumb, 0), index = way.pad(Finger::index, 0);
+      const Vector3 z = Vector3::UnitZ();
+      constexpr double kOnTheWay = 30 * kPerMetre;
+      way.want_point(kOnTheWay, 0, thumb.body, thumb.centre, (1 - s) * shut.thumb + s * wide.thumb + thumb.radius * z);
+      way.want_point(kOnTheWay, 0, index.body, index.centre, (1 - s) * shut.index + s * wide.index - index.radius * z);
+      way.want_start(0.5);
+    });
+    grip.apertures.push_back(solver.angles(0));
+  }
+  place_in_world(grip, o, Vector3::UnitY());
+  return grip;
+}
+
+}  // namespace softhand

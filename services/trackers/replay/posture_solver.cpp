@@ -1,0 +1,296 @@
+#include "trackers/replay/posture_solver.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr int kIterations = 120;
+constexpr double kEnough = 1e-7;      // relative decrease of the cost at which a solve ends
+constexpr double kLargestStep = 0.3;  // of each value: the goals bend
+
+std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
+
+}  // namespace
+
+void flex(JointAngles& angles, Finger finger, double first, double second, double distal) {
+  const std::size_t last = index(distal_of(finger));
+  angles[last - 2].x() = first;
+  angles[last - 1].x() = second;
+  angles[last].x() = distal;
+}
+
+std::array<JointAxis, 4> axes_of(Finger finger) {
+  const int last = index_of(distal_of(finger));
+  const Body first = static_cast<Body>(last - 2);
+  return {{{first, 0}, {first, 1}, {static_cast<Body>(last - 1), 0}, {static_cast<Body>(last), 0}}};
+}
+
+GripHand::GripHand(const HandModel& model) : model_(model) {
+  for (int f = 0; f < kFingerCount; ++f) pads_[static_cast<std::size_t>(f)] = pad_in_distal(model, static_cast<Finger>(f));
+}
+
+GripHand::Pad GripHand::pad(Finger finger, const JointFrames& frames) const {
+  const Body body = distal_of(finger);
+  const Pose& distal = frames[index(joint_of(body))];
+  const Vector3& pad = pads_[static_cast<std::size_t>(finger)];
+  return {body,
+          distal * pad,
+          distal.orientation * Vector3(0, -1, 0),
+          distal.orientation * Vector3(0, 0, -1),
+          distal * Vector3(pad.x(), 0, pad.z()),
+          -pad.y()};
+}
+
+double GripHand::limited(const JointAxis& which, double angle) const {
+  const JointModel& joint = model_.bodies[index(which.body)].joint;
+  const std::array<double, 2>& range = which.axis == 0 ? joint.flexion_range : joint.abduction_range;
+  return std::clamp(angle, range[0], range[1]);
+}
+
+JointAngles GripHand::limited(JointAngles angles) const {
+  for (std::size_t b = 2; b < kBodyCount; ++b) {
+    for (int axis = 0; axis < 2; ++axis) angles[b][axis] = limited({static_cast<Body>(b), axis}, angles[b][axis]);
+  }
+  return angles;
+}
+
+std::vector<GripHand::Sphere> GripHand::spheres(const JointFrames& frames) const {
+  std::vector<Sphere> out;
+  out.reserve(kSpheresPerBone * kBodyCount);
+  for (std::size_t b = 2; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const double from = model_.joint_radii[index(joint_of(body))], to = model_.joint_radii[index(end_joint_of(body))];
+    for (int k = 0; k < kSpheresPerBone; ++k) {
+      const double along = static_cast<double>(k) / (kSpheresPerBone - 1);
+      out.push_back({body, along, (1 - along) * from + along * to, Vector3::Zero()});
+    }
+  }
+  move(out, frames);
+  return out;
+}
+
+void GripHand::move(std::vector<Sphere>& spheres, const JointFrames& frames) const {
+  for (Sphere& s : spheres)
+    s.centre = (1 - s.along) * frames[index(joint_of(s.body))].position + s.along * frames[index(end_joint_of(s.body))].position;
+}
+
+PostureSolver::PostureSolver(const GripHand& hand, const Pose& wrist, std::vector<JointAngles> postures)
+    : hand_(hand), wrist_start_(wrist), wrist_(wrist) {
+  for (const JointAngles& angles : postures) {
+    const JointFrames frames = forward_kinematics(hand.model(), wrist, angles);
+    posed_.push_back({angles, frames, hand.spheres(frames), {}, {}, {}});
+  }
+}
+
+void PostureSolver::free_wrist() {
+  wrist_is_free_ = true;
+  values_ = VectorX::Zero(6);
+  upper_ = (VectorX(6) << 0.5, 0.5, 0.5, 2.5, 2.5, 2.5).finished();
+  lower_ = -upper_;
+}
+
+void PostureSolver::free_finger(Finger finger, std::initializer_list<std::size_t> postures) {
+  for (const JointAxis& axis : axes_of(finger)) {
+    const Eigen::Index at = values_.size();
+    const double start = posed_[*postures.begin()].angles[index(axis.body)][axis.axis];
+    free_.push_back({axis, postures, start});
+    for (VectorX* each : {&values_, &lower_, &upper_}) each->conservativeResize(at + 1);
+    lower_[at] = hand_.limited(axis, -10);
+    upper_[at] = hand_.limited(axis, 10);
+    values_[at] = std::clamp(start, lower_[at], upper_[at]);
+    for (const std::size_t p : postures) {
+      // It moves its own body and all beyond, to the tip.
+      for (int b = index_of(axis.body); b <= index_of(distal_of(finger)); ++b)
+        posed_[p].moved_by[static_cast<std::size_t>(b)].push_back(static_cast<int>(at));
+    }
+  }
+}
+
+void PostureSolver::pose(const VectorX& values) {
+  if (wrist_is_free_) {
+    const Vector3 turn = values.segment<3>(3);
+    wrist_ = Pose{values.head<3>(), rotation_exp(turn)} * wrist_start_;
+    turn_jacobian_ = left_jacobian_inverse(turn).inverse();
+  }
+  const Eigen::Index first = first_angle();
+  for (std::size_t i = 0; i < free_.size(); ++i) {
+    for (const std::size_t p : free_[i].postures)
+      posed_[p].angles[index(free_[i].axis.body)][free_[i].axis.axis] = values[first + static_cast<Eigen::Index>(i)];
+  }
+  for (Posed& posed : posed_) {
+    posed.frames = forward_kinematics(hand_.model(), wrist_, posed.angles);
+    hand_.move(posed.spheres, posed.frames);
+    posed.turn_axis.resize(static_cast<std::size_t>(values.size()));
+    posed.turn_about.resize(static_cast<std::size_t>(values.size()));
+  }
+  for (std::size_t i = 0; i < free_.size(); ++i) {
+    const std::size_t at = static_cast<std::size_t>(first) + i, body = index(free_[i].axis.body);
+    for (const std::size_t p : free_[i].postures) {
+      Posed& posed = posed_[p];
+      const Pose& joint = posed.frames[index(joint_of(free_[i].axis.body))];
+      // Right Jacobian of the exponential: the turn in the body's own frame.
+      posed.turn_axis[at] =
+          joint.orientation * Vector3(left_jacobian_inverse(posed.angles[body]).transpose().inverse().col(free_[i].axis.axis));
+      posed.turn_about[at] = joint.position;
+    }
+  }
+}
+
+void PostureSolver::add_entry(int at, double value) {
+  if (!entered_[static_cast<std::size_t>(at)]) {
+    entered_[static_cast<std::size_t>(at)] = 1;
+    entries_.push_back(at);
+  }
+  row_[at] += value;
+}
+
+void PostureSolver::finish_row(double value) {
+  cost_ += value * value;
+  for (const int i : entries_) {
+    gradient_[i] += row_[i] * value;
+    for (const int j : entries_) normal_(j, i) += row_[i] * row_[j];
+  }
+  for (const int i : entries_) {
+    row_[i] = 0;
+    entered_[static_cast<std::size_t>(i)] = 0;
+  }
+  entries_.clear();
+}
+
+void PostureSolver::want(double weight, double value, std::initializer_list<Change> changes) {
+  for (const Change& change : changes) {
+    const Posed& posed = posed_[change.posture];
+    if (wrist_is_free_) {
+      const Vector3 turn =
+          weight * (turn_jacobian_.transpose() * (change.torque - Vector3(values_under_test_.head<3>()).cross(change.force)));
+      for (int i = 0; i < 3; ++i) {
+        add_entry(i, weight * change.force[i]);
+        add_entry(3 + i, turn[i]);
+      }
+    }
+    for (const int at : posed.moved_by[index(change.body)]) {
+      const auto k = static_cast<std::size_t>(at);
+      add_entry(at, weight * posed.turn_axis[k].dot(change.torque - posed.turn_about[k].cross(change.force)));
+    }
+  }
+  finish_row(weight * value);
+}
+
+void PostureSolver::want_point(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal) {
+  for (int i = 0; i < 3; ++i) want(weight, point[i] - goal[i], {by_point(posture, body, point, Vector3::Unit(i))});
+}
+
+void PostureSolver::want_direction(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal) {
+  for (int i = 0; i < 3; ++i) want(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
+}
+
+void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {
+  const std::span<const GripHand::Sphere> all = spheres(posture);
+  const auto keep = [&](const GripHand::Sphere& s, Finger other, double room) {
+    const GripHand::Sphere* nearest = nullptr;
+    double least = room;
+    for (int b = index_of(distal_of(other)) - (other == Finger::thumb ? 1 : 2); b <= index_of(distal_of(other)); ++b) {
+      for (int k = 0; k < GripHand::kSpheresPerBone; ++k) {
+        const GripHand::Sphere& o = all[static_cast<std::size_t>((b - 2) * GripHand::kSpheresPerBone + k)];
+        const double reach = least + s.radius + o.radius, square = (s.centre - o.centre).squaredNorm();
+        if (reach <= 0 || square >= reach * reach) continue;
+        least = std::sqrt(square) - s.radius - o.radius;
+        nearest = &o;
+      }
+    }
+    if (!nearest) return;
+    const Vector3 away = (s.centre - nearest->centre).normalized();
+    want(kPerMetre, room - least, {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
+  };
+  for (const GripHand::Sphere& s : all) {
+    if (is_metacarpal(s.body)) continue;
+    const Finger finger = finger_of(s.body);
+    if (std::find(fingers.begin(), fingers.end(), finger) != fingers.end()) keep(s, Finger::thumb, margin);
+    // Neighbours lie side by side; only beyond the knuckles can they cross.
+    if (finger == Finger::index && s.body != Body::index_proximal) keep(s, Finger::middle, -1.5e-3);
+  }
+}
+
+void PostureSolver::want_start(double weight) {
+  for (std::size_t i = 0; i < free_.size(); ++i) {
+    const std::size_t posture = free_[i].postures.front();
+    add_entry(first_angle() + static_cast<int>(i), weight);
+    finish_row(weight * (posed_[posture].angles[index(free_[i].axis.body)][free_[i].axis.axis] - free_[i].start));
+  }
+}
+
+void PostureSolver::want_wrist_turned_little(double weight) {
+  for (int i = 3; i < 6; ++i) {
+    add_entry(i, weight);
+    finish_row(weight * values_under_test_[i]);
+  }
+}
+
+void PostureSolver::evaluate(const VectorX& values, const Goals& goals) {
+  const Eigen::Index n = values.size();
+  values_under_test_ = values;
+  pose(values);
+  cost_ = 0;
+  gradient_.setZero(n);
+  normal_.setZero(n, n);
+  row_.setZero(n);
+  entered_.assign(static_cast<std::size_t>(n), 0);
+  goals(*this);
+}
+
+double PostureSolver::evaluate(const VectorX& values, const Goals& goals, VectorX& gradient) {
+  evaluate(values, goals);
+  gradient = 2 * gradient_;
+  return cost_;
+}
+
+// Damped Gauss-Newton inside the bounds.
+double PostureSolver::solve(const Goals& goals) {
+  evaluate(values_, goals);
+  double cost = cost_, damping = 1e-2;
+  VectorX gradient, tried;
+  Eigen::MatrixXd normal, damped;
+  Eigen::LDLT<Eigen::MatrixXd> factor(values_.size());
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    gradient = gradient_;
+    normal = normal_;
+    // Values that rest on a bound and would leave it take no part in the step.
+    for (Eigen::Index c = 0; c < values_.size(); ++c) {
+      if ((gradient[c] > 0 && values_[c] <= lower_[c]) || (gradient[c] < 0 && values_[c] >= upper_[c])) {
+        normal.row(c).setZero();
+        normal.col(c).setZero();
+        normal(c, c) = 1e12;
+      }
+    }
+    bool done = true;
+    for (int attempt = 0; attempt < 12; ++attempt) {
+      damped = normal;
+      damped.diagonal() *= 1 + damping;
+      damped.diagonal().array() += 1e-9;
+      factor.compute(damped);
+      tried = values_ + (-factor.solve(gradient)).cwiseMax(-kLargestStep).cwiseMin(kLargestStep);
+      tried = tried.cwiseMax(lower_).cwiseMin(upper_);
+      evaluate(tried, goals);
+      if (cost_ < cost) {
+        done = cost - cost_ < kEnough * cost;
+        values_ = tried;
+        cost = cost_;
+        damping = std::max(1e-9, damping * 0.3);
+        break;
+      }
+      damping *= 5;
+    }
+    if (done) break;
+  }
+  pose(values_);
+  return cost;
+}
+
+}  // namespace softhand
