@@ -30,13 +30,24 @@ struct FingerRow {
 };
 
 constexpr std::array<FingerRow, 4> kFingers{{
-    {0.447, {0.245, 0.143, 0.097}, -0.290, 0.0, -0.150, 1.0, 0.150, 5.0, 4.0, {12, 15, 8}, {12.5, 10.8, 9.4, 8.3, 7.0}},
+    {0.447, {0.245, 0.143, 0.097}, -0.290, 0.0, -0.150, 1.0, 0.150, 5.0, -5.0, {12, 15, 8}, {12.5, 10.8, 9.4, 8.3, 7.0}},
     {0.446, {0.266, 0.170, 0.108}, -0.035, 2.5, -0.025, 3.0, 0.150, 1.0, 0.0, {14, 17, 9}, {12.5, 11.0, 9.6, 8.5, 7.2}},
     {0.421, {0.244, 0.165, 0.107}, 0.200, 0.5, 0.085, 2.0, 0.145, -4.0, -5.0, {17, 19, 10}, {12.0, 10.3, 9.0, 7.9, 6.8}},
     {0.414, {0.204, 0.117, 0.093}, 0.408, -4.0, 0.190, -1.0, 0.135, -10.0, -12.0, {19, 19, 10}, {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
-constexpr std::array<double, 3> kThumbLengths{0.251, 0.196, 0.158};
-constexpr std::array<double, 4> kThumbRadii{13.0, 11.3, 10.2, 8.2};
+
+// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis, so what opposition adds to it
+// stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al. 1981: the trapezium's axes lie 80 degrees pronated against
+// the third metacarpal's (48 flexed, 38 abducted), and pronation goes with flexion (Li and Tang 2007); a recorded Quest 3 hand has 83 at the metacarpal
+// and 104 at the distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so that the pads face each other (docs/hand-builder.md).
+struct ThumbRow {
+  std::array<double, 3> lengths;    // fractions of hand length: metacarpal, proximal, distal; Buchholz
+  std::array<double, 4> radii;      // millimetres of the reference hand: metacarpal, proximal, distal, tip
+  double radial, palmar;            // where the metacarpal points, from the middle one's direction
+  std::array<double, 3> pronation;  // about the bones' own axes: metacarpal against the palm, MCP, IP
+  std::array<double, 2> flexion;    // MCP, IP
+};
+constexpr ThumbRow kThumb{{0.251, 0.196, 0.158}, {13.0, 11.3, 10.2, 8.2}, 34, 42, {106, 20, 8}, {10, 10}};
 
 // Frame with -Z along `along` and +Y as near `dorsal` as that leaves.
 Quaternion frame(const Vector3& along, const Vector3& dorsal) {
@@ -47,6 +58,11 @@ Quaternion frame(const Vector3& along, const Vector3& dorsal) {
   return Quaternion(r);
 }
 Quaternion about(const Vector3& axis, double degrees) { return Quaternion(Eigen::AngleAxisd(degrees * kDegree, axis)); }
+Quaternion thumb_metacarpal_orientation() {
+  const double radial = kThumb.radial * kDegree, palmar = kThumb.palmar * kDegree;
+  const Vector3 along(-std::sin(radial) * std::cos(palmar), -std::sin(palmar), -std::cos(radial) * std::cos(palmar));
+  return frame(along, Vector3::UnitY()) * about(Vector3::UnitZ(), kThumb.pronation[0]);
+}
 
 // Orientations of the natural pose, which do not depend on who the hand belongs to (metacarpals II-V are set by their ends).
 void natural_orientations(std::array<Pose, kJointCount>& joints) {
@@ -59,12 +75,11 @@ void natural_orientations(std::array<Pose, kJointCount>& joints) {
     }
     joints[at(joint_of_finger(f, 4))].orientation = q;
   }
-  // The thumb: its metacarpal stands off to the radial and palmar side, its nail looks radially, so that its pad faces the index.
-  Quaternion q = frame({-0.60, -0.44, -0.67}, {-0.74, 0.62, 0.15});
+  Quaternion q = thumb_metacarpal_orientation();
   joints[at(Joint::thumb_metacarpal)].orientation = q;
-  q = q * about(Vector3::UnitY(), -8.0) * about(Vector3::UnitX(), -10.0);
+  q = q * about(Vector3::UnitZ(), kThumb.pronation[1]) * about(Vector3::UnitX(), -kThumb.flexion[0]);
   joints[at(Joint::thumb_proximal)].orientation = q;
-  q = q * about(Vector3::UnitX(), -12.0);
+  q = q * about(Vector3::UnitZ(), kThumb.pronation[2]) * about(Vector3::UnitX(), -kThumb.flexion[1]);
   joints[at(Joint::thumb_distal)].orientation = q;
   joints[at(Joint::thumb_tip)].orientation = q;
 }
@@ -78,7 +93,7 @@ double reference_radius(Joint joint) {
   const int j = index_of(joint);
   if (joint == Joint::palm) return 14.0e-3;
   if (joint == Joint::wrist) return 19.0e-3;
-  if (j < 6) return 1e-3 * kThumbRadii[static_cast<std::size_t>(j - 2)];
+  if (j < 6) return 1e-3 * kThumb.radii[static_cast<std::size_t>(j - 2)];
   return 1e-3 * kFingers[static_cast<std::size_t>((j - 6) / 5)].radii[static_cast<std::size_t>((j - 6) % 5)];
 }
 
@@ -135,7 +150,7 @@ RestSkeleton natural_rest(const HandSize& size) {
   for (int k = 0; k < 4; ++k) {
     Pose& joint = rest.joints[static_cast<std::size_t>(2 + k)];
     joint.position = thumb;
-    if (k < 3) thumb -= joint.orientation * Vector3::UnitZ() * kThumbLengths[static_cast<std::size_t>(k)] * scale;
+    if (k < 3) thumb -= joint.orientation * Vector3::UnitZ() * kThumb.lengths[static_cast<std::size_t>(k)] * scale;
   }
   place_palm(rest.joints);
   return rest;
@@ -218,7 +233,8 @@ void set_mass(BodyModel& body) {
   body.joint_from_body.position = 0.5 * (body.bone_start + body.bone_end);
 }
 
-// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger.
+// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger. The thumb root's 60 degrees of abduction lie
+// between the 42 of Cooney et al. 1981 and the 67 that CT of a whole circumduction shows (PMC3940763).
 struct MotionRow {
   double flexion, extension, abduction;
 };
@@ -295,8 +311,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     body.bone_start_radius = 1e-3 * row.start * skin_start * finger_scale;
     body.bone_end_radius = 1e-3 * row.end * skin_end * finger_scale;
     if (which == Body::forearm) {
-      body.bone_start = Vector3(0, 0, 0.030);
-      body.bone_end = Vector3(0, 0, 0.016);
+      // A scanned hand may be cut short behind the wrist.
+      body.bone_start = Vector3(0, 0, rest.stump - 0.015);
+      body.bone_end = Vector3(0, 0, std::max(rest.stump - 0.029, 0.002));
     } else {
       // Gaps at the joints keep neighbouring bones from sharing tissue; the distal bone reaches its tip joint.
       const Vector3 end = joint.inverse() * rest.joints[at(end_joint_of(which))].position;

@@ -17,6 +17,7 @@ struct HandSize {
 struct RestSkeleton {
   std::array<Pose, kJointCount> joints{};
   std::array<double, kJointCount> radii{};  ///< metres, distance joint to skin
+  double stump = 0.045;                     ///< z where the forearm is cut, metres
 };
 
 /// Bone lengths of Buchholz et al. 1992 (fractions of the hand's length, scaled so that skin beyond the tip joint is included), joint breadths after

@@ -172,7 +172,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
     const double to_tip = index_of(tip_of(digit ? finger_of(body) : Finger::thumb)) - index_of(joint_of(body));
     const double size = !digit ? (is_metacarpal(body) ? 2.3 : 2.8) : to_tip <= 1 ? 1.0 : to_tip <= 2 ? 1.35 : 1.6;
-    const Vector3 start = body == Body::forearm ? Vector3(0, 0, 0.045) : position(joint_of(body));
+    const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : position(joint_of(body));
     pieces.push_back({start, position(end_joint_of(body)), size});
   }
   // The webs: coarse facets would bridge the gap between two fingers.

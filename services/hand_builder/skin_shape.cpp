@@ -113,7 +113,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
   }
 
   // Forearm stump: two parallel cones make its oval section.
-  stump_ = 0.045;
+  stump_ = rest.stump;
   for (const double side : {-1.0, 1.0}) {
     forearm_.push_back({wrist + Vector3(side * 9.5 * mm, -1.0 * mm, -4.0 * mm), wrist + Vector3(side * 11.0 * mm, -1.0 * mm, 0.065), 17.0 * mm, 20.0 * mm});
   }

@@ -63,7 +63,14 @@ TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
     const Pose& joint = rest.joints[at(joint_of(body))];
     const Vector3 along = (rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
     EXPECT_GT(along.dot(-(joint.orientation * Vector3::UnitZ())), 1 - 1e-9) << kBodyNames[b];
-    EXPECT_GT((joint.orientation * Vector3::UnitY()).y(), finger_of(body) == Finger::thumb ? 0.3 : 0.6) << kBodyNames[b];
+    // Nails of the fingers look up. The resting thumb's looks to its own side and a little down, as its pad looks to the fingers.
+    const Vector3 nail = joint.orientation * Vector3::UnitY();
+    if (finger_of(body) == Finger::thumb) {
+      EXPECT_LT(nail.x(), -0.5) << kBodyNames[b];
+      EXPECT_LT(nail.y(), 0) << kBodyNames[b];
+    } else {
+      EXPECT_GT(nail.y(), 0.6) << kBodyNames[b];
+    }
   }
 }
 
@@ -207,7 +214,8 @@ class ShippedHand : public testing::TestWithParam<int> {};
 TEST_P(ShippedHand, IsSound) {
   const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_" + std::to_string(GetParam()) + ".hand.json";
   const HandModel hand = load_hand(path);  // validates
-  EXPECT_NEAR(hand.node_count(), GetParam(), 0.05 * GetParam());
+  EXPECT_GE(hand.node_count(), GetParam());
+  EXPECT_LE(hand.node_count(), 1.07 * GetParam());
   const TetrahedralMesh mesh{hand.nodes, hand.tetrahedra, hand.surface};
   EXPECT_GE(mesh.minimum_dihedral_degrees(), 15);
 
