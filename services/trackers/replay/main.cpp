@@ -31,8 +31,12 @@ void run(int argc, char** argv) {
   Nanoseconds newest = 0;
   Nanoseconds motion_start = 0;  // when the motion's time was 0
   const auto step = [&](Nanoseconds now) {
-    if (motion_start == 0) motion_start = now - static_cast<Nanoseconds>(options.start_time * 1e9);
-    if (!tracker.sample(now, sample)) return;
+    const bool starts = motion_start == 0;
+    if (starts) motion_start = now - static_cast<Nanoseconds>(options.start_time * 1e9);
+    // The motion runs on while nobody reads; samples are made for readers only.
+    const bool is_read = writer.has_readers();
+    if (!is_read && !starts) return;
+    if (!tracker.sample(now, sample) || !is_read) return;
     newest = sample.stamp.sample_time;
     ++published;
     service.stamp(sample.stamp);

@@ -35,7 +35,7 @@ struct ReplayOptions {
 inline void describe(OptionVisitor& v, ReplayOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {0, 10000}, "Rate of samples; 0 = at the recorded times, or 90 Hz for a made motion.");
   v.number("start_time", o.start_time, "s", {0, 86400}, "Where in the motion to start.");
-  v.flag("repeat", o.repeat, "Start again at the end; otherwise the last sample is repeated for ever.");
+  v.flag("repeat", o.repeat, "Start again at the end; otherwise the last sample is repeated for ever. A tracker that is restarted begins anew at start_time.");
   v.number("latency", o.latency, "s", {0, 1}, "From measurement to delivery.");
   v.number("position_noise", o.position_noise, "m", {0, 0.1}, "Standard deviation of each joint's position, per axis.");
   v.number("rotation_noise", o.rotation_noise, "rad", {0, 1}, "Standard deviation of each joint's rotation, per axis.");
