@@ -159,23 +159,14 @@ Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
   return {solver.wrist(), solver.angles(kShut), solver.angles(kWide), cost};
 }
 
-}  // namespace
-
-// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between them with the wrist
-// at rest.
-Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
-  const GripHand hand(model);
-  const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
-  const JointAngles facing = facing_pads(hand, 2 * goals.closed);
+// Fingers that take no part are either curled or stretched out, and the hand may lean: what clears best.
+Postures sought(const GripHand& hand, const JointAngles& facing, const PinchGoals& goals) {
   const Pose above = wrist_above(hand, facing);
-
-  // Fingers that take no part are either curled or stretched out, and the hand may lean: what clears best.
   Postures best;
   for (const auto& posture : {std::array{-0.9, -1.2, -0.7}, std::array{0.3, -0.2, -0.1}}) {
     for (const double lean : {-1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2}) {
       Postures start;
-      start.wrist = Pose{Vector3::Zero(), Quaternion(Eigen::AngleAxisd(o.tilt + lean, -Vector3::UnitZ()))} * above;
+      start.wrist = Pose{Vector3::Zero(), Quaternion(Eigen::AngleAxisd(goals.tilt + lean, -Vector3::UnitZ()))} * above;
       start.shut = facing;
       for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
         flex(start.shut, finger, posture[0], posture[1], posture[2]);
@@ -188,23 +179,49 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
       if (found.cost < best.cost) best = found;
     }
   }
-  best = improved(hand, best, goals, {{30, 2}});
+  return improved(hand, best, goals, {{30, 2}});
+}
 
-  struct Touches {
-    Vector3 thumb, index;
+// Where the pads come, and whether that is a pinch.
+struct Touches {
+  Vector3 thumb, index;
+  bool face;  // the pads look at their faces, within 60 degrees
+
+  Touches(const GripHand& hand, const Pose& wrist, const JointAngles& angles) {
+    const JointFrames frames = forward_kinematics(hand.model(), wrist, angles);
+    const auto thumb_pad = hand.pad(Finger::thumb, frames), index_pad = hand.pad(Finger::index, frames);
+    thumb = thumb_pad.touch(-Vector3::UnitZ());
+    index = index_pad.touch(Vector3::UnitZ());
+    face = thumb_pad.normal.z() < -0.5 && index_pad.normal.z() > 0.5;
+  }
+  double gap() const { return thumb.z() - index.z(); }
+};
+
+}  // namespace
+
+// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between them with the wrist
+// at rest.
+Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
+  const GripHand hand(model);
+  const double half = 0.5 * o.object_width;
+  PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
+  const JointAngles facing = facing_pads(hand, 2 * goals.closed);
+  const auto missed = [&](const Touches& shut, const Touches& wide) {
+    return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed), half + 1e-3 - wide.thumb.z(),
+                     half + 1e-3 + wide.index.z()});
   };
-  const auto touches = [&](const JointAngles& angles) {
-    const JointFrames frames = forward_kinematics(model, best.wrist, angles);
-    return Touches{hand.pad(Finger::thumb, frames).touch(-Vector3::UnitZ()), hand.pad(Finger::index, frames).touch(Vector3::UnitZ())};
-  };
-  const Touches shut = touches(best.shut), wide = touches(best.wide);
-  // Only the way open may fall short: a smaller opening still grips.
-  const double missed = std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
-                                  half + 1e-3 - wide.thumb.z(), half + 1e-3 + wide.index.z()});
-  if (missed > 1e-3) {
+  // Only the way open may fall short: a smaller opening still grips, and asking for too much would spoil the grip.
+  Postures best;
+  for (const double share : {1.0, 0.75, 0.5, 0.25}) {
+    goals.open = half + share * o.opening;
+    best = sought(hand, facing, goals);
+    const Touches shut(hand, best.wrist, best.shut);
+    if (shut.face && missed(shut, {hand, best.wrist, best.wide}) < 1e-3) break;
+  }
+  const Touches shut(hand, best.wrist, best.shut), wide(hand, best.wrist, best.wide);
+  if (missed(shut, wide) > 1e-3) {
     throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: the pads reach from " +
-                                std::to_string((shut.thumb.z() - shut.index.z()) * 1e3) + " to " +
-                                std::to_string((wide.thumb.z() - wide.index.z()) * 1e3) +
+                                std::to_string(shut.gap() * 1e3) + " to " + std::to_string(wide.gap() * 1e3) +
                                 " mm; expected an object_width that the hand can span");
   }
   Grip grip;
