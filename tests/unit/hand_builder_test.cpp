@@ -66,7 +66,7 @@ TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
     // Nails of the fingers look up. The resting thumb's looks to its own side and a little down, as its pad looks to the fingers.
     const Vector3 nail = joint.orientation * Vector3::UnitY();
     if (finger_of(body) == Finger::thumb) {
-      EXPECT_LT(nail.x(), -0.5) << kBodyNames[b];
+      EXPECT_LT(nail.x(), -0.4) << kBodyNames[b];
       EXPECT_LT(nail.y(), 0) << kBodyNames[b];
     } else {
       EXPECT_GT(nail.y(), 0.6) << kBodyNames[b];
