@@ -2,9 +2,11 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <fstream>
+#include <memory>
 #include <optional>
 
 #include "hand_builder/assemble.hpp"
+#include "hand_builder/rigged_hand.hpp"
 #include "trackers/replay/recording.hpp"
 
 namespace {
@@ -37,10 +39,13 @@ int main(int argc, char** argv) {
   CLI::App app("Makes a hand file: skin, bones, tetrahedral tissue, attachments, joints, materials");
   builder::HandSize size;
   int nodes = 1450;
-  std::string side_name = "right", output, preview, recording, name;
+  std::string side_name = "right", output, preview, recording, gltf, notice, name;
   app.add_option("--length", size.length, "hand length, wrist to middle fingertip, metres")->capture_default_str()->check(CLI::Range(0.10, 0.26));
   app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")->capture_default_str()->check(CLI::Range(0.05, 0.13));
-  app.add_option("--joints", recording, "CSV of recorded joint poses: bone lengths and radii of this user")->check(CLI::ExistingFile);
+  CLI::Option* joints = app.add_option("--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
+  joints->check(CLI::ExistingFile);
+  app.add_option("--gltf", gltf, "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")->check(CLI::ExistingFile)->excludes(joints);
+  app.add_option("--notice", notice, "licence notice that the hand file carries; default: the GLB's own copyright line");
   app.add_option("--nodes", nodes, "tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
   app.add_option("--side", side_name, "side of the hand that is written, and of the recording")->capture_default_str()->check(CLI::IsMember({"left", "right"}));
   app.add_option("--name", name, "the hand's name");
@@ -50,15 +55,27 @@ int main(int argc, char** argv) {
   try {
     const Side side = side_name == "left" ? Side::left : Side::right;
     builder::RestSkeleton rest;
-    if (recording.empty()) {
-      rest = builder::natural_rest(size);
+    std::unique_ptr<const builder::SkinShape> skin;
+    builder::TriangleMesh display;
+    if (!gltf.empty()) {
+      builder::RiggedHand rigged = builder::load_rigged_hand(gltf);
+      rest = rigged.rest;
+      skin = std::make_unique<builder::MeshSkin>(rigged.skin);
+      display = std::move(rigged.skin);
+      if (notice.empty()) notice = !rigged.copyright.empty() ? rigged.copyright : "Made from " + gltf + ", whose licence applies";
     } else {
-      const Recording recorded = Recording::load(recording);
-      rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
+      if (recording.empty()) {
+        rest = builder::natural_rest(size);
+      } else {
+        const Recording recorded = Recording::load(recording);
+        rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
+      }
+      skin = std::make_unique<builder::ParametricSkin>(rest);
+      display = builder::triangulate_skin(*skin, 0.0030);
     }
-    const builder::ParametricSkin skin(rest);
-    const auto mesh = builder::mesh_skin(skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, skin));
-    HandModel hand = builder::assemble_hand(rest, mesh, builder::triangulate_skin(skin, 0.0030));
+    const auto mesh = builder::mesh_skin(*skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, *skin));
+    HandModel hand = builder::assemble_hand(rest, mesh, display);
+    hand.notice = notice;
     if (side == Side::left) hand = mirrored(hand);
     hand.name = !name.empty() ? name : side_name + "_" + std::to_string(nodes);
     validate(hand, output);
@@ -66,7 +83,7 @@ int main(int argc, char** argv) {
     if (!preview.empty()) write_preview(hand, preview);
     std::printf("%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, volume %.1f cm^3 (skin %.1f)\n", output.c_str(),
                 hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(), mesh.minimum_dihedral_degrees(),
-                mesh.volume() * 1e6, builder::skin_volume(skin, 0.001) * 1e6);
+                mesh.volume() * 1e6, builder::skin_volume(*skin, 0.001) * 1e6);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "softhand-build-hand: %s\n", error.what());
     return 1;

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "hand_builder/assemble.hpp"
+#include "trackers/replay/generator.hpp"
 
 namespace softhand::builder {
 namespace {
@@ -81,6 +82,22 @@ TEST(Proportions, TheThumbOpposes) {
   const Vector3 to_fingers = (rest.joints[at(Joint::middle_tip)].position - thumb.position).normalized();
   EXPECT_GT(pad.dot(to_fingers), 0.2);
   EXPECT_LT(thumb.position.y(), -0.02);  // stands off the palm's plane
+}
+
+TEST(Proportions, PadsFaceEachOtherInAPinch) {
+  HandModel hand;  // bones suffice
+  const RestSkeleton rest = natural_rest(HandSize{});
+  hand.rest_joints = rest.joints;
+  hand.joint_radii = rest.radii;
+  hand.bodies = make_bodies(rest);
+  for (const double width : {0.025, 0.04}) {
+    GeneratorOptions options;
+    options.object_width = width;
+    const JointFrames grip = make_motion(hand, options)->at(options.approach_time + options.close_time);
+    const auto pad = [&grip](Joint distal) { return Vector3(grip[at(distal)].orientation * -Vector3::UnitY()); };
+    const double facing = -pad(Joint::thumb_distal).dot(pad(Joint::index_distal));
+    EXPECT_LT(degrees(std::acos(std::clamp(facing, -1.0, 1.0))), 20) << width;
+  }
 }
 
 TEST(Proportions, AMeasuredHandKeepsItsOffsets) {
