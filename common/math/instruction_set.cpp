@@ -12,7 +12,7 @@ std::string_view to_string(InstructionSet set) {
 bool is_supported(InstructionSet set) {
   if (set == InstructionSet::baseline) return true;
 #if defined(__x86_64__)
-  if (set == InstructionSet::avx2) return __builtin_cpu_supports("avx2");
+  if (set == InstructionSet::avx2) return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
   return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
 #else
   return false;

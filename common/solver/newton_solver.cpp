@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "solver/cholmod_solver.hpp"
+#include "solver/block_cholesky.hpp"
 
 namespace softhand {
 namespace {
@@ -44,7 +44,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
-      linear_solver_(linear_solver ? std::move(linear_solver) : std::make_unique<CholmodSolver>()),
+      linear_solver_(linear_solver ? std::move(linear_solver) : std::make_unique<BlockCholesky<double>>()),
       clock_(clock ? std::move(clock) : steady_seconds) {
   if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
   if (options_.max_iterations < 1) throw std::invalid_argument("NewtonSolver: max_iterations must be at least 1");

@@ -1,0 +1,58 @@
+// Multifrontal Cholesky L L^T of the step's matrix: the default linear solver.
+//
+// Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD), supernodes merged where a model of the kernels' time gains, blocks added straight into
+// the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). One thread. The same matrix gives the same bits on each run with one
+// instruction set; sets differ by rounding. Figures: docs/performance.md.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "math/instruction_set.hpp"
+#include "solver/block_cholesky_kernel.hpp"
+#include "solver/linear_solver.hpp"
+
+namespace softhand {
+
+/// `Scalar` is what the factor is computed and kept in: double or float. Right-hand sides and solutions are doubles either way; a float factor solves to about
+/// 1e-7 times the matrix's condition number, and refuses what is not positive definite in float.
+template <typename Scalar>
+class BlockCholesky final : public LinearSolver {
+ public:
+  explicit BlockCholesky(InstructionSet set = widest_instruction_set());
+
+  /// Strong exception guarantee is not given: analyse again after a failure. Nothing else here allocates.
+  void analyze(const BlockMatrix& matrix) override;
+  void load(const BlockMatrix& matrix) override;
+  /// False too where a number is not finite.
+  bool factorize() override;
+  void solve(const VectorX& rhs, VectorX& x) override;
+
+  /// Of one factorisation without padding: a multiplication with an addition counts as two.
+  double floating_point_operations() const { return operations_; }
+  std::size_t front_count() const { return fronts_.size(); }
+
+ private:
+  struct Free {
+    void operator()(Scalar* memory) const;
+  };
+  using Buffer = std::unique_ptr<Scalar[], Free>;
+  static Buffer make_buffer(std::size_t count);
+
+  CholeskyPlan plan() const;
+
+  CholeskyKernel<Scalar> kernel_;
+  double operations_ = 0;
+  std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
+  std::vector<CholeskyFront> fronts_;
+  std::vector<std::int32_t> child_, row_position_, row_in_parent_, entry_row_, entry_column_;
+  std::vector<std::int32_t> entry_source_;  // stored block of the matrix; complemented where it is needed transposed
+  std::vector<std::int32_t> index_scratch_;
+  Buffer entries_, panels_, updates_, inverse_diagonal_, x_, scratch_;
+};
+
+extern template class BlockCholesky<double>;
+extern template class BlockCholesky<float>;
+
+}  // namespace softhand

@@ -1,0 +1,13 @@
+// Compiled for AVX-512 F, DQ and VL; empty on other architectures.
+#if defined(__AVX512F__)
+#include "solver/block_cholesky_kernel_source.hpp"
+
+namespace softhand {
+
+CholeskyKernel<double> cholesky_kernel_avx512(double);
+CholeskyKernel<float> cholesky_kernel_avx512(float);
+CholeskyKernel<double> cholesky_kernel_avx512(double) { return {factorize<double>, solve<double>}; }
+CholeskyKernel<float> cholesky_kernel_avx512(float) { return {factorize<float>, solve<float>}; }
+
+}  // namespace softhand
+#endif

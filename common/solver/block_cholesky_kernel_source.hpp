@@ -1,0 +1,354 @@
+// The one source of the factorisation's kernels: see block_cholesky_kernel.hpp. Include it once in a file per instruction set. All of it has internal linkage and nothing
+// of the standard library or Eigen is instantiated: a function shared with the rest of the program could be the one with this file's instructions.
+#pragma once
+
+#include "solver/block_cholesky_kernel.hpp"
+
+namespace softhand {
+namespace {
+
+#define SOFTHAND_INLINE [[gnu::always_inline]] inline
+
+constexpr int kTile = kCholeskyTile;
+
+#if defined(__AVX512F__)
+constexpr int kVectorBytes = 64, kRegisters = 32;
+#elif defined(__AVX2__)
+constexpr int kVectorBytes = 32, kRegisters = 16;
+#else
+constexpr int kVectorBytes = 16, kRegisters = 16;
+#endif
+
+// A tile's column in machine vectors. Floats fill a tile with half an AVX-512 vector: as fast on processors that split those, and one layout for all.
+template <typename Scalar>
+struct Shape {
+  static constexpr int kTileBytes = kTile * static_cast<int>(sizeof(Scalar));
+  static constexpr int kBytes = kVectorBytes < kTileBytes ? kVectorBytes : kTileBytes;
+  static constexpr int kWidth = kBytes / static_cast<int>(sizeof(Scalar));
+  static constexpr int kParts = kTile / kWidth;
+  // The product kernel's block of accumulators: tiles x columns, most of the registers.
+  static constexpr int kTiles = kParts == 1 ? 3 : 1;
+  static constexpr int kColumns = kRegisters == 32 ? 8 : (kParts <= 2 ? 4 : 2);
+  typedef Scalar Vector __attribute__((vector_size(kBytes), may_alias));
+  typedef Scalar Unaligned __attribute__((vector_size(kBytes), aligned(sizeof(Scalar)), may_alias));
+};
+
+template <typename Scalar>
+SOFTHAND_INLINE typename Shape<Scalar>::Vector& vector_at(Scalar* at) {
+  return *reinterpret_cast<typename Shape<Scalar>::Vector*>(at);
+}
+template <typename Scalar>
+SOFTHAND_INLINE const typename Shape<Scalar>::Vector& vector_at(const Scalar* at) {
+  return *reinterpret_cast<const typename Shape<Scalar>::Vector*>(at);
+}
+
+// C = [C] - A B^T for `Tiles` tiles of A below each other and `Columns` rows of a tile of B, over `depth` columns of both. `tile_step` from tile to tile of A,
+// `c_tile_step` and `c_column_step` in C.
+template <typename Scalar, int Tiles, int Columns, bool Accumulate>
+SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, const Scalar* b, std::ptrdiff_t depth, Scalar* c, std::ptrdiff_t c_tile_step,
+                                    std::ptrdiff_t c_column_step) {
+  using S = Shape<Scalar>;
+  using Vector = typename S::Vector;
+  Vector sum[Columns][Tiles][S::kParts] = {};
+  for (std::ptrdiff_t p = 0; p < depth; ++p) {
+    Vector column[Tiles][S::kParts];
+#pragma GCC unroll 3
+    for (int t = 0; t < Tiles; ++t) {
+#pragma GCC unroll 4
+      for (int k = 0; k < S::kParts; ++k) column[t][k] = vector_at(a + t * tile_step + p * kTile + k * S::kWidth);
+    }
+#pragma GCC unroll 8
+    for (int j = 0; j < Columns; ++j) {
+      const Scalar factor = b[p * kTile + j];
+#pragma GCC unroll 3
+      for (int t = 0; t < Tiles; ++t) {
+#pragma GCC unroll 4
+        for (int k = 0; k < S::kParts; ++k) sum[j][t][k] += column[t][k] * factor;
+      }
+    }
+  }
+#pragma GCC unroll 8
+  for (int j = 0; j < Columns; ++j) {
+#pragma GCC unroll 3
+    for (int t = 0; t < Tiles; ++t) {
+#pragma GCC unroll 4
+      for (int k = 0; k < S::kParts; ++k) {
+        Vector& result = vector_at(c + t * c_tile_step + j * c_column_step + k * S::kWidth);
+        if constexpr (Accumulate) {
+          result -= sum[j][t][k];
+        } else {
+          result = -sum[j][t][k];
+        }
+      }
+    }
+  }
+}
+
+// The same for a column of `tiles` tiles and all rows of the tile of B.
+template <typename Scalar, bool Accumulate>
+void multiply(const Scalar* a, std::ptrdiff_t tile_step, int tiles, const Scalar* b, std::ptrdiff_t depth, Scalar* c, std::ptrdiff_t c_tile_step,
+              std::ptrdiff_t c_column_step) {
+  using S = Shape<Scalar>;
+  for (int j = 0; j < kTile; j += S::kColumns) {
+    int t = 0;
+    for (; t + S::kTiles <= tiles; t += S::kTiles) {
+      multiply_block<Scalar, S::kTiles, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+                                                                 c_column_step);
+    }
+    if constexpr (S::kTiles == 3) {
+      if (tiles - t == 2) {
+        multiply_block<Scalar, 2, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+                                                           c_column_step);
+      } else if (tiles - t == 1) {
+        multiply_block<Scalar, 1, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+                                                           c_column_step);
+      }
+    }
+  }
+}
+
+// Cholesky factor of one tile in place; the strictly upper triangle is left as garbage that nobody reads.
+template <typename Scalar>
+SOFTHAND_INLINE bool factorize_tile(Scalar* tile, Scalar* inverse_diagonal) {
+  using S = Shape<Scalar>;
+  for (int c = 0; c < kTile; ++c) {
+    const Scalar pivot = tile[c * kTile + c];
+    if (!(pivot > Scalar(0) && pivot <= (sizeof(Scalar) == 8 ? __DBL_MAX__ : double{__FLT_MAX__}))) return false;
+    Scalar root = pivot;
+    if constexpr (sizeof(Scalar) == 8) {
+      root = __builtin_sqrt(pivot);
+    } else {
+      root = __builtin_sqrtf(pivot);
+    }
+    const Scalar inverse = Scalar(1) / root;
+    inverse_diagonal[c] = inverse;
+    for (int k = 0; k < S::kParts; ++k) vector_at(tile + c * kTile + k * S::kWidth) *= inverse;
+    for (int j = c + 1; j < kTile; ++j) {
+      const Scalar factor = tile[c * kTile + j];
+      for (int k = 0; k < S::kParts; ++k) vector_at(tile + j * kTile + k * S::kWidth) -= vector_at(tile + c * kTile + k * S::kWidth) * factor;
+    }
+  }
+  return true;
+}
+
+// X = X L^-T for tiles below the diagonal tile `l`.
+template <typename Scalar>
+SOFTHAND_INLINE void divide(Scalar* x, std::ptrdiff_t tile_step, int tiles, const Scalar* l, const Scalar* inverse_diagonal) {
+  using S = Shape<Scalar>;
+  for (int t = 0; t < tiles; ++t) {
+    for (int k = 0; k < S::kParts; ++k) {
+      Scalar* at = x + t * tile_step + k * S::kWidth;
+      typename S::Vector column[kTile];
+#pragma GCC unroll 8
+      for (int c = 0; c < kTile; ++c) column[c] = vector_at(at + c * kTile);
+#pragma GCC unroll 8
+      for (int c = 0; c < kTile; ++c) {
+        column[c] *= inverse_diagonal[c];
+#pragma GCC unroll 8
+        for (int j = c + 1; j < kTile; ++j) column[j] -= column[c] * l[c * kTile + j];
+      }
+#pragma GCC unroll 8
+      for (int c = 0; c < kTile; ++c) vector_at(at + c * kTile) = column[c];
+    }
+  }
+}
+
+SOFTHAND_INLINE std::ptrdiff_t tile_step_of(const CholeskyFront& front) { return static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile * kTile; }
+// Where row `row` of a panel begins; columns follow at kTile.
+SOFTHAND_INLINE std::ptrdiff_t row_offset(std::ptrdiff_t row, std::ptrdiff_t tile_step) { return (row / kTile) * tile_step + row % kTile; }
+
+template <typename Scalar>
+SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFront& front, const Scalar* entries, Scalar* panel) {
+  const std::ptrdiff_t step = tile_step_of(front);
+  const std::ptrdiff_t size = (front.pivot_tiles + front.row_tiles) * step;
+  for (std::ptrdiff_t k = 0; k < size; k += Shape<Scalar>::kWidth) vector_at(panel + k) = typename Shape<Scalar>::Vector{};
+  for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c) panel[row_offset(c, step) + c * kTile] = Scalar(1);
+  for (std::int32_t e = front.entry_begin; e < front.entry_end; ++e) {
+    const Scalar* block = entries + 9 * static_cast<std::ptrdiff_t>(e);
+    for (int r = 0; r < 3; ++r) {
+      Scalar* to = panel + row_offset(plan.entry_row[e] + r, step) + static_cast<std::ptrdiff_t>(plan.entry_column[e]) * kTile;
+      for (int c = 0; c < 3; ++c) to[c * kTile] = block[3 * c + r];
+    }
+  }
+}
+
+// to[k] += from[k], `count` a multiple of three.
+template <typename Scalar>
+SOFTHAND_INLINE void add_run(Scalar* to, const Scalar* from, std::ptrdiff_t count) {
+  using S = Shape<Scalar>;
+  std::ptrdiff_t k = 0;
+  for (; k + S::kWidth <= count; k += S::kWidth) {
+    auto& at = *reinterpret_cast<typename S::Unaligned*>(to + k);
+    at = at + *reinterpret_cast<const typename S::Unaligned*>(from + k);
+  }
+  for (; k < count; ++k) to[k] += from[k];
+}
+
+// Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates) or update matrix.
+template <typename Scalar, bool IntoPanel>
+SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& child, const Scalar* update, std::int32_t begin, std::int32_t end,
+                                const CholeskyFront& parent, Scalar* target, std::int32_t* scratch) {
+  const std::int32_t* const in_parent = plan.row_in_parent + child.row_begin;
+  const std::int32_t blocks = child.rows / 3;
+  const std::ptrdiff_t from_step = static_cast<std::ptrdiff_t>(child.row_tiles) * kTile;
+  if constexpr (IntoPanel) {
+    const std::ptrdiff_t step = tile_step_of(parent);
+    for (std::int32_t b = begin; b < blocks; ++b) {
+      for (int r = 0; r < 3; ++r) scratch[3 * b + r] = static_cast<std::int32_t>(row_offset(in_parent[b] + r, step));
+    }
+    for (std::int32_t c = 3 * begin; c < 3 * end; ++c) {
+      const Scalar* from = update + c * from_step;
+      Scalar* to = target + static_cast<std::ptrdiff_t>(in_parent[c / 3] + c % 3) * kTile;
+      for (std::int32_t r = c; r < 3 * blocks; ++r) to[scratch[r]] += from[r];
+    }
+  } else {
+    const std::ptrdiff_t first_row = static_cast<std::ptrdiff_t>(parent.pivot_tiles) * kTile;
+    const std::ptrdiff_t to_step = static_cast<std::ptrdiff_t>(parent.row_tiles) * kTile;
+    // Runs of rows that are neighbours in both, last block of each.
+    std::int32_t run_end = blocks;
+    for (std::int32_t b = blocks - 1; b >= begin; --b) {
+      if (b + 1 < blocks && in_parent[b] + 3 != in_parent[b + 1]) run_end = b + 1;
+      scratch[b] = run_end;
+    }
+    for (std::int32_t c = 3 * begin; c < 3 * end; ++c) {
+      const std::int32_t block = c / 3;
+      const Scalar* from = update + c * from_step;
+      Scalar* to = target + (in_parent[block] - first_row + c % 3) * to_step - first_row;
+      std::int32_t run = scratch[block];
+      add_run(to + in_parent[block] + c % 3, from + c, 3 * run - c);
+      while (run < blocks) {
+        const std::int32_t next = scratch[run];
+        add_run(to + in_parent[run], from + 3 * run, 3 * (next - run));
+        run = next;
+      }
+    }
+  }
+}
+
+template <typename Scalar>
+bool factorize(const CholeskyPlan& plan, const Scalar* entries, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch) {
+  for (std::size_t f = 0; f < plan.front_count; ++f) {
+    const CholeskyFront& front = plan.fronts[f];
+    Scalar* const panel = panels + front.panel;
+    const std::ptrdiff_t step = tile_step_of(front);
+    const int tiles = front.pivot_tiles + front.row_tiles;
+    assemble_entries(plan, front, entries, panel);
+    const auto eliminated_blocks = [&](const CholeskyFront& child) {
+      std::int32_t count = 0;
+      while (3 * count < child.rows && plan.row_in_parent[child.row_begin + count] < front.pivots) ++count;
+      return count;
+    };
+    for (std::int32_t k = front.child_begin; k < front.child_end; ++k) {
+      const CholeskyFront& child = plan.fronts[plan.child[k]];
+      extend_add<Scalar, true>(plan, child, updates + child.update, 0, eliminated_blocks(child), front, panel, scratch);
+    }
+    for (int j = 0; j < front.pivot_tiles; ++j) {
+      Scalar* const diagonal = panel + j * step + static_cast<std::ptrdiff_t>(j) * kTile * kTile;
+      if (j > 0) {
+        multiply<Scalar, true>(panel + j * step, step, tiles - j, panel + j * step, static_cast<std::ptrdiff_t>(j) * kTile, diagonal, step, kTile);
+      }
+      Scalar inverse[kTile];
+      if (!factorize_tile(diagonal, inverse)) return false;
+      for (int c = 0; c < kTile && j * kTile + c < front.pivots; ++c) inverse_diagonal[front.first_pivot + j * kTile + c] = inverse[c];
+      divide(diagonal + step, step, tiles - j - 1, diagonal, inverse);
+    }
+    // The update matrix is written first and its children's added after: it need not be cleared.
+    Scalar* const update = updates + front.update;
+    const Scalar* const below = panel + front.pivot_tiles * step;
+    const std::ptrdiff_t height = static_cast<std::ptrdiff_t>(front.row_tiles) * kTile;
+    for (int j = 0; j < front.row_tiles; ++j) {
+      multiply<Scalar, false>(below + j * step, step, front.row_tiles - j, below + j * step, front.pivots, update + j * kTile * (height + 1), kTile, height);
+    }
+    for (std::int32_t k = front.child_begin; k < front.child_end; ++k) {
+      const CholeskyFront& child = plan.fronts[plan.child[k]];
+      extend_add<Scalar, false>(plan, child, updates + child.update, eliminated_blocks(child), child.rows / 3, front, update, scratch);
+    }
+  }
+  return true;
+}
+
+template <typename Scalar>
+void solve(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch) {
+  using S = Shape<Scalar>;
+  using Vector = typename S::Vector;
+  for (std::size_t f = 0; f < plan.front_count; ++f) {
+    const CholeskyFront& front = plan.fronts[f];
+    const std::ptrdiff_t step = tile_step_of(front);
+    const Scalar* const panel = panels + front.panel;
+    Scalar* const pivot = x + front.first_pivot;
+    const Scalar* const inverse = inverse_diagonal + front.first_pivot;
+    const int tiles = front.pivot_tiles + front.row_tiles;
+    // Tile by tile: what the solved pivots before it take from a tile, then the triangle on the diagonal.
+    for (int t = 0; t < tiles; ++t) {
+      const bool on_diagonal = t < front.pivot_tiles;
+      const std::int32_t depth = on_diagonal ? t * kTile : front.pivots;
+      const Scalar* const tile = panel + t * step;
+      Vector sum[2][S::kParts] = {};
+      std::int32_t p = 0;
+      for (; p + 2 <= depth; p += 2) {
+        for (int half = 0; half < 2; ++half) {
+          for (int k = 0; k < S::kParts; ++k) sum[half][k] += vector_at(tile + (p + half) * kTile + k * S::kWidth) * pivot[p + half];
+        }
+      }
+      if (p < depth) {
+        for (int k = 0; k < S::kParts; ++k) sum[0][k] += vector_at(tile + p * kTile + k * S::kWidth) * pivot[p];
+      }
+      Scalar* const taken = scratch + (on_diagonal ? 0 : (t - front.pivot_tiles) * kTile);
+      for (int k = 0; k < S::kParts; ++k) vector_at(taken + k * S::kWidth) = sum[0][k] + sum[1][k];
+      if (!on_diagonal) continue;
+      const int width = front.pivots - depth < kTile ? front.pivots - depth : kTile;
+      for (int c = 0; c < width; ++c) {
+        Scalar value = pivot[depth + c] - taken[c];
+        for (int q = 0; q < c; ++q) value -= tile[(depth + q) * kTile + c] * pivot[depth + q];
+        pivot[depth + c] = value * inverse[depth + c];
+      }
+    }
+    for (std::int32_t b = 0; b < front.rows / 3; ++b) {
+      Scalar* const row = x + plan.row_position[front.row_begin + b];
+      for (int r = 0; r < 3; ++r) row[r] -= scratch[3 * b + r];
+    }
+  }
+  for (std::size_t f = plan.front_count; f-- > 0;) {
+    const CholeskyFront& front = plan.fronts[f];
+    const std::ptrdiff_t step = tile_step_of(front);
+    const Scalar* const panel = panels + front.panel;
+    Scalar* const pivot = x + front.first_pivot;
+    const Scalar* const inverse = inverse_diagonal + front.first_pivot;
+    const std::int32_t first_row = front.pivot_tiles * kTile;
+    const int tiles = front.pivot_tiles + front.row_tiles;
+    // The front's part of x with its padding as zeros.
+    for (std::int32_t r = front.pivots; r < first_row; ++r) scratch[r] = Scalar(0);
+    for (std::int32_t b = 0; b < front.rows / 3; ++b) {
+      const Scalar* const row = x + plan.row_position[front.row_begin + b];
+      for (int r = 0; r < 3; ++r) scratch[first_row + 3 * b + r] = row[r];
+    }
+    for (std::int32_t r = front.rows; r < front.row_tiles * kTile; ++r) scratch[first_row + r] = Scalar(0);
+    for (int j = front.pivot_tiles; j-- > 0;) {
+      const std::int32_t first = j * kTile;
+      const int width = front.pivots - first < kTile ? front.pivots - first : kTile;
+      Vector sum[kTile][S::kParts] = {};
+      for (int t = j + 1; t < tiles; ++t) {
+        const Scalar* const tile = panel + t * step + first * kTile;
+        for (int k = 0; k < S::kParts; ++k) {
+          const Vector below = vector_at(scratch + t * kTile + k * S::kWidth);
+#pragma GCC unroll 8
+          for (int c = 0; c < kTile; ++c) sum[c][k] += vector_at(tile + c * kTile + k * S::kWidth) * below;
+        }
+      }
+      const Scalar* const diagonal = panel + j * step + first * kTile;
+      for (int c = width; c-- > 0;) {
+        Scalar value = pivot[first + c];
+        for (int k = 0; k < S::kParts; ++k) {
+          for (int i = 0; i < S::kWidth; ++i) value -= sum[c][k][i];
+        }
+        for (int q = c + 1; q < width; ++q) value -= diagonal[c * kTile + q] * scratch[first + q];
+        pivot[first + c] = scratch[first + c] = value * inverse[first + c];
+      }
+    }
+  }
+}
+
+#undef SOFTHAND_INLINE
+
+}  // namespace
+}  // namespace softhand
