@@ -1,4 +1,4 @@
-// Answers to messages (METHOD.md section 5): every module receives every message and says what it did with it.
+// Answers to messages: every module receives every message and says what it did with it.
 #pragma once
 
 #include <charconv>

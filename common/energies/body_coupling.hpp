@@ -5,7 +5,7 @@
 //
 // taken at a frame fixed to the body - a bone's joint, since poses on the wire are joint frames - with b the copy, constant in a step.
 //
-// Additions to the source, with reason (METHOD.md section 6, FACTS.md "Skeleton chain"):
+// Additions to the source, with reason:
 // - Damping relative to the copy's velocity, dt/2 b |v - v_b|^2 with v = (x - x_i)/dt: spring and damper together are one spring of
 //   stiffness K = k + b/dt to the target x* = (k x_b + b/dt (x_i + dt v_b))/K, plus a constant that is left out. The rotation does the same
 //   along the geodesic from exp(dt w_b) R_i to R_b; this is exact for small angles and has the right torque k log(R_b R_i^T) + b w_b at any.

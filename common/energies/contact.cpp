@@ -14,7 +14,7 @@
 namespace softhand {
 namespace {
 
-constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside (METHOD.md section 4)
+constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it

@@ -41,7 +41,7 @@ struct CoulombSpring {
   }
 };
 
-/// k_c w min(mu, 1): mu k_c w of eq. 33 would vanish for small mu and be too stiff for large (METHOD.md section 6).
+/// k_c w min(mu, 1): mu k_c w of eq. 33 would vanish for small mu and be too stiff for large.
 inline double friction_stiffness(double contact_stiffness, double friction) { return contact_stiffness * std::min(friction, 1.0); }
 
 }  // namespace softhand

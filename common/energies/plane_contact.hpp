@@ -1,5 +1,5 @@
-// A mirrored object against what stops it in the world: the neighbour planes that the world publishes (mode owner, FACTS.md "Coupling between
-// asynchronous processes"). Not in the source, whose mirrored objects meet the world through the symmetric spring only.
+// A mirrored object against what stops it in the world: the neighbour planes that the world publishes (mode owner,
+// docs/coupling-objects.md). Not in the source, whose mirrored objects meet the world through the symmetric spring only.
 //
 //   U = sum over planes and resting points of  1/2 K min(0, u - u*)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|s|)
 //
@@ -37,7 +37,7 @@ class PlaneContact final : public Energy {
   void clear_object(int slot);
   /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps its friction when
   /// its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most 0.2 of its stiffness is used (more would
-  /// not be stable: FACTS.md).
+  /// not be stable).
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
 
   /// Of all planes on the object in the last step, about its centre of mass, world axes.

@@ -12,7 +12,7 @@ namespace {
 // Below these a tetrahedron's Hessian is so ill-conditioned that a step's answer would be noise.
 constexpr double kMinimumDihedralDegrees = 1.0;
 constexpr double kMaximumEdgeRatio = 50.0;
-constexpr double kMaximumFingerCap = 20.0;  // N, METHOD.md section 6
+constexpr double kMaximumFingerCap = 20.0;  // N: what a finger may be pulled with
 constexpr double kMaximumHandCap = 100.0;   // N
 constexpr double kMaximumExtent = 1.0;      // a hand file in millimetres or centimetres does not pass
 

@@ -124,7 +124,7 @@ struct MeasuredSkeleton {
 MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>> frames, const std::array<double, kJointCount>& radii);
 
 /// The hand fitted to a user: bone lengths, joint offsets and thickness become the user's; mesh, bones and attachments are blended along,
-/// without remeshing (FACTS.md, "Scaling to a user"). How a source lays its joint frames about the bone is its convention: on all axes but
+/// without remeshing. How a source lays its joint frames about the bone is its convention: on all axes but
 /// flexion, rest becomes the mean of what was measured; ranges of motion grow to hold what was measured. Throws std::invalid_argument where a length ratio is outside [0.5, 2] or a tetrahedron
 /// would turn over.
 HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user);

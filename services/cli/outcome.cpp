@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kPressingForce = 3.0;        // N, VALIDATION.md G5
+constexpr double kPressingForce = 3.0;        // N, the most at which depths are compared
 constexpr double kClosedFist = 0.060;         // m, middle tip to middle metacarpal joint
 constexpr double kHeldMovement = 0.005;       // m in the palm's frame
 constexpr double kGripGap = 0.1;              // s

@@ -19,7 +19,7 @@ constexpr int kRotationIterations = 4;
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// Secant of a capped spring: the force k_eff |stretch| never exceeds cap (METHOD.md section 6).
+// Secant of a capped spring: the force k_eff |stretch| never exceeds cap.
 double capped(double stiffness, double stretch, double cap) { return stiffness * stretch > cap ? cap / stretch : stiffness; }
 
 // Isotropic inertia of a body about its joint's origin.

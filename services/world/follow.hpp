@@ -8,7 +8,7 @@
 
 namespace softhand {
 
-/// Coupling forces end here, beyond the object's weight (VALIDATION.md G4: a hand), N.
+/// Coupling forces end here, beyond the object's weight (what a hand bears), N.
 inline constexpr double kOwnerForceCap = 100;
 
 /// The world's copy at the start of the step.

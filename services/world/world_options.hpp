@@ -79,7 +79,7 @@ inline void describe(OptionVisitor& v, ObjectOptions& o) {
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90);
 
 /// Growth factor, per period of the slower side, of two equal bodies joined by an implicit spring on both sides whose copies are two periods old: the text's
-/// symmetric coupling. Above 1 it is unstable. `stiffness_per_mass` in 1/s^2, `damping_ratio` over critical (VALIDATION.md section 2).
+/// symmetric coupling. Above 1 it is unstable. `stiffness_per_mass` in 1/s^2, `damping_ratio` over critical.
 double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step);
 
 }  // namespace softhand

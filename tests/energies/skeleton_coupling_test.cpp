@@ -1,4 +1,4 @@
-// The coupling of eq. 18: derivatives, caps, damping, and the known answers of VALIDATION.md section 1, "Couplings in series".
+// The coupling of eq. 18: derivatives, caps, damping, and the known answers of couplings in series.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Inertia: derivatives, conservation, and the rigid body's known motions (VALIDATION.md section 1, "Bodies").
+// Inertia: derivatives, conservation, and the rigid body's known motions.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Joints of eq. 20: derivatives of every kind, balance, rest, limits and the pendulums of VALIDATION.md section 1.
+// Joints of eq. 20: derivatives of every kind, balance, rest, limits and pendulums.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -139,7 +139,7 @@ TEST(JointEnergy, StretchIsForceOverStiffness) {
 }
 
 TEST(JointEnergy, TorqueIntoALimit) {
-  // The limit gives torque / k beyond the range (VALIDATION.md: excess +-2 %). The torque: a couple of two opposite forces is not
+  // The limit gives torque / k beyond the range (excess +-2 %). The torque: a couple of two opposite forces is not
   // at hand, so the child's own gravity on an arm; the joint is at the held parent's centre.
   JointSite site{0, 1, Pose{}, {Vector3(0, 0, 0.02), Quaternion::Identity()}, joint_model(JointKind::hinge)};
   site.model.position_stiffness = 1e7;

@@ -1,4 +1,4 @@
-// Co-rotational tissue: polar decomposition, known answers (VALIDATION.md section 1), laws, derivatives.
+// Co-rotational tissue: polar decomposition, known answers, laws, derivatives.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>

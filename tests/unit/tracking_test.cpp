@@ -82,7 +82,7 @@ TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
   EXPECT_FALSE(loop.step(kStart, {}).valid);
 }
 
-// FACTS.md, "Skeleton chain": 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms
+// 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms
 // late.
 TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
   TrackingLoop loop({}, kHandRate, hand(), {});
@@ -153,7 +153,7 @@ TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
   }
 }
 
-// VALIDATION.md section 1: couplings in series, offset F (1/k1 + 1/k2): the simulated hand is held off by a wall at distance d, so the
+// Couplings in series, offset F (1/k1 + 1/k2): the simulated hand is held off by a wall at distance d, so the
 // intermediate is pulled by k_feedback against k1.
 TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
   TrackingOptions options;
@@ -381,7 +381,7 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
 
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
-  // FACTS.md: equal masses, k1 = k2/10 and a spring back as strong as the forward one.
+  // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
   TrackingOptions bad;
   bad.mass_fraction = 1;
   bad.stiffness_ratio = 1;
