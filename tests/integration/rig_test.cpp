@@ -27,6 +27,11 @@ constexpr std::uint32_t kHaptic = 1;  // device ids of the demo
 constexpr std::uint32_t kTactile = 2;
 constexpr double kFollows = 0.02;  // m, mean over the joints: a hand that lags, presses or holds, but goes where the tracked one goes
 
+// From a kill, ms. Promised is 1000; these are for a machine that is six to nine times oversubscribed (load 12 to 19 on two cores), where seven runs
+// gave up to 980, and of the tracker, which solves its grip anew and whose motion begins anew, 520 to 2220.
+constexpr double kFollowsWithin = 2000;
+constexpr double kFollowsTrackerWithin = 3000;
+
 double milliseconds_between(Nanoseconds from, Nanoseconds to) { return static_cast<double>(to - from) * 1e-6; }
 
 // The fixture sets the domain before anything opens it.
@@ -176,8 +181,7 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   };
   EXPECT_TRUE(ears.wait(10s, works_again)) << "follow error " << ears.simulated.back().follow_error;
   const double followed = milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
-  // The replay tracker solves its grip anew when it starts, which takes seconds on a loaded machine.
-  EXPECT_LT(followed, victim == "tracker" ? 9000 : 3000);
+  EXPECT_LT(followed, victim == "tracker" ? kFollowsTrackerWithin : kFollowsWithin);
   std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     ASSERT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
