@@ -79,7 +79,7 @@ std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::v
       auto best = parent.children.end();
       for (auto child = parent.children.begin(); child != parent.children.end(); ++child) {
         const Supernode& c = nodes[at(*child)];
-        const double extend_add = 20 + 4.0 * static_cast<double>(c.rows.size() * c.rows.size());
+        const double extend_add = 20 + 8.0 * static_cast<double>(c.rows.size() * c.rows.size());
         const double gain = front_cost(c.pivots.size(), c.rows.size()) + front_cost(parent.pivots.size(), parent.rows.size()) + extend_add -
                             front_cost(c.pivots.size() + parent.pivots.size(), parent.rows.size());
         if (gain > best_gain) {
