@@ -36,10 +36,11 @@ constexpr std::array<FingerRow, 4> kFingers{{
     {0.414, {0.204, 0.117, 0.093}, 0.408, -4.0, 0.190, -1.0, 0.135, -10.0, -12.0, {19, 19, 10}, {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
 
-// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis, so what opposition adds to it
-// stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al. 1981: the trapezium's axes lie 80 degrees pronated against
-// the third metacarpal's (48 flexed, 38 abducted), and pronation goes with flexion (Li and Tang 2007); a recorded Quest 3 hand has 83 at the metacarpal
-// and 104 at the distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so that the pads face each other (docs/hand-builder.md).
+// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis, so what opposition
+// adds to it stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al. 1981: the trapezium's axes lie 80
+// degrees pronated against the third metacarpal's (48 flexed, 38 abducted), and pronation goes with flexion (Li and Tang 2007); a recorded
+// Quest 3 hand has 83 at the metacarpal and 104 at the distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so
+// that the pads face each other (docs/hand-builder.md).
 struct ThumbRow {
   std::array<double, 3> lengths;    // fractions of hand length: metacarpal, proximal, distal; Buchholz
   std::array<double, 4> radii;      // millimetres of the reference hand: metacarpal, proximal, distal, tip
@@ -142,7 +143,8 @@ RestSkeleton natural_rest(const HandSize& size) {
     for (int k = 1; k <= 4; ++k) {
       rest.joints[at(joint_of_finger(f, k))].position = head;
       if (k <= 3) {
-        head -= rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() * row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
+        head -=
+            rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() * row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
       }
     }
   }
@@ -233,17 +235,21 @@ void set_mass(BodyModel& body) {
   body.joint_from_body.position = 0.5 * (body.bone_start + body.bone_end);
 }
 
-// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger. The thumb root's 60 degrees of abduction lie
-// between the 42 of Cooney et al. 1981 and the 67 that CT of a whole circumduction shows (PMC3940763).
+// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger. The thumb root's 60 degrees of
+// abduction lie between the 42 of Cooney et al. 1981 and the 67 that CT of a whole circumduction shows (PMC3940763).
 struct MotionRow {
   double flexion, extension, abduction;
 };
 MotionRow motion_row(Body body) {
   switch (body) {
-    case Body::thumb_metacarpal: return {50, 15, 30};
-    case Body::thumb_proximal: return {55, 10, 12};
-    case Body::thumb_distal: return {80, 15, 0};
-    default: break;
+    case Body::thumb_metacarpal:
+      return {50, 15, 30};
+    case Body::thumb_proximal:
+      return {55, 10, 12};
+    case Body::thumb_distal:
+      return {80, 15, 0};
+    default:
+      break;
   }
   const int k = (index_of(body) - 5) % 4;
   if (k == 1) return {90, 45, 20};
@@ -254,7 +260,8 @@ MotionRow motion_row(Body body) {
 JointModel make_joint(const RestSkeleton& rest, Body body) {
   JointModel joint;
   if (body == Body::forearm) return joint;
-  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the carpus is not one rigid bone).
+  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the carpus is not one
+  // rigid bone).
   joint.position_stiffness = body == Body::thumb_metacarpal ? 2e3 : body == Body::index_metacarpal ? 2e4 : 1e5;
   joint.kind = JointKind::ball;
   if (body == Body::carpus) return joint;  // the wrist is free under the coupling
@@ -267,7 +274,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   joint.kind = saddle ? JointKind::saddle : JointKind::hinge;
   joint.orientation_stiffness = saddle ? 8 : 10;
   joint.limit_stiffness = body == Body::thumb_metacarpal ? 5 : 3;
-  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight pose: it counts from rest.
+  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight pose: it counts from
+  // rest.
   double flexed = 0, abducted = 0;
   if (body != Body::thumb_metacarpal) {
     const Quaternion parent = rest.joints[at(joint_of(parent_of(body)))].orientation;
@@ -279,7 +287,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   joint.flexion_range = {std::min(0.0, -row.flexion * kDegree - flexed), std::max(0.0, row.extension * kDegree - flexed)};
   if (saddle) {
     // Abduction counts from half the rest spread: a resting hand is spread a little, and may close further than it may open.
-    joint.abduction_range = {std::min(-0.1, -row.abduction * kDegree - 0.5 * abducted), std::max(0.1, row.abduction * kDegree - 0.5 * abducted)};
+    joint.abduction_range = {std::min(-0.1, -row.abduction * kDegree - 0.5 * abducted),
+                             std::max(0.1, row.abduction * kDegree - 0.5 * abducted)};
   }
   return joint;
 }
@@ -321,7 +330,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
       const Vector3 along = end / length;
       const bool distal = which == distal_of(finger_of(which)) && finger_of(which) != Finger::palm;
       body.bone_start = along * 0.6 * body.bone_start_radius;
-      body.bone_end = along * (distal ? length : which == Body::carpus ? length - 0.6 * body.bone_end_radius : length - 0.7 * body.bone_end_radius);
+      body.bone_end = along * (distal                  ? length
+                               : which == Body::carpus ? length - 0.6 * body.bone_end_radius
+                                                       : length - 0.7 * body.bone_end_radius);
       if (which == Body::carpus) {
         // The middle metacarpal's base is dorsal of the wrist's middle.
         body.bone_start = along * 0.002 - 0.002 * Vector3::UnitY();

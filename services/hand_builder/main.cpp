@@ -40,14 +40,23 @@ int main(int argc, char** argv) {
   builder::HandSize size;
   int nodes = 1450;
   std::string side_name = "right", output, preview, recording, gltf, notice, name;
-  app.add_option("--length", size.length, "hand length, wrist to middle fingertip, metres")->capture_default_str()->check(CLI::Range(0.10, 0.26));
-  app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")->capture_default_str()->check(CLI::Range(0.05, 0.13));
-  CLI::Option* joints = app.add_option("--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
+  app.add_option("--length", size.length, "hand length, wrist to middle fingertip, metres")
+      ->capture_default_str()
+      ->check(CLI::Range(0.10, 0.26));
+  app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")
+      ->capture_default_str()
+      ->check(CLI::Range(0.05, 0.13));
+  CLI::Option* joints =
+      app.add_option("--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
   joints->check(CLI::ExistingFile);
-  app.add_option("--gltf", gltf, "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")->check(CLI::ExistingFile)->excludes(joints);
+  app.add_option("--gltf", gltf, "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")
+      ->check(CLI::ExistingFile)
+      ->excludes(joints);
   app.add_option("--notice", notice, "licence notice that the hand file carries; default: the GLB's own copyright line");
   app.add_option("--nodes", nodes, "tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
-  app.add_option("--side", side_name, "side of the hand that is written, and of the recording")->capture_default_str()->check(CLI::IsMember({"left", "right"}));
+  app.add_option("--side", side_name, "side of the hand that is written, and of the recording")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"left", "right"}));
   app.add_option("--name", name, "the hand's name");
   app.add_option("--output", output, "hand file to write")->required();
   app.add_option("--preview", preview, "OBJ of skin and tetrahedral surface to write");
@@ -81,9 +90,11 @@ int main(int argc, char** argv) {
     validate(hand, output);
     save_hand(hand, output);
     if (!preview.empty()) write_preview(hand, preview);
-    std::printf("%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, volume %.1f cm^3 (skin %.1f)\n", output.c_str(),
-                hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(), mesh.minimum_dihedral_degrees(),
-                mesh.volume() * 1e6, builder::skin_volume(*skin, 0.001) * 1e6);
+    std::printf(
+        "%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, volume %.1f cm^3 (skin "
+        "%.1f)\n",
+        output.c_str(), hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(),
+        mesh.minimum_dihedral_degrees(), mesh.volume() * 1e6, builder::skin_volume(*skin, 0.001) * 1e6);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "softhand-build-hand: %s\n", error.what());
     return 1;

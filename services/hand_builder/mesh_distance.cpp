@@ -1,5 +1,5 @@
-// Signed distance to a triangle mesh: nearest triangle by a tree of boxes, sign by the pseudonormal of the feature that is nearest (Baerentzen and
-// Aanaes 2005).
+// Signed distance to a triangle mesh: nearest triangle by a tree of boxes, sign by the pseudonormal of the feature that is nearest
+// (Baerentzen and Aanaes 2005).
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -37,7 +37,7 @@ Nearest nearest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b
 struct MeshSkin::Tree {
   struct Box {
     Vector3 low, high;
-    std::size_t first, count;        // triangles of a leaf; count 0: an inner box
+    std::size_t first, count;  // triangles of a leaf; count 0: an inner box
     std::size_t left, right;
   };
   std::vector<Vector3> vertices;
@@ -91,8 +91,8 @@ struct MeshSkin::Tree {
         return vertices[at(t[0])][axis] + vertices[at(t[1])][axis] + vertices[at(t[2])][axis];
       };
       const auto begin = triangles.begin();
-      std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle), begin + static_cast<std::ptrdiff_t>(last),
-                       [&](const auto& a, const auto& b) { return place(a) < place(b); });
+      std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle),
+                       begin + static_cast<std::ptrdiff_t>(last), [&](const auto& a, const auto& b) { return place(a) < place(b); });
       const std::size_t left = build(first, middle), right = build(middle, last);
       boxes[number].count = 0;
       boxes[number].left = left;

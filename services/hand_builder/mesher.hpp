@@ -26,9 +26,10 @@ struct TriangleMesh {
 /// Edge length asked for, as a multiple of a common scale, at a point.
 using SizingField = std::function<double(const Vector3&)>;
 
-/// A tetrahedral mesh of `skin` whose edges follow `sizing`, its common scale searched so that it has at least `node_count` nodes, mostly 2 % more and never above 7 %. `seeds`
-/// are points of the surface that become nodes (fingertips, so that no coarse mesh cuts them off). CGAL Mesh_3 with its optimisers, none limited by
-/// time: the same bits on each run. One component, closed manifold boundary; then `improve`. Throws std::runtime_error where no such mesh is found.
+/// A tetrahedral mesh of `skin` whose edges follow `sizing`, its common scale searched so that it has at least `node_count` nodes, mostly 2
+/// % more and never above 7 %. `seeds` are points of the surface that become nodes (fingertips, so that no coarse mesh cuts them off). CGAL
+/// Mesh_3 with its optimisers, none limited by time: the same bits on each run. One component, closed manifold boundary; then `improve`.
+/// Throws std::runtime_error where no such mesh is found.
 TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds);
 
 /// Moves one node at a time where that raises the worst dihedral angle around it; surface nodes stay on the level set that makes

@@ -33,7 +33,8 @@ class Glb {
     check(bytes.size() >= 20 && word(0) == 0x46546C67 && word(4) == 2, "header", "a binary glTF file of version 2 (.glb)");
     const std::size_t text = word(12);
     check(word(16) == 0x4E4F534A && text <= bytes.size() - 20, "chunk 0", "JSON inside the file");
-    check(bytes.size() - 20 - text >= 8 && word(24 + text) == 0x004E4942 && word(20 + text) <= bytes.size() - 28 - text, "chunk 1", "binary data inside the file");
+    check(bytes.size() - 20 - text >= 8 && word(24 + text) == 0x004E4942 && word(20 + text) <= bytes.size() - 28 - text, "chunk 1",
+          "binary data inside the file");
     document_ = json::parse(bytes.begin() + 20, bytes.begin() + 20 + static_cast<std::ptrdiff_t>(text), nullptr, false);
     check(document_.is_object(), "chunk 0", "valid JSON");
     binary_ = bytes.substr(28 + text, word(20 + text));
@@ -45,7 +46,8 @@ class Glb {
   const json& document() const { return document_; }
   const json& element(const char* list, std::size_t index) const {
     const auto found = document_.find(list);
-    check(found != document_.end() && found->is_array() && index < found->size() && (*found)[index].is_object(), list, "an element " + std::to_string(index));
+    check(found != document_.end() && found->is_array() && index < found->size() && (*found)[index].is_object(), list,
+          "an element " + std::to_string(index));
     return (*found)[index];
   }
   std::size_t index(const json& object, const char* key, const std::string& where) const {
@@ -61,17 +63,19 @@ class Glb {
     check(accessor.value("type", std::string()) == type, where + ".type", type);
     check(!accessor.contains("sparse"), where + ".sparse", "nothing");
     const json& view = element("bufferViews", index(accessor, "bufferView", where));
-    check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"), where + ".bufferView.buffer", "the file's own binary chunk");
+    check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"), where + ".bufferView.buffer",
+          "the file's own binary chunk");
     const std::size_t columns = type == "SCALAR" ? 1 : type == "VEC3" ? 3 : type == "VEC4" ? 4 : 16;
     const std::size_t component = index(accessor, "componentType", where), count = index(accessor, "count", where);
-    check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType", "5121, 5123, 5125 or 5126");
+    check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType",
+          "5121, 5123, 5125 or 5126");
     const std::size_t width = component == 5121 ? 1 : component == 5123 ? 2 : 4;
     const std::size_t start = view.value("byteOffset", std::size_t{0}), offset = accessor.value("byteOffset", std::size_t{0});
     const std::size_t length = index(view, "byteLength", where + ".bufferView");
     const std::size_t stride = view.value("byteStride", columns * width);
     const std::size_t size = binary_.size();
-    check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 && length <= size && start <= size - length &&
-              offset + (count - 1) * stride + columns * width <= length,
+    check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 && length <= size &&
+              start <= size - length && offset + (count - 1) * stride + columns * width <= length,
           where, "data inside the binary chunk");
     const bool normalised = accessor.value("normalized", false);
     std::vector<double> out;
@@ -84,10 +88,14 @@ class Glb {
     for (std::size_t row = 0; row < count; ++row) {
       for (std::size_t column = 0; column < columns; ++column) {
         const std::size_t place = start + offset + row * stride + column * width;
-        if (component == 5121) read(std::uint8_t{}, place, 255);
-        else if (component == 5123) read(std::uint16_t{}, place, 65535);
-        else if (component == 5125) read(std::uint32_t{}, place, 1);
-        else read(float{}, place, 1);
+        if (component == 5121)
+          read(std::uint8_t{}, place, 255);
+        else if (component == 5123)
+          read(std::uint16_t{}, place, 65535);
+        else if (component == 5125)
+          read(std::uint32_t{}, place, 1);
+        else
+          read(float{}, place, 1);
       }
     }
     return out;
@@ -109,7 +117,9 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
     file.check(primitive.value("mode", 4) == 4, "meshes.primitives.mode", "4 (triangles)");
     const auto attributes = primitive.find("attributes");
     file.check(attributes != primitive.end() && attributes->is_object(), "meshes.primitives.attributes", "a table");
-    const auto attribute = [&](const char* key, const char* type) { return file.numbers(file.index(*attributes, key, "meshes.primitives.attributes"), type, key); };
+    const auto attribute = [&](const char* key, const char* type) {
+      return file.numbers(file.index(*attributes, key, "meshes.primitives.attributes"), type, key);
+    };
     const auto positions = attribute("POSITION", "VEC3"), joints = attribute("JOINTS_0", "VEC4"), weights = attribute("WEIGHTS_0", "VEC4");
     const auto indices = file.numbers(file.index(primitive, "indices", "meshes.primitives"), "SCALAR", "indices");
     const std::size_t count = positions.size() / 3;
@@ -151,10 +161,12 @@ void check_closed(const Glb& file, const TriangleMesh& mesh) {
     volume += x(0).dot(x(1).cross(x(2))) / 6;
     for (std::size_t k = 0; k < 3; ++k) {
       used[static_cast<std::size_t>(t[k])] = true;
-      file.check(++edges[{t[k], t[(k + 1) % 3]}] == 1, "indices", "a 2-manifold: an edge has more than two triangles, or two that turn against each other");
+      file.check(++edges[{t[k], t[(k + 1) % 3]}] == 1, "indices",
+                 "a 2-manifold: an edge has more than two triangles, or two that turn against each other");
     }
   }
-  for (const auto& [edge, count] : edges) file.check(edges.count({edge[1], edge[0]}) == 1, "indices", "a closed surface: an edge has only one triangle");
+  for (const auto& [edge, count] : edges)
+    file.check(edges.count({edge[1], edge[0]}) == 1, "indices", "a closed surface: an edge has only one triangle");
   const auto vertices = std::count(used.begin(), used.end(), true);
   file.check(vertices == static_cast<std::ptrdiff_t>(mesh.vertices.size()), "POSITION", "vertices that all belong to triangles");
   file.check(2 * static_cast<std::size_t>(vertices) == 4 + mesh.triangles.size(), "indices", "one closed surface without handles");
@@ -223,17 +235,18 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) {
     const Body body = static_cast<Body>(b);
     const Pose& joint = hand.rest.joints[at(joint_of(body))];
     const Vector3 along = (hand.rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
-    file.check(along.dot(joint.orientation * -Vector3::UnitZ()) > std::cos(30 * M_PI / 180), "skins[0].inverseBindMatrices (" + std::string(webxr_name(joint_of(body))) + ")",
-               "-Z within 30 degrees of the bone");
+    file.check(along.dot(joint.orientation * -Vector3::UnitZ()) > std::cos(30 * M_PI / 180),
+               "skins[0].inverseBindMatrices (" + std::string(webxr_name(joint_of(body))) + ")", "-Z within 30 degrees of the bone");
   }
   const Pose& metacarpal = hand.rest.joints[at(Joint::middle_metacarpal)];
-  hand.rest.joints[at(Joint::palm)] = {0.5 * (metacarpal.position + hand.rest.joints[at(Joint::middle_proximal)].position), metacarpal.orientation};
+  hand.rest.joints[at(Joint::palm)] = {0.5 * (metacarpal.position + hand.rest.joints[at(Joint::middle_proximal)].position),
+                                       metacarpal.orientation};
 
   const MeshSkin shape(hand.skin);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     hand.rest.radii[j] = -shape.distance(hand.rest.joints[j].position);
-    file.check(hand.rest.radii[j] > 0.002 && hand.rest.radii[j] < 0.05, "skins[0].inverseBindMatrices (" + std::string(kJointNames[j]) + ")",
-               "a joint 2 to 50 mm inside the skin");
+    file.check(hand.rest.radii[j] > 0.002 && hand.rest.radii[j] < 0.05,
+               "skins[0].inverseBindMatrices (" + std::string(kJointNames[j]) + ")", "a joint 2 to 50 mm inside the skin");
   }
   // Deep in the palm the skin says nothing about one bone's thickness.
   for (int f = 1; f < kFingerCount; ++f) {

@@ -1,4 +1,6 @@
 // Rigged hands: a shipped hand's own surface and skeleton, written as a GLB and read back.
+#include "hand_builder/rigged_hand.hpp"
+
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -10,7 +12,6 @@
 #include <sstream>
 
 #include "hand_builder/assemble.hpp"
-#include "hand_builder/rigged_hand.hpp"
 #include "trackers/replay/recording.hpp"
 
 namespace softhand::builder {
@@ -88,10 +89,11 @@ Parts parts_of(const Source& hand, const Pose& place, bool left) {
     nodes.push_back({{"name", webxr_name(static_cast<Joint>(j))}});
   }
   nodes.push_back({{"mesh", 0}, {"skin", 0}});
-  parts.document = {{"asset", {{"version", "2.0"}, {"copyright", "nobody's"}}},
-                    {"nodes", nodes},
-                    {"skins", {{{"joints", joints}, {"inverseBindMatrices", 4}}}},
-                    {"meshes", {{{"primitives", {{{"attributes", {{"POSITION", 0}, {"JOINTS_0", 1}, {"WEIGHTS_0", 2}}}, {"indices", 3}}}}}}}};
+  parts.document = {
+      {"asset", {{"version", "2.0"}, {"copyright", "nobody's"}}},
+      {"nodes", nodes},
+      {"skins", {{{"joints", joints}, {"inverseBindMatrices", 4}}}},
+      {"meshes", {{{"primitives", {{{"attributes", {{"POSITION", 0}, {"JOINTS_0", 1}, {"WEIGHTS_0", 2}}}, {"indices", 3}}}}}}}};
   return parts;
 }
 
@@ -144,7 +146,8 @@ TEST(RiggedHandFile, GivesBackSkeletonAndSkinOfEitherSide) {
       EXPECT_LT((hand.rest.joints[j].position - expected.position).norm(), 1e-6) << kJointNames[j];
       EXPECT_LT(hand.rest.joints[j].orientation.angularDistance(expected.orientation), 1e-4) << kJointNames[j];
       // A finger's joint lies as deep as its radius says; others depend on the flesh around them.
-      if (j > index_of(Joint::index_proximal) && j != at(tip_of(Finger::index)) && finger_of(body_of(static_cast<Joint>(j))) == Finger::index) {
+      if (j > index_of(Joint::index_proximal) && j != at(tip_of(Finger::index)) &&
+          finger_of(body_of(static_cast<Joint>(j))) == Finger::index) {
         EXPECT_NEAR(hand.rest.radii[j], source().rest.radii[j], 1e-3) << kJointNames[j];
       }
     }
@@ -164,7 +167,8 @@ TEST(RiggedHandFile, ItsBonesLieInItsSkin) {
     const Pose& joint = hand.rest.joints[at(joint_of(static_cast<Body>(b)))];
     for (const double s : {0.0, 0.5, 1.0}) {
       const double radius = (1 - s) * bodies[b].bone_start_radius + s * bodies[b].bone_end_radius;
-      EXPECT_LT(skin.distance(joint * ((1 - s) * bodies[b].bone_start + s * bodies[b].bone_end)) + radius, -0.5e-3) << kBodyNames[b] << " at " << s;
+      EXPECT_LT(skin.distance(joint * ((1 - s) * bodies[b].bone_start + s * bodies[b].bone_end)) + radius, -0.5e-3)
+          << kBodyNames[b] << " at " << s;
     }
   }
 }
@@ -182,7 +186,9 @@ TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
     const double distance = skin.distance(p);
     EXPECT_LE(std::abs(distance), least + 1e-12);
     EXPECT_GE(std::abs(distance), least - 0.008);
-    if (std::abs(exact.distance(p)) > 2e-3) { EXPECT_EQ(distance < 0, exact.distance(p) < 0) << p.transpose(); }
+    if (std::abs(exact.distance(p)) > 2e-3) {
+      EXPECT_EQ(distance < 0, exact.distance(p) < 0) << p.transpose();
+    }
   }
 }
 
@@ -201,7 +207,8 @@ TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
     EXPECT_NE(error_of(spoil).find(expected), std::string::npos) << "instead: " << error_of(spoil);
   };
   EXPECT_EQ(error_of([](Parts&) {}), "taken");
-  expect_error("hand.glb: skins[0].joints: expected a joint named pinky-finger-tip", [](Parts& p) { p.document["nodes"][0]["name"] = "Bone.025"; });
+  expect_error("hand.glb: skins[0].joints: expected a joint named pinky-finger-tip",
+               [](Parts& p) { p.document["nodes"][0]["name"] = "Bone.025"; });
   expect_error("hand.glb: indices: expected a closed surface", [](Parts& p) { p.indices.resize(p.indices.size() - 3); });
   expect_error("hand.glb: indices: expected triangles that look outward", [](Parts& p) {
     for (std::size_t i = 0; i < p.indices.size(); i += 3) std::swap(p.indices[i], p.indices[i + 1]);
@@ -209,7 +216,8 @@ TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
   expect_error("hand.glb: indices: expected places of vertices", [](Parts& p) { p.indices[7] = 1000000; });
   expect_error("hand.glb: WEIGHTS_0: expected weights that sum to 1", [](Parts& p) { p.weights[3] = {0.5f, 0, 0, 0}; });
   expect_error("(POSITION): expected finite numbers", [](Parts& p) { p.positions[5][1] = std::nanf(""); });
-  expect_error("inverseBindMatrices (thumb-tip): expected a rotation and a translation", [](Parts& p) { p.matrices[kJointCount - 1 - at(Joint::thumb_tip)] *= 0.01f; });
+  expect_error("inverseBindMatrices (thumb-tip): expected a rotation and a translation",
+               [](Parts& p) { p.matrices[kJointCount - 1 - at(Joint::thumb_tip)] *= 0.01f; });
   expect_error("inverseBindMatrices (ring-finger-phalanx-distal): expected -Z within 30 degrees", [](Parts& p) {
     const Eigen::Matrix4f turn = Eigen::Affine3f(Eigen::AngleAxisf(1.5f, Eigen::Vector3f::UnitX())).matrix();
     auto& matrix = p.matrices[kJointCount - 1 - at(Joint::ring_distal)];

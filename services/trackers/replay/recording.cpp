@@ -62,7 +62,9 @@ Pose between(const Pose& a, const Pose& b, double fraction) {
 
 }  // namespace
 
-std::string_view webxr_name(Joint joint) { return joint == Joint::palm ? std::string_view{} : kWebXrNames[static_cast<std::size_t>(index_of(joint)) - 1]; }
+std::string_view webxr_name(Joint joint) {
+  return joint == Joint::palm ? std::string_view{} : kWebXrNames[static_cast<std::size_t>(index_of(joint)) - 1];
+}
 
 Recording Recording::load(const std::string& path) {
   std::ifstream in(path);
