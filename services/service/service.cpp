@@ -17,7 +17,8 @@ constexpr Nanoseconds kStatusPeriod = 100'000'000;
 int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 25 : 20; }
 
 // Comes before the participant in the list of members, whose threads inherit the priority.
-std::string with_real_time(const std::string& module, double rate_hz) {
+std::string with_urgency(const std::string& module, double rate_hz, Urgency urgency) {
+  if (urgency == Urgency::ordinary) return module;
   for (const std::string& warning : request_real_time(priority_of(rate_hz))) std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
   return module;
 }
@@ -41,8 +42,8 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   return arguments;
 }
 
-Service::Service(const ServiceArguments& arguments, double rate_hz)
-    : module_(with_real_time(arguments.module, rate_hz)),
+Service::Service(const ServiceArguments& arguments, double rate_hz, Urgency urgency)
+    : module_(with_urgency(arguments.module, rate_hz, urgency)),
       rate_hz_(rate_hz),
       participant_(module_),
       messages_(participant_, bus::topics::message),

@@ -26,11 +26,15 @@ struct ServiceArguments {
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
                                  const std::function<void(CLI::App&)>& extend = {});
 
+enum class Urgency {
+  real_time,  ///< memory locked, priority raised, the higher the faster the loop; a warning says where that was refused
+  ordinary,   ///< gives way to the others: displays
+};
+
 class Service {
  public:
-  /// Locks memory and raises the thread's priority, the higher the faster the loop, before DDS makes its threads; a warning says where that was
-  /// refused. From here on SIGTERM and SIGINT ask for a clean stop.
-  Service(const ServiceArguments& arguments, double rate_hz);
+  /// Takes its urgency before DDS makes its threads. From here on SIGTERM and SIGINT ask for a clean stop.
+  Service(const ServiceArguments& arguments, double rate_hz, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }
 
   /// Fills epoch, clock id and publish time of what is about to be written.
