@@ -61,6 +61,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_list(v, "objects", "An object of the world.", o.objects);
   describe_section(v, "haptic", "Haptic devices.", o.haptic);
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
+  describe_section(v, "viewer", "The browser viewer.", o.viewer);
   describe_section(v, "simulate", "`softhand simulate`.", o.simulate);
   describe_section(v, "judge", "What a run is judged by.", o.judge);
 }

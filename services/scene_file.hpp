@@ -17,6 +17,7 @@
 #include "tracking/tracking_options.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"
+#include "viewer/viewer_options.hpp"
 #include "world/world_options.hpp"
 
 namespace softhand {
@@ -67,6 +68,7 @@ struct SceneOptions {
   std::vector<ObjectOptions> objects;
   HapticOptions haptic;
   TactileOptions tactile;
+  ViewerOptions viewer;
   SimulateOptions simulate;
   JudgeOptions judge;
 };

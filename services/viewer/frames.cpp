@@ -1,0 +1,304 @@
+#include "viewer/frames.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <optional>
+
+#include "messages/convert.hpp"
+
+namespace softhand::viewer {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "frames are written as they lie in memory");
+
+// Appends plain values after a header; remembers whether a number was none.
+class Packer {
+ public:
+  Packer(FrameType type, std::uint32_t instance, std::size_t expected_bytes) {
+    bytes_.reserve(kHeaderBytes + expected_bytes + 3);
+    put(kMagic);
+    put(kVersion);
+    put(static_cast<std::uint16_t>(type));
+    put(std::uint32_t{0});
+    put(instance);
+  }
+
+  template <typename T>
+  void put(T value) {
+    static_assert(std::is_arithmetic_v<T>);
+    if constexpr (std::is_floating_point_v<T>) finite_ = finite_ && std::isfinite(value);
+    const std::size_t at = bytes_.size();
+    bytes_.resize(at + sizeof value);
+    std::memcpy(bytes_.data() + at, &value, sizeof value);
+  }
+  void integer(std::uint32_t value) { put(value); }
+  void real(double value) { put(static_cast<float>(value)); }
+  template <typename T, std::size_t n>
+  void reals(const std::array<T, n>& values) {
+    for (const T value : values) real(value);
+  }
+  template <std::size_t n>
+  void text(const std::array<char, n>& field) {
+    static_assert(n % 4 == 0);
+    const std::string_view used = get_text(field);
+    bytes_.insert(bytes_.end(), used.begin(), used.end());
+    bytes_.resize(bytes_.size() + n - used.size());
+  }
+  // Times as float64 seconds: a microsecond after 200 years of uptime.
+  void stamp(const Stamp& stamp) {
+    put(static_cast<double>(stamp.sample_time) * 1e-9);
+    put(static_cast<double>(stamp.publish_time) * 1e-9);
+    put(static_cast<double>(stamp.sequence));
+  }
+
+  Frame finish() {
+    if (!finite_) return nullptr;
+    bytes_.resize((bytes_.size() + 3) / 4 * 4);
+    const auto payload = static_cast<std::uint32_t>(bytes_.size() - kHeaderBytes);
+    std::memcpy(bytes_.data() + 8, &payload, sizeof payload);
+    return std::make_shared<const std::vector<std::uint8_t>>(std::move(bytes_));
+  }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  bool finite_ = true;
+};
+
+template <typename Items>
+void put_named(Packer& out, const Items& items) {
+  out.integer(items.count);
+  out.integer(0);
+  for (const NamedValue& item : items) {
+    out.text(item.name);
+    out.put(item.value);
+  }
+}
+
+// Reads what a page sent; knows nothing where the bytes end too soon.
+template <typename T>
+std::optional<T> read(std::span<const std::uint8_t> bytes, std::size_t at) {
+  if (at + sizeof(T) > bytes.size()) return std::nullopt;
+  T value;
+  std::memcpy(&value, bytes.data() + at, sizeof value);
+  return value;
+}
+
+// A text of a message: printable ASCII up to its zero.
+bool read_text(std::span<const std::uint8_t> bytes, ShortText& out) {
+  std::memcpy(out.data(), bytes.data(), out.size());
+  const std::string_view text = get_text(out);
+  return text.size() < out.size() && std::all_of(text.begin(), text.end(), [](char c) { return c >= ' ' && c <= '~'; });
+}
+
+}  // namespace
+
+Frame encode(const HandDescription& description, std::span<const Vector3> rest_nodes) {
+  const std::size_t vertices = description.vertex_nodes.size();
+  const std::size_t triangles = description.triangles.size();
+  if (description.vertex_weights.size() != vertices) return nullptr;
+  Packer out(FrameType::hand_description, instance_of(description.hand), 16 + 12 * rest_nodes.size() + 24 * vertices + 6 * triangles);
+  out.integer(description.node_count);
+  out.integer(static_cast<std::uint32_t>(vertices));
+  out.integer(static_cast<std::uint32_t>(triangles));
+  out.integer(static_cast<std::uint32_t>(rest_nodes.size()));
+  for (const Vector3& node : rest_nodes) out.reals(to_wire(node));
+  for (const auto& weights : description.vertex_weights) out.reals(weights);
+  for (const auto& nodes : description.vertex_nodes) {
+    for (const std::uint32_t node : nodes) {
+      if (node >= description.node_count) return nullptr;
+      out.put(static_cast<std::uint16_t>(node));
+    }
+  }
+  for (const auto& triangle : description.triangles) {
+    for (const std::uint32_t vertex : triangle) {
+      if (vertex >= vertices) return nullptr;
+      out.put(static_cast<std::uint16_t>(vertex));
+    }
+  }
+  return out.finish();
+}
+
+Frame encode(const TissueSurface& surface, bool quantised) {
+  float largest = 1e-6f;
+  for (const auto& node : surface.nodes) {
+    for (const float x : node) {
+      if (!std::isfinite(x)) return nullptr;
+      largest = std::max(largest, std::abs(x));
+    }
+  }
+  Packer out(FrameType::nodes, instance_of(surface.hand), 64 + 12 * surface.nodes.size());
+  out.stamp(surface.stamp);
+  out.reals(surface.wrist_position);
+  out.integer(surface.nodes.count);
+  out.integer(quantised ? 1 : 0);
+  const float step = quantised ? largest / 32767.0f : 1.0f;
+  out.real(step);
+  for (const auto& node : surface.nodes) {
+    if (!quantised) {
+      out.reals(node);
+      continue;
+    }
+    for (const float x : node) out.put(static_cast<std::int16_t>(std::lround(x / step)));
+  }
+  return out.finish();
+}
+
+Frame encode(FrameType which, const Skeleton& skeleton) {
+  Packer out(which, instance_of(skeleton.hand), 32 + 36 * skeleton.joints.size());
+  out.stamp(skeleton.stamp);
+  out.integer(skeleton.source);
+  out.integer(skeleton.frame);
+  for (const JointSample& joint : skeleton.joints) {
+    // A joint that is not valid may hold anything; the page does not look at it.
+    const bool valid = (joint.flags & kJointValid) != 0;
+    out.reals(valid ? joint.position : Vec3{});
+    out.reals(valid ? joint.orientation : Vec4{0, 0, 0, 1});
+    out.real(joint.radius);
+    out.integer(joint.flags);
+  }
+  return out.finish();
+}
+
+Frame encode(const Contacts& contacts) {
+  Packer out(FrameType::contacts, instance_of(contacts.hand), 416 + 64 * contacts.contacts.size());
+  out.stamp(contacts.stamp);
+  for (const FingerContact& finger : contacts.fingers) {
+    out.reals(finger.force);
+    out.reals(finger.centre);
+    out.reals(finger.normal);
+    out.real(finger.area);
+    out.real(finger.slip_speed);
+    out.integer(finger.object);
+    out.integer(finger.contact_count);
+  }
+  out.integer(contacts.contacts.count);
+  out.integer(contacts.dropped);
+  for (const Contact& contact : contacts.contacts) {
+    out.integer(contact.node);
+    out.integer(contact.object);
+    out.integer(contact.finger);
+    out.integer(contact.flags);
+    out.reals(contact.point);
+    out.reals(contact.normal);
+    out.reals(contact.force);
+    out.real(contact.penetration);
+    out.real(contact.area);
+    out.real(contact.slip_speed);
+  }
+  return out.finish();
+}
+
+Frame encode(const WorldObjects& objects) {
+  Packer out(FrameType::objects, objects.world, 32 + 52 * objects.objects.size());
+  out.stamp(objects.stamp);
+  out.integer(objects.objects.count);
+  out.integer(0);
+  for (const ObjectState& object : objects.objects) {
+    out.integer(object.object);
+    out.integer(object.owned);
+    out.integer(2 * object.owner_user + object.owner_side);
+    out.reals(object.position);
+    out.reals(object.orientation);
+    out.reals(object.linear_velocity);
+  }
+  return out.finish();
+}
+
+Frame encode(const ObjectDescription& description) {
+  Packer out(FrameType::object_description, description.object, 112 + 12 * description.shape.vertices.size());
+  out.integer(description.is_static);
+  out.integer(description.removed);
+  out.integer(description.shape.kind);
+  out.integer(description.shape.vertices.count);
+  out.real(description.mass);
+  out.real(description.friction);
+  out.reals(description.shape.size);
+  out.text(description.name);
+  for (const Vec3& vertex : description.shape.vertices) out.reals(vertex);
+  return out.finish();
+}
+
+Frame encode(const BoneWrench& wrench) {
+  Packer out(FrameType::bone_wrench, instance_of(wrench.hand), 32 + 60 * wrench.bones.size());
+  out.stamp(wrench.stamp);
+  out.integer(wrench.simulated_valid);
+  out.integer(static_cast<std::uint32_t>(wrench.bones.size()));
+  for (const BoneSample& bone : wrench.bones) {
+    out.reals(bone.simulated_position);
+    out.reals(bone.intermediate_position);
+    out.reals(bone.coupling_force);
+    out.reals(bone.coupling_torque);
+    out.reals(bone.contact_force);
+  }
+  return out.finish();
+}
+
+Frame encode(const LoopStatus& status, std::uint32_t slot) {
+  Packer out(FrameType::loop_status, slot, 200 + 40 * (status.energies.size() + status.counters.size()));
+  out.stamp(status.stamp);
+  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.input_age_ms, status.residual,
+                             static_cast<double>(status.steps), static_cast<double>(status.deadline_misses)}) {
+    out.put(value);
+  }
+  for (const std::uint32_t value : {status.process_id, status.iterations, status.solver_status, status.contact_count}) out.integer(value);
+  out.text(status.module);
+  put_named(out, status.energies);
+  put_named(out, status.counters);
+  return out.finish();
+}
+
+Frame encode(const MessageReply& reply, std::uint32_t slot) {
+  Packer out(FrameType::message_reply, slot, 208);
+  out.put(reply.id);
+  out.integer(reply.result);
+  out.integer(0);
+  out.text(reply.module);
+  out.text(reply.text);
+  return out.finish();
+}
+
+Frame encode(const GatewayState& state) {
+  Packer out(FrameType::gateway, 0, 48 + 8 * state.refused.size());
+  out.put(static_cast<double>(state.clock) * 1e-9);
+  out.integer(state.pages);
+  out.integer(state.rate_hz);
+  for (const std::uint64_t value : {state.bytes_sent, state.frames_sent, state.frames_passed_over, state.refused_content})
+    out.put(static_cast<double>(value));
+  for (const std::uint64_t value : state.refused) out.put(static_cast<double>(value));
+  return out.finish();
+}
+
+Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out) {
+  if (bytes.size() < kHeaderBytes) return Refusal::size;
+  if (read<std::uint32_t>(bytes, 0) != kMagic) return Refusal::magic;
+  if (read<std::uint16_t>(bytes, 4) != kVersion) return Refusal::version;
+  if (read<std::uint32_t>(bytes, 8) != bytes.size() - kHeaderBytes) return Refusal::size;
+  const auto payload = bytes.subspan(kHeaderBytes);
+  switch (static_cast<FrameType>(*read<std::uint16_t>(bytes, 6))) {
+    case FrameType::show: {
+      if (payload.size() != 8) return Refusal::size;
+      const ShowRequest show{*read<std::uint32_t>(payload, 0), *read<float>(payload, 4)};
+      if ((show.types & ~kShowable) != 0 || !std::isfinite(show.rate_hz) || show.rate_hz < 0 || show.rate_hz > 1000) return Refusal::content;
+      out = show;
+      return Refusal::none;
+    }
+    case FrameType::message: {
+      constexpr std::size_t n = sizeof(ShortText);
+      if (payload.size() != 8 + 3 * n) return Refusal::size;
+      Message message;
+      message.id = *read<std::uint64_t>(payload, 0);
+      if (!read_text(payload.subspan(8, n), message.module) || !read_text(payload.subspan(8 + n, n), message.key) ||
+          !read_text(payload.subspan(8 + 2 * n, n), message.value) || message.module[0] == '\0' || message.key[0] == '\0') {
+        return Refusal::content;
+      }
+      out = message;
+      return Refusal::none;
+    }
+    default:
+      return Refusal::type;
+  }
+}
+
+}  // namespace softhand::viewer

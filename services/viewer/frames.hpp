@@ -1,0 +1,95 @@
+// The binary frames between gateway and page; docs/viewer.md has every layout. Little-endian, SI units, world frame as on the topics.
+//
+// A frame is a header of 16 bytes and a payload, both multiples of 4 long:
+//   u32 magic "SHVF", u16 version, u16 type, u32 payload bytes, u32 instance
+// A WebSocket message from the gateway is one or more frames, one to the gateway is exactly one. `instance` tells hands (2 * user + side),
+// objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "math/types.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand::viewer {
+
+inline constexpr std::uint32_t kMagic = 0x46564853;  ///< "SHVF"
+inline constexpr std::uint16_t kVersion = 1;
+inline constexpr std::size_t kHeaderBytes = 16;
+
+enum class FrameType : std::uint16_t {
+  hand_description = 1,
+  nodes = 2,
+  tracked_skeleton = 3,
+  intermediate_skeleton = 4,
+  simulated_skeleton = 5,
+  contacts = 6,
+  objects = 7,
+  object_description = 8,
+  bone_wrench = 9,
+  loop_status = 10,
+  message_reply = 11,
+  gateway = 12,
+  // from the page
+  show = 32,
+  message = 33,
+};
+
+/// What a page shows, as a set of frame types.
+using TypeSet = std::uint32_t;
+constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsigned>(type); }
+/// The types that a page can ask for; `gateway` comes unasked.
+inline constexpr TypeSet kShowable = (set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description);
+
+/// An encoded frame; empty where the content must not be shown (a number that is none). Shared, for it goes to several pages.
+using Frame = std::shared_ptr<const std::vector<std::uint8_t>>;
+
+constexpr std::uint32_t instance_of(const HandKey& hand) { return 2 * hand.user + hand.side; }
+
+/// `rest_nodes` (metres, rest frame) let the page tell how far the skin is strained; empty = unknown.
+Frame encode(const HandDescription& description, std::span<const Vector3> rest_nodes);
+/// `quantised`: int16 of the largest coordinate, some 5 um on a hand, instead of float32.
+Frame encode(const TissueSurface& surface, bool quantised);
+Frame encode(FrameType which, const Skeleton& skeleton);
+Frame encode(const Contacts& contacts);
+Frame encode(const WorldObjects& objects);
+Frame encode(const ObjectDescription& description);
+Frame encode(const BoneWrench& wrench);
+/// `slot`: the instance that stands for the module.
+Frame encode(const LoopStatus& status, std::uint32_t slot);
+Frame encode(const MessageReply& reply, std::uint32_t slot);
+
+/// Why a frame from a page was not believed.
+enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood };
+inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size", "magic", "version", "type", "content", "origin", "flood"};
+using RefusalCounts = std::array<std::uint64_t, kRefusalNames.size()>;
+
+/// What the gateway says of itself, every half second.
+struct GatewayState {
+  Nanoseconds clock = 0;  ///< monotonic, so that the page can tell ages
+  std::uint32_t pages = 0;
+  std::uint32_t rate_hz = 0;
+  std::uint64_t bytes_sent = 0;
+  std::uint64_t frames_sent = 0;
+  std::uint64_t frames_passed_over = 0;  ///< replaced by newer ones before a slow page took them
+  std::uint64_t refused_content = 0;     ///< samples of topics that were no numbers
+  RefusalCounts refused{};
+};
+Frame encode(const GatewayState& state);
+
+/// A page tells what it shows, and how often it wants it.
+struct ShowRequest {
+  TypeSet types = 0;
+  float rate_hz = 0;  ///< at most; 0 = as it comes
+};
+using PageRequest = std::variant<ShowRequest, Message>;
+/// `out` is written only where the answer is `none`. Anything goes in: sizes, versions, numbers and texts are checked.
+Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out);
+
+}  // namespace softhand::viewer

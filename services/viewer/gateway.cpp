@@ -1,0 +1,160 @@
+#include "viewer/gateway.hpp"
+
+#include <cstring>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+
+namespace softhand::viewer {
+namespace {
+
+constexpr Nanoseconds kStatePeriod = 500'000'000;
+
+// A topic that is read while it is shown.
+template <typename T>
+class Feed {
+ public:
+  Feed(const bus::Participant& participant, const bus::Topic<T>& topic, FrameType type) : participant_(participant), topic_(topic), type_(type) {}
+
+  // Calls f(const T&) for each new sample; on topics of state only the newest of each instance comes.
+  template <typename F>
+  void take(TypeSet shown, F&& f) {
+    const bool wanted = (shown & set_of(type_)) != 0;
+    if (wanted != reader_.has_value()) {
+      if (wanted) {
+        reader_.emplace(participant_, topic_);
+      } else {
+        reader_.reset();
+      }
+    }
+    if (reader_) reader_->take_all(f);
+  }
+  FrameType type() const { return type_; }
+
+ private:
+  const bus::Participant& participant_;
+  const bus::Topic<T>& topic_;
+  FrameType type_;
+  std::optional<bus::Reader<T>> reader_;
+};
+
+// A small number for each name, in the order of their coming.
+class Slots {
+ public:
+  std::uint32_t of(std::string_view name) {
+    return slots_.try_emplace(std::string(name), static_cast<std::uint32_t>(slots_.size())).first->second;
+  }
+
+ private:
+  std::map<std::string, std::uint32_t> slots_;
+};
+
+}  // namespace
+
+class Gateway::Impl {
+ public:
+  Impl(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz)
+      : server_(server), hand_(hand), key_(key), quantised_(quantised), rate_hz_(rate_hz), participant_(participant),
+        messages_(participant_, bus::topics::message), epoch_(make_epoch()), clock_id_(clock_id()) {}
+
+  void step(Nanoseconds at) {
+    const TypeSet shown = server_.shown();
+    // Descriptions are kept for later pages: once asked for, they are followed, and not told anew to each.
+    described_ |= shown;
+    pass(hand_descriptions_, described_, Keep::yes, [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
+    pass(object_descriptions_, described_, Keep::yes, [](const ObjectDescription& each) { return encode(each); });
+    pass(surfaces_, shown, Keep::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
+    for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
+      pass(*feed, shown, Keep::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
+    pass(contacts_, shown, Keep::no, [](const Contacts& each) { return encode(each); });
+    pass(objects_, shown, Keep::no, [](const WorldObjects& each) { return encode(each); });
+    pass(wrenches_, shown, Keep::no, [](const BoneWrench& each) { return encode(each); });
+    pass(statuses_, shown, Keep::no, [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
+    pass(replies_, shown, Keep::no, [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
+    for (Message& message : server_.take_messages()) {
+      message.stamp.sequence = ++sequence_;
+      message.stamp.epoch = epoch_;
+      message.stamp.clock_id = clock_id_;
+      message.stamp.sample_time = message.stamp.publish_time = now();
+      messages_.write(message);
+    }
+    if (at >= next_state_) {
+      next_state_ = at + kStatePeriod;
+      const ServerCounters counters = server_.counters();
+      const GatewayState state{at, counters.pages, static_cast<std::uint32_t>(rate_hz_ + 0.5), counters.bytes_sent, counters.frames_sent,
+                               counters.frames_passed_over, refused_content_, counters.refused};
+      if (counters.pages > 0) outgoing_.push_back({FrameType::gateway, 0, encode(state)});
+    }
+    if (!outgoing_.empty()) server_.publish(std::exchange(outgoing_, {}));
+  }
+
+  void fill_status(LoopStatus& status) const {
+    const ServerCounters counters = server_.counters();
+    status.input_age_ms = -1;
+    add_counter(status, "pages", counters.pages);
+    add_counter(status, "bytes_sent", static_cast<double>(counters.bytes_sent));
+    add_counter(status, "frames_sent", static_cast<double>(counters.frames_sent));
+    add_counter(status, "frames_passed_over", static_cast<double>(counters.frames_passed_over));
+    add_counter(status, "refused_nonfinite", static_cast<double>(refused_content_));
+    for (std::size_t i = 1; i < counters.refused.size(); ++i)
+      add_counter(status, "refused_" + std::string(kRefusalNames[i]), static_cast<double>(counters.refused[i]));
+  }
+
+ private:
+  template <typename T, typename F>
+  void pass(Feed<T>& feed, TypeSet shown, Keep keep, F&& encoded) {
+    feed.take(shown, [&](const T& sample) {
+      const Frame frame = encoded(sample);
+      if (frame == nullptr) {
+        ++refused_content_;
+        return;
+      }
+      std::uint32_t instance = 0;
+      std::memcpy(&instance, frame->data() + 12, sizeof instance);
+      outgoing_.push_back({feed.type(), instance, frame, keep});
+    });
+  }
+
+  std::span<const Vector3> rest_nodes_of(const HandDescription& description) const {
+    if (description.hand != key_ || description.node_count != hand_.nodes.size()) return {};
+    return hand_.nodes;
+  }
+
+  Server& server_;
+  HandModel hand_;
+  HandKey key_;
+  bool quantised_;
+  double rate_hz_;
+  const bus::Participant& participant_;
+  Feed<HandDescription> hand_descriptions_{participant_, bus::topics::hand_description, FrameType::hand_description};
+  Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description, FrameType::object_description};
+  Feed<TissueSurface> surfaces_{participant_, bus::topics::tissue_surface, FrameType::nodes};
+  Feed<Skeleton> tracked_{participant_, bus::topics::tracked_skeleton, FrameType::tracked_skeleton};
+  Feed<Skeleton> intermediate_{participant_, bus::topics::intermediate_skeleton, FrameType::intermediate_skeleton};
+  Feed<Skeleton> simulated_{participant_, bus::topics::simulated_skeleton, FrameType::simulated_skeleton};
+  Feed<Contacts> contacts_{participant_, bus::topics::contacts, FrameType::contacts};
+  Feed<WorldObjects> objects_{participant_, bus::topics::objects, FrameType::objects};
+  Feed<BoneWrench> wrenches_{participant_, bus::topics::bone_wrench, FrameType::bone_wrench};
+  Feed<LoopStatus> statuses_{participant_, bus::topics::loop_status, FrameType::loop_status};
+  Feed<MessageReply> replies_{participant_, bus::topics::message_reply, FrameType::message_reply};
+  bus::Writer<Message> messages_;
+  Slots modules_;
+  TypeSet described_ = 0;
+  std::vector<Outgoing> outgoing_;
+  std::uint64_t refused_content_ = 0;
+  std::uint64_t sequence_ = 0;
+  std::uint64_t epoch_;
+  std::uint32_t clock_id_;
+  Nanoseconds next_state_ = 0;
+};
+
+Gateway::Gateway(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz)
+    : impl_(std::make_unique<Impl>(participant, server, hand, key, quantised, rate_hz)) {}
+Gateway::~Gateway() = default;
+void Gateway::step(Nanoseconds now) { impl_->step(now); }
+void Gateway::fill_status(LoopStatus& status) const { impl_->fill_status(status); }
+
+}  // namespace softhand::viewer

@@ -1,0 +1,42 @@
+// softhand-viewer: shows what is on the topics in a browser.
+#include <cstdio>
+#include <filesystem>
+#include <sstream>
+
+#include "device/answer.hpp"
+#include "scene_file.hpp"
+#include "service/service.hpp"
+#include "viewer/gateway.hpp"
+
+namespace {
+using namespace softhand;
+
+std::string built_page() { return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/softhand/viewer"; }
+
+void run(int argc, char** argv) {
+  const ServiceArguments arguments = parse_arguments(argc, argv, "viewer", "Shows hands and objects in a browser");
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const ViewerOptions& options = scene.options.viewer;
+  viewer::ServerOptions server_options{options.address, static_cast<std::uint16_t>(options.port), {},
+                                       options.page.empty() ? built_page() : options.page, static_cast<std::size_t>(options.max_pages)};
+  std::istringstream hosts(options.hosts);
+  for (std::string host; hosts >> host;) server_options.hosts.push_back(host);
+
+  Service service(arguments, options.rate_hz, Urgency::ordinary);
+  viewer::Server server(server_options);
+  viewer::Gateway gateway(service.participant(), server, load_scene_hand(scene), hand_key(scene), options.node_encoding == "int16",
+                          options.rate_hz);
+  std::printf("see it at %s\n", server.url().c_str());
+  std::fflush(stdout);
+  service.run({[&](Nanoseconds now) { gateway.step(now); },
+               [&](const Message& message) {
+                 const char* why = is_addressed(message, arguments.module) ? "unknown key; a viewer has none" : "not for this module";
+                 return reply_to(message, arguments.module, kReplyIgnored, why);
+               },
+               [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  return softhand::guarded_main("softhand-viewer", [&] { run(argc, argv); });
+}

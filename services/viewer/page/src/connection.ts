@@ -1,0 +1,59 @@
+// The WebSocket to the gateway, which comes back by itself.
+import { type Frame, split } from "./protocol";
+
+export type ConnectionState = "connecting" | "open" | "lost";
+
+export class Connection {
+  private socket: WebSocket | null = null;
+  private retry = 0;
+  private wait = 250;
+  private heard = 0;
+  private lostAt = 0;
+
+  constructor(
+    private readonly url: string,
+    private readonly on: { frame: (frame: Frame) => void; state: (state: ConnectionState, text: string) => void; bad: (why: string) => void },
+  ) {
+    this.connect();
+    // A gateway that hangs says nothing: its state comes twice a second.
+    setInterval(() => {
+      if (this.socket?.readyState === WebSocket.OPEN && performance.now() - this.heard > 3000) this.socket.close();
+      if (this.lostAt > 0) on.state("lost", `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, trying again …`);
+    }, 500);
+  }
+
+  send(bytes: ArrayBuffer): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(bytes);
+    return true;
+  }
+
+  private connect(): void {
+    const socket = new WebSocket(this.url);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.heard = performance.now();
+      this.lostAt = 0;
+      this.wait = 250;
+      this.on.state("open", "connected");
+    };
+    socket.onmessage = ({ data }) => {
+      this.heard = performance.now();
+      try {
+        for (const frame of split(data as ArrayBuffer)) this.on.frame(frame);
+      } catch (error) {
+        this.on.bad(String(error));
+      }
+    };
+    socket.onclose = () => {
+      if (this.lostAt === 0) {
+        this.lostAt = performance.now();
+        this.on.state("lost", "connection lost, trying again …");
+      }
+      window.clearTimeout(this.retry);
+      this.retry = window.setTimeout(() => this.connect(), this.wait);
+      this.wait = Math.min(2000, 1.6 * this.wait);
+    };
+  }
+}

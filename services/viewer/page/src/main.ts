@@ -1,0 +1,296 @@
+// Wires connection, timeline, stage and panel to the page's controls. Address: ?plain hides all but the picture; ?theme=dark|light;
+// ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
+import { Connection } from "./connection";
+import { Panel, element } from "./panel";
+import * as protocol from "./protocol";
+import { type Frame, Type } from "./protocol";
+import { type Colouring, colourMap } from "./skin";
+import { type Shown, COUPLING_COLOUR, FORCE_COLOUR, SKELETON_COLOURS, Stage, bestQuality } from "./stage";
+import { Timeline } from "./timeline";
+import * as THREE from "three";
+
+const query = new URLSearchParams(location.search);
+const root = document.documentElement;
+
+const shown: Shown = { hand: true, objects: true, tracked: false, intermediate: false, simulated: false, contacts: true, coupling: false, floor: true, beside: false };
+const asked = query.get("show");
+if (asked !== null) for (const name of Object.keys(shown) as (keyof Shown)[]) shown[name] = asked.split(",").includes(name);
+let colouring: Colouring = (["pressure", "strain"] as const).find((each) => each === query.get("colour")) ?? "skin";
+let panelOpen = !query.has("plain") && window.innerWidth > 760;
+let dark = query.get("theme") === "dark" || (query.get("theme") === null && matchMedia("(prefers-color-scheme: dark)").matches);
+if (query.has("plain")) root.dataset.plain = "";
+
+const quality = (["high", "low"] as const).find((each) => each === query.get("quality")) ?? bestQuality();
+const stage = new Stage(element<HTMLCanvasElement>("stage"), shown, quality);
+stage.colouring = colouring;
+const camera = query.get("camera")?.split(",").map(Number);
+if (camera?.length === 6 && camera.every(Number.isFinite)) stage.lookFrom(camera.slice(0, 3) as [number, number, number], camera.slice(3) as [number, number, number]);
+const panel = new Panel();
+const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
+
+// ---- frames ----
+
+const apply: Record<number, (payload: DataView, instance: number) => void> = {
+  [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.handDescription(payload)),
+  [Type.nodes]: (payload, instance) => {
+    stage.deform(instance, protocol.nodes(payload));
+    ++counts.nodes;
+  },
+  [Type.tracked]: (payload, instance) => stage.pose(instance, "tracked", protocol.skeleton(payload)),
+  [Type.intermediate]: (payload, instance) => stage.pose(instance, "intermediate", protocol.skeleton(payload)),
+  [Type.simulated]: (payload, instance) => stage.pose(instance, "simulated", protocol.skeleton(payload)),
+  [Type.contacts]: (payload, instance) => {
+    const contacts = protocol.contacts(payload);
+    stage.touch(instance, contacts);
+    panel.contacts(contacts);
+  },
+  [Type.objects]: (payload) => stage.place(protocol.objects(payload).objects),
+  [Type.objectDescription]: (payload, instance) => stage.describeObject(instance, protocol.objectDescription(payload)),
+  [Type.wrench]: (payload, instance) => {
+    const { valid, bones } = protocol.wrench(payload);
+    stage.couple(instance, valid, bones);
+  },
+  [Type.status]: (payload) => panel.status(protocol.status(payload), performance.now()),
+  [Type.reply]: (payload) => panel.reply(protocol.reply(payload)),
+  [Type.gateway]: (payload) => panel.gateway(protocol.gateway(payload)),
+};
+function applyFrame(frame: Frame): void {
+  try {
+    apply[frame.type]?.(frame.payload, frame.instance);
+  } catch (error) {
+    bad(String(error));
+  }
+}
+function bad(why: string): void {
+  ++counts.bad;
+  console.warn("frame refused:", why);
+}
+
+const timeline = new Timeline(applyFrame);
+const connection = new Connection(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`, {
+  frame: (frame) => {
+    ++counts.frames;
+    timeline.add(performance.now(), frame);
+  },
+  state: (state, text) => {
+    const line = element("connection");
+    if (line.dataset.state !== state || line.textContent !== text) {
+      line.dataset.state = state;
+      line.textContent = text;
+    }
+    if (state === "open") subscribe();
+  },
+  bad,
+});
+
+/** Tells the gateway what this page shows: nothing else is read or sent. */
+function subscribe(): void {
+  const types: Type[] = [];
+  if (!document.hidden) {
+    if (shown.hand) types.push(Type.handDescription, Type.nodes);
+    if (shown.objects) types.push(Type.objectDescription, Type.objects);
+    if (shown.tracked) types.push(Type.tracked);
+    if (shown.intermediate) types.push(Type.intermediate);
+    if (shown.simulated) types.push(Type.simulated);
+    if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
+    if (shown.coupling) types.push(Type.wrench);
+    if (panelOpen) types.push(Type.status, Type.reply);
+  }
+  connection.send(protocol.show(types, 0));
+}
+document.addEventListener("visibilitychange", subscribe);
+
+// ---- controls ----
+
+function press(button: HTMLElement, on: boolean): void {
+  button.setAttribute("aria-pressed", String(on));
+}
+
+interface Control {
+  key: string;
+  text: string;
+  run: () => void;
+}
+const controls: Control[] = [];
+
+const switches: [keyof Shown, string, string, number | null][] = [
+  ["hand", "Skin", "h", 0xd79a7c],
+  ["objects", "Objects", "o", null],
+  ["tracked", "Tracked skeleton", "1", SKELETON_COLOURS.tracked],
+  ["intermediate", "Intermediate skeleton", "2", SKELETON_COLOURS.intermediate],
+  ["simulated", "Simulated skeleton", "3", SKELETON_COLOURS.simulated],
+  ["contacts", "Contact forces", "c", FORCE_COLOUR],
+  ["coupling", "Coupling forces", "f", COUPLING_COLOUR],
+  ["beside", "Skeletons side by side", "b", null],
+  ["floor", "Floor", "g", null],
+];
+for (const [name, text, key, colour] of switches) {
+  const button = addToggle(text, key, colour);
+  button.id = `show-${name}`;
+  press(button, shown[name]);
+  button.onclick = () => {
+    shown[name] = !shown[name];
+    if (name === "beside" && shown.beside) {
+      shown.tracked = shown.intermediate = true;
+      press(element("show-tracked"), true);
+      press(element("show-intermediate"), true);
+    }
+    press(button, shown[name]);
+    stage.show(shown);
+    subscribe();
+  };
+  controls.push({ key, text, run: () => button.click() });
+}
+for (const [name, text, key] of [["pressure", "Pressure as colour", "k"], ["strain", "Strain as colour", "n"]] as const) {
+  const button = addToggle(text, key, null);
+  button.id = `colour-${name}`;
+  press(button, colouring === name);
+  button.onclick = () => setColouring(colouring === name ? "skin" : name);
+  controls.push({ key, text, run: () => button.click() });
+}
+function addToggle(text: string, key: string, colour: number | null): HTMLButtonElement {
+  const button = document.createElement("button");
+  if (colour !== null) {
+    const swatch = Object.assign(document.createElement("span"), { className: "swatch" });
+    swatch.style.background = `#${colour.toString(16).padStart(6, "0")}`;
+    button.append(swatch);
+  }
+  button.append(text, Object.assign(document.createElement("kbd"), { textContent: key.toUpperCase() }));
+  element("toggles").append(button);
+  return button;
+}
+
+function setColouring(to: Colouring): void {
+  colouring = stage.colouring = to;
+  for (const name of ["pressure", "strain"]) press(element(`colour-${name}`), to === name);
+  element("legend").hidden = to === "skin";
+  element("legend-title").textContent = to === "pressure" ? "Contact pressure" : "Strain of the skin, largest principal";
+  stage.repaint();
+  drawLegend();
+  subscribe();
+}
+function drawLegend(): void {
+  if (colouring === "skin") return;
+  element("legend-high").textContent =
+    colouring === "pressure" ? `${stage.full / 1000} kPa` : stage.knowsStrain ? `${(100 * stage.full).toFixed(0)} %` : "unknown for this hand";
+  const canvas = element<HTMLCanvasElement>("legend-bar");
+  const context = canvas.getContext("2d")!;
+  const colour = new THREE.Color();
+  for (let x = 0; x < canvas.width; ++x) {
+    context.fillStyle = `#${colourMap(x / (canvas.width - 1), colour).getHexString()}`;
+    context.fillRect(x, 0, 1, canvas.height);
+  }
+}
+
+function setPanel(open: boolean): void {
+  panelOpen = open;
+  root.dataset.panel = open ? "on" : "off";
+  press(element("panel-button"), open);
+  subscribe();
+}
+function setTheme(to: boolean): void {
+  dark = to;
+  root.dataset.theme = dark ? "dark" : "light";
+  stage.setTheme(dark);
+}
+let lastId = BigInt(Math.floor(Math.random() * 2 ** 52));
+function send(module: string, key: string, value: string): void {
+  connection.send(protocol.message(++lastId, module, key, value));
+}
+
+function click(id: string, key: string | null, text: string, run: () => void): void {
+  element(id).addEventListener("click", run);
+  if (key !== null) controls.push({ key, text, run });
+}
+click("pause", " ", "Pause and go on", () => (timeline.paused = !timeline.paused));
+click("back", ",", "One sample back", () => timeline.step(-1));
+click("forward", ".", "One sample on", () => timeline.step(1));
+click("slow", "s", "Slow motion", () => {
+  timeline.speed = timeline.speed === 1 ? 0.25 : 1;
+  timeline.paused = false;
+});
+click("live", "l", "Back to what happens now", () => timeline.goLive());
+click("reset", "r", "Reset the objects", () => send("*", "object.reset", "*"));
+click("reposition", null, "", () => send("*", "reposition", "now"));
+click("panel-button", "p", "Panel", () => setPanel(!panelOpen));
+click("theme-button", "t", "Light or dark", () => setTheme(!dark));
+click("help-button", "?", "This list", () => element<HTMLDialogElement>("help").showModal());
+controls.push({ key: "v", text: "View from where it began", run: () => stage.lookAtDefault() });
+click("save", null, "", () => {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(timeline.save());
+  link.download = "softhand.shv";
+  link.click();
+  URL.revokeObjectURL(link.href);
+});
+element<HTMLInputElement>("open").onchange = async ({ target }) => {
+  const file = (target as HTMLInputElement).files?.[0];
+  if (!file) return;
+  try {
+    timeline.open(await file.arrayBuffer());
+  } catch (error) {
+    bad(String(error));
+  }
+};
+const scrub = element<HTMLInputElement>("scrub");
+scrub.oninput = () => timeline.seek(Number(scrub.value) / 1000);
+element<HTMLFormElement>("message").onsubmit = (event) => {
+  event.preventDefault();
+  const data = new FormData(event.target as HTMLFormElement);
+  send(String(data.get("module")), String(data.get("key")), String(data.get("value")));
+};
+element("key-list").replaceChildren(
+  ...controls.flatMap(({ key, text }) => [
+    Object.assign(document.createElement("dt"), { textContent: key === " " ? "Space" : key.toUpperCase() }),
+    Object.assign(document.createElement("dd"), { textContent: text }),
+  ]),
+);
+window.addEventListener("keydown", (event) => {
+  const target = event.target as HTMLElement;
+  if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range]), select, dialog")) return;
+  if (event.key === " " && target.closest("button, summary, label")) return;
+  const control = controls.find(({ key }) => key === event.key.toLowerCase());
+  if (!control) return;
+  event.preventDefault();
+  control.run();
+});
+
+setTheme(dark);
+setPanel(panelOpen);
+setColouring(colouring);
+
+// ---- every frame of the display ----
+
+let last = performance.now();
+let drawnPanel = 0;
+function draw(now: number): void {
+  const elapsed = now - last;
+  last = now;
+  timeline.advance(now, elapsed);
+  stage.adapt(elapsed);
+  stage.render();
+  ++counts.drawn;
+  if (now - drawnPanel > 100) {
+    drawnPanel = now;
+    if (colouring !== "skin") {
+      stage.repaint();
+      drawLegend();
+    }
+    if (panelOpen) panel.draw(now);
+    press(element("pause"), timeline.paused);
+    press(element("slow"), timeline.speed !== 1);
+    element<HTMLButtonElement>("live").disabled = timeline.live;
+    if (document.activeElement !== scrub || timeline.live) scrub.value = String(timeline.live ? 1000 : Math.round(1000 * timeline.part));
+    scrub.title = `${timeline.seconds.toFixed(0)} s kept`;
+  }
+  requestAnimationFrame(draw);
+}
+requestAnimationFrame(draw);
+
+declare global {
+  interface Window {
+    /** What tests and `softhand render` ask of the page. */
+    softhand: { counts: typeof counts; handCount: () => number; connected: () => boolean };
+  }
+}
+window.softhand = { counts, handCount: () => stage.handCount, connected: () => element("connection").dataset.state === "open" };

@@ -1,0 +1,163 @@
+// Figures beside the picture: one row a module, the hand's solver, plots over the last seconds.
+import { type Contacts, type GatewayState, type Reply, type Status, FINGERS } from "./protocol";
+
+const PLOT_SECONDS = 10;
+/** Okabe and Ito's, told apart by most eyes. */
+const FINGER_COLOURS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#7f7f7f"];
+
+export const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
+const fixed = (value: number, digits: number): string => (value === 0 ? "0" : value.toFixed(digits));
+
+class Plot {
+  private readonly samples: { time: number; values: number[] }[] = [];
+  constructor(private readonly canvas: HTMLCanvasElement, private readonly colours: string[], private readonly least: number) {}
+
+  add(time: number, values: number[]): void {
+    this.samples.push({ time, values });
+    while (this.samples.length > 0 && this.samples[0]!.time < time - PLOT_SECONDS) this.samples.shift();
+  }
+
+  draw(): void {
+    const { canvas, samples } = this;
+    if (canvas.clientWidth === 0) return;
+    const ratio = window.devicePixelRatio;
+    const width = (canvas.width = Math.round(canvas.clientWidth * ratio));
+    const height = (canvas.height = Math.round(canvas.clientHeight * ratio));
+    const context = canvas.getContext("2d")!;
+    const style = getComputedStyle(canvas);
+    let top = this.least;
+    for (const { values } of samples) top = Math.max(top, ...values);
+    const y = (value: number): number => height - 2 - (value / top) * (height - 14 * ratio);
+    context.font = `${10 * ratio}px sans-serif`;
+    context.strokeStyle = style.getPropertyValue("--line");
+    context.fillStyle = style.getPropertyValue("--faint");
+    for (const part of [0, 0.5, 1]) {
+      context.beginPath();
+      context.moveTo(0, y(part * top));
+      context.lineTo(width, y(part * top));
+      context.stroke();
+      if (part > 0) context.fillText((part * top).toPrecision(2), 2, y(part * top) - 2);
+    }
+    const last = samples.at(-1);
+    if (!last) return;
+    const x = (time: number): number => width * (1 - (last.time - time) / PLOT_SECONDS);
+    context.lineWidth = 1.5 * ratio;
+    this.colours.forEach((colour, i) => {
+      context.strokeStyle = colour;
+      context.beginPath();
+      for (const { time, values } of samples) context.lineTo(x(time), y(values[i]!));
+      context.stroke();
+    });
+  }
+}
+
+export class Panel {
+  private readonly modules = new Map<string, { row: HTMLTableRowElement; seen: number }>();
+  private readonly force: Plot;
+  private readonly penetration: Plot;
+  private energyTop = 1e-6;
+
+  constructor() {
+    this.force = new Plot(element("plot-force"), FINGER_COLOURS, 0.5);
+    this.penetration = new Plot(element("plot-penetration"), ["#0072b2"], 0.2);
+    element("fingers").replaceChildren(
+      ...FINGERS.map((finger, i) => {
+        const key = document.createElement("span");
+        key.style.color = FINGER_COLOURS[i]!;
+        key.append(`${finger} `, Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }));
+        return key;
+      }),
+    );
+  }
+
+  get moduleNames(): string[] {
+    return [...this.modules.keys()];
+  }
+
+  status(status: Status, now: number): void {
+    let known = this.modules.get(status.module);
+    if (!known) {
+      const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
+      row.dataset.module = status.module;
+      for (const field of ["module", "rate", "p50", "p99", "misses", "age"]) row.insertCell().dataset.field = field;
+      known = { row, seen: now };
+      this.modules.set(status.module, known);
+      const option = document.createElement("option");
+      option.textContent = status.module;
+      document.querySelector<HTMLSelectElement>("#message select")!.append(option);
+    }
+    known.seen = now;
+    known.row.className = "";
+    known.row.dataset.sequence = String(status.stamp.sequence);
+    const texts = [
+      status.module,
+      `${status.rate.toFixed(0)}/${status.nominalRate.toFixed(0)}`,
+      fixed(status.p50, 2),
+      fixed(status.p99, 2),
+      String(status.misses),
+      status.inputAge < 0 ? "–" : fixed(status.inputAge, 1),
+    ];
+    texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
+    known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * status.nominalRate);
+    if (status.energies.length > 1) this.solver(status);
+  }
+
+  contacts(contacts: Contacts): void {
+    const forces = contacts.fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
+    forces.forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
+    this.force.add(contacts.stamp.sample, forces);
+    this.penetration.add(contacts.stamp.sample, [1000 * contacts.contacts.reduce((deepest, contact) => Math.max(deepest, contact.penetration), 0)]);
+  }
+
+  reply(reply: Reply): void {
+    if (reply.result === 0) return;
+    const line = document.createElement("li");
+    line.textContent = `${reply.module}: ${reply.result === 1 ? "" : "refused, "}${reply.text}`;
+    const list = element("replies");
+    list.prepend(line);
+    while (list.children.length > 20) list.lastChild!.remove();
+  }
+
+  gateway(state: GatewayState): void {
+    element("gateway").textContent =
+      `Gateway: ${state.pages} page${state.pages === 1 ? "" : "s"}, ${(state.bytes / 1e6).toFixed(1)} MB sent` +
+      (state.refused > 0 ? `, ${state.refused} refused` : "");
+  }
+
+  draw(now: number): void {
+    this.force.draw();
+    this.penetration.draw();
+    for (const { row, seen } of this.modules.values()) if (now - seen > 1500) row.className = "silent";
+  }
+
+  private solver(status: Status): void {
+    const figures: [string, string][] = [
+      ["residual", `${status.residual.toPrecision(3)} N`],
+      ["iterations", String(status.iterations)],
+      ["contacts", String(status.contactCount)],
+      ["steps", String(status.steps)],
+    ];
+    element("solver").replaceChildren(
+      ...figures.flatMap(([name, value]) => {
+        const dd = Object.assign(document.createElement("dd"), { textContent: value });
+        dd.dataset.field = name;
+        return [Object.assign(document.createElement("dt"), { textContent: name }), dd];
+      }),
+    );
+    this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...status.energies.map(({ value }) => Math.abs(value)));
+    element("energies").replaceChildren(
+      ...status.energies.map(({ name, value }) => {
+        const bar = Object.assign(document.createElement("div"), { className: "bar", title: name });
+        const fill = document.createElement("i");
+        // Square root: the small terms show beside the large.
+        fill.style.width = `${100 * Math.sqrt(Math.min(1, Math.abs(value) / this.energyTop))}%`;
+        bar.append(
+          Object.assign(document.createElement("span"), { textContent: name.replaceAll("_", " ") }),
+          fill,
+          Object.assign(document.createElement("span"), { textContent: `${(1000 * value).toPrecision(2)} mJ` }),
+        );
+        return bar;
+      }),
+    );
+  }
+}

@@ -1,0 +1,195 @@
+// A hand's skin: deformed here from the tissue's nodes by the weights that the description gives, so that a smooth hand costs a coarse one's bytes.
+import * as THREE from "three";
+import type { Quality } from "./stage";
+import type { Contacts, HandDescription, Nodes } from "./protocol";
+
+export type Colouring = "skin" | "pressure" | "strain";
+const SKIN = new THREE.Color(0xd3a488);
+
+/** Perceptually even, dark blue to yellow; t in 0..1. Fitted to viridis within 2 %. */
+export function colourMap(t: number, out: THREE.Color): THREE.Color {
+  const poly = (a: number, b: number, c: number, d: number, e: number, f: number, g: number): number =>
+    a + t * (b + t * (c + t * (d + t * (e + t * (f + t * g)))));
+  return out.setRGB(
+    Math.max(0, poly(0.2777, 0.105, -0.3309, -4.6342, 6.2283, 4.7764, -5.4355)),
+    Math.max(0, poly(0.0054, 1.4046, 0.2148, -5.7991, 14.1799, -13.7451, 4.6459)),
+    Math.max(0, poly(0.3341, 1.3846, 0.0951, -19.3324, 56.6906, -65.353, 26.3124)),
+    THREE.SRGBColorSpace,
+  );
+}
+
+export class Skin {
+  readonly mesh: THREE.Mesh<THREE.BufferGeometry, THREE.MeshStandardMaterial>;
+  /** Largest value on the skin now: Pa or 1. */
+  largest = 0;
+  private readonly positions: Float32Array;
+  private readonly colours: Float32Array;
+  private readonly values: Float32Array;
+  private readonly nodePressure: Float32Array;
+  private readonly restEdges: Float32Array | null; // per triangle: inverse of the rest shape's 2x2 edge matrix, and its area
+
+  constructor(private readonly description: HandDescription, quality: Quality) {
+    const vertices = description.weights.length / 4;
+    this.positions = new Float32Array(3 * vertices);
+    this.colours = new Float32Array(3 * vertices);
+    this.values = new Float32Array(vertices);
+    this.nodePressure = new Float32Array(description.nodeCount);
+    this.restEdges = description.restNodes.length === 3 * description.nodeCount ? this.measureRest() : null;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setIndex(new THREE.BufferAttribute(description.triangles, 1));
+    geometry.setAttribute("position", new THREE.BufferAttribute(this.positions, 3).setUsage(THREE.DynamicDrawUsage));
+    geometry.setAttribute("color", new THREE.BufferAttribute(this.colours, 3).setUsage(THREE.DynamicDrawUsage));
+    const material =
+      quality === "high"
+        ? new THREE.MeshPhysicalMaterial({
+            vertexColors: true, roughness: 0.52, sheen: 0.35, sheenRoughness: 0.45, sheenColor: new THREE.Color(0xff8866),
+            specularIntensity: 0.55, envMapIntensity: 0.75,
+          })
+        : new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.6 });
+    // Light that enters flesh comes out red, most where the surface turns away.
+    material.onBeforeCompile = (shader) => {
+      shader.fragmentShader = shader.fragmentShader.replace(
+        "#include <emissivemap_fragment>",
+        `#include <emissivemap_fragment>
+        float turned = 1.0 - saturate(dot(normal, normalize(vViewPosition)));
+        totalEmissiveRadiance += diffuseColor.rgb * vec3(0.22, 0.05, 0.03) * (0.25 + 0.75 * turned * turned);`,
+      );
+    };
+    this.mesh = new THREE.Mesh(geometry, material);
+    this.mesh.castShadow = true;
+    this.mesh.receiveShadow = true;
+    this.mesh.frustumCulled = false;
+    this.mesh.visible = false;
+    this.paint("skin", 1);
+  }
+
+  get knowsStrain(): boolean {
+    return this.restEdges !== null;
+  }
+
+  deform(nodes: Nodes): boolean {
+    if (nodes.positions.length !== 3 * this.description.nodeCount) return false;
+    this.interpolate(nodes.positions, this.positions);
+    this.mesh.position.fromArray(nodes.wrist);
+    this.mesh.geometry.getAttribute("position").needsUpdate = true;
+    this.mesh.geometry.computeVertexNormals();
+    this.mesh.visible = true;
+    return true;
+  }
+
+  press(contacts: Contacts): void {
+    this.nodePressure.fill(0);
+    for (const { node, force, area } of contacts.contacts) {
+      if (node < this.nodePressure.length && area > 0) this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!) / area;
+    }
+  }
+
+  /** Colours the skin; a value of `full` gets the map's last colour. */
+  paint(colouring: Colouring, full: number): void {
+    if (colouring === "pressure") this.spreadPressure();
+    else if (colouring === "strain" && this.restEdges) this.measureStrain(this.restEdges);
+    else this.values.fill(0);
+    this.largest = 0;
+    const colour = new THREE.Color();
+    const plain = colouring === "skin";
+    for (let v = 0; v < this.values.length; ++v) {
+      const value = this.values[v]!;
+      if (value > this.largest) this.largest = value;
+      const t = Math.min(1, value / full);
+      if (plain || t < 0.01) colour.copy(SKIN);
+      else colour.lerpColors(SKIN, colourMap(t, colour), Math.min(1, 6 * t));
+      this.colours[3 * v] = colour.r;
+      this.colours[3 * v + 1] = colour.g;
+      this.colours[3 * v + 2] = colour.b;
+    }
+    this.mesh.geometry.getAttribute("color").needsUpdate = true;
+  }
+
+  dispose(): void {
+    this.mesh.geometry.dispose();
+    this.mesh.material.dispose();
+  }
+
+  private interpolate(nodes: Float32Array, out: Float32Array): void {
+    const { nodes: indices, weights } = this.description;
+    for (let v = 0, k = 0; v < out.length; v += 3, k += 4) {
+      let x = 0;
+      let y = 0;
+      let z = 0;
+      for (let i = k; i < k + 4; ++i) {
+        const n = 3 * indices[i]!;
+        const w = weights[i]!;
+        x += w * nodes[n]!;
+        y += w * nodes[n + 1]!;
+        z += w * nodes[n + 2]!;
+      }
+      out[v] = x;
+      out[v + 1] = y;
+      out[v + 2] = z;
+    }
+  }
+
+  private spreadPressure(): void {
+    const { nodes: indices, weights } = this.description;
+    for (let v = 0; v < this.values.length; ++v) {
+      let value = 0;
+      for (let i = 4 * v; i < 4 * v + 4; ++i) value += weights[i]! * this.nodePressure[indices[i]!]!;
+      this.values[v] = Math.max(0, value);
+    }
+  }
+
+  private measureRest(): Float32Array {
+    const rest = new Float32Array(this.positions.length);
+    this.interpolate(this.description.restNodes, rest);
+    const { triangles } = this.description;
+    const out = new Float32Array((4 * triangles.length) / 3);
+    const p = new THREE.Vector3();
+    const e1 = new THREE.Vector3();
+    const e2 = new THREE.Vector3();
+    for (let t = 0, o = 0; t < triangles.length; t += 3, o += 4) {
+      p.fromArray(rest, 3 * triangles[t]!);
+      e1.fromArray(rest, 3 * triangles[t + 1]!).sub(p);
+      e2.fromArray(rest, 3 * triangles[t + 2]!).sub(p);
+      // In the triangle's plane with x along e1: e1 = (a, 0), e2 = (b, c).
+      const a = Math.max(e1.length(), 1e-9);
+      const b = e1.dot(e2) / a;
+      const c = Math.max(Math.sqrt(Math.max(0, e2.lengthSq() - b * b)), 1e-9);
+      out.set([1 / a, -b / (a * c), 1 / c, (a * c) / 2], o);
+    }
+    return out;
+  }
+
+  // Largest principal strain of the skin's surface, tension or compression: |stretch - 1|, averaged over a vertex's triangles by area.
+  private measureStrain(rest: Float32Array): void {
+    const { triangles } = this.description;
+    const x = this.positions;
+    const areas = new Float32Array(this.values.length);
+    this.values.fill(0);
+    for (let t = 0, o = 0; t < triangles.length; t += 3, o += 4) {
+      const i = 3 * triangles[t]!;
+      const j = 3 * triangles[t + 1]!;
+      const k = 3 * triangles[t + 2]!;
+      const [ia, ib, ic, area] = [rest[o]!, rest[o + 1]!, rest[o + 2]!, rest[o + 3]!];
+      let c11 = 0;
+      let c12 = 0;
+      let c22 = 0;
+      for (let d = 0; d < 3; ++d) {
+        const d1 = x[j + d]! - x[i + d]!;
+        const d2 = x[k + d]! - x[i + d]!;
+        const f1 = d1 * ia;
+        const f2 = d1 * ib + d2 * ic;
+        c11 += f1 * f1;
+        c12 += f1 * f2;
+        c22 += f2 * f2;
+      }
+      const mean = (c11 + c22) / 2;
+      const spread = Math.hypot((c11 - c22) / 2, c12);
+      const strain = Math.max(Math.sqrt(mean + spread) - 1, 1 - Math.sqrt(Math.max(0, mean - spread)));
+      for (let n = t; n < t + 3; ++n) {
+        this.values[triangles[n]!]! += area * strain;
+        areas[triangles[n]!]! += area;
+      }
+    }
+    for (let v = 0; v < areas.length; ++v) this.values[v]! /= Math.max(areas[v]!, 1e-12);
+  }
+}

@@ -1,0 +1,466 @@
+// The three.js scene: light, floor, camera, and everything that the topics describe. World frame as on the topics: metres, +Y up.
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
+import {
+  type Bone, type Contacts, type HandDescription, type Nodes, type ObjectDescription, type ObjectState, type Skeleton, BONES, JOINTS, Shape,
+} from "./protocol";
+import { type Colouring, Skin } from "./skin";
+
+export type SkeletonKind = "tracked" | "intermediate" | "simulated";
+export const SKELETON_COLOURS: Record<SkeletonKind, number> = { tracked: 0xe69f00, intermediate: 0x009e9e, simulated: 0x8456d6 };
+export const FORCE_COLOUR = 0xe0402a;
+export const COUPLING_COLOUR = 0x2f7de1;
+const OBJECT_COLOURS = [0x4f86c6, 0xe0a030, 0x5aa469, 0xb565a7, 0xd1603d, 0x3fa7a0];
+export const METRES_PER_NEWTON = 0.025;
+const LONGEST_ARROW = 0.15;
+
+/** The joint on a joint's proximal side, OpenXR's order; -1 for the wrist. */
+const PARENT = Array.from({ length: JOINTS }, (_, j) => (j === 1 ? -1 : j === 0 || j === 2 || (j >= 6 && (j - 6) % 5 === 0) ? 1 : j - 1));
+const UP = new THREE.Vector3(0, 1, 0);
+
+/** Up to `capacity` rods with a head, drawn in two calls. */
+class Arrows {
+  readonly group = new THREE.Group();
+  private readonly shafts: THREE.InstancedMesh;
+  private readonly heads: THREE.InstancedMesh;
+  private readonly matrix = new THREE.Matrix4();
+  private readonly turn = new THREE.Quaternion();
+  private readonly direction = new THREE.Vector3();
+  private readonly from = new THREE.Vector3();
+  private readonly scale = new THREE.Vector3();
+
+  constructor(capacity: number, colour: number, private readonly radius: number) {
+    const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.5, emissive: colour, emissiveIntensity: 0.35, depthTest: false, transparent: true, opacity: 0.92 });
+    this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, 10).translate(0, 0.5, 0), material, capacity);
+    this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, 14).translate(0, 0.5, 0), material, capacity);
+    for (const mesh of [this.shafts, this.heads]) {
+      mesh.count = 0;
+      mesh.frustumCulled = false;
+      mesh.renderOrder = 3;
+      this.group.add(mesh);
+    }
+  }
+
+  clear(): void {
+    this.shafts.count = this.heads.count = 0;
+  }
+
+  /** An arrow that ends at `tip` when `into`, else starts there. */
+  add(tip: Float32Array, force: Float32Array, into: boolean): void {
+    const n = this.shafts.count;
+    if (n >= this.shafts.instanceMatrix.count) return;
+    this.direction.fromArray(force);
+    const length = Math.min(LONGEST_ARROW, this.direction.length() * METRES_PER_NEWTON);
+    if (length < 0.0008) return;
+    this.direction.normalize();
+    const head = Math.min(0.5 * length, 4.5 * this.radius);
+    this.turn.setFromUnitVectors(UP, this.direction);
+    this.from.fromArray(tip);
+    if (into) this.from.addScaledVector(this.direction, -length);
+    this.shafts.setMatrixAt(n, this.matrix.compose(this.from, this.turn, this.scale.set(this.radius, length - head, this.radius)));
+    this.from.addScaledVector(this.direction, length - head);
+    this.heads.setMatrixAt(n, this.matrix.compose(this.from, this.turn, this.scale.set(2.2 * this.radius, head, 2.2 * this.radius)));
+    this.shafts.count = this.heads.count = n + 1;
+  }
+
+  finish(): void {
+    this.shafts.instanceMatrix.needsUpdate = this.heads.instanceMatrix.needsUpdate = true;
+  }
+}
+
+class Bones {
+  readonly group = new THREE.Group();
+  private readonly joints: THREE.InstancedMesh;
+  private readonly links: THREE.InstancedMesh;
+
+  constructor(kind: SkeletonKind) {
+    const colour = SKELETON_COLOURS[kind];
+    const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.45, emissive: colour, emissiveIntensity: 0.25, depthTest: false, transparent: true, opacity: 0.9 });
+    this.joints = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 14, 10), material, JOINTS);
+    this.links = new THREE.InstancedMesh(new THREE.CylinderGeometry(0.6, 1, 1, 10), material, JOINTS);
+    for (const mesh of [this.joints, this.links]) {
+      mesh.frustumCulled = false;
+      mesh.renderOrder = 2;
+      this.group.add(mesh);
+    }
+    this.group.visible = false;
+  }
+
+  pose(skeleton: Skeleton): void {
+    const matrix = new THREE.Matrix4();
+    const a = new THREE.Vector3();
+    const b = new THREE.Vector3();
+    const turn = new THREE.Quaternion();
+    const size = new THREE.Vector3();
+    const none = new THREE.Matrix4().makeScale(0, 0, 0);
+    skeleton.joints.forEach((joint, j) => {
+      const parent = skeleton.joints[PARENT[j]!];
+      this.joints.setMatrixAt(j, joint.valid ? matrix.compose(a.fromArray(joint.position), turn.identity(), size.setScalar(0.0036)) : none);
+      if (!joint.valid || !parent?.valid) {
+        this.links.setMatrixAt(j, none);
+        return;
+      }
+      a.fromArray(parent.position);
+      b.fromArray(joint.position);
+      const length = a.distanceTo(b);
+      size.subVectors(b, a).normalize();
+      turn.setFromUnitVectors(UP, size);
+      a.add(b).multiplyScalar(0.5);
+      this.links.setMatrixAt(j, matrix.compose(a, turn, size.set(0.0022, length, 0.0022)));
+    });
+    this.joints.instanceMatrix.needsUpdate = this.links.instanceMatrix.needsUpdate = true;
+  }
+}
+
+interface Hand {
+  skin: Skin | null;
+  nodes: Nodes | null;
+  bones: Record<SkeletonKind, Bones>;
+  contactArrows: Arrows;
+  fingerArrows: Arrows;
+  points: THREE.InstancedMesh;
+  couplingArrows: Arrows;
+  contacts: Contacts | null;
+}
+
+/** low: for processors that draw without a graphics card, and small ones. */
+export type Quality = "high" | "low";
+
+/** high where a graphics card draws. */
+export function bestQuality(): Quality {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const info = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? String(context!.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name) ? "low" : "high";
+}
+
+export interface Shown {
+  hand: boolean;
+  objects: boolean;
+  tracked: boolean;
+  intermediate: boolean;
+  simulated: boolean;
+  contacts: boolean;
+  coupling: boolean;
+  floor: boolean;
+  beside: boolean;
+}
+
+export class Stage {
+  readonly renderer: THREE.WebGLRenderer;
+  readonly camera = new THREE.PerspectiveCamera(38, 1, 0.01, 20);
+  readonly controls: OrbitControls;
+  private readonly scene = new THREE.Scene();
+  private readonly hands = new Map<number, Hand>();
+  private readonly objects = new Map<number, { mesh: THREE.Mesh; description: ObjectDescription }>();
+  private readonly floor: THREE.Mesh;
+  private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
+  private readonly sky = new THREE.HemisphereLight(0xffffff, 0xb8a898, 1);
+  private shown: Shown;
+  private framed = false;
+  private scale = 1; // of the resolution, less where drawing takes too long
+  private drawTime = 16; // ms, smoothed
+  colouring: Colouring = "skin";
+  /** End of the colour map now: Pa or 1. */
+  full = 1;
+
+  constructor(private readonly canvas: HTMLCanvasElement, shown: Shown, private readonly quality: Quality) {
+    this.shown = shown;
+    const fine = quality === "high";
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine, preserveDrawingBuffer: true });
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = fine ? THREE.PCFSoftShadowMap : THREE.BasicShadowMap;
+    this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
+    this.renderer.toneMappingExposure = 0.95;
+    if (fine) {
+      const room = new THREE.PMREMGenerator(this.renderer);
+      this.scene.environment = room.fromScene(new RoomEnvironment(), 0.04).texture;
+      room.dispose();
+    } else {
+      this.scene.add(this.sky);
+    }
+    this.sun.position.set(-0.5, 1.05, 0.3);
+    this.sun.castShadow = true;
+    this.sun.shadow.mapSize.setScalar(fine ? 2048 : 512);
+    const area = this.sun.shadow.camera;
+    area.left = area.bottom = -0.4;
+    area.right = area.top = 0.4;
+    area.near = 0.2;
+    area.far = 3;
+    this.sun.shadow.bias = -0.0004;
+    this.sun.shadow.normalBias = 0.0012;
+    this.sun.shadow.radius = 5;
+    const fill = new THREE.DirectionalLight(0x9fc0ff, 0.5);
+    fill.position.set(0.3, 0.5, -0.9);
+    this.scene.add(this.sun, this.sun.target, fill);
+    this.floor = new THREE.Mesh(new THREE.CircleGeometry(3, 64).rotateX(-Math.PI / 2), new THREE.MeshStandardMaterial({ roughness: 0.95, metalness: 0 }));
+    this.floor.receiveShadow = true;
+    this.scene.add(this.floor);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = true;
+    this.controls.minDistance = 0.08;
+    this.controls.maxDistance = 3;
+    this.lookAtDefault();
+    this.setTheme(false);
+  }
+
+  setTheme(dark: boolean): void {
+    const background = new THREE.Color(dark ? 0x14171c : 0xe9edf1);
+    this.scene.background = background;
+    this.scene.fog = new THREE.Fog(background, 1.2, 3);
+    (this.floor.material as THREE.MeshStandardMaterial).color.set(dark ? 0x23282f : 0xd9dee3);
+    this.scene.environmentIntensity = dark ? 0.35 : 0.55;
+    this.sky.intensity = dark ? 0.8 : 1.5;
+  }
+
+  show(shown: Shown): void {
+    this.shown = shown;
+    this.applyShown();
+  }
+
+  lookAtDefault(): void {
+    this.framed = false;
+    this.controls.target.set(0, 0.06, 0);
+    this.camera.position.set(-0.3, 0.22, -0.26);
+    this.controls.update();
+  }
+
+  lookFrom(position: [number, number, number], target: [number, number, number]): void {
+    this.framed = true;
+    this.controls.target.set(...target);
+    this.camera.position.set(...position);
+    this.controls.update();
+  }
+
+  describeHand(instance: number, description: HandDescription): void {
+    const hand = this.hand(instance);
+    if (hand.skin) {
+      this.scene.remove(hand.skin.mesh);
+      hand.skin.dispose();
+    }
+    hand.skin = new Skin(description, this.quality);
+    this.scene.add(hand.skin.mesh);
+    if (hand.nodes) this.deform(instance, hand.nodes);
+    this.applyShown();
+  }
+
+  deform(instance: number, nodes: Nodes): void {
+    const hand = this.hand(instance);
+    hand.nodes = nodes;
+    if (!hand.skin?.deform(nodes)) return;
+    hand.skin.mesh.visible = this.shown.hand;
+    if (this.colouring !== "skin") hand.skin.paint(this.colouring, this.full);
+    if (!this.framed) this.frame(hand.skin.mesh);
+  }
+
+  pose(instance: number, kind: SkeletonKind, skeleton: Skeleton): void {
+    // Joints relative to a headset or desk have no place here before `tracking` composes them.
+    if (skeleton.frame === 0) this.hand(instance).bones[kind].pose(skeleton);
+  }
+
+  touch(instance: number, contacts: Contacts): void {
+    const hand = this.hand(instance);
+    hand.contacts = contacts;
+    hand.skin?.press(contacts);
+    hand.contactArrows.clear();
+    hand.fingerArrows.clear();
+    const matrix = new THREE.Matrix4();
+    let n = 0;
+    for (const contact of contacts.contacts) {
+      hand.contactArrows.add(contact.point, contact.force, true);
+      if (n < hand.points.instanceMatrix.count)
+        hand.points.setMatrixAt(n++, matrix.makeScale(0.0011, 0.0011, 0.0011).setPosition(contact.point[0]!, contact.point[1]!, contact.point[2]!));
+    }
+    hand.points.count = n;
+    hand.points.instanceMatrix.needsUpdate = true;
+    for (const finger of contacts.fingers) if (finger.count > 0) hand.fingerArrows.add(finger.centre, finger.force, false);
+    hand.contactArrows.finish();
+    hand.fingerArrows.finish();
+  }
+
+  couple(instance: number, valid: boolean, bones: Bone[]): void {
+    const arrows = this.hand(instance).couplingArrows;
+    arrows.clear();
+    if (valid) for (const bone of bones) arrows.add(bone.intermediate, bone.couplingForce, false);
+    arrows.finish();
+  }
+
+  describeObject(id: number, description: ObjectDescription): void {
+    const old = this.objects.get(id);
+    if (old) {
+      this.scene.remove(old.mesh);
+      old.mesh.geometry.dispose();
+      this.objects.delete(id);
+    }
+    if (description.removed) return;
+    const colour = description.isStatic ? 0x9a9084 : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
+    const mesh = new THREE.Mesh(shapeOf(description), new THREE.MeshStandardMaterial({ color: colour, roughness: description.isStatic ? 0.8 : 0.45, flatShading: description.shape === Shape.hull }));
+    mesh.castShadow = description.shape !== Shape.plane;
+    mesh.receiveShadow = true;
+    if (old) {
+      mesh.position.copy(old.mesh.position);
+      mesh.quaternion.copy(old.mesh.quaternion);
+    } else {
+      // Static ones come among the states too; nothing is drawn where nobody said it is.
+      mesh.userData.placed = false;
+    }
+    this.objects.set(id, { mesh, description });
+    this.scene.add(mesh);
+    this.applyShown();
+  }
+
+  place(states: ObjectState[]): void {
+    let changed = false;
+    for (const state of states) {
+      const object = this.objects.get(state.id);
+      if (!object) continue;
+      object.mesh.position.fromArray(state.position);
+      object.mesh.quaternion.fromArray(state.orientation);
+      if (object.mesh.userData.placed === false) changed = true;
+      object.mesh.userData.placed = true;
+      const material = object.mesh.material as THREE.MeshStandardMaterial;
+      material.emissive.set(state.owned ? 0x1c1206 : 0x000000);
+    }
+    if (changed) {
+      this.applyShown();
+      this.layFloor();
+    }
+  }
+
+  /** Paints all hands; the map's end follows the largest value in steps 1, 2, 5. */
+  repaint(): void {
+    let largest = 0;
+    for (const { skin } of this.hands.values()) {
+      skin?.paint(this.colouring, this.full);
+      largest = Math.max(largest, skin?.largest ?? 0);
+    }
+    const least = this.colouring === "pressure" ? 1000 : 0.05;
+    const wanted = niceCeiling(Math.max(least, largest));
+    if (wanted > this.full || largest < 0.3 * this.full) this.full = wanted;
+  }
+
+  get handCount(): number {
+    return this.hands.size;
+  }
+  get knowsStrain(): boolean {
+    return [...this.hands.values()].some((hand) => hand.skin?.knowsStrain);
+  }
+
+  render(): void {
+    const width = this.canvas.clientWidth;
+    const height = this.canvas.clientHeight;
+    const ratio = Math.min(window.devicePixelRatio, this.quality === "high" ? 2 : 1) * this.scale;
+    const size = this.renderer.getSize(new THREE.Vector2());
+    if (size.x !== width || size.y !== height || this.renderer.getPixelRatio() !== ratio) {
+      this.renderer.setPixelRatio(ratio);
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / Math.max(1, height);
+      // A narrow screen sees as much from side to side as a wide one.
+      this.camera.fov = this.camera.aspect >= 1 ? 38 : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
+      this.camera.updateProjectionMatrix();
+    }
+    this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  /** Draws coarser where `elapsed` (ms between two pictures) stays long, finer again where there is time. */
+  adapt(elapsed: number): void {
+    if (this.quality === "high") return;
+    this.drawTime += 0.1 * (Math.min(elapsed, 500) - this.drawTime);
+    if (this.drawTime > 70 && this.scale > 0.5) this.scale = Math.max(0.5, this.scale - 0.125);
+    else if (this.drawTime < 25 && this.scale < 1) this.scale = Math.min(1, this.scale + 0.125);
+    else return;
+    this.drawTime = 45;
+  }
+
+  private hand(instance: number): Hand {
+    let hand = this.hands.get(instance);
+    if (hand) return hand;
+    hand = {
+      skin: null,
+      nodes: null,
+      bones: { tracked: new Bones("tracked"), intermediate: new Bones("intermediate"), simulated: new Bones("simulated") },
+      contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006),
+      fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022),
+      points: new THREE.InstancedMesh(new THREE.SphereGeometry(1, 8, 6), new THREE.MeshBasicMaterial({ color: 0xffd23f, depthTest: false, transparent: true }), 512),
+      couplingArrows: new Arrows(BONES, COUPLING_COLOUR, 0.0016),
+      contacts: null,
+    };
+    hand.points.count = 0;
+    hand.points.frustumCulled = false;
+    hand.points.renderOrder = 3;
+    this.hands.set(instance, hand);
+    this.scene.add(...Object.values(hand.bones).map((bones) => bones.group));
+    this.scene.add(hand.contactArrows.group, hand.fingerArrows.group, hand.couplingArrows.group, hand.points);
+    this.applyShown();
+    return hand;
+  }
+
+  private applyShown(): void {
+    for (const hand of this.hands.values()) {
+      if (hand.skin) hand.skin.mesh.visible = this.shown.hand && hand.nodes !== null;
+      for (const kind of ["tracked", "intermediate", "simulated"] as const) {
+        hand.bones[kind].group.visible = this.shown[kind];
+        // Side by side: what the user did, beside what the simulated hand made of it.
+        hand.bones[kind].group.position.x = this.shown.beside && kind !== "simulated" ? (kind === "tracked" ? -0.16 : -0.32) : 0;
+      }
+      hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
+      hand.couplingArrows.group.visible = this.shown.coupling;
+    }
+    for (const { mesh } of this.objects.values()) mesh.visible = this.shown.objects && mesh.userData.placed !== false;
+    this.floor.visible = this.shown.floor;
+  }
+
+  // Under everything that stands still.
+  private layFloor(): void {
+    const box = new THREE.Box3();
+    for (const { mesh, description } of this.objects.values())
+      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.placed) box.expandByObject(mesh);
+    this.floor.position.y = box.isEmpty() ? -0.001 : Math.min(-0.001, box.min.y - 0.0005);
+  }
+
+  private frame(mesh: THREE.Mesh): void {
+    this.framed = true;
+    const centre = new THREE.Box3().setFromObject(mesh, true).getCenter(new THREE.Vector3());
+    if (centre.distanceTo(this.controls.target) < 0.25) {
+      const move = centre.multiplyScalar(0.5).addScaledVector(this.controls.target, 0.5).sub(this.controls.target);
+      this.controls.target.add(move);
+      this.camera.position.add(move);
+    } else {
+      this.camera.position.add(centre.clone().sub(this.controls.target));
+      this.controls.target.copy(centre);
+    }
+    this.sun.target.position.copy(this.controls.target);
+    this.sun.position.copy(this.controls.target).add(new THREE.Vector3(-0.5, 1.05, 0.3));
+  }
+}
+
+/** Least of 1, 2, 5 times a power of ten that is not below. */
+export function niceCeiling(value: number): number {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.9999)!;
+}
+
+function shapeOf({ shape, size, vertices }: ObjectDescription): THREE.BufferGeometry {
+  const [x, y, z] = [size[0]!, size[1]!, size[2]!];
+  switch (shape) {
+    case Shape.sphere:
+      return new THREE.SphereGeometry(x, 48, 32);
+    case Shape.box:
+      return new THREE.BoxGeometry(2 * x, 2 * y, 2 * z);
+    case Shape.capsule:
+      return new THREE.CapsuleGeometry(x, 2 * y, 16, 40);
+    case Shape.cylinder:
+      return new THREE.CylinderGeometry(x, x, 2 * y, 56);
+    case Shape.hull: {
+      const points = [];
+      for (let i = 0; i + 2 < vertices.length; i += 3) points.push(new THREE.Vector3(vertices[i]!, vertices[i + 1]!, vertices[i + 2]!));
+      return new ConvexGeometry(points);
+    }
+    default:
+      return new THREE.PlaneGeometry(4, 4).rotateX(-Math.PI / 2);
+  }
+}

@@ -1,0 +1,155 @@
+// The last seconds of frames, kept in the page: what is shown can be paused, stepped, slowed down, saved and opened again, while the
+// simulation goes on undisturbed.
+import { type Frame, Type, split } from "./protocol";
+
+const KEPT_SECONDS = 15;
+const LOOK_BACK = 600; // frames within which every stream has shown its newest
+
+interface Entry {
+  time: number; // ms of arrival
+  frame: Frame;
+}
+
+const key = (frame: Frame): number => frame.type * 65536 + frame.instance;
+
+export class Timeline {
+  private entries: Entry[] = [];
+  private descriptions = new Map<number, Frame>();
+  private cursor = 0; // entries before it are shown
+  private clock = 0; // ms, what is shown; runs behind the newest in slow motion
+  paused = false;
+  speed = 1;
+  opened = false; // shows a file, not the stream
+
+  constructor(private readonly apply: (frame: Frame) => void) {}
+
+  add(time: number, frame: Frame): void {
+    const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
+    if (description) this.descriptions.set(key(frame), frame);
+    if (this.opened) return;
+    if (description || frame.type >= Type.status) {
+      this.apply(frame);
+      return;
+    }
+    this.entries.push({ time, frame });
+  }
+
+  get live(): boolean {
+    return !this.paused && this.speed === 1 && !this.opened;
+  }
+
+  /** Shows what is due. `elapsed` in ms since the last call. */
+  advance(now: number, elapsed: number): void {
+    if (this.live) {
+      this.runTo(this.entries.length);
+      this.clock = now;
+    } else if (!this.paused) {
+      this.clock += elapsed * this.speed;
+      let end = this.cursor;
+      while (end < this.entries.length && this.entries[end]!.time <= this.clock) ++end;
+      this.runTo(end);
+      if (this.opened && end === this.entries.length) this.seek(0);
+    }
+    if (this.opened) return;
+    let old = 0;
+    while (old < this.entries.length && this.entries[old]!.time < now - KEPT_SECONDS * 1000) ++old;
+    // A paused picture stays though its frames grow old.
+    if (this.paused) old = Math.min(old, Math.max(0, this.cursor - LOOK_BACK));
+    if (old < 200) return;
+    this.entries.splice(0, old);
+    this.cursor = Math.max(0, this.cursor - old);
+    const first = this.entries[0];
+    if (first && this.clock < first.time) this.clock = first.time;
+  }
+
+  /** One sample of the hand on (+1) or back (-1); pauses. */
+  step(direction: 1 | -1): void {
+    this.paused = true;
+    let at = direction > 0 ? this.cursor : this.cursor - 2;
+    while (at >= 0 && at < this.entries.length && this.entries[at]!.frame.type !== Type.nodes) at += direction;
+    if (at >= 0 && at < this.entries.length) this.show(at + 1);
+  }
+
+  /** 0..1 of what is kept; pauses where the stream would run on. */
+  seek(part: number): void {
+    if (!this.opened) this.paused = true;
+    this.show(Math.round(part * this.entries.length));
+  }
+
+  get part(): number {
+    return this.entries.length === 0 ? 1 : this.cursor / this.entries.length;
+  }
+
+  get seconds(): number {
+    const first = this.entries[0];
+    return first ? (this.entries.at(-1)!.time - first.time) / 1000 : 0;
+  }
+
+  goLive(): void {
+    if (this.opened) {
+      this.opened = false;
+      this.entries = [];
+      this.cursor = 0;
+      for (const frame of this.descriptions.values()) this.apply(frame);
+    }
+    this.paused = false;
+    this.speed = 1;
+  }
+
+  /** What is kept, as a file: for each frame its time (f64 ms), its length (u32) and itself, after "SHVR" and the version. */
+  save(): Blob {
+    const parts: BlobPart[] = [new Uint8Array([0x53, 0x48, 0x56, 0x52, 1, 0, 0, 0])];
+    const first = this.entries[0]?.time ?? 0;
+    const put = (time: number, frame: Frame): void => {
+      const head = new DataView(new ArrayBuffer(12));
+      const bytes = new Uint8Array(frame.payload.buffer, frame.payload.byteOffset - 16, frame.payload.byteLength + 16);
+      head.setFloat64(0, time, true);
+      head.setUint32(8, bytes.length, true);
+      parts.push(head.buffer as ArrayBuffer, bytes.slice());
+    };
+    for (const frame of this.descriptions.values()) put(0, frame);
+    for (const { time, frame } of this.entries) put(time - first, frame);
+    return new Blob(parts, { type: "application/octet-stream" });
+  }
+
+  /** Plays a saved file, over and over. Throws where it is none. */
+  open(file: ArrayBuffer): void {
+    const view = new DataView(file);
+    if (file.byteLength < 8 || view.getUint32(0, true) !== 0x52564853 || view.getUint32(4, true) !== 1) throw new Error("no recording of this page");
+    const entries: Entry[] = [];
+    const descriptions: Frame[] = [];
+    for (let at = 8; at < file.byteLength; ) {
+      const time = view.getFloat64(at, true);
+      const length = view.getUint32(at + 8, true);
+      if (at + 12 + length > file.byteLength) throw new Error("the recording is cut off");
+      for (const frame of split(file.slice(at + 12, at + 12 + length))) {
+        if (frame.type === Type.handDescription || frame.type === Type.objectDescription) descriptions.push(frame);
+        else entries.push({ time, frame });
+      }
+      at += 12 + length;
+    }
+    this.entries = entries;
+    this.opened = true;
+    this.paused = false;
+    this.cursor = 0;
+    this.clock = 0;
+    descriptions.forEach(this.apply);
+  }
+
+  private runTo(end: number): void {
+    if (end > this.cursor) this.applyNewest(this.cursor, end);
+    this.cursor = end;
+  }
+
+  private show(cursor: number): void {
+    this.cursor = cursor;
+    this.clock = this.entries[Math.max(0, cursor - 1)]?.time ?? 0;
+    this.applyNewest(Math.max(0, cursor - LOOK_BACK), cursor);
+  }
+
+  private applyNewest(begin: number, end: number): void {
+    const newest = new Map<number, Frame>();
+    for (let i = begin; i < end; ++i) newest.set(key(this.entries[i]!.frame), this.entries[i]!.frame);
+    newest.forEach((frame) => this.apply(frame));
+  }
+}

@@ -1,0 +1,64 @@
+// HTTP and WebSocket of the gateway, in a thread of its own. Boost.Beast is seen by server.cpp alone.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "viewer/frames.hpp"
+
+namespace softhand::viewer {
+
+struct ServerOptions {
+  std::string address = "127.0.0.1";
+  std::uint16_t port = 8080;          ///< where taken, the next free one of the ten that follow; 0 = any
+  std::vector<std::string> hosts;     ///< names for this server besides localhost and its address
+  std::string page;                   ///< folder that is served
+  std::size_t max_pages = 16;
+};
+
+enum class Keep : bool {
+  no,    ///< for whoever shows it now
+  yes,   ///< and, the newest of each instance, for pages that come later: descriptions
+};
+
+struct Outgoing {
+  FrameType type = FrameType::gateway;
+  std::uint32_t instance = 0;
+  Frame frame;
+  Keep keep = Keep::no;
+};
+
+struct ServerCounters {
+  std::uint32_t pages = 0;
+  std::uint64_t bytes_sent = 0;
+  std::uint64_t frames_sent = 0;
+  std::uint64_t frames_passed_over = 0;
+  RefusalCounts refused{};
+};
+
+/// Each page gets what it shows, at most at the rate that it asked for, and never more than it takes: while a message is on its way, newer
+/// frames of a type and instance replace those that wait. A page is believed only where its Origin is the Host that it asked, and that is a
+/// name of this server (so other sites, and other names that lead here, are refused). Thread-safe.
+class Server {
+ public:
+  /// Listens from here on. Throws std::runtime_error naming address and port where that is refused.
+  explicit Server(const ServerOptions& options);
+  ~Server();
+
+  /// Where it is reached, e.g. http://127.0.0.1:8080
+  const std::string& url() const;
+  /// Union of what the open pages show.
+  TypeSet shown() const;
+  void publish(std::vector<Outgoing> frames);
+  /// Messages that pages sent since the last call, in order.
+  std::vector<Message> take_messages();
+  ServerCounters counters() const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace softhand::viewer

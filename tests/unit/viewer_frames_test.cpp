@@ -1,0 +1,246 @@
+// Frames between gateway and page: what goes in comes out at its documented place, and nothing that is wrong gets in.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <memory>
+
+#include "messages/convert.hpp"
+#include "viewer/frames.hpp"
+
+namespace softhand::viewer {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+template <typename T>
+T at(const Frame& frame, std::size_t payload_offset) {
+  T value;
+  EXPECT_LE(kHeaderBytes + payload_offset + sizeof value, frame->size());
+  std::memcpy(&value, frame->data() + kHeaderBytes + payload_offset, sizeof value);
+  return value;
+}
+
+void expect_header(const Frame& frame, FrameType type, std::uint32_t instance) {
+  ASSERT_NE(frame, nullptr);
+  std::uint32_t words[4];
+  ASSERT_GE(frame->size(), sizeof words);
+  std::memcpy(words, frame->data(), sizeof words);
+  EXPECT_EQ(words[0], kMagic);
+  EXPECT_EQ(words[1], kVersion | static_cast<std::uint32_t>(type) << 16);
+  EXPECT_EQ(words[2], frame->size() - kHeaderBytes);
+  EXPECT_EQ(words[3], instance);
+  EXPECT_EQ(frame->size() % 4, 0u);
+}
+
+std::unique_ptr<TissueSurface> surface() {
+  auto out = std::make_unique<TissueSurface>();
+  out->hand = {3, 0};
+  out->stamp.sample_time = 1'500'000'000;
+  out->stamp.sequence = 7;
+  out->wrist_position = {1, 2, 3};
+  for (int i = 0; i < 101; ++i) {
+    const float x = 0.001f * static_cast<float>(i);
+    out->nodes.push_back({x, -0.19f + x, 0.05f * std::sin(x * 100)});
+  }
+  return out;
+}
+
+TEST(ViewerFrames, NodesComeBackWithinTheQuantum) {
+  const auto in = surface();
+  for (const bool quantised : {false, true}) {
+    const Frame frame = encode(*in, quantised);
+    expect_header(frame, FrameType::nodes, 6);
+    EXPECT_EQ(at<double>(frame, 0), 1.5);
+    EXPECT_EQ(at<double>(frame, 16), 7);
+    EXPECT_EQ(at<float>(frame, 28), 2);
+    ASSERT_EQ(at<std::uint32_t>(frame, 36), in->nodes.size());
+    EXPECT_EQ(at<std::uint32_t>(frame, 40), quantised ? 1u : 0u);
+    const float step = at<float>(frame, 44);
+    float worst = 0;
+    for (std::size_t i = 0; i < in->nodes.size(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const float out = quantised ? step * static_cast<float>(at<std::int16_t>(frame, 48 + 2 * (3 * i + k))) : at<float>(frame, 48 + 4 * (3 * i + k));
+        worst = std::max(worst, std::abs(out - in->nodes[i][k]));
+      }
+    }
+    if (quantised) {
+      EXPECT_LT(worst, 4e-6f);
+      EXPECT_LT(frame->size(), 16u + 48 + 6 * in->nodes.size() + 4);
+    } else {
+      EXPECT_EQ(worst, 0);
+    }
+  }
+}
+
+TEST(ViewerFrames, WhatIsNoNumberIsNotSent) {
+  auto nodes = surface();
+  nodes->nodes[50][1] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(encode(*nodes, true), nullptr);
+  EXPECT_EQ(encode(*nodes, false), nullptr);
+  nodes = surface();
+  nodes->wrist_position[0] = kNan;
+  EXPECT_EQ(encode(*nodes, true), nullptr);
+
+  Skeleton skeleton;
+  skeleton.joints[4].position = {kNan, 0, 0};
+  EXPECT_NE(encode(FrameType::tracked_skeleton, skeleton), nullptr) << "a joint that is not valid may hold anything";
+  skeleton.joints[4].flags = kJointValid;
+  EXPECT_EQ(encode(FrameType::tracked_skeleton, skeleton), nullptr);
+
+  Contacts contacts;
+  contacts.fingers[2].force[1] = kNan;
+  EXPECT_EQ(encode(contacts), nullptr);
+  LoopStatus status;
+  status.residual = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(encode(status, 0), nullptr);
+}
+
+TEST(ViewerFrames, DescriptionHoldsSkinAndRestNodes) {
+  auto in = std::make_unique<HandDescription>();
+  in->node_count = 5;
+  for (std::uint32_t v = 0; v < 3; ++v) {
+    in->vertex_nodes.push_back({v, v + 1, v + 2, 0});
+    in->vertex_weights.push_back({0.5f, 0.25f, 0.125f, 0.125f});
+  }
+  in->triangles.push_back({0, 1, 2});
+  const std::vector<Vector3> rest(5, Vector3(0.1, 0.2, 0.3));
+  const Frame frame = encode(*in, rest);
+  expect_header(frame, FrameType::hand_description, 1);
+  EXPECT_EQ(at<std::uint32_t>(frame, 0), 5u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 4), 3u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 8), 1u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 12), 5u);
+  EXPECT_FLOAT_EQ(at<float>(frame, 16 + 12 * 4 + 4), 0.2f);
+  const std::size_t weights = 16 + 60;
+  EXPECT_EQ(at<float>(frame, weights + 16 + 4), 0.25f);
+  const std::size_t nodes = weights + 48;
+  EXPECT_EQ(at<std::uint16_t>(frame, nodes + 2 * 8 + 2), 3u);
+  EXPECT_EQ(at<std::uint16_t>(frame, nodes + 24 + 4), 2u);
+
+  EXPECT_EQ(at<std::uint32_t>(encode(*in, {}), 12), 0u);
+  in->vertex_nodes[1][2] = 5;
+  EXPECT_EQ(encode(*in, rest), nullptr) << "a node beyond the last";
+}
+
+TEST(ViewerFrames, StatusKeepsItsFigures) {
+  LoopStatus in;
+  set_text(in.module, "hand");
+  in.rate_hz = 89.5;
+  in.step_ms_p99 = 8.25;
+  in.deadline_misses = 12;
+  in.contact_count = 9;
+  NamedValue energy;
+  set_text(energy.name, "tissue");
+  energy.value = 0.5;
+  in.energies.push_back(energy);
+  const Frame frame = encode(in, 4);
+  expect_header(frame, FrameType::loop_status, 4);
+  EXPECT_EQ(at<double>(frame, 24), 89.5);
+  EXPECT_EQ(at<double>(frame, 24 + 3 * 8), 8.25);
+  EXPECT_EQ(at<double>(frame, 24 + 7 * 8), 12);
+  EXPECT_EQ(at<std::uint32_t>(frame, 24 + 64 + 12), 9u);
+  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + 104), "hand");
+  EXPECT_EQ(at<std::uint32_t>(frame, 168), 1u);
+  EXPECT_EQ(at<double>(frame, 176 + 32), 0.5);
+}
+
+TEST(ViewerFrames, EveryTopicFitsItsHeader) {
+  expect_header(encode(FrameType::simulated_skeleton, Skeleton{}), FrameType::simulated_skeleton, 1);
+  expect_header(encode(Contacts{}), FrameType::contacts, 1);
+  expect_header(encode(WorldObjects{}), FrameType::objects, 0);
+  expect_header(encode(BoneWrench{}), FrameType::bone_wrench, 1);
+  expect_header(encode(MessageReply{}, 2), FrameType::message_reply, 2);
+  expect_header(encode(GatewayState{}), FrameType::gateway, 0);
+  ObjectDescription description;
+  description.object = 5;
+  expect_header(encode(description), FrameType::object_description, 5);
+}
+
+// ---- from the page ----
+
+using Bytes = std::vector<std::uint8_t>;
+
+Bytes request(FrameType type, const Bytes& payload) {
+  Bytes bytes(kHeaderBytes + payload.size());
+  const std::uint32_t magic = kMagic;
+  const std::uint16_t version = kVersion;
+  const auto kind = static_cast<std::uint16_t>(type);
+  const auto length = static_cast<std::uint32_t>(payload.size());
+  std::memcpy(bytes.data(), &magic, 4);
+  std::memcpy(bytes.data() + 4, &version, 2);
+  std::memcpy(bytes.data() + 6, &kind, 2);
+  std::memcpy(bytes.data() + 8, &length, 4);
+  std::copy(payload.begin(), payload.end(), bytes.begin() + kHeaderBytes);
+  return bytes;
+}
+
+Bytes show_request(std::uint32_t types, float rate) {
+  Bytes payload(8);
+  std::memcpy(payload.data(), &types, 4);
+  std::memcpy(payload.data() + 4, &rate, 4);
+  return request(FrameType::show, payload);
+}
+
+Bytes message_request(std::uint64_t id, std::string_view module, std::string_view key, std::string_view value) {
+  Bytes payload(8 + 3 * 64);
+  std::memcpy(payload.data(), &id, 8);
+  std::size_t field = 8;
+  for (const std::string_view text : {module, key, value}) {
+    std::memcpy(payload.data() + field, text.data(), text.size());
+    field += 64;
+  }
+  return request(FrameType::message, payload);
+}
+
+Refusal refusal(const Bytes& bytes) {
+  PageRequest out;
+  return decode(bytes, out);
+}
+
+TEST(ViewerRequests, ComeThrough) {
+  PageRequest out;
+  ASSERT_EQ(decode(show_request(set_of(FrameType::nodes), 30), out), Refusal::none);
+  EXPECT_EQ(std::get<ShowRequest>(out).types, set_of(FrameType::nodes));
+  EXPECT_EQ(std::get<ShowRequest>(out).rate_hz, 30);
+  ASSERT_EQ(decode(message_request(99, "hand", "reposition", ""), out), Refusal::none);
+  EXPECT_EQ(std::get<Message>(out).id, 99u);
+  EXPECT_EQ(get_text(std::get<Message>(out).key), "reposition");
+}
+
+TEST(ViewerRequests, EveryCutIsRefused) {
+  for (const Bytes& whole : {show_request(4, 0), message_request(1, "hand", "key", "value")}) {
+    for (std::size_t length = 0; length < whole.size(); ++length)
+      EXPECT_EQ(refusal(Bytes(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))), Refusal::size);
+    Bytes longer = whole;
+    longer.push_back(0);
+    EXPECT_EQ(refusal(longer), Refusal::size);
+  }
+}
+
+TEST(ViewerRequests, WrongHeadersAreRefused) {
+  Bytes bytes = show_request(4, 0);
+  bytes[0] ^= 1;
+  EXPECT_EQ(refusal(bytes), Refusal::magic);
+  bytes = show_request(4, 0);
+  bytes[4] = kVersion + 1;
+  EXPECT_EQ(refusal(bytes), Refusal::version);
+  EXPECT_EQ(refusal(request(FrameType::nodes, Bytes(8))), Refusal::type);
+  EXPECT_EQ(refusal(request(static_cast<FrameType>(65535), {})), Refusal::type);
+  EXPECT_EQ(refusal(request(FrameType::show, Bytes(12))), Refusal::size);
+}
+
+TEST(ViewerRequests, WrongContentIsRefused) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  for (const float rate : {nan, std::numeric_limits<float>::infinity(), -1.0f, 1e9f}) EXPECT_EQ(refusal(show_request(4, rate)), Refusal::content);
+  EXPECT_EQ(refusal(show_request(1u << 31, 0)), Refusal::content);
+  EXPECT_EQ(refusal(message_request(1, "", "key", "")), Refusal::content);
+  EXPECT_EQ(refusal(message_request(1, "hand", "", "")), Refusal::content);
+  EXPECT_EQ(refusal(message_request(1, "hand", "key", "line\nbreak")), Refusal::content);
+  EXPECT_EQ(refusal(message_request(1, std::string(64, 'x'), "key", "")), Refusal::content) << "no zero at its end";
+}
+
+}  // namespace
+}  // namespace softhand::viewer
