@@ -1,0 +1,130 @@
+// The gateway, asked by plain WebSocket clients.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { Client, MESSAGE, Process, SHOW, WebSocket, frame, gateway, pause, publisher, show, until } from "./harness.mjs";
+
+const NODES = 1 << 2;
+const DESCRIPTION = 1 << 1;
+const CONTACTS = 1 << 6;
+const STATUS = 1 << 10;
+
+let source, viewer;
+before(async () => {
+  source = publisher();
+  viewer = await gateway();
+});
+after(() => Promise.all([...Process.all].map((process) => process.end("SIGKILL"))));
+
+async function client() {
+  const one = new Client(viewer.url);
+  await one.opened;
+  return one;
+}
+async function leave(one) {
+  one.socket.close();
+  await one.closed;
+}
+
+test("serves the page, and nothing beside it", async () => {
+  const index = await fetch(`${viewer.url}/`);
+  assert.equal(index.status, 200);
+  assert.match(await index.text(), /<title>softhand<\/title>/);
+  assert.match((await fetch(`${viewer.url}/main.js`)).headers.get("content-type"), /javascript/);
+  for (const path of ["/../../bin/softhand", "/%2e%2e/%2e%2e/etc/passwd", "/nothing"]) assert.equal((await fetch(viewer.url + path)).status, 404, path);
+});
+
+test("reads and sends what is shown, and only that", async () => {
+  const one = await client();
+  await pause(500);
+  assert.deepEqual([...one.count.keys()].filter((type) => type !== 12), []);
+  assert.doesNotMatch(source.output, /surface read/);
+  one.socket.send(show(DESCRIPTION | NODES));
+  await until("nodes", () => one.count.get(2) > 30);
+  await source.line(/surface read/);
+  assert.equal(one.count.get(1), 1);
+  assert.deepEqual([...one.count.keys()].sort((a, b) => a - b), [1, 2, 12]);
+  one.socket.send(show(CONTACTS));
+  await source.line(/surface unread/);
+  await until("contacts", () => one.count.get(6) > 10);
+  const nodes = one.count.get(2);
+  await pause(300);
+  assert.equal(one.count.get(2), nodes);
+  await leave(one);
+});
+
+test("a late page gets the description, and a slow rate where it asks for one", async () => {
+  const [fast, slow] = [await client(), await client()];
+  for (const [one, rate] of [[fast, 0], [slow, 10]]) one.socket.send(show(DESCRIPTION | NODES, rate));
+  await until("both described", () => fast.count.get(1) === 1 && slow.count.get(1) === 1);
+  const [fastBefore, slowBefore] = [fast.count.get(2) ?? 0, slow.count.get(2) ?? 0];
+  await pause(2000);
+  const [fastRate, slowRate] = [(fast.count.get(2) - fastBefore) / 2, (slow.count.get(2) - slowBefore) / 2];
+  assert.ok(fastRate > 25, `${fastRate} Hz`);
+  assert.ok(slowRate > 4 && slowRate < 12, `${slowRate} Hz`);
+  // The node payload: three stamps, wrist, count, encoding, step, then int16 triples.
+  const payload = fast.frames.get(2);
+  assert.equal(payload.readUInt32LE(40), 1);
+  assert.equal(Math.ceil((6 * payload.readUInt32LE(36)) / 4) * 4, payload.length - 48);
+  assert.ok(Math.abs(payload.readFloatLE(28) - 0.06) < 1e-6);
+  await Promise.all([leave(fast), leave(slow)]);
+});
+
+test("a page that does not read loses frames, not the others", async () => {
+  const [stuck, well] = [await client(), await client()];
+  stuck.socket.send(show(DESCRIPTION | NODES));
+  well.socket.send(show(NODES | STATUS));
+  await until("both run", () => stuck.count.get(2) > 5 && well.count.get(2) > 5);
+  stuck.socket.pause();
+  const before = (await well.state()).passedOver;
+  await until("frames for the stuck page are replaced", async () => (await well.state()).passedOver > before + 20, 60);
+  const nodes = well.count.get(2);
+  await pause(1000);
+  assert.ok(well.count.get(2) > nodes + 20);
+  stuck.socket.resume();
+  await leave(stuck);
+  await leave(well);
+});
+
+test("bad frames are refused, counted, and do no harm", async () => {
+  const one = await client();
+  one.socket.send(show(STATUS));
+  const before = (await one.state()).refused;
+  const text = (fields) => Buffer.concat([Buffer.alloc(8), ...fields.map((field) => Buffer.concat([Buffer.from(field), Buffer.alloc(64)]).subarray(0, 64))]);
+  const nan = Buffer.alloc(8);
+  nan.writeFloatLE(NaN, 4);
+  const bad = {
+    size: [Buffer.alloc(3), Buffer.alloc(0), frame(SHOW, Buffer.alloc(4)), frame(SHOW, Buffer.alloc(8), { length: 4000000000 })],
+    magic: [frame(SHOW, Buffer.alloc(8), { magic: 1 })],
+    version: [frame(SHOW, Buffer.alloc(8), { version: 2 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
+    type: [frame(2, Buffer.alloc(8)), frame(65535, Buffer.alloc(0)), "text"],
+    content: [frame(SHOW, nan), show(1 << 30), show(0, -1), frame(MESSAGE, text(["", "key", ""])), frame(MESSAGE, text(["hand", "k\x07", ""])), frame(MESSAGE, text(["x".repeat(64), "k", ""]))],
+  };
+  for (const frames of Object.values(bad)) for (const each of frames) one.socket.send(each);
+  for (const [reason, frames] of Object.entries(bad))
+    await until(`${frames.length} refused for ${reason}`, async () => (await one.state()).refused[reason] === before[reason] + frames.length);
+  const seen = one.count.get(10) ?? 0;
+  await until("status goes on", () => (one.count.get(10) ?? 0) > seen + 2);
+  one.socket.send(Buffer.alloc(1 << 20));  // huge: closed
+  await one.closed;
+  const other = await client();
+  assert.equal((await other.state()).refused.size, before.size + bad.size.length + 1);
+  await leave(other);
+});
+
+test("a page that goes on sending rubbish is closed", async () => {
+  const one = await client();
+  for (let i = 0; i < 200; ++i) one.socket.send(Buffer.alloc(20));
+  await one.closed;
+});
+
+test("other origins and other names for this host are refused", async () => {
+  const refused = (options) => assert.rejects(new Client(viewer.url, options).opened, /403/);
+  await refused({ origin: "http://evil.example" });
+  await refused({ origin: `http://evil.example:${viewer.port}`, headers: { host: `evil.example:${viewer.port}` } });
+  await refused({ origin: `http://127.0.0.1:${viewer.port + 1}` });
+  const same = new Client(viewer.url, { origin: viewer.url });
+  await same.opened;
+  assert.ok((await same.state()).refused.origin >= 3);
+  await leave(same);
+  assert.ok(WebSocket);
+});

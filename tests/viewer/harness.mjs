@@ -1,0 +1,114 @@
+// Processes, browser and bytes for the viewer's tests. Environment: SOFTHAND_BUILD (build tree), SOFTHAND_SOURCE (source tree).
+import { spawn } from "node:child_process";
+import { existsSync } from "node:fs";
+import { createRequire } from "node:module";
+
+export const build = process.env.SOFTHAND_BUILD;
+export const source = process.env.SOFTHAND_SOURCE;
+const require = createRequire(`${build}/services/viewer/page/work/`);
+const { chromium } = require("playwright-core");
+export const { WebSocket } = require("ws");
+
+process.env.SOFTHAND_DOMAIN ??= String(100 + (process.pid % 100));
+
+/** Polls until `condition` gives something true, which it returns. */
+export async function until(what, condition, seconds = 20) {
+  const end = Date.now() + 1000 * seconds;
+  for (;;) {
+    const value = await condition();
+    if (value) return value;
+    if (Date.now() > end) throw new Error(`not within ${seconds} s: ${what}`);
+    await new Promise((done) => setTimeout(done, 50));
+  }
+}
+export const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+
+/** A process whose output is kept by line; ends with the test at the latest. */
+export class Process {
+  static all = new Set();
+  output = "";
+  constructor(program, ...args) {
+    this.child = spawn(program, args, { stdio: ["ignore", "pipe", "pipe"] });
+    for (const stream of [this.child.stdout, this.child.stderr]) stream.on("data", (text) => (this.output += text));
+    this.ended = new Promise((done) => this.child.on("exit", done));
+    Process.all.add(this);
+  }
+  line(pattern, seconds) {
+    return until(`a line like ${pattern} in:\n${this.output}`, () => pattern.exec(this.output), seconds);
+  }
+  async end(signal = "SIGTERM") {
+    this.child.kill(signal);
+    await this.ended;
+    Process.all.delete(this);
+  }
+}
+
+export const publisher = () => new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/right_400.hand.json`);
+
+/** A gateway and its address. */
+export async function gateway(port = 0, ...settings) {
+  const overrides = [`viewer.port=${port}`, ...settings].flatMap((setting) => ["--set", setting]);
+  const process = new Process(`${build}/bin/softhand-viewer`, "--config", `${source}/config/scenes/demo.toml`, ...overrides);
+  const [, url] = await process.line(/see it at (\S+)/);
+  return { process, url, port: Number(new URL(url).port) };
+}
+
+export async function browser() {
+  const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync);
+  if (!executablePath) throw new Error("no chromium: apt-get install chromium");
+  return chromium.launch({ executablePath, args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"] });
+}
+
+// ---- frames, written here anew from docs/viewer.md so that an error in the page's own code shows ----
+
+export const SHOW = 32;
+export const MESSAGE = 33;
+export function frame(type, payload, { magic = 0x46564853, version = 1, length = payload.length } = {}) {
+  const header = Buffer.alloc(16);
+  header.writeUInt32LE(magic, 0);
+  header.writeUInt16LE(version, 4);
+  header.writeUInt16LE(type, 6);
+  header.writeUInt32LE(length, 8);
+  return Buffer.concat([header, payload]);
+}
+export function show(types, rate = 0) {
+  const payload = Buffer.alloc(8);
+  payload.writeUInt32LE(types, 0);
+  payload.writeFloatLE(rate, 4);
+  return frame(SHOW, payload);
+}
+
+/** A page's WebSocket without a page. `frames`: newest payload by type; `count`: how many by type. */
+export class Client {
+  frames = new Map();
+  count = new Map();
+  bytes = 0;
+  constructor(url, options = {}) {
+    this.socket = new WebSocket(`${url.replace("http", "ws")}/stream`, options);
+    this.opened = new Promise((done, failed) => {
+      this.socket.on("open", done);
+      this.socket.on("error", failed);
+    });
+    this.closed = new Promise((done) => this.socket.on("close", done));
+    this.socket.on("message", (data) => {
+      this.bytes += data.length;
+      for (let at = 0; at < data.length; at += 16 + data.readUInt32LE(at + 8)) {
+        const type = data.readUInt16LE(at + 6);
+        this.frames.set(type, data.subarray(at + 16, at + 16 + data.readUInt32LE(at + 8)));
+        this.count.set(type, (this.count.get(type) ?? 0) + 1);
+      }
+    });
+  }
+  /** The gateway's counters. */
+  async state() {
+    const before = this.count.get(12) ?? 0;
+    await until("the gateway's state", () => (this.count.get(12) ?? 0) > before);
+    const payload = this.frames.get(12);
+    const names = ["none", "size", "magic", "version", "type", "content", "origin", "flood"];
+    return {
+      pages: payload.readUInt32LE(8),
+      passedOver: payload.readDoubleLE(32),
+      refused: Object.fromEntries(names.map((name, i) => [name, payload.readDoubleLE(48 + 8 * i)])),
+    };
+  }
+}

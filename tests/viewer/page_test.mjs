@@ -1,0 +1,143 @@
+// The page in a browser, fed by a gateway over real DDS.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { Process, browser, gateway, pause, publisher, until } from "./harness.mjs";
+
+let chromium, source, viewer, page;
+const errors = [];
+
+before(async () => {
+  source = publisher();
+  viewer = await gateway();
+  chromium = await browser();
+  page = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+  page.on("pageerror", (error) => errors.push(String(error)));
+  await page.goto(viewer.url);
+});
+after(async () => {
+  await chromium?.close();
+  await Promise.all([...Process.all].map((process) => process.end("SIGKILL")));
+});
+
+/** Part of the picture's pixels that differ between two calls of `pixels`. */
+function difference(a, b) {
+  let differing = 0;
+  for (let i = 0; i < a.length; i += 3) if (Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 24) ++differing;
+  return differing / (a.length / 3);
+}
+/** The drawing alone, 200 x 125, RGB. */
+const pixels = () =>
+  page.evaluate(
+    () =>
+      new Promise((done) =>
+        requestAnimationFrame(() => {
+          const small = Object.assign(document.createElement("canvas"), { width: 200, height: 125 });
+          const context = small.getContext("2d");
+          context.drawImage(document.getElementById("stage"), 0, 0, 200, 125);
+          done([...context.getImageData(0, 0, 200, 125).data].filter((_, i) => i % 4 !== 3));
+        }),
+      ),
+  );
+/** Until the page has drawn what came before. */
+async function drawn(pictures = 4) {
+  const end = (await page.evaluate(() => window.softhand.counts.drawn)) + pictures;
+  await until("pictures", () => page.evaluate((n) => window.softhand.counts.drawn >= n, end), 60);
+}
+const state = () => page.locator("#connection").getAttribute("data-state");
+const pressed = async (id) => (await page.locator(id).getAttribute("aria-pressed")) === "true";
+
+test("the page connects and draws the hand", async () => {
+  await until("connected", async () => (await state()) === "open");
+  await until("nodes", () => page.evaluate(() => window.softhand.counts.nodes > 20), 90);
+  await page.keyboard.press("Space");
+  await drawn();
+  const withHand = await pixels();
+  await page.click("#show-hand");
+  await drawn();
+  const without = await pixels();
+  assert.ok(difference(withHand, without) > 0.01, `the hand covers ${difference(withHand, without)} of the picture`);
+  await page.click("#show-hand");
+  await drawn();
+  assert.ok(difference(withHand, await pixels()) < 0.002, "and is back");
+  await page.click("#live");
+});
+
+test("the hand moves", async () => {
+  const first = await pixels();
+  await pause(1000);
+  await drawn();
+  assert.ok(difference(first, await pixels()) > 0.005);
+});
+
+test("each toggle changes what is drawn, by mouse and by key", async () => {
+  await page.click("#show-coupling");
+  await page.click("#show-simulated");
+  await until("skeleton and wrenches", () => page.evaluate(() => window.softhand.counts.nodes > 60), 60);
+  await pause(1000);
+  await page.click("#pause");
+  await drawn();
+  for (const [id, key] of [["#show-simulated", "3"], ["#show-contacts", "c"], ["#show-coupling", "f"], ["#show-objects", "o"], ["#show-floor", "g"], ["#colour-pressure", "k"]]) {
+    const before = await pixels();
+    const was = await pressed(id);
+    await page.keyboard.press(key);
+    await drawn();
+    assert.notEqual(await pressed(id), was, id);
+    const changed = difference(before, await pixels());
+    assert.ok(changed > 0.0004, `${id} changed ${changed}`);
+    await page.click(id);
+    await drawn();
+  }
+  await page.click("#live");
+});
+
+test("the panel's figures are the topic's", async () => {
+  const row = page.locator('#modules tr[data-module="hand"]');
+  await row.waitFor();
+  const cell = (field) => row.locator(`[data-field="${field}"]`).textContent();
+  assert.equal(await cell("rate"), "90/90");
+  assert.equal(await cell("p50"), "2.75");
+  assert.equal(await cell("p99"), "8.25");
+  assert.equal(await cell("age"), "12.5");
+  // The publisher's misses are the status's own sequence number: row and status are one and the same.
+  const [misses, sequence] = await row.evaluate((tr) => [tr.querySelector('[data-field="misses"]').textContent, tr.dataset.sequence]);
+  assert.equal(misses, sequence);
+  assert.match(await page.locator('#solver [data-field="residual"]').textContent(), /^0\.0125 N$/);
+  assert.equal(await page.locator("#force-index").textContent(), "1.50");
+  assert.match(await page.locator("#energies").textContent(), /tissue12 mJ.*contact3\.0 mJ/);
+});
+
+test("a message goes out and its answer comes back", async () => {
+  await page.click("#reset");
+  await source.line(/message \* object\.reset \*/);
+  await until("the answer", async () => /hand: done as asked/.test(await page.locator("#replies").textContent()));
+});
+
+test("pause freezes the picture, steps move it, live goes on", async () => {
+  await page.click("#pause");
+  await drawn();
+  const frozen = await pixels();
+  await pause(500);
+  await drawn();
+  assert.equal(difference(frozen, await pixels()), 0);
+  for (let i = 0; i < 12; ++i) await page.keyboard.press(",");
+  await drawn();
+  assert.ok(difference(frozen, await pixels()) > 0.001);
+  await page.keyboard.press("l");
+  await drawn();
+  assert.ok(await page.locator("#live").isDisabled());
+});
+
+test("a killed gateway is reported and recovered from", async () => {
+  await viewer.process.end("SIGKILL");
+  await until("the loss is told", async () => (await state()) === "lost");
+  assert.match(await page.locator("#connection").textContent(), /lost/);
+  viewer = await gateway(viewer.port);
+  await until("connected again", async () => (await state()) === "open");
+  const nodes = await page.evaluate(() => window.softhand.counts.nodes);
+  await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes));
+});
+
+test("nothing went wrong on the way", async () => {
+  assert.deepEqual(errors, []);
+  assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
+});

@@ -1,0 +1,160 @@
+// viewer_publisher HAND_FILE: a hand, objects, contacts and a module's status on this process's domain, with figures that a test knows by heart:
+// the hand at rest, swaying by 5 cm at 0.5 Hz. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <numbers>
+#include <thread>
+
+#include "bus/bus.hpp"
+#include "messages/convert.hpp"
+#include "model/hand_model.hpp"
+#include "runtime/clock.hpp"
+#include "runtime/signals.hpp"
+
+namespace {
+using namespace softhand;
+
+std::unique_ptr<HandDescription> description_of(const HandModel& hand) {
+  auto out = std::make_unique<HandDescription>();
+  out->node_count = static_cast<std::uint32_t>(hand.nodes.size());
+  for (const SkinVertex& vertex : hand.skin_vertices) {
+    std::array<std::uint32_t, 4> nodes{};
+    for (std::size_t k = 0; k < 4; ++k)
+      nodes[k] = static_cast<std::uint32_t>(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k]);
+    out->vertex_nodes.push_back(nodes);
+    out->vertex_weights.push_back(vertex.weights);
+  }
+  for (const auto& t : hand.skin_triangles)
+    out->triangles.push_back({static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]), static_cast<std::uint32_t>(t[2])});
+  return out;
+}
+
+ObjectDescription box(std::uint32_t id, const char* name, const Vec3& half_extents, bool is_static) {
+  ObjectDescription out;
+  out.object = id;
+  set_text(out.name, name);
+  out.is_static = is_static ? 1 : 0;
+  out.mass = is_static ? 0 : 0.05;
+  out.friction = 0.8;
+  out.shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
+  out.shape.size = half_extents;
+  return out;
+}
+
+void run(const std::string& hand_file) {
+  const HandModel hand = load_hand(hand_file);
+  const bus::Participant participant("viewer_publisher");
+  bus::Writer descriptions(participant, bus::topics::hand_description);
+  bus::Writer object_descriptions(participant, bus::topics::object_description);
+  bus::Writer surfaces(participant, bus::topics::tissue_surface);
+  bus::Writer simulated(participant, bus::topics::simulated_skeleton);
+  bus::Writer contact_writer(participant, bus::topics::contacts);
+  bus::Writer objects(participant, bus::topics::objects);
+  bus::Writer wrenches(participant, bus::topics::bone_wrench);
+  bus::Writer statuses(participant, bus::topics::loop_status);
+  bus::Reader messages(participant, bus::topics::message);
+  bus::Writer replies(participant, bus::topics::message_reply);
+  descriptions.write(*description_of(hand));
+  object_descriptions.write(box(1, "table", {0.4, 0.02, 0.4}, true));
+  object_descriptions.write(box(2, "cube", {0.02, 0.02, 0.02}, false));
+
+  auto surface = std::make_unique<TissueSurface>();
+  auto contacts = std::make_unique<Contacts>();
+  auto world = std::make_unique<WorldObjects>();
+  Skeleton skeleton;
+  BoneWrench wrench;
+  LoopStatus status;
+  bool watched = false;
+  const StopSignal stop;
+  const Nanoseconds start = now();
+  for (std::uint64_t step = 1; !stop.requested(); ++step) {
+    Stamp stamp;
+    stamp.sequence = step;
+    stamp.sample_time = stamp.publish_time = now();
+    const double time = static_cast<double>(stamp.sample_time - start) * 1e-9;
+    const Vector3 wrist(0.05 * std::sin(std::numbers::pi * time), 0.06, 0.08);
+
+    surface->stamp = skeleton.stamp = contacts->stamp = world->stamp = wrench.stamp = status.stamp = stamp;
+    surface->wrist_position = to_wire(wrist);
+    surface->nodes.clear();
+    for (const Vector3& node : hand.nodes) surface->nodes.push_back({static_cast<float>(node.x()), static_cast<float>(node.y()), static_cast<float>(node.z())});
+    surfaces.write(*surface);
+    for (std::size_t j = 0; j < skeleton.joints.size(); ++j) {
+      skeleton.joints[j].position = to_wire(Vector3(wrist + hand.rest_joints[j].position));
+      skeleton.joints[j].orientation = to_wire(hand.rest_joints[j].orientation);
+      skeleton.joints[j].flags = kJointValid | kJointTracked;
+    }
+    simulated.write(skeleton);
+    Contact contact;
+    contact.node = static_cast<std::uint32_t>(hand.nodes.size() / 2);
+    contact.finger = 1;
+    contact.point = to_wire(Vector3(wrist + hand.nodes[contact.node]));
+    contact.force = {0, 1.5, 0};
+    contact.normal = {0, 1, 0};
+    contact.area = 1e-4;
+    contact.penetration = 0.0004;
+    contacts->contacts.clear();
+    contacts->contacts.push_back(contact);
+    contacts->fingers[1] = {contact.force, contact.point, contact.normal, contact.area, 0, 2, 1};
+    contact_writer.write(*contacts);
+    world->objects.clear();
+    ObjectState table;
+    table.object = 1;
+    table.position = {0, -0.02, 0};
+    world->objects.push_back(table);
+    ObjectState cube;
+    cube.object = 2;
+    cube.position = {0.02, 0.02, 0};
+    world->objects.push_back(cube);
+    objects.write(*world);
+    wrench.simulated_valid = 1;
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      wrench.bones[b].intermediate_position = skeleton.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))].position;
+      wrench.bones[b].coupling_force = {2, 0, 0};
+    }
+    wrenches.write(wrench);
+    if (step % 10 == 0) {
+      set_text(status.module, "hand");
+      status.rate_hz = 89.6;
+      status.nominal_rate_hz = 90;
+      status.step_ms_p50 = 2.75;
+      status.step_ms_p99 = 8.25;
+      status.deadline_misses = step;  // differs from status to status, so that the page must show the very same one
+      status.input_age_ms = 12.5;
+      status.residual = 0.0125;
+      status.iterations = 3;
+      status.contact_count = 1;
+      status.steps = step;
+      status.energies.clear();
+      for (const auto& [name, joules] : {std::pair{"tissue", 0.012}, std::pair{"contact", 0.003}}) {
+        NamedValue energy;
+        set_text(energy.name, name);
+        energy.value = joules;
+        status.energies.push_back(energy);
+      }
+      statuses.write(status);
+    }
+    messages.take_all([&](const Message& message) {
+      std::printf("message %s %s %s\n", message.module.data(), message.key.data(), message.value.data());
+      MessageReply reply;
+      reply.id = message.id;
+      set_text(reply.module, "hand");
+      reply.result = kReplyApplied;
+      set_text(reply.text, "done as asked");
+      replies.write(reply);
+    });
+    if (watched != surfaces.has_readers()) {
+      watched = !watched;
+      std::printf("surface %s\n", watched ? "read" : "unread");
+    }
+    std::fflush(stdout);
+    std::this_thread::sleep_for(std::chrono::milliseconds(16));
+  }
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2) return 2;
+  run(argv[1]);
+}
