@@ -1,7 +1,7 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). From three on a backtracking line search on E is used; with one or two it
-// hurts: tiny steps stick (FACTS.md, "The step").
+// hurts: tiny steps stick.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@
 namespace softhand {
 
 struct SolverOptions {
-  std::int64_t max_iterations = 5;
-  double residual_tolerance = 1e-6;
+  std::int64_t max_iterations = 12;
+  double residual_tolerance = 1e-3;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
   bool line_search = true;
@@ -33,7 +33,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
-           "Starts no further iteration that would not end within this time; 0 for no budget, which keeps results independent of the clock.");
+           "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
   v.flag("line_search", o.line_search, "Backtracking on the energy when max_iterations is 3 or more.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},

@@ -240,6 +240,7 @@ const HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const 
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
   output_.report = simulation_->step(time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
+  if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
   write_outputs(now, wants);
   return output_;
 }
@@ -345,6 +346,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "repositioned", static_cast<double>(counters_.repositioned));
   add_counter(status, "stale_steps", static_cast<double>(counters_.stale_steps));
   add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));
+  add_counter(status, "budget_steps", static_cast<double>(counters_.budget_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(counters_.objects_without_slot));
   add_counter(status, "inverted_elements", static_cast<double>(simulation_->inverted_elements()));
 }

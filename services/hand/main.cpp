@@ -9,10 +9,14 @@
 namespace {
 using namespace softhand;
 
+constexpr double kBudgetFraction = 0.7;  // of the period; the rest is for the last iteration's measuring, the topics, and other processes
+
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
-  const HandOptions& options = scene.options.hand;
+  HandOptions options = scene.options.hand;
+  // In real time a step that would not be done in time is worth less than one that is a little less exact.
+  if (options.simulation.solver.time_budget == 0) options.simulation.solver.time_budget = kBudgetFraction / options.rate_hz;
   const HandKey key = hand_key(scene);
   HandLoop loop(load_scene_hand(scene), options, key, object_spring(scene.options.world));
 

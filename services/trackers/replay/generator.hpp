@@ -14,7 +14,7 @@ struct GeneratorOptions {
   std::string motion = "pinch";
   std::array<double, 3> object_position{0, 0.02, 0};
   double object_width = 0.04;
-  double closing_depth = 0.005;
+  double closing_depth = 0.004;
   double opening = 0.02;
   double yaw = 0;
   double tilt = 0;
