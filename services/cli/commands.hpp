@@ -64,6 +64,21 @@ struct SimulateArguments {
 };
 int run_simulate(const SimulateArguments& arguments);
 
+/// `softhand render SCENE`: a picture or a short animation from the viewer's page, of the scene on the virtual clock.
+struct RenderArguments {
+  std::string scene;
+  std::string hand;     ///< hand file, instead of the scene's
+  std::string out;      ///< .png (an animated one where `seconds` > 0), or .shv, a recording that the viewer's page opens
+  double at = 1;        ///< s of the scene
+  double seconds = 0;   ///< > 0: an animation from `at` on
+  double pictures_per_second = 15;
+  int width = 1280;     ///< pixels
+  int height = 800;
+  std::string view;     ///< the page's address parameters, docs/viewer.md
+  std::vector<std::string> overrides;
+};
+int run_render(const RenderArguments& arguments);
+
 /// `softhand reference`: the generated page of options.
 int run_reference();
 /// What it prints: docs/reference.md.

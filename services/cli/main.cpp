@@ -79,6 +79,20 @@ int main(int argc, char** argv) {
   overrides(command, simulate.overrides);
   command->callback([&] { run = [&simulate] { return run_simulate(simulate); }; });
 
+  RenderArguments render;
+  command = app.add_subcommand("render", "Make a picture of a scene, or a short animation, with the viewer's page (needs node and chromium)");
+  command->add_option("scene", render.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")->required()->type_name("FILE");
+  command->add_option("--at", render.at, "When, in the scene's time")->capture_default_str()->type_name("S")->check(CLI::Range(0.0, 86400.0));
+  command->add_option("--out", render.out, "The .png to write, or an .shv that the viewer's page opens")->required()->type_name("FILE");
+  command->add_option("--seconds", render.seconds, "An animation of so long, as an animated .png")->type_name("S")->check(CLI::Range(0.0, 60.0));
+  command->add_option("--rate", render.pictures_per_second, "Pictures a second of an animation")->capture_default_str()->check(CLI::Range(1.0, 60.0));
+  command->add_option("--width", render.width, "Pixels")->capture_default_str()->check(CLI::Range(16, 7680));
+  command->add_option("--height", render.height, "Pixels")->capture_default_str()->check(CLI::Range(16, 7680));
+  command->add_option("--view", render.view, "What is shown and from where, as in the page's address, e.g. \"theme=dark&colour=pressure\" (docs/viewer.md)");
+  command->add_option("--hand", render.hand, "Hand file instead of the scene's: a path, or a name in config/hands")->type_name("FILE");
+  overrides(command, render.overrides);
+  command->callback([&] { run = [&render] { return run_render(render); }; });
+
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });
 

@@ -71,7 +71,7 @@ void VirtualRig::run(double seconds, const std::function<void(const HandStepView
 }
 
 void VirtualRig::step_tracker(Nanoseconds now) {
-  Skeleton skeleton;
+  Skeleton& skeleton = tracked_;
   if (!tracker_->sample(now, skeleton)) return;
   skeleton.stamp.publish_time = now;
   skeleton.stamp.epoch = 1;
@@ -127,7 +127,7 @@ void VirtualRig::step_hand(Nanoseconds now) {
     wrench_to_haptic_.send(done + transport_, output.bone_wrench);
   }
   coupling_to_world_.send(done + transport_, output.coupling);
-  if (after_hand_step_) after_hand_step_({now, &output, &hand_->simulation()});
+  if (after_hand_step_) after_hand_step_({now, &output, &hand_->simulation(), &world_->objects(), &tracked_});
 }
 
 void VirtualRig::step_world(Nanoseconds now) {

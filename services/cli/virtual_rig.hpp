@@ -50,11 +50,13 @@ class Delayed {
   std::size_t received_ = 0;
 };
 
-/// What one step of the hand looked like, for signals in a CSV.
+/// What one step of the hand looked like, for signals in a CSV and for pictures.
 struct HandStepView {
   Nanoseconds time = 0;
   const HandOutput* output = nullptr;
   const HandSimulation* simulation = nullptr;
+  const WorldObjects* objects = nullptr;
+  const Skeleton* tracked = nullptr;
 };
 
 class VirtualRig {
@@ -107,6 +109,7 @@ class VirtualRig {
   Delayed<WorldObjects> objects_to_hand_;
   Delayed<ObjectCoupling> coupling_to_world_;
   Delayed<BoneWrench> wrench_to_haptic_;
+  Skeleton tracked_;         // newest
   ObjectCoupling coupling_;  // newest at the world
   bool coupling_heard_ = false;
   Outcome outcome_;

@@ -270,6 +270,19 @@ Frame encode(const GatewayState& state) {
   return out.finish();
 }
 
+void draw_held(WorldObjects& objects, const ObjectCoupling& coupling) {
+  constexpr Nanoseconds kStale = 100'000'000;
+  if (objects.stamp.sample_time - coupling.stamp.sample_time > kStale) return;
+  for (ObjectState& object : objects.objects) {
+    if (object.owned == 0 || HandKey{object.owner_user, object.owner_side} != coupling.hand) continue;
+    for (const ObjectTwin& twin : coupling.twins) {
+      if (twin.object != object.object || twin.owned == 0) continue;
+      object.position = twin.position;
+      object.orientation = twin.orientation;
+    }
+  }
+}
+
 Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out) {
   if (bytes.size() < kHeaderBytes) return Refusal::size;
   if (read<std::uint32_t>(bytes, 0) != kMagic) return Refusal::magic;

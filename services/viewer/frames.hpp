@@ -65,6 +65,9 @@ Frame encode(const BoneWrench& wrench);
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);
 
+/// An object that a hand carries is drawn where that hand's twin is: the world's copy trails it (docs/coupling-objects.md).
+void draw_held(WorldObjects& objects, const ObjectCoupling& coupling);
+
 /// Why a frame from a page was not believed.
 enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood };
 inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size", "magic", "version", "type", "content", "origin", "flood"};

@@ -70,7 +70,12 @@ class Gateway::Impl {
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
       pass(*feed, shown, Keep::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
     pass(contacts_, shown, Keep::no, [](const Contacts& each) { return encode(each); });
-    pass(objects_, shown, Keep::no, [](const WorldObjects& each) { return encode(each); });
+    couplings_.take(shown, [this](const ObjectCoupling& each) { held_[instance_of(each.hand)] = each; });
+    pass(objects_, shown, Keep::no, [this](const WorldObjects& each) {
+      *drawn_ = each;
+      for (const auto& [hand, coupling] : held_) draw_held(*drawn_, coupling);
+      return encode(*drawn_);
+    });
     pass(wrenches_, shown, Keep::no, [](const BoneWrench& each) { return encode(each); });
     pass(statuses_, shown, Keep::no, [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
     pass(replies_, shown, Keep::no, [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
@@ -137,10 +142,13 @@ class Gateway::Impl {
   Feed<Skeleton> simulated_{participant_, bus::topics::simulated_skeleton, FrameType::simulated_skeleton};
   Feed<Contacts> contacts_{participant_, bus::topics::contacts, FrameType::contacts};
   Feed<WorldObjects> objects_{participant_, bus::topics::objects, FrameType::objects};
+  Feed<ObjectCoupling> couplings_{participant_, bus::topics::object_coupling, FrameType::objects};
   Feed<BoneWrench> wrenches_{participant_, bus::topics::bone_wrench, FrameType::bone_wrench};
   Feed<LoopStatus> statuses_{participant_, bus::topics::loop_status, FrameType::loop_status};
   Feed<MessageReply> replies_{participant_, bus::topics::message_reply, FrameType::message_reply};
   bus::Writer<Message> messages_;
+  std::map<std::uint32_t, ObjectCoupling> held_;  // newest of each hand
+  std::unique_ptr<WorldObjects> drawn_ = std::make_unique<WorldObjects>();
   Slots modules_;
   TypeSet described_ = 0;
   std::vector<Outgoing> outgoing_;

@@ -44,6 +44,8 @@ class WorldLoop {
   /// stamped `now`. The result holds until the next call.
   const WorldOutput& step(Nanoseconds now, const WorldInput& input);
 
+  /// As the last step left them.
+  const WorldObjects& objects() const { return output_->objects; }
   /// One a scene object, removed ones flagged. Publish again when `descriptions_version` has changed.
   const std::vector<ObjectDescription>& descriptions() const { return descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }

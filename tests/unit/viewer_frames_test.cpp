@@ -6,6 +6,8 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "messages/convert.hpp"
 #include "viewer/frames.hpp"
@@ -157,6 +159,38 @@ TEST(ViewerFrames, EveryTopicFitsItsHeader) {
   ObjectDescription description;
   description.object = 5;
   expect_header(encode(description), FrameType::object_description, 5);
+}
+
+TEST(ViewerFrames, CarriedObjectsStandWhereTheHandHasThem) {
+  auto world = std::make_unique<WorldObjects>();
+  world->stamp.sample_time = 1'000'000'000;
+  for (const std::uint32_t id : {1u, 2u}) {
+    ObjectState object;
+    object.object = id;
+    object.owned = id == 2 ? 1 : 0;
+    object.owner_side = 1;
+    world->objects.push_back(object);
+  }
+  ObjectCoupling coupling;
+  coupling.stamp.sample_time = 990'000'000;
+  for (const std::uint32_t id : {1u, 2u}) {
+    ObjectTwin twin;
+    twin.object = id;
+    twin.owned = 1;
+    twin.position = {0.5, 0, 0};
+    coupling.twins.push_back(twin);
+  }
+  const auto drawn_x = [&world](const ObjectCoupling& from) {
+    WorldObjects drawn = *world;
+    draw_held(drawn, from);
+    return std::pair(drawn.objects[0].position[0], drawn.objects[1].position[0]);
+  };
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.5)) << "the first is nobody's in the world";
+  ObjectCoupling other = coupling;
+  other.hand.side = 0;
+  EXPECT_EQ(drawn_x(other), std::pair(0.0, 0.0)) << "another hand's";
+  coupling.stamp.sample_time = 800'000'000;
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "a hand that fell silent";
 }
 
 // ---- from the page ----

@@ -103,7 +103,7 @@ test("the panel's figures are the topic's", async () => {
   assert.equal(misses, sequence);
   assert.match(await page.locator('#solver [data-field="residual"]').textContent(), /^0\.0125 N$/);
   assert.equal(await page.locator("#force-index").textContent(), "1.50");
-  assert.match(await page.locator("#energies").textContent(), /tissue12 mJ.*contact3\.0 mJ/);
+  assert.match(await page.locator("#energies").textContent(), /tissue12\.0 mJ.*contact3\.00 mJ/);
 });
 
 test("a message goes out and its answer comes back", async () => {

@@ -290,7 +290,7 @@ requestAnimationFrame(draw);
 declare global {
   interface Window {
     /** What tests and `softhand render` ask of the page. */
-    softhand: { counts: typeof counts; handCount: () => number; connected: () => boolean };
+    softhand: { counts: typeof counts; handCount: () => number; seek: (seconds: number) => void };
   }
 }
-window.softhand = { counts, handCount: () => stage.handCount, connected: () => element("connection").dataset.state === "open" };
+window.softhand = { counts, handCount: () => stage.handCount, seek: (seconds) => timeline.seekTime(seconds) };

@@ -8,6 +8,9 @@ const FINGER_COLOURS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "
 export const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const fixed = (value: number, digits: number): string => (value === 0 ? "0" : value.toFixed(digits));
 
+const energy = (joules: number): string =>
+  Math.abs(joules) >= 1 ? `${joules.toFixed(2)} J` : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
+
 class Plot {
   private readonly samples: { time: number; values: number[] }[] = [];
   constructor(private readonly canvas: HTMLCanvasElement, private readonly colours: string[], private readonly least: number) {}
@@ -154,7 +157,7 @@ export class Panel {
         bar.append(
           Object.assign(document.createElement("span"), { textContent: name.replaceAll("_", " ") }),
           fill,
-          Object.assign(document.createElement("span"), { textContent: `${(1000 * value).toPrecision(2)} mJ` }),
+          Object.assign(document.createElement("span"), { textContent: energy(value) }),
         );
         return bar;
       }),

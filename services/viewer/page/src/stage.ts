@@ -223,8 +223,8 @@ export class Stage {
 
   lookAtDefault(): void {
     this.framed = false;
-    this.controls.target.set(0, 0.06, 0);
-    this.camera.position.set(-0.3, 0.22, -0.26);
+    this.controls.target.set(0, 0.07, 0);
+    this.camera.position.set(-0.34, 0.25, -0.3);
     this.controls.update();
   }
 

@@ -76,6 +76,13 @@ export class Timeline {
     this.show(Math.round(part * this.entries.length));
   }
 
+  /** To a time of an opened file, in seconds of it. */
+  seekTime(seconds: number): void {
+    this.paused = true;
+    const end = this.entries.findIndex(({ time }) => time > 1000 * seconds);
+    this.show(end < 0 ? this.entries.length : end);
+  }
+
   get part(): number {
     return this.entries.length === 0 ? 1 : this.cursor / this.entries.length;
   }

@@ -1,0 +1,82 @@
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+
+#include "cli/commands.hpp"
+#include "cli/virtual_rig.hpp"
+#include "messages/convert.hpp"
+#include "scene_file.hpp"
+#include "viewer/recording.hpp"
+
+namespace softhand {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Runs a program to its end; its exit code.
+int run_to_end(const std::vector<std::string>& command) {
+  std::vector<char*> argv;
+  for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
+  argv.push_back(nullptr);
+  const pid_t child = fork();
+  if (child < 0) throw std::runtime_error(std::string("cannot start a process: ") + std::strerror(errno));
+  if (child == 0) {
+    execvp(argv[0], argv.data());
+    std::fprintf(stderr, "softhand render: cannot start %s: %s\n", argv[0], std::strerror(errno));
+    _exit(127);
+  }
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 1;
+}
+
+// Runs the scene on the virtual clock and writes what a page would get of its last `kept` seconds.
+void record(const RenderArguments& arguments, const std::string& path) {
+  constexpr double kBefore = 0.2;  // so that every stream has shown its newest at the first picture
+  std::vector<std::string> overrides = arguments.overrides;
+  if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
+  const Scene scene = read_scene(arguments.scene, overrides);
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  viewer::Recording recording(path);
+  const auto described = std::make_unique<HandDescription>(rig.hand().description());
+  recording.add(0, viewer::encode(*described, hand.nodes));
+  for (const ObjectDescription& description : rig.world().descriptions()) recording.add(0, viewer::encode(description));
+  auto objects = std::make_unique<WorldObjects>();
+  rig.run(arguments.at + arguments.seconds + kBefore, [&](const HandStepView& view) {
+    const double time = static_cast<double>(view.time - VirtualRig::kStart) * 1e-9;
+    if (time < arguments.at - kBefore) return;
+    const double since = time - arguments.at + kBefore;
+    *objects = *view.objects;
+    viewer::draw_held(*objects, view.output->coupling);
+    recording.add(since, viewer::encode(viewer::FrameType::tracked_skeleton, *view.tracked));
+    recording.add(since, viewer::encode(viewer::FrameType::simulated_skeleton, view.output->simulated));
+    recording.add(since, viewer::encode(*objects));
+    recording.add(since, viewer::encode(view.output->contacts));
+    recording.add(since, viewer::encode(view.output->surface, false));
+  });
+  recording.close();
+}
+
+}  // namespace
+
+int run_render(const RenderArguments& arguments) {
+  const fs::path share = fs::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/softhand";
+  const fs::path script = share / "renderer/render.mjs";
+  if (!fs::exists(script)) throw std::runtime_error(script.string() + " is missing: built with SOFTHAND_VIEWER=OFF, or without npm");
+  const bool keep = fs::path(arguments.out).extension() == ".shv";
+  const std::string recording = keep ? arguments.out : (fs::temp_directory_path() / fmt::format("softhand_render_{}.shv", getpid())).string();
+  record(arguments, recording);
+  if (keep) return 0;
+  const int code = run_to_end({"node", script.string(), recording, arguments.out, fmt::format("{}", arguments.width), fmt::format("{}", arguments.height),
+                               fmt::format("{}", arguments.seconds), fmt::format("{}", arguments.pictures_per_second), arguments.view});
+  fs::remove(recording);
+  return code == 0 ? 0 : 1;
+}
+
+}  // namespace softhand
