@@ -109,8 +109,15 @@ int run_up(const UpArguments& arguments) {
     std::fflush(stdout);
   });
 
+  std::size_t started_processes = 0;
   for (const RigProcess& process : rig.processes) {
-    supervisor.start({process.name, command_of(process, scene_path, arguments)});
+    const std::vector<std::string> command = command_of(process, scene_path, arguments);
+    if (process.optional && !fs::exists(command[0])) {
+      fmt::print("{:>14} | left out: {} was not built\n", process.name, process.program);
+      continue;
+    }
+    supervisor.start({process.name, command});
+    ++started_processes;
     const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(process.ready_timeout));
     while (!stop.requested() && listener.modules().count(process.name) == 0 && Clock::now() < give_up) {
       supervisor.poll(milliseconds(20));
@@ -119,7 +126,7 @@ int run_up(const UpArguments& arguments) {
     if (listener.modules().count(process.name) == 0) fmt::print("{:>14} | not ready after {:g} s, going on\n", process.name, process.ready_timeout);
     if (stop.requested()) break;
   }
-  if (!stop.requested()) fmt::print("{:>14} | {} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.\n", "softhand", rig.name, rig.processes.size(), scene_path);
+  if (!stop.requested()) fmt::print("{:>14} | {} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.\n", "softhand", rig.name, started_processes, scene_path);
   std::fflush(stdout);
 
   const auto started = Clock::now();
