@@ -133,6 +133,13 @@ TEST(Arrows, EnginesStayInTheirFolder) {
   }
 }
 
+TEST(Arrows, BeastStaysInTheViewersServer) {
+  for (const auto& [file, list] : includes()) {
+    if (file == "services/viewer/server.cpp") continue;
+    for (const std::string& include : list) EXPECT_FALSE(starts_with(include, "boost/")) << file << " includes " << include;
+  }
+}
+
 TEST(Arrows, MesherStaysInTheHandBuilder) {
   for (const auto& [file, list] : includes()) {
     if (starts_with(file, "services/hand_builder/")) continue;
