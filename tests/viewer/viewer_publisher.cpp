@@ -1,5 +1,6 @@
 // viewer_publisher HAND_FILE: a hand, objects, contacts and a module's status on this process's domain, with figures that a test knows by heart:
-// the hand at rest, swaying by 5 cm at 0.5 Hz. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+// the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -68,6 +69,7 @@ void run(const std::string& hand_file) {
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
+  auto next = std::chrono::steady_clock::now();
   for (std::uint64_t step = 1; !stop.requested(); ++step) {
     Stamp stamp;
     stamp.sequence = step;
@@ -149,7 +151,8 @@ void run(const std::string& hand_file) {
       std::printf("surface %s\n", watched ? "read" : "unread");
     }
     std::fflush(stdout);
-    std::this_thread::sleep_for(std::chrono::milliseconds(16));
+    next += std::chrono::nanoseconds(16'666'667);
+    std::this_thread::sleep_until(next);
   }
 }
 }  // namespace

@@ -84,7 +84,7 @@ const browser = await chromium.launch({ executablePath, args: ["--no-sandbox", "
 try {
   const page = await browser.newPage({ viewport: { width: w, height: h } });
   page.setDefaultTimeout(180000);
-  await page.goto(`http://127.0.0.1:${server.address().port}/?plain&theme=light&quality=high&${view}`);
+  await page.goto(`http://127.0.0.1:${server.address().port}/?${view}&plain&theme=light&quality=high`);
   await page.setInputFiles("#open", recording);
   await page.waitForFunction(() => window.softhand.handCount() > 0);
   const drawn = async (pictures) => {
