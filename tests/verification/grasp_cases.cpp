@@ -1,0 +1,47 @@
+// A held object, through all loops on the virtual clock: it weighs, and resists being shaken, like itself.
+#include <nlohmann/json.hpp>
+
+#include "cli/virtual_rig.hpp"
+#include "trackers/replay/replay_tracker.hpp"
+#include "verification/cases.hpp"
+
+namespace softhand::verification {
+namespace {
+
+double outcome_of(const std::vector<std::string>& overrides, double seconds, const char* figure) {
+  std::vector<std::string> all{"hand.model=right_400.hand.json"};
+  all.insert(all.end(), overrides.begin(), overrides.end());
+  const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch_lift.toml", all);
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
+  rig.run(seconds > 0 ? seconds : motion->duration(), [](const HandStepView&) {});
+  const auto value = rig.outcome().summary(outcome_frame(scene, VirtualRig::kStart))[figure];
+  return value.is_number() ? value.get<double>() : std::nan("");
+}
+
+std::string setting(const std::string& key, double value) { return key + "=" + std::to_string(value); }
+
+std::vector<Measurement> held_weight(const Parameters& p) {
+  const std::vector<std::string> overrides{setting("objects.cube.mass", p["mass"]), setting("generator.hold_time", 2)};
+  return {{"carried weight / m g", outcome_of(overrides, 0, "carried_weight_ratio"), 1, 0.02, "1", {}}};
+}
+
+// Backward Euler's own lag of a step at 3 Hz is what the lower bound of slow loops allows for.
+std::vector<Measurement> held_inertia(const Parameters& p) {
+  const std::vector<std::string> overrides{setting("objects.cube.mass", p["mass"]), setting("generator.shake_time", 2), setting("generator.hold_time", 0.3),
+                                           setting("hand.rate_hz", p["hand_rate"])};
+  const double least = p["hand_rate"] < 240 ? 0.94 : 0.98;
+  return {{"in-phase force / m a at 3 Hz", outcome_of(overrides, 6, "inertia_ratio"), 0.5 * (least + 1.02), 0.5 * (1.02 - least), "1", {}}};
+}
+
+}  // namespace
+
+std::vector<Case> grasp_cases() {
+  return {
+      {"held_weight", "weighs m g within 2 %", {{{"mass", 0.05}}}, held_weight},
+      {"held_inertia", "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz", {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}}, held_inertia, 0, ""},
+  };
+}
+
+}  // namespace softhand::verification

@@ -1,0 +1,165 @@
+// A rigid ball pressed into tissue: Hertz.
+#include <algorithm>
+
+#include "energies/contact.hpp"
+#include "energies/friction.hpp"
+#include "energies/inertia.hpp"
+#include "energies/tissue.hpp"
+#include "support/box_mesh.hpp"
+#include "verification/cases.hpp"
+#include "verification/supports.hpp"
+
+namespace softhand::verification {
+namespace {
+
+/// A wedge of a half-space about the axis of the ball, one element wide: what is alike all around need not be computed all around. Its surface is y = 0, its axis
+/// x = z = 0, its faces z = 0 and z = x tan(angle).
+struct Wedge {
+  HandModel mesh;
+  std::vector<int> near_face, far_face, bottom, axis;
+};
+
+/// Distances 0 ... `far`: `count` cells of equal size to `near`, then each `growth` times the one before.
+std::vector<double> graded(double near, int count, double growth, double far) {
+  std::vector<double> places;
+  double step = near / count, at = 0;
+  for (int i = 0; at < far; ++i) {
+    places.push_back(at);
+    if (i >= count) step *= growth;
+    at += step;
+  }
+  places.push_back(at);
+  return places;
+}
+
+Wedge wedge(const std::vector<double>& radii, double angle, const Material& material) {
+  const int cells = static_cast<int>(radii.size()) - 1;
+  HandModel box = testing::box_mesh({cells, cells, 1}, Vector3(cells, cells, 1), material);
+  Wedge out;
+  out.mesh.materials = box.materials;
+  // On the axis both faces meet: the second node there is the first.
+  std::vector<std::int32_t> renamed(box.nodes.size());
+  for (std::size_t n = 0; n < box.nodes.size(); ++n) {
+    const Vector3& grid = box.nodes[n];
+    const auto i = static_cast<std::size_t>(std::lround(grid.x())), depth = static_cast<std::size_t>(cells - std::lround(grid.y()));
+    const bool second = grid.z() > 0.5;
+    if (i == 0 && second) {
+      renamed[n] = renamed[n - 1];
+      continue;
+    }
+    const int added = static_cast<int>(out.mesh.nodes.size());
+    renamed[n] = added;
+    const double turn = second ? angle : 0;
+    out.mesh.nodes.emplace_back(radii[i] * std::cos(turn), -radii[depth], radii[i] * std::sin(turn));
+    if (i == 0) {
+      out.axis.push_back(added);
+    } else {
+      (second ? out.far_face : out.near_face).push_back(added);
+    }
+    if (static_cast<int>(depth) == cells) out.bottom.push_back(added);
+  }
+  for (const auto& tetrahedron : box.tetrahedra) {
+    std::array<std::int32_t, 4> t{};
+    for (std::size_t k = 0; k < 4; ++k) t[k] = renamed[static_cast<std::size_t>(tetrahedron[k])];
+    auto sorted = t;
+    std::sort(sorted.begin(), sorted.end());
+    if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) continue;
+    const auto x = [&](std::size_t k) { return out.mesh.nodes[static_cast<std::size_t>(t[k])]; };
+    if ((x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0) std::swap(t[2], t[3]);
+    out.mesh.tetrahedra.push_back(t);
+    out.mesh.tetrahedron_material.push_back(0);
+    // Its face on the surface, if it has one there, is skin.
+    for (std::size_t left_out = 0; left_out < 4; ++left_out) {
+      std::array<std::int32_t, 3> face{};
+      for (std::size_t k = 0, f = 0; k < 4; ++k) {
+        if (k != left_out) face[f++] = t[k];
+      }
+      if (std::all_of(face.begin(), face.end(), [&](std::int32_t n) { return out.mesh.nodes[static_cast<std::size_t>(n)].y() == 0.0; })) out.mesh.surface.push_back(face);
+    }
+  }
+  out.mesh.node_body.assign(out.mesh.nodes.size(), 0);
+  return out;
+}
+
+struct Indentation {
+  double force = 0;        // N, of the whole ball
+  double radius = 0;       // m, of the contact
+  double penetration = 0;  // m, of the contact's own springs: mean, weighted with the force
+};
+
+Indentation indent(const Parameters& p, int cells) {
+  const double ball = p["radius"], depth = p["depth"], angle = p["wedge_degrees"] * M_PI / 180, youngs_modulus = p["youngs_modulus"];
+  const double around = std::sqrt(ball * depth);
+  const Material material{"tissue", 1000, youngs_modulus, p["poisson_ratio"], 1e12, 0};
+  const Wedge body = wedge(graded(1.25 * around, cells, std::pow(2.0, 2.0 / cells), p["far"] * around), angle, material);
+  State state = testing::rest_state(body.mesh);
+  state.body_poses = {Pose{Vector3(0, ball, 0), Quaternion::Identity()}};
+  state.body_velocities.resize(1);
+  const Eigen::Matrix3Xd places = state.node_positions;
+  const std::vector<double> masses = testing::lumped_masses(body.mesh);
+
+  const double wall = 1e5 * youngs_modulus * around;
+  const Vector3 far_normal(-std::sin(angle), 0, std::cos(angle));
+  Supports near_face(body.near_face, wall * Vector3::UnitZ() * Vector3::UnitZ().transpose(), places);
+  Supports far_face(body.far_face, wall * far_normal * far_normal.transpose(), places);
+  Supports axis(body.axis, wall * Vector3(1, 0, 1).asDiagonal().toDenseMatrix(), places);
+  Supports bottom(body.bottom, wall * Matrix3::Identity(), places);
+  Tissue tissue(body.mesh);
+  Inertia inertia(masses, 1);
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
+  shape.size = {ball, 0, 0};
+  const ShapeGeometry sphere(shape);
+  ContactSet contacts(body.mesh, masses, p["contact_stiffness"], 0, 1, 1);
+  ContactEnergy contact(contacts);
+  FrictionEnergy friction(contacts);
+  contacts.set_object(0, &sphere, 0, 1, ContactObject::fixed);
+  const double force_scale = youngs_modulus * around * depth * angle;
+  NewtonSolver solver({&inertia, &tissue, &near_face, &far_face, &axis, &bottom, &contact, &friction}, state.layout(), resting(force_scale));
+  const int steps = p.whole("steps");
+  for (int i = 1; i <= steps + 6; ++i) {
+    state.body_poses[0].position.y() = ball - depth * std::min(1.0, static_cast<double>(i) / steps);
+    settle(solver, state, force_scale);
+  }
+  // A chord instead of an arc takes this much of the circle.
+  const double share = std::sin(angle) / (2 * M_PI);
+  Indentation result;
+  double moment = 0;
+  for (const auto& anchor : contacts.anchors()) {
+    const double f = anchor.force.y();  // on the node, negative
+    const Vector3 x = state.node_positions.col(anchor.node);
+    result.force -= f / share;
+    moment -= f / share * (x.x() * x.x() + x.z() * x.z());
+    result.penetration -= f / share * -contacts.offset(anchor, state).depth;
+  }
+  result.penetration /= result.force;
+  // Of Hertz's pressure p0 sqrt(1 - r^2/a^2) the mean r^2 is 2/5 a^2.
+  result.radius = std::sqrt(2.5 * moment / result.force);
+  return result;
+}
+
+std::vector<Measurement> hertz(const Parameters& p) {
+  const double modulus = p["youngs_modulus"] / (1 - p["poisson_ratio"] * p["poisson_ratio"]), ball = p["radius"];
+  const int cells = p.whole("cells");
+  const Indentation coarse = indent(p, cells), middle = indent(p, 2 * cells), fine = indent(p, 4 * cells);
+  // The contact's own springs give way too: the tissue is indented by less.
+  const double depth = p["depth"] - fine.penetration;
+  const double force = 4.0 / 3 * modulus * std::sqrt(ball) * std::pow(depth, 1.5), area = M_PI * ball * depth;
+  const auto area_of = [](const Indentation& i) { return M_PI * i.radius * i.radius; };
+  const Richardson force_limit = extrapolate(coarse.force, middle.force, fine.force, 2), area_limit = extrapolate(area_of(coarse), area_of(middle), area_of(fine), 2);
+  return {{"force, limit of the mesh", force_limit.limit, force, 0.01 * force, "N", Order{force_limit.order, 2, 1}},
+          {"contact area, limit of the mesh", area_limit.limit, area, 0.01 * area, "m^2", {}}};
+}
+
+Parameters hertz_row(double depth) {
+  return {{"radius", 0.008}, {"depth", depth},          {"youngs_modulus", 1e5}, {"poisson_ratio", 0.45},        {"far", 60},
+          {"cells", 4},      {"wedge_degrees", 6}, {"steps", 4},            {"contact_stiffness", 1e5}};
+}
+
+}  // namespace
+
+std::vector<Case> indentation_cases() {
+  return {{"hertz", "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d; the contact's own depth subtracted", {hertz_row(0.5e-3), hertz_row(1e-3), hertz_row(0.1e-3)}, hertz}};
+}
+
+}  // namespace softhand::verification

@@ -1,0 +1,73 @@
+// Walls and loads of static known answers.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "energies/energy.hpp"
+#include "solver/newton_solver.hpp"
+
+namespace softhand::verification {
+
+/// sum over nodes of 1/2 (x - X)^T K (x - X): a wall, or with K = k n n^T a plane of symmetry. N/m.
+class Supports final : public Energy {
+ public:
+  Supports(std::vector<int> nodes, const Matrix3& stiffness, Eigen::Matrix3Xd places)
+      : nodes_(std::move(nodes)), stiffness_(stiffness), places_(std::move(places)) {}
+  std::string_view name() const override { return "supports"; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix& matrix) override {
+    slots_.clear();
+    for (const int n : nodes_) slots_.push_back(matrix.find(n, n));
+  }
+  double value(const State& state) const override {
+    double sum = 0;
+    for (const int n : nodes_) {
+      const Vector3 away = state.node_positions.col(n) - places_.col(n);
+      sum += 0.5 * away.dot(stiffness_ * away);
+    }
+    return sum;
+  }
+  void add_gradient(const State& state, VectorX& gradient) const override {
+    for (const int n : nodes_) gradient.segment<3>(3 * n) += stiffness_ * (state.node_positions.col(n) - places_.col(n));
+  }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    for (const BlockSlot& slot : slots_) hessian.add(slot, stiffness_);
+  }
+
+ private:
+  std::vector<int> nodes_;
+  Matrix3 stiffness_;
+  Eigen::Matrix3Xd places_;
+  std::vector<BlockSlot> slots_;
+};
+
+/// Constant nodal forces, N.
+class Load final : public Energy {
+ public:
+  explicit Load(Eigen::Matrix3Xd forces) : forces_(std::move(forces)) {}
+  std::string_view name() const override { return "load"; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix&) override {}
+  double value(const State& state) const override { return -forces_.cwiseProduct(state.node_positions).sum(); }
+  void add_gradient(const State&, VectorX& gradient) const override {
+    gradient.head(forces_.size()) -= Eigen::Map<const VectorX>(forces_.data(), forces_.size());
+  }
+  void add_hessian(const State&, BlockMatrix&, Curvature) const override {}
+
+ private:
+  Eigen::Matrix3Xd forces_;
+};
+
+/// Rest under `terms`: a step so long that inertia is nothing. std::runtime_error where Newton's method does not get there. `force_scale`: the load, N.
+inline void settle(NewtonSolver& solver, State& state, double force_scale) {
+  const StepReport report = solver.step(state, 1e4);
+  if (report.residual > 1e-5 * force_scale) {
+    throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) + " of the load after " + std::to_string(report.iterations) + " iterations");
+  }
+  state.node_velocities.setZero();
+}
+
+}  // namespace softhand::verification
