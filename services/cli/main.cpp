@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "cli/commands.hpp"
+#include "verification/report.hpp"
 
 int main(int argc, char** argv) {
   using namespace softhand;
@@ -92,6 +93,20 @@ int main(int argc, char** argv) {
   command->add_option("--hand", render.hand, "Hand file instead of the scene's: a path, or a name in config/hands")->type_name("FILE");
   overrides(command, render.overrides);
   command->callback([&] { run = [&render] { return run_render(render); }; });
+
+  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers");
+  report->require_subcommand(1);
+  verification::VerifyArguments verify;
+  command = report->add_subcommand("verify", "Known answers: measured value beside the formula's, with tolerance and observed order; exit code 1 where one is missed");
+  command->add_flag("--quick", verify.quick, "Under a minute: the first rows of what takes long");
+  command->add_option("--json", verify.json, "A list of rows: case, value, reference, tolerance, order, status")->type_name("FILE");
+  command->add_option("--csv", verify.csv, "The same as CSV")->type_name("FILE");
+  command->add_option("--markdown", verify.markdown, "The same as a table, with machine, compiler and commit")->type_name("FILE");
+  command->add_option("--case", verify.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
+  command->add_option("--set", verify.settings, "Another value of a case's parameter, e.g. --case friction_slide --set slope=0.8; repeatable; its reference is computed with it")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+  command->callback([&] { run = [&verify] { return verification::run_verify(verify); }; });
 
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });

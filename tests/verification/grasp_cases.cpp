@@ -40,7 +40,7 @@ std::vector<Measurement> held_inertia(const Parameters& p) {
 std::vector<Case> grasp_cases() {
   return {
       {"held_weight", "weighs m g within 2 %", {{{"mass", 0.05}}}, held_weight},
-      {"held_inertia", "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz", {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}}, held_inertia, 0, ""},
+      {"held_inertia", "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz", {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}}, held_inertia, 0},
   };
 }
 

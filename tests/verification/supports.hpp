@@ -61,9 +61,11 @@ class Load final : public Energy {
   Eigen::Matrix3Xd forces_;
 };
 
-/// Rest under `terms`: a step so long that inertia is nothing. std::runtime_error where Newton's method does not get there. `force_scale`: the load, N.
+inline constexpr double kRestStep = 1e4;  ///< s: so long that inertia is nothing
+
+/// Rest in one step. std::runtime_error where Newton's method does not get there. `force_scale`: the load, N.
 inline void settle(NewtonSolver& solver, State& state, double force_scale) {
-  const StepReport report = solver.step(state, 1e4);
+  const StepReport report = solver.step(state, kRestStep);
   if (report.residual > 1e-5 * force_scale) {
     throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) + " of the load after " + std::to_string(report.iterations) + " iterations");
   }

@@ -63,7 +63,14 @@ std::vector<Row> run(const Case& which, bool quick) {
       error = thrown.what();
     }
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
-    for (Measurement& m : measurements) rows.push_back({which.name, which.statement, which.table[i], std::move(m), seconds, error, which.known_failure});
+    for (Measurement& m : measurements) {
+      std::string reason;
+      for (const KnownFailure& known : which.known_failures) {
+        const auto found = which.table[i].values().find(known.key);
+        if (known.quantity == m.quantity && found != which.table[i].values().end() && found->second == known.value) reason = known.reason;
+      }
+      rows.push_back({which.name, which.statement, which.table[i], std::move(m), seconds, error, reason});
+    }
   }
   return rows;
 }
