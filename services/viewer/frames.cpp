@@ -238,8 +238,8 @@ Frame encode(const BoneWrench& wrench) {
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
   Packer out(FrameType::loop_status, slot, 200 + 40 * (status.energies.size() + status.counters.size()));
   out.stamp(status.stamp);
-  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.input_age_ms, status.residual,
-                             static_cast<double>(status.steps), static_cast<double>(status.deadline_misses)}) {
+  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.input_age_ms,
+                             status.residual, static_cast<double>(status.steps), static_cast<double>(status.deadline_misses)}) {
     out.put(value);
   }
   for (const std::uint32_t value : {status.process_id, status.iterations, status.solver_status, status.contact_count}) out.integer(value);
@@ -293,7 +293,8 @@ Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out) {
     case FrameType::show: {
       if (payload.size() != 8) return Refusal::size;
       const ShowRequest show{*read<std::uint32_t>(payload, 0), *read<float>(payload, 4)};
-      if ((show.types & ~kShowable) != 0 || !std::isfinite(show.rate_hz) || show.rate_hz < 0 || show.rate_hz > 1000) return Refusal::content;
+      if ((show.types & ~kShowable) != 0 || !std::isfinite(show.rate_hz) || show.rate_hz < 0 || show.rate_hz > 1000)
+        return Refusal::content;
       out = show;
       return Refusal::none;
     }

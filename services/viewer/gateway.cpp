@@ -17,7 +17,8 @@ constexpr Nanoseconds kStatePeriod = 500'000'000;
 template <typename T>
 class Feed {
  public:
-  Feed(const bus::Participant& participant, const bus::Topic<T>& topic, FrameType type) : participant_(participant), topic_(topic), type_(type) {}
+  Feed(const bus::Participant& participant, const bus::Topic<T>& topic, FrameType type)
+      : participant_(participant), topic_(topic), type_(type) {}
 
   // Calls f(const T&) for each new sample; on topics of state only the newest of each instance comes.
   template <typename F>
@@ -57,8 +58,15 @@ class Slots {
 class Gateway::Impl {
  public:
   Impl(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz)
-      : server_(server), hand_(hand), key_(key), quantised_(quantised), rate_hz_(rate_hz), participant_(participant),
-        messages_(participant_, bus::topics::message), epoch_(make_epoch()), clock_id_(clock_id()) {}
+      : server_(server),
+        hand_(hand),
+        key_(key),
+        quantised_(quantised),
+        rate_hz_(rate_hz),
+        participant_(participant),
+        messages_(participant_, bus::topics::message),
+        epoch_(make_epoch()),
+        clock_id_(clock_id()) {}
 
   void step(Nanoseconds at) {
     const TypeSet shown = server_.shown();
@@ -89,8 +97,14 @@ class Gateway::Impl {
     if (at >= next_state_) {
       next_state_ = at + kStatePeriod;
       const ServerCounters counters = server_.counters();
-      const GatewayState state{at, counters.pages, static_cast<std::uint32_t>(rate_hz_ + 0.5), counters.bytes_sent, counters.frames_sent,
-                               counters.frames_passed_over, refused_content_, counters.refused};
+      const GatewayState state{at,
+                               counters.pages,
+                               static_cast<std::uint32_t>(rate_hz_ + 0.5),
+                               counters.bytes_sent,
+                               counters.frames_sent,
+                               counters.frames_passed_over,
+                               refused_content_,
+                               counters.refused};
       if (counters.pages > 0) outgoing_.push_back({FrameType::gateway, 0, encode(state)});
     }
     if (!outgoing_.empty()) server_.publish(std::exchange(outgoing_, {}));
@@ -159,7 +173,8 @@ class Gateway::Impl {
   Nanoseconds next_state_ = 0;
 };
 
-Gateway::Gateway(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz)
+Gateway::Gateway(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised,
+                 double rate_hz)
     : impl_(std::make_unique<Impl>(participant, server, hand, key, quantised, rate_hz)) {}
 Gateway::~Gateway() = default;
 void Gateway::step(Nanoseconds now) { impl_->step(now); }

@@ -17,8 +17,11 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "viewer", "Shows hands and objects in a browser");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const ViewerOptions& options = scene.options.viewer;
-  viewer::ServerOptions server_options{options.address, static_cast<std::uint16_t>(options.port), {},
-                                       options.page.empty() ? built_page() : options.page, static_cast<std::size_t>(options.max_pages)};
+  viewer::ServerOptions server_options{options.address,
+                                       static_cast<std::uint16_t>(options.port),
+                                       {},
+                                       options.page.empty() ? built_page() : options.page,
+                                       static_cast<std::size_t>(options.max_pages)};
   std::istringstream hosts(options.hosts);
   for (std::string host; hosts >> host;) server_options.hosts.push_back(host);
 

@@ -29,10 +29,10 @@ namespace http = beast::http;
 namespace websocket = beast::websocket;
 using tcp = asio::ip::tcp;
 
-constexpr std::size_t kLargestRequest = 4096;     // bytes of a message from a page
-constexpr std::size_t kWaitingMessages = 64;      // not yet taken by the gateway's loop
-constexpr std::uint64_t kRefusalsOfOnePage = 100; // until it is closed
-constexpr int kSendBuffer = 256 * 1024;           // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
+constexpr std::size_t kLargestRequest = 4096;      // bytes of a message from a page
+constexpr std::size_t kWaitingMessages = 64;       // not yet taken by the gateway's loop
+constexpr std::uint64_t kRefusalsOfOnePage = 100;  // until it is closed
+constexpr int kSendBuffer = 256 * 1024;            // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
 
 struct File {
   std::string body;
@@ -40,10 +40,14 @@ struct File {
 };
 
 std::string_view media_type(const std::filesystem::path& path) {
-  static const std::map<std::string, std::string_view> types{{".html", "text/html; charset=utf-8"},  {".js", "text/javascript; charset=utf-8"},
-                                                              {".css", "text/css; charset=utf-8"},    {".svg", "image/svg+xml"},
-                                                              {".map", "application/json"},           {".txt", "text/plain; charset=utf-8"},
-                                                              {".png", "image/png"},                  {".webmanifest", "application/manifest+json"}};
+  static const std::map<std::string, std::string_view> types{{".html", "text/html; charset=utf-8"},
+                                                             {".js", "text/javascript; charset=utf-8"},
+                                                             {".css", "text/css; charset=utf-8"},
+                                                             {".svg", "image/svg+xml"},
+                                                             {".map", "application/json"},
+                                                             {".txt", "text/plain; charset=utf-8"},
+                                                             {".png", "image/png"},
+                                                             {".webmanifest", "application/manifest+json"}};
   const auto found = types.find(path.extension().string());
   return found == types.end() ? "application/octet-stream" : found->second;
 }
@@ -257,7 +261,8 @@ class Visitor : public std::enable_shared_from_this<Visitor> {
     const auto file = shared_.files.find(path);
     if (file != shared_.files.end()) return respond(http::status::ok, file->second.type, file->second.body);
     respond(http::status::not_found, "text/plain",
-            shared_.files.empty() ? "softhand-viewer was built without its page (SOFTHAND_VIEWER=OFF, or no npm).\n" : "There is no such file.\n");
+            shared_.files.empty() ? "softhand-viewer was built without its page (SOFTHAND_VIEWER=OFF, or no npm).\n"
+                                  : "There is no such file.\n");
   }
 
   void upgrade(const std::string& path, const std::string& host) {
@@ -280,7 +285,8 @@ class Visitor : public std::enable_shared_from_this<Visitor> {
     response->set(http::field::cache_control, "no-cache");
     response->set("X-Content-Type-Options", "nosniff");
     response->set("Content-Security-Policy",
-                  "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'self'");
+                  "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+                  "frame-ancestors 'self'");
     response->keep_alive(request_.keep_alive());
     if (request_.method() == http::verb::head) {
       response->content_length(body.size());

@@ -12,15 +12,15 @@ namespace softhand::viewer {
 
 struct ServerOptions {
   std::string address = "127.0.0.1";
-  std::uint16_t port = 8080;          ///< where taken, the next free one of the ten that follow; 0 = any
-  std::vector<std::string> hosts;     ///< names for this server besides localhost and its address
-  std::string page;                   ///< folder that is served
+  std::uint16_t port = 8080;       ///< where taken, the next free one of the ten that follow; 0 = any
+  std::vector<std::string> hosts;  ///< names for this server besides localhost and its address
+  std::string page;                ///< folder that is served
   std::size_t max_pages = 16;
 };
 
 enum class Keep : bool {
-  no,    ///< for whoever shows it now
-  yes,   ///< and, the newest of each instance, for pages that come later: descriptions
+  no,   ///< for whoever shows it now
+  yes,  ///< and, the newest of each instance, for pages that come later: descriptions
 };
 
 struct Outgoing {

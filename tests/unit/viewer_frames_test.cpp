@@ -64,7 +64,8 @@ TEST(ViewerFrames, NodesComeBackWithinTheQuantum) {
     float worst = 0;
     for (std::size_t i = 0; i < in->nodes.size(); ++i) {
       for (std::size_t k = 0; k < 3; ++k) {
-        const float out = quantised ? step * static_cast<float>(at<std::int16_t>(frame, 48 + 2 * (3 * i + k))) : at<float>(frame, 48 + 4 * (3 * i + k));
+        const float out =
+            quantised ? step * static_cast<float>(at<std::int16_t>(frame, 48 + 2 * (3 * i + k))) : at<float>(frame, 48 + 4 * (3 * i + k));
         worst = std::max(worst, std::abs(out - in->nodes[i][k]));
       }
     }
@@ -268,7 +269,8 @@ TEST(ViewerRequests, WrongHeadersAreRefused) {
 
 TEST(ViewerRequests, WrongContentIsRefused) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  for (const float rate : {nan, std::numeric_limits<float>::infinity(), -1.0f, 1e9f}) EXPECT_EQ(refusal(show_request(4, rate)), Refusal::content);
+  for (const float rate : {nan, std::numeric_limits<float>::infinity(), -1.0f, 1e9f})
+    EXPECT_EQ(refusal(show_request(4, rate)), Refusal::content);
   EXPECT_EQ(refusal(show_request(1u << 31, 0)), Refusal::content);
   EXPECT_EQ(refusal(message_request(1, "", "key", "")), Refusal::content);
   EXPECT_EQ(refusal(message_request(1, "hand", "", "")), Refusal::content);

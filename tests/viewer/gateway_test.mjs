@@ -30,19 +30,26 @@ test("serves the page, and nothing beside it", async () => {
   assert.equal(index.status, 200);
   assert.match(await index.text(), /<title>softhand<\/title>/);
   assert.match((await fetch(`${viewer.url}/main.js`)).headers.get("content-type"), /javascript/);
-  for (const path of ["/../../bin/softhand", "/%2e%2e/%2e%2e/etc/passwd", "/nothing"]) assert.equal((await fetch(viewer.url + path)).status, 404, path);
+  for (const path of ["/../../bin/softhand", "/%2e%2e/%2e%2e/etc/passwd", "/nothing"])
+    assert.equal((await fetch(viewer.url + path)).status, 404, path);
 });
 
 test("reads and sends what is shown, and only that", async () => {
   const one = await client();
   await pause(500);
-  assert.deepEqual([...one.count.keys()].filter((type) => type !== 12), []);
+  assert.deepEqual(
+    [...one.count.keys()].filter((type) => type !== 12),
+    [],
+  );
   assert.doesNotMatch(source.output, /surface read/);
   one.socket.send(show(DESCRIPTION | NODES));
   await until("nodes", () => one.count.get(2) > 30);
   await source.line(/surface read/);
   assert.equal(one.count.get(1), 1);
-  assert.deepEqual([...one.count.keys()].sort((a, b) => a - b), [1, 2, 12]);
+  assert.deepEqual(
+    [...one.count.keys()].sort((a, b) => a - b),
+    [1, 2, 12],
+  );
   one.socket.send(show(CONTACTS));
   await source.line(/surface unread/);
   await until("contacts", () => one.count.get(6) > 10);
@@ -54,7 +61,11 @@ test("reads and sends what is shown, and only that", async () => {
 
 test("a late page gets the description, and a slow rate where it asks for one", async () => {
   const [fast, slow] = [await client(), await client()];
-  for (const [one, rate] of [[fast, 0], [slow, 10]]) one.socket.send(show(DESCRIPTION | NODES, rate));
+  for (const [one, rate] of [
+    [fast, 0],
+    [slow, 10],
+  ])
+    one.socket.send(show(DESCRIPTION | NODES, rate));
   await until("both described", () => fast.count.get(1) === 1 && slow.count.get(1) === 1);
   const [fastBefore, slowBefore] = [fast.count.get(2) ?? 0, slow.count.get(2) ?? 0];
   await pause(2000);
@@ -89,7 +100,8 @@ test("bad frames are refused, counted, and do no harm", async () => {
   const one = await client();
   one.socket.send(show(STATUS));
   const before = (await one.state()).refused;
-  const text = (fields) => Buffer.concat([Buffer.alloc(8), ...fields.map((field) => Buffer.concat([Buffer.from(field), Buffer.alloc(64)]).subarray(0, 64))]);
+  const text = (fields) =>
+    Buffer.concat([Buffer.alloc(8), ...fields.map((field) => Buffer.concat([Buffer.from(field), Buffer.alloc(64)]).subarray(0, 64))]);
   const nan = Buffer.alloc(8);
   nan.writeFloatLE(NaN, 4);
   const bad = {
@@ -97,14 +109,24 @@ test("bad frames are refused, counted, and do no harm", async () => {
     magic: [frame(SHOW, Buffer.alloc(8), { magic: 1 })],
     version: [frame(SHOW, Buffer.alloc(8), { version: 2 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
     type: [frame(2, Buffer.alloc(8)), frame(65535, Buffer.alloc(0)), "text"],
-    content: [frame(SHOW, nan), show(1 << 30), show(0, -1), frame(MESSAGE, text(["", "key", ""])), frame(MESSAGE, text(["hand", "k\x07", ""])), frame(MESSAGE, text(["x".repeat(64), "k", ""]))],
+    content: [
+      frame(SHOW, nan),
+      show(1 << 30),
+      show(0, -1),
+      frame(MESSAGE, text(["", "key", ""])),
+      frame(MESSAGE, text(["hand", "k\x07", ""])),
+      frame(MESSAGE, text(["x".repeat(64), "k", ""])),
+    ],
   };
   for (const frames of Object.values(bad)) for (const each of frames) one.socket.send(each);
   for (const [reason, frames] of Object.entries(bad))
-    await until(`${frames.length} refused for ${reason}`, async () => (await one.state()).refused[reason] === before[reason] + frames.length);
+    await until(
+      `${frames.length} refused for ${reason}`,
+      async () => (await one.state()).refused[reason] === before[reason] + frames.length,
+    );
   const seen = one.count.get(10) ?? 0;
   await until("status goes on", () => (one.count.get(10) ?? 0) > seen + 2);
-  one.socket.send(Buffer.alloc(1 << 20));  // huge: closed
+  one.socket.send(Buffer.alloc(1 << 20)); // huge: closed
   await one.closed;
   const other = await client();
   assert.equal((await other.state()).refused.size, before.size + bad.size.length + 1);

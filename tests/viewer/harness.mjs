@@ -56,7 +56,10 @@ export async function gateway(port = 0, ...settings) {
 export async function browser() {
   const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync);
   if (!executablePath) throw new Error("no chromium: apt-get install chromium");
-  return chromium.launch({ executablePath, args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"] });
+  return chromium.launch({
+    executablePath,
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+  });
 }
 
 // ---- frames, written here anew from docs/viewer.md so that an error in the page's own code shows ----

@@ -4,7 +4,12 @@ import { readFileSync } from "node:fs";
 import { Client, Process, gateway, pause, show, source, build, until } from "./harness.mjs";
 
 const [hand = `${source}/config/hands/right_1450.hand.json`, clients = 3, seconds = 10] = process.argv.slice(2);
-const cpu = (one) => readFileSync(`/proc/${one.child.pid}/stat`, "latin1").split(") ")[1].split(" ").slice(11, 13).reduce((sum, ticks) => sum + Number(ticks), 0) / 100;
+const cpu = (one) =>
+  readFileSync(`/proc/${one.child.pid}/stat`, "latin1")
+    .split(") ")[1]
+    .split(" ")
+    .slice(11, 13)
+    .reduce((sum, ticks) => sum + Number(ticks), 0) / 100;
 
 const publisher = new Process(`${build}/tests/viewer/viewer_publisher`, hand);
 const viewer = await gateway();

@@ -22,7 +22,8 @@ after(async () => {
 /** Part of the picture's pixels that differ between two calls of `pixels`. */
 function difference(a, b) {
   let differing = 0;
-  for (let i = 0; i < a.length; i += 3) if (Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 24) ++differing;
+  for (let i = 0; i < a.length; i += 3)
+    if (Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 24) ++differing;
   return differing / (a.length / 3);
 }
 /** The drawing alone, 200 x 125, RGB. */
@@ -76,7 +77,14 @@ test("each toggle changes what is drawn, by mouse and by key", async () => {
   await pause(1000);
   await page.click("#pause");
   await drawn();
-  for (const [id, key] of [["#show-simulated", "3"], ["#show-contacts", "c"], ["#show-coupling", "f"], ["#show-objects", "o"], ["#show-floor", "g"], ["#colour-pressure", "k"]]) {
+  for (const [id, key] of [
+    ["#show-simulated", "3"],
+    ["#show-contacts", "c"],
+    ["#show-coupling", "f"],
+    ["#show-objects", "o"],
+    ["#show-floor", "g"],
+    ["#colour-pressure", "k"],
+  ]) {
     const before = await pixels();
     const was = await pressed(id);
     await page.keyboard.press(key);

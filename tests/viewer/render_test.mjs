@@ -12,7 +12,19 @@ after(() => rmSync(folder, { recursive: true }));
 async function render(name, ...more) {
   const out = join(folder, name);
   const hand = ["--hand", "right_400.hand.json"];
-  const process = new Process(`${build}/bin/softhand`, "render", `${source}/config/scenes/pinch_lift.toml`, ...hand, "--out", out, "--width", "160", "--height", "100", ...more);
+  const process = new Process(
+    `${build}/bin/softhand`,
+    "render",
+    `${source}/config/scenes/pinch_lift.toml`,
+    ...hand,
+    "--out",
+    out,
+    "--width",
+    "160",
+    "--height",
+    "100",
+    ...more,
+  );
   assert.equal(await process.ended, 0, process.output);
   Process.all.delete(process);
   return readFileSync(out);
@@ -20,7 +32,8 @@ async function render(name, ...more) {
 /** Chunks of a PNG by type. */
 function chunks(png) {
   const found = {};
-  for (let at = 8; at < png.length; at += 12 + png.readUInt32BE(at)) (found[png.toString("latin1", at + 4, at + 8)] ??= []).push(png.subarray(at + 8, at + 8 + png.readUInt32BE(at)));
+  for (let at = 8; at < png.length; at += 12 + png.readUInt32BE(at))
+    (found[png.toString("latin1", at + 4, at + 8)] ??= []).push(png.subarray(at + 8, at + 8 + png.readUInt32BE(at)));
   return found;
 }
 

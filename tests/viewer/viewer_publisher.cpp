@@ -1,5 +1,6 @@
-// viewer_publisher HAND_FILE: a hand, objects, contacts and a module's status on this process's domain, with figures that a test knows by heart:
-// the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+// viewer_publisher HAND_FILE: a hand, objects, contacts and a module's status on this process's domain, with figures that a test knows by
+// heart: the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when tissue_surface gets or loses its readers,
+// and each message that arrives.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -80,7 +81,8 @@ void run(const std::string& hand_file) {
     surface->stamp = skeleton.stamp = contacts->stamp = world->stamp = wrench.stamp = status.stamp = stamp;
     surface->wrist_position = to_wire(wrist);
     surface->nodes.clear();
-    for (const Vector3& node : hand.nodes) surface->nodes.push_back({static_cast<float>(node.x()), static_cast<float>(node.y()), static_cast<float>(node.z())});
+    for (const Vector3& node : hand.nodes)
+      surface->nodes.push_back({static_cast<float>(node.x()), static_cast<float>(node.y()), static_cast<float>(node.z())});
     surfaces.write(*surface);
     for (std::size_t j = 0; j < skeleton.joints.size(); ++j) {
       skeleton.joints[j].position = to_wire(Vector3(wrist + hand.rest_joints[j].position));
@@ -98,6 +100,16 @@ void run(const std::string& hand_file) {
     contact.penetration = 0.0004;
     contacts->contacts.clear();
     contacts->contacts.push_back(contact);
+    // The fingers are pressed all over, lightly, so that pressure shows from every side.
+    Contact light = contact;
+    light.force = {0, 0.05, 0};
+    light.area = 1e-5;
+    for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
+      if (hand.nodes[n].z() > -0.08) continue;
+      light.node = static_cast<std::uint32_t>(n);
+      light.point = to_wire(Vector3(wrist + hand.nodes[n]));
+      contacts->contacts.push_back(light);
+    }
     contacts->fingers[1] = {contact.force, contact.point, contact.normal, contact.area, 0, 2, 1};
     contact_writer.write(*contacts);
     world->objects.clear();

@@ -51,7 +51,11 @@ function compress(pixels) {
   return deflateSync(rows, { level: 9 });
 }
 function animation(pictures) {
-  const parts = [Buffer.from("\x89PNG\r\n\x1a\n", "latin1"), chunk("IHDR", Buffer.concat([words(w, h), Buffer.from([8, 6, 0, 0, 0])])), chunk("acTL", words(pictures.length, 0))];
+  const parts = [
+    Buffer.from("\x89PNG\r\n\x1a\n", "latin1"),
+    chunk("IHDR", Buffer.concat([words(w, h), Buffer.from([8, 6, 0, 0, 0])])),
+    chunk("acTL", words(pictures.length, 0)),
+  ];
   let sequence = 0;
   pictures.forEach((picture, i) => {
     // Dispose 0 leaves the picture, blend 1 draws over it: what did not change is sent as transparent.
@@ -60,7 +64,8 @@ function animation(pictures) {
     let pixels = picture;
     if (i > 0) {
       pixels = Buffer.from(picture);
-      for (let p = 0; p < pixels.length; p += 4) if (picture.readUInt32LE(p) === pictures[i - 1].readUInt32LE(p)) pixels.writeUInt32LE(0, p);
+      for (let p = 0; p < pixels.length; p += 4)
+        if (picture.readUInt32LE(p) === pictures[i - 1].readUInt32LE(p)) pixels.writeUInt32LE(0, p);
     }
     parts.push(i === 0 ? chunk("IDAT", compress(pixels)) : chunk("fdAT", Buffer.concat([words(sequence++), compress(pixels)])));
   });
@@ -80,7 +85,10 @@ const server = createServer((request, response) => {
 await new Promise((listening) => server.listen(0, "127.0.0.1", listening));
 
 const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync) ?? fail("no chromium: apt-get install chromium");
-const browser = await chromium.launch({ executablePath, args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"] });
+const browser = await chromium.launch({
+  executablePath,
+  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+});
 try {
   const page = await browser.newPage({ viewport: { width: w, height: h } });
   page.setDefaultTimeout(180000);

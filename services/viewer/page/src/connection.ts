@@ -12,13 +12,18 @@ export class Connection {
 
   constructor(
     private readonly url: string,
-    private readonly on: { frame: (frame: Frame) => void; state: (state: ConnectionState, text: string) => void; bad: (why: string) => void },
+    private readonly on: {
+      frame: (frame: Frame) => void;
+      state: (state: ConnectionState, text: string) => void;
+      bad: (why: string) => void;
+    },
   ) {
     this.connect();
     // A gateway that hangs says nothing: its state comes twice a second.
     setInterval(() => {
       if (this.socket?.readyState === WebSocket.OPEN && performance.now() - this.heard > 3000) this.socket.close();
-      if (this.lostAt > 0) on.state("lost", `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, trying again …`);
+      if (this.lostAt > 0)
+        on.state("lost", `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, trying again …`);
     }, 500);
   }
 

@@ -12,7 +12,17 @@ import * as THREE from "three";
 const query = new URLSearchParams(location.search);
 const root = document.documentElement;
 
-const shown: Shown = { hand: true, objects: true, tracked: false, intermediate: false, simulated: false, contacts: true, coupling: false, floor: true, beside: false };
+const shown: Shown = {
+  hand: true,
+  objects: true,
+  tracked: false,
+  intermediate: false,
+  simulated: false,
+  contacts: true,
+  coupling: false,
+  floor: true,
+  beside: false,
+};
 const asked = query.get("show");
 if (asked !== null) for (const name of Object.keys(shown) as (keyof Shown)[]) shown[name] = asked.split(",").includes(name);
 let colouring: Colouring = (["pressure", "strain"] as const).find((each) => each === query.get("colour")) ?? "skin";
@@ -24,7 +34,8 @@ const quality = (["high", "low"] as const).find((each) => each === query.get("qu
 const stage = new Stage(element<HTMLCanvasElement>("stage"), shown, quality);
 stage.colouring = colouring;
 const camera = query.get("camera")?.split(",").map(Number);
-if (camera?.length === 6 && camera.every(Number.isFinite)) stage.lookFrom(camera.slice(0, 3) as [number, number, number], camera.slice(3) as [number, number, number]);
+if (camera?.length === 6 && camera.every(Number.isFinite))
+  stage.lookFrom(camera.slice(0, 3) as [number, number, number], camera.slice(3) as [number, number, number]);
 const panel = new Panel();
 const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
@@ -141,7 +152,10 @@ for (const [name, text, key, colour] of switches) {
   };
   controls.push({ key, text, run: () => button.click() });
 }
-for (const [name, text, key] of [["pressure", "Pressure as colour", "k"], ["strain", "Strain as colour", "n"]] as const) {
+for (const [name, text, key] of [
+  ["pressure", "Pressure as colour", "k"],
+  ["strain", "Strain as colour", "n"],
+] as const) {
   const button = addToggle(text, key, null);
   button.id = `colour-${name}`;
   press(button, colouring === name);
@@ -172,7 +186,11 @@ function setColouring(to: Colouring): void {
 function drawLegend(): void {
   if (colouring === "skin") return;
   element("legend-high").textContent =
-    colouring === "pressure" ? `${stage.full / 1000} kPa` : stage.knowsStrain ? `${(100 * stage.full).toFixed(0)} %` : "unknown for this hand";
+    colouring === "pressure"
+      ? `${stage.full / 1000} kPa`
+      : stage.knowsStrain
+        ? `${(100 * stage.full).toFixed(0)} %`
+        : "unknown for this hand";
   const canvas = element<HTMLCanvasElement>("legend-bar");
   const context = canvas.getContext("2d")!;
   const colour = new THREE.Color();

@@ -9,11 +9,17 @@ export const element = <T extends HTMLElement>(id: string): T => document.getEle
 const fixed = (value: number, digits: number): string => (value === 0 ? "0" : value.toFixed(digits));
 
 const energy = (joules: number): string =>
-  Math.abs(joules) >= 1 ? `${joules.toFixed(2)} J` : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
+  Math.abs(joules) >= 1
+    ? `${joules.toFixed(2)} J`
+    : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
 
 class Plot {
   private readonly samples: { time: number; values: number[] }[] = [];
-  constructor(private readonly canvas: HTMLCanvasElement, private readonly colours: string[], private readonly least: number) {}
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly colours: string[],
+    private readonly least: number,
+  ) {}
 
   add(time: number, values: number[]): void {
     this.samples.push({ time, values });
@@ -109,7 +115,9 @@ export class Panel {
     const forces = contacts.fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
     forces.forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
     this.force.add(contacts.stamp.sample, forces);
-    this.penetration.add(contacts.stamp.sample, [1000 * contacts.contacts.reduce((deepest, contact) => Math.max(deepest, contact.penetration), 0)]);
+    this.penetration.add(contacts.stamp.sample, [
+      1000 * contacts.contacts.reduce((deepest, contact) => Math.max(deepest, contact.penetration), 0),
+    ]);
   }
 
   reply(reply: Reply): void {
@@ -135,7 +143,7 @@ export class Panel {
 
   private solver(status: Status): void {
     const figures: [string, string][] = [
-      ["residual", `${status.residual.toPrecision(3)} N`],
+      ["residual", `${status.residual < 1e-3 ? status.residual.toExponential(1) : status.residual.toPrecision(3)} N`],
       ["iterations", String(status.iterations)],
       ["contacts", String(status.contactCount)],
       ["steps", String(status.steps)],

@@ -309,7 +309,14 @@ export function status(payload: DataView): Status {
   };
   const stamp = r.stamp();
   const [rate, nominalRate, p50, p99, inputAge, residual, steps, misses] = Array.from({ length: 8 }, () => r.f64()) as [
-    number, number, number, number, number, number, number, number,
+    number,
+    number,
+    number,
+    number,
+    number,
+    number,
+    number,
+    number,
   ];
   const processId = r.u32();
   const iterations = r.u32();
@@ -317,8 +324,21 @@ export function status(payload: DataView): Status {
   const contactCount = r.u32();
   const module = r.text(64);
   return {
-    stamp, rate, nominalRate, p50, p99, inputAge, residual, steps, misses, processId, iterations, contactCount, module,
-    energies: named(), counters: named(),
+    stamp,
+    rate,
+    nominalRate,
+    p50,
+    p99,
+    inputAge,
+    residual,
+    steps,
+    misses,
+    processId,
+    iterations,
+    contactCount,
+    module,
+    energies: named(),
+    counters: named(),
   };
 }
 
@@ -349,7 +369,13 @@ export interface GatewayState {
 export function gateway(payload: DataView): GatewayState {
   const r = new Reader(payload);
   const state = {
-    clock: r.f64(), pages: r.u32(), rate: r.u32(), bytes: r.f64(), frames: r.f64(), passedOver: r.f64(), refused: r.f64(),
+    clock: r.f64(),
+    pages: r.u32(),
+    rate: r.u32(),
+    bytes: r.f64(),
+    frames: r.f64(),
+    passedOver: r.f64(),
+    refused: r.f64(),
   };
   while (r.at < payload.byteLength) state.refused += r.f64();
   return state;
@@ -368,7 +394,11 @@ function build(type: Type, payloadBytes: number): { bytes: ArrayBuffer; payload:
 /** Asks for these types, at most `rate` times a second (0: as they come). */
 export function show(types: Type[], rate: number): ArrayBuffer {
   const { bytes, payload } = build(Type.show, 8);
-  payload.setUint32(0, types.reduce((set, type) => set | (1 << type), 0), true);
+  payload.setUint32(
+    0,
+    types.reduce((set, type) => set | (1 << type), 0),
+    true,
+  );
   payload.setFloat32(4, rate, true);
   return bytes;
 }
@@ -378,7 +408,10 @@ export function message(id: bigint, module: string, key: string, value: string):
   const { bytes, payload } = build(Type.message, 8 + 3 * 64);
   payload.setBigUint64(0, id, true);
   [module, key, value].forEach((text, field) =>
-    new TextEncoder().encode(text).slice(0, 63).forEach((byte, i) => payload.setUint8(8 + 64 * field + i, byte)),
+    new TextEncoder()
+      .encode(text)
+      .slice(0, 63)
+      .forEach((byte, i) => payload.setUint8(8 + 64 * field + i, byte)),
   );
   return bytes;
 }

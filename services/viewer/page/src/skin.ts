@@ -28,7 +28,10 @@ export class Skin {
   private readonly nodePressure: Float32Array;
   private readonly restEdges: Float32Array | null; // per triangle: inverse of the rest shape's 2x2 edge matrix, and its area
 
-  constructor(private readonly description: HandDescription, quality: Quality) {
+  constructor(
+    private readonly description: HandDescription,
+    quality: Quality,
+  ) {
     const vertices = description.weights.length / 4;
     this.positions = new Float32Array(3 * vertices);
     this.colours = new Float32Array(3 * vertices);
@@ -42,8 +45,13 @@ export class Skin {
     const material =
       quality === "high"
         ? new THREE.MeshPhysicalMaterial({
-            vertexColors: true, roughness: 0.52, sheen: 0.35, sheenRoughness: 0.45, sheenColor: new THREE.Color(0xff8866),
-            specularIntensity: 0.55, envMapIntensity: 0.75,
+            vertexColors: true,
+            roughness: 0.52,
+            sheen: 0.35,
+            sheenRoughness: 0.45,
+            sheenColor: new THREE.Color(0xff8866),
+            specularIntensity: 0.55,
+            envMapIntensity: 0.75,
           })
         : new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.6 });
     // Light that enters flesh comes out red, most where the surface turns away.

@@ -4,7 +4,16 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
 import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
 import {
-  type Bone, type Contacts, type HandDescription, type Nodes, type ObjectDescription, type ObjectState, type Skeleton, BONES, JOINTS, Shape,
+  type Bone,
+  type Contacts,
+  type HandDescription,
+  type Nodes,
+  type ObjectDescription,
+  type ObjectState,
+  type Skeleton,
+  BONES,
+  JOINTS,
+  Shape,
 } from "./protocol";
 import { type Colouring, Skin } from "./skin";
 
@@ -31,8 +40,20 @@ class Arrows {
   private readonly from = new THREE.Vector3();
   private readonly scale = new THREE.Vector3();
 
-  constructor(capacity: number, colour: number, private readonly radius: number) {
-    const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.5, emissive: colour, emissiveIntensity: 0.35, depthTest: false, transparent: true, opacity: 0.92 });
+  constructor(
+    capacity: number,
+    colour: number,
+    private readonly radius: number,
+  ) {
+    const material = new THREE.MeshStandardMaterial({
+      color: colour,
+      roughness: 0.5,
+      emissive: colour,
+      emissiveIntensity: 0.35,
+      depthTest: false,
+      transparent: true,
+      opacity: 0.92,
+    });
     this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, 10).translate(0, 0.5, 0), material, capacity);
     this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, 14).translate(0, 0.5, 0), material, capacity);
     for (const mesh of [this.shafts, this.heads]) {
@@ -77,7 +98,15 @@ class Bones {
 
   constructor(kind: SkeletonKind) {
     const colour = SKELETON_COLOURS[kind];
-    const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.45, emissive: colour, emissiveIntensity: 0.25, depthTest: false, transparent: true, opacity: 0.9 });
+    const material = new THREE.MeshStandardMaterial({
+      color: colour,
+      roughness: 0.45,
+      emissive: colour,
+      emissiveIntensity: 0.25,
+      depthTest: false,
+      transparent: true,
+      opacity: 0.9,
+    });
     this.joints = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 14, 10), material, JOINTS);
     this.links = new THREE.InstancedMesh(new THREE.CylinderGeometry(0.6, 1, 1, 10), material, JOINTS);
     for (const mesh of [this.joints, this.links]) {
@@ -160,6 +189,7 @@ export class Stage {
   private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
   private readonly sky = new THREE.HemisphereLight(0xffffff, 0xb8a898, 1);
   private shown: Shown;
+  private readonly beside = new THREE.Vector3(1, 0, 0); // to the right on the screen, level
   private framed = false;
   private scale = 1; // of the resolution, less where drawing takes too long
   private drawTime = 16; // ms, smoothed
@@ -167,7 +197,11 @@ export class Stage {
   /** End of the colour map now: Pa or 1. */
   full = 1;
 
-  constructor(private readonly canvas: HTMLCanvasElement, shown: Shown, private readonly quality: Quality) {
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    shown: Shown,
+    private readonly quality: Quality,
+  ) {
     this.shown = shown;
     const fine = quality === "high";
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine, preserveDrawingBuffer: true });
@@ -196,7 +230,10 @@ export class Stage {
     const fill = new THREE.DirectionalLight(0x9fc0ff, 0.5);
     fill.position.set(0.3, 0.5, -0.9);
     this.scene.add(this.sun, this.sun.target, fill);
-    this.floor = new THREE.Mesh(new THREE.CircleGeometry(3, 64).rotateX(-Math.PI / 2), new THREE.MeshStandardMaterial({ roughness: 0.95, metalness: 0 }));
+    this.floor = new THREE.Mesh(
+      new THREE.CircleGeometry(3, 64).rotateX(-Math.PI / 2),
+      new THREE.MeshStandardMaterial({ roughness: 0.95, metalness: 0 }),
+    );
     this.floor.receiveShadow = true;
     this.scene.add(this.floor);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -217,6 +254,7 @@ export class Stage {
   }
 
   show(shown: Shown): void {
+    this.findBeside();
     this.shown = shown;
     this.applyShown();
   }
@@ -226,6 +264,7 @@ export class Stage {
     this.controls.target.set(0, 0.07, 0);
     this.camera.position.set(-0.34, 0.25, -0.3);
     this.controls.update();
+    this.findBeside();
   }
 
   lookFrom(position: [number, number, number], target: [number, number, number]): void {
@@ -233,6 +272,7 @@ export class Stage {
     this.controls.target.set(...target);
     this.camera.position.set(...position);
     this.controls.update();
+    this.findBeside();
   }
 
   describeHand(instance: number, description: HandDescription): void {
@@ -272,7 +312,10 @@ export class Stage {
     for (const contact of contacts.contacts) {
       hand.contactArrows.add(contact.point, contact.force, true);
       if (n < hand.points.instanceMatrix.count)
-        hand.points.setMatrixAt(n++, matrix.makeScale(0.0011, 0.0011, 0.0011).setPosition(contact.point[0]!, contact.point[1]!, contact.point[2]!));
+        hand.points.setMatrixAt(
+          n++,
+          matrix.makeScale(0.0011, 0.0011, 0.0011).setPosition(contact.point[0]!, contact.point[1]!, contact.point[2]!),
+        );
     }
     hand.points.count = n;
     hand.points.instanceMatrix.needsUpdate = true;
@@ -297,7 +340,14 @@ export class Stage {
     }
     if (description.removed) return;
     const colour = description.isStatic ? 0x9a9084 : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
-    const mesh = new THREE.Mesh(shapeOf(description), new THREE.MeshStandardMaterial({ color: colour, roughness: description.isStatic ? 0.8 : 0.45, flatShading: description.shape === Shape.hull }));
+    const mesh = new THREE.Mesh(
+      shapeOf(description),
+      new THREE.MeshStandardMaterial({
+        color: colour,
+        roughness: description.isStatic ? 0.8 : 0.45,
+        flatShading: description.shape === Shape.hull,
+      }),
+    );
     mesh.castShadow = description.shape !== Shape.plane;
     mesh.receiveShadow = true;
     if (old) {
@@ -359,7 +409,10 @@ export class Stage {
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / Math.max(1, height);
       // A narrow screen sees as much from side to side as a wide one.
-      this.camera.fov = this.camera.aspect >= 1 ? 38 : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
+      this.camera.fov =
+        this.camera.aspect >= 1
+          ? 38
+          : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
       this.camera.updateProjectionMatrix();
     }
     this.controls.update();
@@ -385,7 +438,11 @@ export class Stage {
       bones: { tracked: new Bones("tracked"), intermediate: new Bones("intermediate"), simulated: new Bones("simulated") },
       contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006),
       fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022),
-      points: new THREE.InstancedMesh(new THREE.SphereGeometry(1, 8, 6), new THREE.MeshBasicMaterial({ color: 0xffd23f, depthTest: false, transparent: true }), 512),
+      points: new THREE.InstancedMesh(
+        new THREE.SphereGeometry(1, 8, 6),
+        new THREE.MeshBasicMaterial({ color: 0xffd23f, depthTest: false, transparent: true }),
+        512,
+      ),
       couplingArrows: new Arrows(BONES, COUPLING_COLOUR, 0.0016),
       contacts: null,
     };
@@ -399,13 +456,18 @@ export class Stage {
     return hand;
   }
 
+  private findBeside(): void {
+    this.beside.set(1, 0, 0).applyQuaternion(this.camera.quaternion).setY(0).normalize();
+  }
+
   private applyShown(): void {
     for (const hand of this.hands.values()) {
       if (hand.skin) hand.skin.mesh.visible = this.shown.hand && hand.nodes !== null;
       for (const kind of ["tracked", "intermediate", "simulated"] as const) {
         hand.bones[kind].group.visible = this.shown[kind];
-        // Side by side: what the user did, beside what the simulated hand made of it.
-        hand.bones[kind].group.position.x = this.shown.beside && kind !== "simulated" ? (kind === "tracked" ? -0.16 : -0.32) : 0;
+        // Side by side: what the user did, to the left and right of what the simulated hand made of it.
+        const away = kind === "simulated" || !this.shown.beside ? 0 : kind === "tracked" ? -0.17 : 0.17;
+        hand.bones[kind].group.position.copy(this.beside).multiplyScalar(away);
       }
       hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
       hand.couplingArrows.group.visible = this.shown.coupling;

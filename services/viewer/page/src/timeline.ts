@@ -122,7 +122,8 @@ export class Timeline {
   /** Plays a saved file, over and over. Throws where it is none. */
   open(file: ArrayBuffer): void {
     const view = new DataView(file);
-    if (file.byteLength < 8 || view.getUint32(0, true) !== 0x52564853 || view.getUint32(4, true) !== 1) throw new Error("no recording of this page");
+    if (file.byteLength < 8 || view.getUint32(0, true) !== 0x52564853 || view.getUint32(4, true) !== 1)
+      throw new Error("no recording of this page");
     const entries: Entry[] = [];
     const descriptions: Frame[] = [];
     for (let at = 8; at < file.byteLength; ) {
