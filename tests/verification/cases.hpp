@@ -10,6 +10,7 @@
 namespace softhand::verification {
 
 std::vector<Case> material_cases();
+std::vector<Case> balance_cases();
 std::vector<Case> bending_cases();
 std::vector<Case> indentation_cases();
 std::vector<Case> body_cases();
