@@ -55,6 +55,8 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   v.flag("fit_hand", o.fit_hand, "With a recorded motion: give the hand the recording's bone lengths and thickness.");
   describe_section(v, "generator", "A made motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
+  describe_section(v, "tracker_webxr", "softhand-tracker-webxr: a headset's browser.", o.tracker_webxr);
+  describe_section(v, "tracker_landmarks", "softhand-tracker-landmarks: a camera.", o.tracker_landmarks);
   describe_section(v, "tracking", "The intermediate layer.", o.tracking);
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);

@@ -15,8 +15,10 @@
 #include "runtime/config.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 #include "tracking/tracking_options.hpp"
+#include "trackers/landmarks/landmarks_options.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"
+#include "trackers/webxr/webxr_options.hpp"
 #include "viewer/viewer_options.hpp"
 #include "world/world_options.hpp"
 
@@ -62,6 +64,8 @@ struct SceneOptions {
   bool fit_hand = true;
   GeneratorOptions generator;
   ReplayOptions tracker;
+  WebXrOptions tracker_webxr;
+  LandmarksOptions tracker_landmarks;
   TrackingOptions tracking;
   HandOptions hand;
   WorldOptions world;

@@ -14,6 +14,11 @@ namespace softhand {
 
 using JointFrames = std::array<Pose, kJointCount>;
 
+/// The palm of a source that has none (WebXR), halfway along the middle metacarpal.
+inline Pose palm_between(const Pose& middle_metacarpal, const Pose& middle_proximal) {
+  return {0.5 * (middle_metacarpal.position + middle_proximal.position), middle_metacarpal.orientation};
+}
+
 /// A named part of a motion, in seconds from its start.
 struct MotionPhase {
   std::string name;  ///< approach, close, lift, hold, shake, turn, lower, release, retreat

@@ -124,9 +124,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
       frame[j + 1] = {Vector3(v[0], v[1], v[2]), orientation.normalized()};
       out.radii_[j + 1] += v[7];
     }
-    const Pose& metacarpal = frame[static_cast<std::size_t>(index_of(Joint::middle_metacarpal))];
-    frame[0] = {0.5 * (metacarpal.position + frame[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position),
-                metacarpal.orientation};
+    frame[0] = palm_between(frame[static_cast<std::size_t>(index_of(Joint::middle_metacarpal))],
+                            frame[static_cast<std::size_t>(index_of(Joint::middle_proximal))]);
     out.times_.push_back(time);
     out.frames_.push_back(frame);
   }

@@ -1,0 +1,140 @@
+// softhand-tracker-landmarks: hands from the 21 landmarks of whatever model a user runs on a camera.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "device/answer.hpp"
+#include "scene_file.hpp"
+#include "service/service.hpp"
+#include "trackers/landmarks/landmarks.hpp"
+#include "trackers/sockets/clock_mapping.hpp"
+#include "trackers/sockets/inbox.hpp"
+
+namespace {
+using namespace softhand;
+
+constexpr double kPollRate = 1000;      // Hz at which messages are looked for
+constexpr std::size_t kLargest = 8192;  // bytes; 21 landmarks with 17 digits each are 1,400
+
+// The hands of one user, from one sender at a time: who connects anew has a clock of its own.
+class LandmarkTracker {
+ public:
+  LandmarkTracker(const HandModel& hand, const LandmarksOptions& options)
+      : options_(options), lifters_{LandmarkLifter(of_side(hand, Side::left)), LandmarkLifter(of_side(hand, Side::right))},
+        radii_(hand.joint_radii) {}
+
+  LandmarksRefusal take(const Arrival& arrival, Skeleton& out) {
+    LandmarksMessage message;
+    if (const auto refusal = decode_landmarks(arrival.bytes, message); refusal != LandmarksRefusal::none) return refusal;
+    const auto side = static_cast<std::size_t>(message.side);
+    Skeleton skeleton;
+    skeleton.hand.side = static_cast<std::uint32_t>(side);
+    skeleton.confidence = message.score;
+    if (message.score >= options_.least_score) {
+      const auto placed = lifters_[side].place(message, options_);
+      const auto joints = placed ? lifters_[side].lift(*placed) : std::nullopt;
+      if (!joints) return LandmarksRefusal::shape;
+      for (std::size_t j = 0; j < kJointCount; ++j) {
+        skeleton.joints[j].position = to_wire((*joints)[j].position);
+        skeleton.joints[j].orientation = to_wire((*joints)[j].orientation);
+        skeleton.joints[j].radius = radii_[j];
+        skeleton.joints[j].flags = kJointValid | (is_inferred(static_cast<Joint>(j)) ? kJointInferred : kJointTracked);
+      }
+    }
+    Nanoseconds& last = last_[side];
+    const Nanoseconds time = sample_time(message, arrival);
+    if (time <= last) return LandmarksRefusal::order;
+    last = time;
+    skeleton.stamp.sample_time = skeleton.stamp.chain.tracker_sample = time;
+    skeleton.stamp.sequence = ++sequence_[side];
+    out = skeleton;
+    return LandmarksRefusal::none;
+  }
+
+ private:
+  static HandModel of_side(const HandModel& hand, Side side) { return hand.side == side ? hand : mirrored(hand); }
+  // Joints that no landmark marks.
+  static bool is_inferred(Joint joint) {
+    return joint == Joint::palm || (is_metacarpal(body_of(joint)) && joint != Joint::thumb_metacarpal);
+  }
+  Nanoseconds sample_time(const LandmarksMessage& message, const Arrival& arrival) {
+    if (!message.sample_time) return arrival.time;
+    if (arrival.connection != connection_) {
+      connection_ = arrival.connection;
+      clock_ = {};
+    }
+    const auto nanoseconds = [](double milliseconds) { return static_cast<Nanoseconds>(milliseconds * 1e6); };
+    clock_.add(nanoseconds(*message.sent_time), arrival.time);
+    return std::min(clock_.map(nanoseconds(*message.sample_time)), arrival.time);
+  }
+
+  const LandmarksOptions& options_;
+  std::array<LandmarkLifter, 2> lifters_;  // left, right
+  std::array<double, kJointCount> radii_;
+  ClockMapping clock_;
+  std::uint64_t connection_ = 0;
+  std::array<Nanoseconds, 2> last_{};
+  std::array<std::uint64_t, 2> sequence_{};
+};
+
+void run(int argc, char** argv) {
+  int strength = 0;
+  std::uint32_t source = 0;
+  const ServiceArguments arguments = parse_arguments(argc, argv, "tracker", "Takes 21 landmarks a hand over WebSocket or UDP", [&](CLI::App& app) {
+    app.add_option("--strength", strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
+    app.add_option("--source", source, "Id of this source")->capture_default_str();
+  });
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const LandmarksOptions& options = scene.options.tracker_landmarks;
+  const HandKey user = hand_key(scene);
+
+  Service service(arguments, kPollRate);
+  bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
+  LandmarkTracker tracker(load_scene_hand(scene), options);
+  Inbox inbox(options.socket, Transport::websocket_and_udp, kLargest);
+  std::printf("listening at ws://%s:%u and on UDP port %u\n", options.socket.address.c_str(), inbox.port(), inbox.port());
+  std::fflush(stdout);
+
+  std::vector<Arrival> arrivals;
+  std::array<std::uint64_t, kLandmarksRefusalNames.size()> refused{};
+  std::uint64_t published = 0;
+  Nanoseconds newest = 0;
+  Skeleton sample;
+  const auto step = [&](Nanoseconds) {
+    inbox.take(arrivals);
+    for (const Arrival& arrival : arrivals) {
+      const LandmarksRefusal refusal = tracker.take(arrival, sample);
+      if (refusal != LandmarksRefusal::none) {
+        ++refused[static_cast<std::size_t>(refusal)];
+        continue;
+      }
+      newest = sample.stamp.sample_time;
+      sample.hand.user = user.user;
+      sample.source = source;
+      service.stamp(sample.stamp);
+      sample.stamp.chain.tracked_published = sample.stamp.publish_time;
+      writer.write(sample);
+      ++published;
+    }
+  };
+  const auto answer = [&](const Message& message) {
+    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
+    return reply_to(message, arguments.module, kReplyIgnored, why);
+  };
+  const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
+    status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
+    const Inbox::Counters counters = inbox.counters();
+    add_counter(status, "published", static_cast<double>(published));
+    add_counter(status, "connections", static_cast<double>(counters.connections));
+    add_counter(status, "refused_origin", static_cast<double>(counters.refused_origin));
+    add_counter(status, "refused_size", static_cast<double>(counters.refused_size));
+    add_counter(status, "passed_over", static_cast<double>(counters.passed_over));
+    for (std::size_t i = 1; i < refused.size(); ++i)
+      add_counter(status, "refused_" + std::string(kLandmarksRefusalNames[i]), static_cast<double>(refused[i]));
+  };
+  service.run({step, answer, fill_status});
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  return softhand::guarded_main("softhand-tracker-landmarks", [&] { run(argc, argv); });
+}

@@ -1,0 +1,88 @@
+// softhand-tracker-webxr: both hands and the head of whoever wears a headset whose browser shows the viewer's page.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "device/answer.hpp"
+#include "scene_file.hpp"
+#include "service/service.hpp"
+#include "trackers/sockets/inbox.hpp"
+#include "trackers/webxr/webxr_frames.hpp"
+
+namespace {
+using namespace softhand;
+
+constexpr double kPollRate = 1000;  // Hz at which frames are looked for
+
+void run(int argc, char** argv) {
+  int strength = 0;
+  std::uint32_t source = 0;
+  const ServiceArguments arguments = parse_arguments(argc, argv, "tracker", "Takes hands and head from a headset's browser", [&](CLI::App& app) {
+    app.add_option("--strength", strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
+    app.add_option("--source", source, "Id of this source")->capture_default_str();
+  });
+  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const HandKey user = hand_key(scene);
+
+  Service service(arguments, kPollRate);
+  bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, strength);
+  bus::Writer head(service.participant(), bus::topics::head_pose);
+  Inbox inbox(scene.options.tracker_webxr.socket, Transport::websocket, kWebXrFrameSize);
+  std::printf("listening at ws://%s:%u\n", scene.options.tracker_webxr.socket.address.c_str(), inbox.port());
+  std::fflush(stdout);
+
+  std::vector<Arrival> arrivals;
+  WebXrSample sample;
+  WebXrClock clock;
+  std::array<std::uint64_t, kWebXrRefusalNames.size()> refused{};
+  std::uint64_t published = 0;
+  Nanoseconds newest = 0;
+  const auto step = [&](Nanoseconds) {
+    inbox.take(arrivals);
+    for (const Arrival& arrival : arrivals) {
+      WebXrRefusal refusal = arrival.binary ? decode_webxr(arrival.bytes, sample) : WebXrRefusal::type;
+      if (refusal == WebXrRefusal::none) refusal = clock.stamp(sample, arrival.connection, arrival.time);
+      if (refusal != WebXrRefusal::none) {
+        ++refused[static_cast<std::size_t>(refusal)];
+        continue;
+      }
+      newest = sample.head.stamp.sample_time;
+      if (sample.head.valid != 0) {
+        sample.head.user = user.user;
+        service.stamp(sample.head.stamp);
+        head.write(sample.head);
+      }
+      for (Skeleton& hand : sample.hands) {
+        // A hand that is not seen is not written: a weaker tracker may have it.
+        if (hand.confidence == 0) continue;
+        hand.hand.user = user.user;
+        hand.source = source;
+        service.stamp(hand.stamp);
+        hand.stamp.chain.tracked_published = hand.stamp.publish_time;
+        hands.write(hand);
+        ++published;
+      }
+    }
+  };
+  const auto answer = [&](const Message& message) {
+    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
+    return reply_to(message, arguments.module, kReplyIgnored, why);
+  };
+  const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
+    status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
+    const Inbox::Counters counters = inbox.counters();
+    add_counter(status, "published", static_cast<double>(published));
+    add_counter(status, "connections", static_cast<double>(counters.connections));
+    add_counter(status, "refused_origin", static_cast<double>(counters.refused_origin));
+    add_counter(status, "passed_over", static_cast<double>(counters.passed_over));
+    for (std::size_t i = 1; i < refused.size(); ++i) {
+      const auto larger = static_cast<WebXrRefusal>(i) == WebXrRefusal::size ? counters.refused_size : 0;  // than a frame: closed by the inbox
+      add_counter(status, "refused_" + std::string(kWebXrRefusalNames[i]), static_cast<double>(refused[i] + larger));
+    }
+  };
+  service.run({step, answer, fill_status});
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  return softhand::guarded_main("softhand-tracker-webxr", [&] { run(argc, argv); });
+}

@@ -1,0 +1,211 @@
+// The trackers that listen to sockets, as processes.
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <string>
+#include <thread>
+
+#include "bus/bus.hpp"
+#include "messages/convert.hpp"
+#include "model/hand_model.hpp"
+#include "runtime/clock.hpp"
+#include "support/webxr_frame.hpp"
+
+namespace softhand {
+namespace {
+
+using namespace std::chrono_literals;
+
+std::string scene() { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/demo.toml"; }
+
+/// A tracker on any free port. Ends with its handle.
+class Tracker {
+ public:
+  Tracker(const std::string& program, const std::string& section) {
+    int pipe_ends[2];
+    EXPECT_EQ(pipe(pipe_ends), 0);
+    const std::string path = std::string(SOFTHAND_PROGRAMS) + "/" + program;
+    const std::string any_port = section + ".port=0";
+    process_ = fork();
+    if (process_ == 0) {
+      dup2(pipe_ends[1], 1);
+      execl(path.c_str(), path.c_str(), "--config", scene().c_str(), "--set", any_port.c_str(), "--source", "9", nullptr);
+      _exit(127);
+    }
+    close(pipe_ends[1]);
+    std::string line;
+    for (char c = 0; read(pipe_ends[0], &c, 1) == 1 && c != '\n';) line += c;
+    close(pipe_ends[0]);
+    const std::size_t colon = line.find(':', line.find("ws://") + 5);
+    EXPECT_NE(colon, std::string::npos) << line;
+    if (colon != std::string::npos) port_ = static_cast<std::uint16_t>(std::stoi(line.substr(colon + 1)));
+  }
+  ~Tracker() {
+    kill(process_, SIGTERM);
+    int status = 0;
+    waitpid(process_, &status, 0);
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+  }
+  Tracker(const Tracker&) = delete;
+  Tracker& operator=(const Tracker&) = delete;
+  sockaddr_in address() const {
+    sockaddr_in out{};
+    out.sin_family = AF_INET;
+    out.sin_port = htons(port_);
+    out.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    return out;
+  }
+
+ private:
+  pid_t process_ = 0;
+  std::uint16_t port_ = 0;
+};
+
+/// A WebSocket client that only sends.
+class Client {
+ public:
+  Client(const Tracker& tracker, const std::string& origin) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const sockaddr_in address = tracker.address();
+    EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    const std::string request = "GET / HTTP/1.1\r\nHost: localhost:1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+                                "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: " + origin + "\r\n\r\n";
+    EXPECT_EQ(::send(socket_, request.data(), request.size(), 0), static_cast<ssize_t>(request.size()));
+    for (char c = 0; answer_.find("\r\n\r\n") == std::string::npos && recv(socket_, &c, 1, 0) == 1;) answer_ += c;
+  }
+  ~Client() { close(socket_); }
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+  bool accepted() const { return answer_.rfind("HTTP/1.1 101", 0) == 0; }
+  void send(const std::string& bytes, bool binary) {
+    std::string frame{static_cast<char>(binary ? 0x82 : 0x81)};
+    if (bytes.size() < 126) {
+      frame += static_cast<char>(0x80 | bytes.size());
+    } else {
+      frame += {static_cast<char>(0x80 | 126), static_cast<char>(bytes.size() >> 8), static_cast<char>(bytes.size() & 255)};
+    }
+    frame += std::string(4, '\0');  // the mask that clients owe may be zero
+    frame += bytes;
+    ::send(socket_, frame.data(), frame.size(), MSG_NOSIGNAL);
+  }
+
+ private:
+  int socket_;
+  std::string answer_;
+};
+
+struct Ears {
+  Ears() : participant("socket-trackers-test"), skeletons(participant, bus::topics::tracked_skeleton), heads(participant, bus::topics::head_pose),
+           statuses(participant, bus::topics::loop_status) {}
+  // Sends at 100 Hz until `done`; false after ten seconds.
+  template <typename Send, typename Done>
+  bool until(Send&& send, Done&& done) {
+    for (int i = 0; i < 1000; ++i) {
+      send();
+      std::this_thread::sleep_for(10ms);
+      skeletons.take_all([&](const Skeleton& skeleton) { hands[skeleton.hand.side] = skeleton, ++count; });
+      heads.take_all([&](const HeadPose& pose) { head = pose; });
+      statuses.take_all([&](const LoopStatus& newest) { status = newest; });
+      if (done()) return true;
+    }
+    return false;
+  }
+  double counter(const std::string& name) const {
+    for (const NamedValue& each : status.counters)
+      if (get_text(each.name) == name) return each.value;
+    return -1;
+  }
+  bus::Participant participant;
+  bus::Reader<Skeleton> skeletons;
+  bus::Reader<HeadPose> heads;
+  bus::Reader<LoopStatus> statuses;
+  std::array<Skeleton, 2> hands{};
+  HeadPose head;
+  LoopStatus status;
+  int count = 0;
+};
+
+class SocketTrackers : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 100).c_str(), 1); }
+};
+
+TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
+  Ears ears;
+  const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
+  EXPECT_FALSE(Client(tracker, "http://elsewhere.example").accepted());
+  Client page(tracker, "http://localhost:8080");
+  ASSERT_TRUE(page.accepted());
+  const double zero = static_cast<double>(now()) * 1e-6 - 5000;  // of the page's clock, ms
+  const auto time = [&] { return static_cast<double>(now()) * 1e-6 - zero; };
+  ASSERT_TRUE(ears.until([&] { page.send(testing::webxr_frame(time(), time()), true); },
+                         [&] { return ears.count > 40 && ears.head.valid == 1 && ears.hands[0].source == 9 && ears.hands[1].source == 9; }));
+  const Skeleton& right = ears.hands[1];
+  EXPECT_EQ(right.joints[0].flags, kJointValid | kJointInferred);
+  EXPECT_NEAR(right.joints[25].position[2], -0.25, 1e-6);
+  EXPECT_NEAR(ears.head.position[1], 1.6, 1e-6);
+  EXPECT_LE(right.stamp.sample_time, right.stamp.publish_time);
+  EXPECT_LT(now() - right.stamp.sample_time, 500'000'000);  // on our clock
+
+  page.send(testing::webxr_frame(std::nan(""), 1), true);
+  page.send("short", true);
+  page.send("text", false);
+  std::string version = testing::webxr_frame(time(), time());
+  version[4] = 9;
+  page.send(version, true);
+  ASSERT_TRUE(ears.until([] {}, [&] { return ears.counter("refused_version") == 1; }));
+  EXPECT_EQ(ears.counter("refused_content"), 1);
+  EXPECT_EQ(ears.counter("refused_size"), 1);
+  EXPECT_EQ(ears.counter("refused_type"), 1);
+  EXPECT_EQ(ears.counter("refused_origin"), 1);
+  page.send(std::string(9000, 'x'), true);  // closes the connection
+  ASSERT_TRUE(ears.until([] {}, [&] { return ears.counter("refused_size") == 2 && ears.counter("connections") == 0; }));
+  Client again(tracker, "http://localhost:8080");
+  const int before = ears.count;
+  EXPECT_TRUE(ears.until([&] { again.send(testing::webxr_frame(time(), time()), true); }, [&] { return ears.count > before + 10; }));
+}
+
+TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
+  const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
+  const auto joint_of_landmark = [](int i) { return i == 0 ? 1 : i <= 4 ? i + 1 : 7 + 5 * ((i - 5) / 4) + (i - 5) % 4; };
+  std::string text = R"({"version":1,"hand":"right","coordinates":"world","landmarks":[)";
+  for (int i = 0; i < 21; ++i) {
+    const Vector3 p = hand.rest_joints[static_cast<std::size_t>(joint_of_landmark(i))].position;
+    text += (i > 0 ? ",[" : "[") + std::to_string(-p.x()) + "," + std::to_string(-p.y()) + "," + std::to_string(p.z()) + "]";
+  }
+  text += "]}";
+  Ears ears;
+  const Tracker tracker("softhand-tracker-landmarks", "tracker_landmarks");
+  const int udp = ::socket(AF_INET, SOCK_DGRAM, 0);
+  const sockaddr_in address = tracker.address();
+  const auto send = [&](const std::string& bytes) {
+    sendto(udp, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&address), sizeof address);
+  };
+  ASSERT_TRUE(ears.until([&] { send(text); }, [&] { return ears.count > 10; }));
+  // 0.5 m before the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer one of the same anatomy.
+  EXPECT_LT((to_vector(ears.hands[1].joints[1].position) - Vector3(0, 0.15, 0)).norm(), 1e-3);
+  EXPECT_LT((to_vector(ears.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(), 3e-3);
+  EXPECT_EQ(ears.hands[1].source, 9u);
+
+  Client page(tracker, "http://localhost:3000");
+  ASSERT_TRUE(page.accepted());
+  const int before = ears.count;
+  EXPECT_TRUE(ears.until([&] { page.send(text, false); }, [&] { return ears.count > before + 10; }));
+  send("{");
+  send(std::string(9000, '{'));
+  send(R"({"version":2})");
+  EXPECT_TRUE(ears.until([] {}, [&] {
+    return ears.counter("refused_json") == 1 && ears.counter("refused_size") == 1 && ears.counter("refused_version") == 1;
+  }));
+  close(udp);
+}
+
+}  // namespace
+}  // namespace softhand

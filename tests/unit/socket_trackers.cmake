@@ -1,0 +1,1 @@
+softhand_test(socket_trackers ${CMAKE_CURRENT_LIST_DIR}/socket_trackers_test.cpp LINK softhand_tracker_webxr softhand_tracker_landmarks)
