@@ -192,9 +192,10 @@ void Ears::poll() {
       }
     }
   });
-  objects_.take_all([this](const WorldObjects& objects) {
+  objects_.take_all([this](const WorldObjects& world) {
     ++heard["objects"];
-    for (const ObjectState& object : objects.objects) {
+    for (const ObjectState& object : world.objects) {
+      objects[object.object] = object.position;
       if (!all_finite(object.position) || !all_finite(object.orientation) || !all_finite(object.linear_velocity)) ++nonfinite["objects"];
     }
   });

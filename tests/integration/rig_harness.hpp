@@ -82,6 +82,7 @@ class Ears {
   std::map<std::uint32_t, std::deque<DeviceSample>> devices;
   std::deque<HandSample> simulated;
   std::deque<TrackedSample> tracked;
+  std::map<std::uint32_t, Vec3> objects;  ///< newest position by the world's number, m
   std::map<std::string, std::uint64_t> heard;  ///< samples by topic
   std::map<std::string, std::uint64_t>
       nonfinite;  ///< of these, those with a number that is none, where the joint or object is said to be valid

@@ -237,6 +237,36 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
   EXPECT_TRUE(ears.wait(10s, [&] { return owner() == 2; })) << "the restarted tracker did not get the hand back";
 }
 
+TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
+  constexpr std::uint32_t kCube = 2;
+  constexpr double kHoldBegins = 3.3;  // s of the motion
+  const std::vector<std::string> hold{"--set", "generator.hold_time=60"};
+  Ears ears;
+  // The stronger tracker under a supervisor of its own, which dies with it, so that nobody starts it again: it would begin its motion anew and own the hand.
+  Up strong("tests/integration/rig_strong_tracker.toml", hold);
+  Up up(kDemo, hold);
+  const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
+  const auto holds_since = [&](const char* module) {
+    const double start = ears.counter(module, "motion_start_s");
+    return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins : -1.0;  // NaN before it is known: not > 0
+  };
+  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears) && holds_since("tracker") > 1 && holds_since("strong") > 1; })) << up.output();
+  ASSERT_EQ(owner(), 2u);
+  ASSERT_GT(ears.objects[kCube][1], 0.14) << "the cube was not lifted: this shows nothing";
+
+  strong.send_signal(SIGKILL);
+  ASSERT_TRUE(ears.wait(5s, [&] { return owner() != 2; }));
+  double lowest = ears.objects[kCube][1], highest = lowest;
+  ears.wait(3s, [&] {
+    lowest = std::min(lowest, ears.objects[kCube][1]);
+    highest = std::max(highest, ears.objects[kCube][1]);
+    return false;
+  });
+  std::printf("the cube moved by %.2f mm in height during the handover and 3 s after it\n", (highest - lowest) * 1e3);
+  EXPECT_GT(lowest, 0.14);
+  EXPECT_LT(highest - lowest, 3e-3);
+}
+
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   Ears ears;
   // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s to 7.5 s.
