@@ -10,28 +10,8 @@
 #include <type_traits>
 
 #include "solver/cholmod_solver.hpp"
+#include "support/count_allocations.hpp"
 #include "support/hand_matrix.hpp"
-
-// Counts every malloc of the process while `counting` (operator new ends there; aligned ones do not). Sanitizers bring their own malloc.
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define SOFTHAND_COUNT_MALLOC 1
-#endif
-namespace {
-bool counting = false;
-long allocations = 0;
-}  // namespace
-#ifdef SOFTHAND_COUNT_MALLOC
-extern "C" void* __libc_malloc(std::size_t size);
-extern "C" void* __libc_memalign(std::size_t alignment, std::size_t size);
-extern "C" void* malloc(std::size_t size) {
-  if (counting) ++allocations;
-  return __libc_malloc(size);
-}
-extern "C" void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  if (counting) ++allocations;
-  return __libc_memalign(alignment, size);
-}
-#endif
 
 namespace softhand {
 namespace {

@@ -6,6 +6,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "support/block_hand.hpp"
+#include "support/count_allocations.hpp"
 
 namespace softhand {
 namespace {
@@ -239,6 +240,33 @@ TEST(HandLoop, MirrorsWhatIsNearOwnsWhatItTouchesAndLetsGoLater) {
   while (step(0.03, below).coupling.twins[0].owned == 1 && owned_steps < 90) ++owned_steps;
   EXPECT_GE(owned_steps, 8) << "it stays the hand's for a tenth of a second";
   EXPECT_LT(owned_steps, 90);
+}
+
+// A whole step, from its inputs to all its outputs, with an object coming near, touched, held and let go.
+TEST(HandLoop, AStepAllocatesNothing) {
+#ifndef SOFTHAND_COUNT_MALLOC
+  GTEST_SKIP() << "the sanitizer brings its own malloc";
+#endif
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  loop.describe_object(cube(3));
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  const auto samples = std::make_unique<std::pair<Skeleton, WorldObjects>>();
+  bool touched = false;
+  allocations = 0;
+  for (int i = 0; i < 120; ++i) {
+    now += 11'111'111;
+    samples->first = skeleton_at(model, {Vector3(0, i < 60 ? -0.004 : 0.03, 0), Quaternion::Identity()}, now, ++sequence);
+    samples->second = world_with(3, i < 5 ? Vector3(2, 0, 0) : below, now);
+    counting = true;
+    const HandOutput& output = loop.step(now, {&samples->first, nullptr, &samples->second}, {true, true, true});
+    counting = false;
+    touched = touched || output.contacts.contacts.size() > 0;
+  }
+  EXPECT_TRUE(touched);
+  EXPECT_EQ(allocations, 0);
 }
 
 TEST(HandLoop, ARemovedObjectLeavesItsSlot) {

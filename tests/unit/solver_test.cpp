@@ -14,22 +14,7 @@
 #include "energies/tissue.hpp"
 #include "solver/cholmod_solver.hpp"
 #include "support/box_mesh.hpp"
-
-// Counts every malloc of the process (Eigen's and operator new end there) while `counting`. Sanitizers bring their own malloc.
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define SOFTHAND_COUNT_MALLOC 1
-#endif
-namespace {
-bool counting = false;
-long allocations = 0;
-}  // namespace
-#ifdef SOFTHAND_COUNT_MALLOC
-extern "C" void* __libc_malloc(std::size_t size);
-extern "C" void* malloc(std::size_t size) {
-  if (counting) ++allocations;
-  return __libc_malloc(size);
-}
-#endif
+#include "support/count_allocations.hpp"
 
 namespace softhand {
 namespace {

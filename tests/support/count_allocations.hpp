@@ -1,0 +1,25 @@
+// Counts every malloc and aligned_alloc of the process while `counting` (operator new and Eigen end there). In one file of a test program only. Sanitizers
+// bring their own malloc: there SOFTHAND_COUNT_MALLOC is not defined and nothing is counted.
+#pragma once
+
+#include <cstddef>
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define SOFTHAND_COUNT_MALLOC 1
+#endif
+namespace {
+bool counting = false;
+long allocations = 0;
+}  // namespace
+#ifdef SOFTHAND_COUNT_MALLOC
+extern "C" void* __libc_malloc(std::size_t size);
+extern "C" void* __libc_memalign(std::size_t alignment, std::size_t size);
+extern "C" void* malloc(std::size_t size) {
+  if (counting) ++allocations;
+  return __libc_malloc(size);
+}
+extern "C" void* aligned_alloc(std::size_t alignment, std::size_t size) {
+  if (counting) ++allocations;
+  return __libc_memalign(alignment, size);
+}
+#endif
