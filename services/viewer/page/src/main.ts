@@ -1,6 +1,7 @@
 // Wires connection, timeline, stage and panel to the page's controls. Address: ?plain hides all but the picture; ?theme=dark|light;
-// ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
+// ?tracker=8091 port of softhand-tracker-webxr on this page's host; ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
 import { Connection } from "./connection";
+import { type Mode, Headset, offers } from "./headset";
 import { Panel, element } from "./panel";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
@@ -273,6 +274,32 @@ window.addEventListener("keydown", (event) => {
   control.run();
 });
 
+const trackerPort = Number(query.get("tracker") ?? 8091);
+const headset = new Headset(
+  stage.renderer,
+  `${location.protocol === "https:" ? "wss" : "ws"}://${location.hostname}:${trackerPort}`,
+  (mode) => {
+    if (mode) root.dataset.session = mode;
+    else delete root.dataset.session;
+    stage.setSeeThrough(mode === "immersive-ar");
+  },
+);
+for (const [id, mode] of [
+  ["enter-vr", "immersive-vr"],
+  ["enter-ar", "immersive-ar"],
+] as [string, Mode][]) {
+  const button = element<HTMLButtonElement>(id);
+  void offers(mode).then((offered) => (button.hidden = !offered));
+  button.onclick = () =>
+    headset.enter(mode).then(
+      () => (button.title = ""),
+      (error) => {
+        button.title = String(error);
+        console.warn("session refused:", error);
+      },
+    );
+}
+
 setTheme(dark);
 setPanel(panelOpen);
 setColouring(colouring);
@@ -281,7 +308,8 @@ setColouring(colouring);
 
 let last = performance.now();
 let drawnPanel = 0;
-function draw(now: number): void {
+function draw(now: number, frame?: XRFrame): void {
+  if (frame) headset.frame(now, frame);
   const elapsed = now - last;
   last = now;
   timeline.advance(now, elapsed);
@@ -301,9 +329,9 @@ function draw(now: number): void {
     if (document.activeElement !== scrub || timeline.live) scrub.value = String(timeline.live ? 1000 : Math.round(1000 * timeline.part));
     scrub.title = `${timeline.seconds.toFixed(0)} s kept`;
   }
-  requestAnimationFrame(draw);
 }
-requestAnimationFrame(draw);
+// Of the window or, in a session, of the headset.
+stage.renderer.setAnimationLoop(draw);
 
 declare global {
   interface Window {

@@ -181,6 +181,10 @@ export interface Shown {
 export class Stage {
   readonly renderer: THREE.WebGLRenderer;
   readonly camera = new THREE.PerspectiveCamera(38, 1, 0.01, 20);
+  // Its own, so that the page's view is afterwards what it was.
+  private readonly headset = new THREE.PerspectiveCamera(50, 1, 0.02, 20);
+  private dark = false;
+  private seeThrough = false;
   readonly controls: OrbitControls;
   private readonly scene = new THREE.Scene();
   private readonly hands = new Map<number, Hand>();
@@ -246,11 +250,19 @@ export class Stage {
 
   setTheme(dark: boolean): void {
     const background = new THREE.Color(dark ? 0x14171c : 0xe9edf1);
-    this.scene.background = background;
-    this.scene.fog = new THREE.Fog(background, 1.2, 3);
+    this.dark = dark;
+    this.scene.background = this.seeThrough ? null : background;
+    this.scene.fog = this.seeThrough ? null : new THREE.Fog(background, 1.2, 3);
     (this.floor.material as THREE.MeshStandardMaterial).color.set(dark ? 0x23282f : 0xd9dee3);
     this.scene.environmentIntensity = dark ? 0.35 : 0.55;
     this.sky.intensity = dark ? 0.8 : 1.5;
+  }
+
+  /** Without background and floor, for a headset that shows the room. */
+  setSeeThrough(seeThrough: boolean): void {
+    this.seeThrough = seeThrough;
+    this.setTheme(this.dark);
+    this.applyShown();
   }
 
   show(shown: Shown): void {
@@ -400,6 +412,10 @@ export class Stage {
   }
 
   render(): void {
+    if (this.renderer.xr.isPresenting) {
+      this.renderer.render(this.scene, this.headset);
+      return;
+    }
     const width = this.canvas.clientWidth;
     const height = this.canvas.clientHeight;
     const ratio = Math.min(window.devicePixelRatio, this.quality === "high" ? 2 : 1) * this.scale;
@@ -421,7 +437,7 @@ export class Stage {
 
   /** Draws coarser where `elapsed` (ms between two pictures) stays long, finer again where there is time. */
   adapt(elapsed: number): void {
-    if (this.quality === "high") return;
+    if (this.quality === "high" || this.renderer.xr.isPresenting) return;
     this.drawTime += 0.1 * (Math.min(elapsed, 500) - this.drawTime);
     if (this.drawTime > 70 && this.scale > 0.5) this.scale = Math.max(0.5, this.scale - 0.125);
     else if (this.drawTime < 25 && this.scale < 1) this.scale = Math.min(1, this.scale + 0.125);
@@ -473,7 +489,7 @@ export class Stage {
       hand.couplingArrows.group.visible = this.shown.coupling;
     }
     for (const { mesh } of this.objects.values()) mesh.visible = this.shown.objects && mesh.userData.placed !== false;
-    this.floor.visible = this.shown.floor;
+    this.floor.visible = this.shown.floor && !this.seeThrough;
   }
 
   // Under everything that stands still.
