@@ -19,7 +19,9 @@ const std::string kScenes = std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/"
 struct Result {
   nlohmann::ordered_json summary;
   std::string hash;
-  double object_speed_max = 0;              // m/s
+  double object_speed_max = 0;   // m/s, in the world, whoever owns it
+  double object_height_max = 0;  // m
+  std::uint64_t touched_steps = 0;
   TrackedInputCounters tracker;
   double stale_after = std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
 };
@@ -33,11 +35,12 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   const OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart);
   Result result;
   rig.run(seconds > 0 ? seconds : motion->duration() + 0.5, [&](const HandStepView& view) {
-    for (const ObjectTwin& twin : view.output->coupling.twins) {
-      if (twin.object == frame.object && twin.owned != 0) {
-        result.object_speed_max = std::max(result.object_speed_max, to_vector(twin.linear_velocity).norm());
-      }
+    for (const ObjectState& object : rig.world().objects().objects) {
+      if (object.object != frame.object) continue;
+      result.object_speed_max = std::max(result.object_speed_max, to_vector(object.linear_velocity).norm());
+      result.object_height_max = std::max(result.object_height_max, object.position[1]);
     }
+    result.touched_steps += view.output->contacts.contacts.size() > 0 ? 1 : 0;
     if (rig.tracking() != nullptr && rig.tracking()->input().stale(view.time)) {
       result.stale_after = std::min(result.stale_after, static_cast<double>(view.time - VirtualRig::kStart) * 1e-9);
     }
@@ -46,6 +49,12 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   result.hash = rig.state_hash();
   if (rig.tracking() != nullptr) result.tracker = rig.tracking()->input().counters();
   return result;
+}
+
+/// A fault in a grasp shows nothing where there was no grasp.
+void expect_lifted(const Result& result) {
+  EXPECT_GT(result.object_height_max, 0.14);
+  EXPECT_GT(result.touched_steps, 100u);
 }
 
 double number(const Result& result, const char* key) {
@@ -96,6 +105,7 @@ TEST(PinchLift, HasTheSameBitsOnEachRunAndOthersWhenOneInputBitDiffers) {
 
 TEST(HeldCube, DoesNotSlipWhileTheTrackerIsFrozen) {
   const Result result = run("pinch_lift.toml", with(kHold, {"tracker.freeze_at=3.8", "tracker.freeze_time=2"}), 6.5);
+  expect_lifted(result);
   EXPECT_LE(number(result, "held_slip_mm"), 1);
   EXPECT_LT(result.stale_after, 3.8 + 0.1 + 0.02) << "stale within 100 ms, seen at the hand's steps";
   EXPECT_LT(result.object_speed_max, 1);
@@ -103,6 +113,7 @@ TEST(HeldCube, DoesNotSlipWhileTheTrackerIsFrozen) {
 
 TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
   const Result result = run("pinch_lift.toml", with(kHold, {"tracker.teleport_at=3.8", "tracker.teleport_time=0.5"}), 6.5);
+  expect_lifted(result);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_GT(result.tracker.refused_implausible + result.tracker.repositioned, 0u);
   EXPECT_LT(result.object_speed_max, 5);
@@ -110,6 +121,7 @@ TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
 
 TEST(HeldCube, StaysWhereABoneIsNotANumber) {
   const Result result = run("pinch_lift.toml", with(kHold, {"tracker.nan_at=3.8", "tracker.nan_time=1", "tracker.nan_joint=index_distal"}), 6.5);
+  expect_lifted(result);
   EXPECT_GT(result.tracker.refused_nonfinite, 0u);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LE(number(result, "held_slip_mm"), 1);
@@ -118,6 +130,7 @@ TEST(HeldCube, StaysWhereABoneIsNotANumber) {
 // The text's spring that pulls both copies: weighs wrong (docs/coupling-objects.md), but nothing may grow.
 TEST(HeldCube, NothingGrowsWithTheSymmetricSpring) {
   const Result result = run("pinch_lift.toml", with(kHold, {"world.mode=symmetric"}), 6.5);
+  expect_lifted(result);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LT(result.object_speed_max, 2);
 }
