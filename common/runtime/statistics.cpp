@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <stdexcept>
-#include <string>
 
 namespace softhand {
 
@@ -65,27 +63,6 @@ double RollingHistogram::rate() const {
     if (slot.count > 0) first = std::min(first, slot.first);
   }
   return last_ > first ? static_cast<double>(count_ - 1) * 1e9 / static_cast<double>(last_ - first) : 0;
-}
-
-std::size_t Counters::add(std::string_view name) {
-  NamedValue fresh;
-  if (name.empty() || name.size() >= fresh.name.size())
-    throw std::invalid_argument("counter name '" + std::string(name) + "' does not fit");
-  std::copy(name.begin(), name.end(), fresh.name.begin());
-  for (std::size_t i = 0; i < count_; ++i) {
-    if (names_[i].name == fresh.name) throw std::invalid_argument("two counters are named '" + std::string(name) + "'");
-  }
-  if (count_ == names_.size()) throw std::length_error("no room for counter '" + std::string(name) + "'");
-  names_[count_] = fresh;
-  return count_++;
-}
-
-void Counters::fill(LoopStatus& status) const {
-  for (std::size_t i = 0; i < count_; ++i) {
-    NamedValue item = names_[i];
-    item.value = static_cast<double>(values_[i]);
-    status.counters.push_back(item);
-  }
 }
 
 }  // namespace softhand

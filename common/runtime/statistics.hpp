@@ -1,10 +1,9 @@
-// Quantiles and rate of the last second, and named counts, without allocation: what a loop says about itself in LoopStatus.
+// Quantiles and rate of the last second, without allocation: what a loop says about itself in LoopStatus.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <string_view>
 
 #include "messages/messages.hpp"
 
@@ -45,23 +44,6 @@ class RollingHistogram {
   std::uint64_t count_ = 0;
   Nanoseconds slot_number_ = 0;  // of the newest slot, in tenths of a second of the clock
   Nanoseconds last_ = 0;
-};
-
-/// Named counts that a module tells in its status. Name them all before the loop starts.
-class Counters {
- public:
-  /// Index of a new counter. Throws std::length_error when kMaxCounters are there, std::invalid_argument for a name that is empty, taken,
-  /// or does not fit NamedValue.
-  std::size_t add(std::string_view name);
-  void increment(std::size_t counter, std::uint64_t by = 1) { values_[counter] += by; }
-  std::uint64_t value(std::size_t counter) const { return values_[counter]; }
-  /// Appends all to status.counters, as far as there is room.
-  void fill(LoopStatus& status) const;
-
- private:
-  std::array<NamedValue, kMaxCounters> names_{};
-  std::array<std::uint64_t, kMaxCounters> values_{};
-  std::size_t count_ = 0;
 };
 
 }  // namespace softhand

@@ -1,4 +1,4 @@
-// Mailbox, statistics, schedule and loop.
+// Statistics, schedule and loop.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,59 +12,11 @@
 #include <thread>
 #include <vector>
 
-#include "runtime/latest_value.hpp"
 #include "runtime/periodic_loop.hpp"
 #include "runtime/statistics.hpp"
 
 namespace softhand {
 namespace {
-
-TEST(Mailbox, IsEmptyAtFirst) {
-  Mailbox<int> box;
-  EXPECT_FALSE(box.refresh());
-  EXPECT_EQ(box.value(), 0);
-}
-
-TEST(Mailbox, LatestWinsAndTheRestIsCounted) {
-  Mailbox<int> box;
-  for (int i = 1; i <= 5; ++i) box.write(i);
-  EXPECT_TRUE(box.refresh());
-  EXPECT_EQ(box.value(), 5);
-  EXPECT_EQ(box.overwritten(), 4u);
-  EXPECT_FALSE(box.refresh());
-  EXPECT_EQ(box.value(), 5);
-  box.write(6);
-  EXPECT_EQ(box.value(), 5);  // held constant until the reader asks
-  EXPECT_TRUE(box.refresh());
-  EXPECT_EQ(box.value(), 6);
-  EXPECT_EQ(box.overwritten(), 4u);
-}
-
-TEST(Mailbox, HandsOverWholeValuesInOrderBetweenThreads) {
-  using Block = std::array<std::uint64_t, 64>;
-  Mailbox<Block> box;
-  constexpr std::uint64_t total = 200'000;
-  std::thread writer([&box] {
-    for (std::uint64_t i = 1; i <= total; ++i) {
-      box.slot().fill(i);
-      box.publish();
-    }
-  });
-  std::uint64_t last = 0, read = 0;
-  bool torn = false, backwards = false;
-  while (last < total) {
-    if (!box.refresh()) continue;
-    ++read;
-    const Block& block = box.value();
-    for (const std::uint64_t x : block) torn = torn || x != block[0];
-    backwards = backwards || block[0] <= last;
-    last = block[0];
-  }
-  writer.join();
-  EXPECT_FALSE(torn);
-  EXPECT_FALSE(backwards);
-  EXPECT_EQ(read + box.overwritten(), total);
-}
 
 TEST(RollingHistogram, QuantilesAgreeWithSorting) {
   std::mt19937_64 random(7);
@@ -113,25 +65,6 @@ TEST(RollingHistogram, RateIsExactOnAnEvenGrid) {
     for (int i = 0; i < 5000; ++i) histogram->add(1'000'000'000 + std::llround(i * 1e9 / rate), 1);
     EXPECT_NEAR(histogram->rate(), rate, 1e-3 * rate);
   }
-}
-
-TEST(Counters, FillTheStatusByName) {
-  Counters counters;
-  const std::size_t a = counters.add("refused_nonfinite");
-  const std::size_t b = counters.add("teleports");
-  counters.increment(b, 3);
-  counters.increment(b);
-  LoopStatus status;
-  counters.fill(status);
-  ASSERT_EQ(status.counters.size(), 2u);
-  EXPECT_STREQ(status.counters[a].name.data(), "refused_nonfinite");
-  EXPECT_EQ(status.counters[a].value, 0);
-  EXPECT_EQ(status.counters[b].value, 4);
-  EXPECT_THROW(counters.add("teleports"), std::invalid_argument);
-  EXPECT_THROW(counters.add(""), std::invalid_argument);
-  EXPECT_THROW(counters.add(std::string(32, 'x')), std::invalid_argument);
-  for (std::size_t i = 2; i < kMaxCounters; ++i) counters.add("c" + std::to_string(i));
-  EXPECT_THROW(counters.add("one_more"), std::length_error);
 }
 
 TEST(Schedule, StaysOnItsGridWhenInTime) {
