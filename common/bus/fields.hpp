@@ -260,14 +260,21 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("nominal_rate_hz", m.nominal_rate_hz);
   v.field("step_ms_p50", m.step_ms_p50);
   v.field("step_ms_p99", m.step_ms_p99);
+  v.field("step_ms_p999", m.step_ms_p999);
   v.field("steps", m.steps);
   v.field("deadline_misses", m.deadline_misses);
   v.field("input_age_ms", m.input_age_ms);
+  v.field("input_drops", m.input_drops);
   v.field("residual", m.residual);
   v.field("iterations", m.iterations);
   v.field("solver_status", m.solver_status);
   v.field("contact_count", m.contact_count);
+  v.field("inverted_elements", m.inverted_elements);
+  v.field("penetration", m.penetration);
+  v.field("coupling_stretch", m.coupling_stretch);
+  v.field("passivity_energy", m.passivity_energy);
   v.field("energies", m.energies);
+  v.field("ledger", m.ledger);
   v.field("counters", m.counters);
 }
 

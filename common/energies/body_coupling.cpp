@@ -98,6 +98,12 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
   }
 }
 
+double BodyCoupling::stretch(int site, const State& state) const {
+  const Site& s = at(site);
+  if (!s.active) return 0;
+  return ((state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame).position - s.target.position).norm();
+}
+
 Wrench BodyCoupling::wrench(int site, const State& state) const {
   const Site& s = at(site);
   if (!s.pulls) return {};

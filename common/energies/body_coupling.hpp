@@ -59,6 +59,8 @@ class BodyCoupling final : public Energy {
   bool has_target(int site) const { return at(site).active; }
   void set_gains(int site, const CouplingGains& gains);
 
+  /// From the site's target to its frame in `state`, metres; zero without a target.
+  double stretch(int site, const State& state) const;
   /// What the coupling exerts on the body, torque about the coupled frame's origin (the joint), world axes; zero without a target. For
   /// `state` in or just after the last begun step.
   Wrench wrench(int site, const State& state) const;

@@ -1,5 +1,5 @@
 // Plain values of everything that crosses a process boundary: one struct a topic of `common/bus/topics.hpp`, mirrored by idl/.
-// No DDS here. All are trivially copyable, so that they pass through lock-free mailboxes and compare bit for bit.
+// No DDS here. All are trivially copyable, so that they are copied and compared bit for bit.
 //
 // Conventions (docs/topics.md): SI units; world frame right-handed, +Y up, -Z forward (OpenXR); quaternions xyzw; wrenches about the
 // joint's origin (bones) or the centre of mass (objects), in world axes; times in nanoseconds of CLOCK_MONOTONIC; 0 = unknown.
@@ -282,6 +282,7 @@ struct MessageReply {
 
 inline constexpr std::size_t kMaxCounters = 24;
 inline constexpr std::size_t kMaxEnergyTerms = 12;
+inline constexpr std::size_t kMaxLedgerRows = 12;
 struct NamedValue {
   std::array<char, 32> name{};
   double value = 0;
@@ -295,14 +296,21 @@ struct LoopStatus {
   double nominal_rate_hz = 0;
   double step_ms_p50 = 0;        ///< of the last second's steps
   double step_ms_p99 = 0;
+  double step_ms_p999 = 0;       ///< the slowest step, in a loop of less than 1000 Hz
   std::uint64_t steps = 0;
   std::uint64_t deadline_misses = 0;
   double input_age_ms = 0;       ///< of the newest input sample, by its sample time; negative = none yet
+  std::uint64_t input_drops = 0;  ///< input samples lost or malformed on the way, as far as DDS knows
   double residual = 0;           ///< N, hand only
   std::uint32_t iterations = 0;
   std::uint32_t solver_status = 0;
   std::uint32_t contact_count = 0;
+  std::uint32_t inverted_elements = 0;  ///< tetrahedra turned inside out now, hand only
+  double penetration = 0;        ///< m, deepest contact now, hand only
+  double coupling_stretch = 0;   ///< m, longest now of the springs between skeletons; hand, tracking
+  double passivity_energy = 0;   ///< J that the user put into the loop less what it gave back, haptic only; negative = it was active
   BoundedVector<NamedValue, kMaxEnergyTerms> energies;  ///< joules, by term
+  BoundedVector<NamedValue, kMaxLedgerRows> ledger;     ///< joules since the loop began; docs/equations.md; empty = none is kept
   BoundedVector<NamedValue, kMaxCounters> counters;     ///< refused_nonfinite, refused_stale, teleports, ...
 };
 

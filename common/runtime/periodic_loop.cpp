@@ -37,6 +37,7 @@ void PeriodicLoop::fill(LoopStatus& status) const {
   status.nominal_rate_hz = rate_hz_;
   status.step_ms_p50 = static_cast<double>(step_times_.quantile(0.5)) * 1e-6;
   status.step_ms_p99 = static_cast<double>(step_times_.quantile(0.99)) * 1e-6;
+  status.step_ms_p999 = static_cast<double>(step_times_.quantile(0.999)) * 1e-6;
   status.steps = steps_;
   status.deadline_misses = schedule_.misses();
 }

@@ -224,6 +224,14 @@ void HandSimulation::collect_bone_contacts() {
   for (const ContactSet::Anchor& anchor : contacts_->anchors()) bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
 }
 
+double HandSimulation::deepest_penetration() const { return contacts_ ? contacts_->penetration_quantile(state_, 1) : 0.0; }
+
+double HandSimulation::largest_coupling_stretch() const {
+  double largest = 0;
+  for (int b = 0; b < kBodyCount; ++b) largest = std::max(largest, coupling_->stretch(b, state_));
+  return largest;
+}
+
 double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(state_); }
 int HandSimulation::inverted_elements() const { return tissue_->inverted_elements(state_); }
 

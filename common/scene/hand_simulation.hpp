@@ -92,6 +92,8 @@ class HandSimulation {
   double kinetic_energy() const;
   int inverted_elements() const;
   int contact_count() const;
+  double deepest_penetration() const;       ///< m; 0 without contact
+  double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
   void collect_bone_contacts();

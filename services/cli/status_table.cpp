@@ -8,9 +8,31 @@
 
 namespace softhand {
 
+namespace {
+
+template <typename Items>
+void append_named(std::string& line, std::string_view title, const Items& items) {
+  if (items.empty()) return;
+  line += fmt::format("  {}", title);
+  for (const NamedValue& item : items) line += fmt::format(" {}={:.3g}", get_text(item.name), item.value);
+}
+
+// What a loop of physics knows beyond its times; nothing for the others.
+std::string physics_line(const LoopStatus& status) {
+  std::string line;
+  if (status.iterations > 0) line += fmt::format("  inverted={} penetration={:.3f} mm", status.inverted_elements, status.penetration * 1e3);
+  if (status.coupling_stretch > 0) line += fmt::format("  coupling stretch={:.2f} mm", status.coupling_stretch * 1e3);
+  if (status.passivity_energy != 0) line += fmt::format("  passivity={:.3g} J", status.passivity_energy);
+  append_named(line, "energy J:", status.energies);
+  append_named(line, "ledger J:", status.ledger);
+  return line.empty() ? line : line + "\n";
+}
+
+}  // namespace
+
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now) {
-  std::string out = fmt::format("{:<18} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>10} {:>5} {:>8}  {}\n", "module", "rate Hz", "nominal", "p50 ms", "p99 ms",
-                                "missed", "input ms", "residual N", "iter", "contacts", "counted");
+  std::string out = fmt::format("{:<18} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n", "module", "rate Hz", "nominal", "p50 ms", "p99 ms",
+                                "p99.9 ms", "missed", "input ms", "drops", "residual N", "iter", "contacts", "counted");
   for (const auto& [name, status] : modules) {
     const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
     std::string counted;
@@ -19,10 +41,12 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     }
     if (silent > 1.0) counted = fmt::format("SILENT for {:.1f} s", silent);
     const bool solves = status.iterations > 0;
-    out += fmt::format("{:<18} {:>8.1f} {:>8.1f} {:>8.3f} {:>8.3f} {:>7} {:>9} {:>10} {:>5} {:>8}  {}\n", name, status.rate_hz, status.nominal_rate_hz,
-                       status.step_ms_p50, status.step_ms_p99, status.deadline_misses,
-                       status.input_age_ms < 0 ? "-" : fmt::format("{:.1f}", status.input_age_ms), solves ? fmt::format("{:.2e}", status.residual) : "-",
-                       solves ? fmt::format("{}", status.iterations) : "-", solves ? fmt::format("{}", status.contact_count) : "-", counted);
+    out += fmt::format("{:<18} {:>8.1f} {:>8.1f} {:>8.3f} {:>8.3f} {:>8.3f} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n", name, status.rate_hz,
+                       status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.step_ms_p999, status.deadline_misses,
+                       status.input_age_ms < 0 ? "-" : fmt::format("{:.1f}", status.input_age_ms), status.input_drops,
+                       solves ? fmt::format("{:.2e}", status.residual) : "-", solves ? fmt::format("{}", status.iterations) : "-",
+                       solves ? fmt::format("{}", status.contact_count) : "-", counted);
+    if (!(silent > 1.0)) out += physics_line(status);
   }
   return out;
 }
@@ -32,15 +56,22 @@ nlohmann::ordered_json status_json(const LoopStatus& status) {
                               {"nominal_rate_hz", status.nominal_rate_hz},
                               {"step_ms_p50", status.step_ms_p50},
                               {"step_ms_p99", status.step_ms_p99},
+                              {"step_ms_p999", status.step_ms_p999},
                               {"steps", status.steps},
                               {"deadline_misses", status.deadline_misses},
                               {"input_age_ms", status.input_age_ms},
+                              {"input_drops", status.input_drops},
                               {"residual_n", status.residual},
                               {"iterations", status.iterations},
                               {"solver_status", status.solver_status},
                               {"contact_count", status.contact_count},
+                              {"inverted_elements", status.inverted_elements},
+                              {"penetration_m", status.penetration},
+                              {"coupling_stretch_m", status.coupling_stretch},
+                              {"passivity_energy_j", status.passivity_energy},
                               {"process_id", status.process_id}};
   for (const NamedValue& energy : status.energies) json["energies_j"][std::string(get_text(energy.name))] = energy.value;
+  for (const NamedValue& row : status.ledger) json["ledger_j"][std::string(get_text(row.name))] = row.value;
   for (const NamedValue& counter : status.counters) json["counters"][std::string(get_text(counter.name))] = counter.value;
   return json;
 }

@@ -9,9 +9,10 @@
 
 namespace softhand {
 
-/// A line a module; one that has been silent for more than a second says so. `now` on the messages' clock.
+/// A line a module, and below it what a loop of physics knows of its energies; one that has been silent for more than a second says so. `now` on the
+/// messages' clock.
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now);
-/// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, counters.
+/// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, ledger_j, counters.
 nlohmann::ordered_json status_json(const LoopStatus& status);
 
 }  // namespace softhand

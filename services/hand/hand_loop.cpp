@@ -335,6 +335,9 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.iterations = static_cast<std::uint32_t>(report.iterations);
   status.solver_status = static_cast<std::uint32_t>(report.status);
   status.contact_count = static_cast<std::uint32_t>(simulation_->contact_count());
+  status.inverted_elements = static_cast<std::uint32_t>(simulation_->inverted_elements());
+  status.penetration = simulation_->deepest_penetration();
+  status.coupling_stretch = simulation_->largest_coupling_stretch();
   for (std::size_t t = 0; t < report.term_count; ++t) {
     NamedValue energy;
     set_text(energy.name, report.terms[t].name);
@@ -348,7 +351,6 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));
   add_counter(status, "budget_steps", static_cast<double>(counters_.budget_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(counters_.objects_without_slot));
-  add_counter(status, "inverted_elements", static_cast<double>(simulation_->inverted_elements()));
 }
 
 HandDescription HandLoop::description() const {

@@ -62,7 +62,7 @@ class HandLoop {
   HandDescription description() const;
   /// Answers `reposition` (any value: the hand goes to its target at once, and lets go of what it holds).
   MessageReply answer(const Message& message, const std::string& module);
-  /// Adds input age, residual, iterations, contacts, energies and counters.
+  /// Adds input age, what the last step's solver and state show, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
   const HandSimulation& simulation() const { return *simulation_; }
   const HandCounters& counters() const { return counters_; }

@@ -75,6 +75,7 @@ void run(int argc, char** argv) {
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
+    status.input_drops = dropped_before(skeletons, heads, worlds, descriptions);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
   };

@@ -35,7 +35,10 @@ int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint3
       if (writer.has_readers()) publish(state);
     };
     service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
-                 [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
+                 [&](LoopStatus& status, Nanoseconds now) {
+                   loop.fill_status(status, now);
+                   status.input_drops = dropped_before(reader);
+                 }});
     publish(loop.stop(now()));
   });
 }

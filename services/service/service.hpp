@@ -61,6 +61,13 @@ class Service {
   std::uint32_t clock_id_;
 };
 
+/// Samples that were lost or malformed on the way to these readers: `LoopStatus::input_drops`.
+template <typename... Readers>
+std::uint64_t dropped_before(const Readers&... readers) {
+  const auto of = [](const bus::ReaderCounters& counters) { return counters.lost + counters.refused; };
+  return (of(readers.counters()) + ...);
+}
+
 /// main() of a service: `body`'s exceptions become one line on stderr and exit code 1.
 int guarded_main(const std::string& module, const std::function<void()>& body);
 

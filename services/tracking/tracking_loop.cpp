@@ -221,6 +221,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const double age = std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
 
   output_.valid = false;
+  coupling_stretch_ = 0;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     Bone& bone = bones_[b];
     if (!targets[b].valid) continue;
@@ -232,6 +233,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
     } else {
       move(bone, targets[b], age, fresh);
     }
+    coupling_stretch_ = std::max(coupling_stretch_, (bone.pose.position - targets[b].pose.position).norm());
   }
   ++sequence_;
   publish_skeleton(now);
@@ -321,6 +323,7 @@ MessageReply TrackingLoop::answer(const Message& message, const std::string& mod
 void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const double age = input_.age(now);
   status.input_age_ms = age < 0 ? -1 : age * 1e3;
+  status.coupling_stretch = coupling_stretch_;
   const TrackedInputCounters& c = input_.counters();
   const auto add = [&status](std::string_view name, std::uint64_t value) {
     NamedValue counter;

@@ -51,7 +51,7 @@ class TrackingLoop {
   MessageReply answer(const Message& message, const std::string& module);
 
   const TrackedInput& input() const { return input_; }
-  /// Adds the input age and the counters of what was refused.
+  /// Adds the input age, the longest stretch to the tracked skeleton and the counters of what was refused.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
 
  private:
@@ -94,6 +94,7 @@ class TrackingLoop {
   Stamp simulated_stamp_;
   bool simulated_any_ = false;
   bool reposition_asked_ = false;
+  double coupling_stretch_ = 0;          // m, longest now, to the tracked skeleton
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values
   TrackingOutput output_;

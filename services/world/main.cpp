@@ -51,7 +51,10 @@ void run(int argc, char** argv) {
     objects.write(*out);
   };
   service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
-               [&](LoopStatus& status, Nanoseconds now) { loop.fill_status(status, now); }});
+               [&](LoopStatus& status, Nanoseconds now) {
+                 loop.fill_status(status, now);
+                 status.input_drops = dropped_before(couplings);
+               }});
 }
 }  // namespace
 

@@ -409,6 +409,8 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   lines = through_cyclone(topics::loop_status, *status);
   EXPECT_EQ(lines["module_name"], std::string(status->module.data()));
   EXPECT_EQ(number(lines, "step_ms_p99"), status->step_ms_p99);
+  EXPECT_EQ(number(lines, "passivity_energy"), status->passivity_energy);
+  EXPECT_EQ(number(lines, "ledger[last].value"), status->ledger[status->ledger.size() - 1].value);
 }
 
 }  // namespace

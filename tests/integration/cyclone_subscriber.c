@@ -44,6 +44,7 @@ static void print_wrench(const void* sample) {
 static void print_status(const void* sample) {
   const softhand_v1_LoopStatus* s = sample;
   printf("module_name %s\nstep_ms_p99 %.17g\n", s->module_name, s->step_ms_p99);
+  printf("passivity_energy %.17g\nledger[last].value %.17g\n", s->passivity_energy, s->ledger._buffer[s->ledger._length - 1].value);
 }
 static void print_nothing(const void* sample) { (void)sample; }
 

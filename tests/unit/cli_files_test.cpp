@@ -157,6 +157,30 @@ TEST(StatusTable, ShowsFiguresAndOnlyWhatWasCounted) {
   EXPECT_EQ(table.find("SILENT"), std::string::npos) << table;
 }
 
+TEST(StatusTable, ShowsThePhysicsBelowALoopThatSolves) {
+  LoopStatus status = status_of("hand", 1'000'000'000);
+  EXPECT_EQ(status_table({{"hand", status}}, 1'500'000'000).find("penetration"), std::string::npos);
+  status.step_ms_p999 = 7.125;
+  status.input_drops = 41;
+  status.iterations = 3;
+  status.inverted_elements = 2;
+  status.penetration = 0.25e-3;
+  status.coupling_stretch = 1.5e-3;
+  status.passivity_energy = -0.03125;
+  NamedValue row;
+  set_text(row.name, "friction");
+  row.value = 0.0125;
+  status.ledger.push_back(row);
+  const std::string table = status_table({{"hand", status}}, 1'500'000'000);
+  for (const char* part : {"7.125", " 41 ", "inverted=2", "penetration=0.250 mm", "stretch=1.50 mm", "passivity=-0.0312 J", "friction=0.0125"}) {
+    EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
+  }
+  const auto json = status_json(status);
+  EXPECT_EQ(json["step_ms_p999"], 7.125);
+  EXPECT_EQ(json["ledger_j"]["friction"], 0.0125);
+  EXPECT_EQ(json["passivity_energy_j"], -0.03125);
+}
+
 TEST(StatusTable, FlagsAModuleThatFellSilent) {
   const std::string table =
       status_table({{"hand", status_of("hand", 1'000'000'000)}, {"world", status_of("world", 3'900'000'000)}}, 4'000'000'000);
