@@ -12,6 +12,7 @@
 #include <string>
 #include <string_view>
 
+#include "device/passivity_observer.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
 
@@ -68,6 +69,8 @@ class DeviceGuard {
   const DeviceState& zero(Nanoseconds now);
   MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status, Nanoseconds now) const;
+  /// Of what the driver wants, before clamp and slew limit, the share that goes to the device since the last step.
+  double share() const { return enabled_ && state_.live != 0 ? gain_ : 0.0; }
 
   std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
   const DeviceCounters& counters() const { return counters_; }
@@ -90,6 +93,10 @@ class DeviceGuard {
 inline bool source_is_live(const BoneWrench& input) { return input.simulated_valid != 0; }
 inline bool source_is_live(const Contacts&) { return true; }
 
+/// Touch moves nobody: only forces are observed.
+inline void observe(PassivityObserver& observer, const BoneWrench& input) { observer.add(input); }
+inline void observe(PassivityObserver&, const Contacts&) {}
+
 template <typename Input>
 class DeviceLoop {
  public:
@@ -105,11 +112,13 @@ class DeviceLoop {
   /// One step; `input` is what arrived since the last, null = nothing. Writes to the device.
   const DeviceState& step(Nanoseconds now, const Input* input) {
     if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
+      observe(passivity_, *input);
       wanted_.fill(0);
       driver_->command(*input, {wanted_.data(), actuators_});
       source_live_ = source_is_live(*input);
     }
     const DeviceState& state = guard_.limit(now, {wanted_.data(), actuators_}, source_live_);
+    passivity_.set_share(guard_.share());
     driver_->write(now, guard_.commands());
     return state;
   }
@@ -121,12 +130,17 @@ class DeviceLoop {
     return state;
   }
   MessageReply answer(const Message& message, const std::string& module) { return guard_.answer(message, module); }
-  void fill_status(LoopStatus& status, Nanoseconds now) const { guard_.fill_status(status, now); }
+  void fill_status(LoopStatus& status, Nanoseconds now) const {
+    guard_.fill_status(status, now);
+    status.passivity_energy = passivity_.energy();
+  }
   const DeviceCounters& counters() const { return guard_.counters(); }
+  const PassivityObserver& passivity() const { return passivity_; }
 
  private:
   std::unique_ptr<DeviceDriver<Input>> driver_;
   DeviceGuard guard_;
+  PassivityObserver passivity_;
   std::size_t actuators_;
   std::array<double, kMaxActuators> wanted_{};
   bool source_live_ = false;

@@ -67,6 +67,60 @@ class Device : public ::testing::Test {
   }
 };
 
+// A user's fingertip that swings 10 mm to and fro at 2 Hz against `force(x, v)`, N along x, as the driver hears it.
+template <typename Force>
+double passivity_of(DeviceLoop<BoneWrench>& loop, int milliseconds, Force force) {
+  for (int i = 0; i < milliseconds; ++i) {
+    const Nanoseconds now = kStart + (i + 1) * kMillisecond;
+    const double w = 4 * M_PI, t = 1e-3 * i;
+    BoneWrench input = wrench(force(0.01 * std::sin(w * t), 0.01 * w * std::cos(w * t)), 0, static_cast<std::uint64_t>(i) + 1, now);
+    input.bones[0].tracked_position[0] = 0.01 * std::sin(w * t);
+    loop.step(now, &input);
+  }
+  return loop.passivity().energy();
+}
+
+TEST_F(Device, AUserWhoMovesAgainstADamperPutsItsHeatIn) {
+  // b v^2 over whole periods: 5 N s/m x 1/2 x (0.1257 m/s)^2 x 2 s.
+  EXPECT_NEAR(passivity_of(loop, 2001, [](double, double v) { return -5 * v; }), 5 * 0.5 * std::pow(0.04 * M_PI, 2) * 2, 1e-3);
+  LoopStatus status;
+  loop.fill_status(status, now);
+  EXPECT_EQ(status.passivity_energy, loop.passivity().energy());
+  EXPECT_GT(status.passivity_energy, 0.05);
+}
+
+TEST_F(Device, ASpringGivesBackMoreThanItTookByItsForcesAge) {
+  // f = -k x(t - age) gives k pi X^2 sin(w age) in each period; a force that is held for a millisecond is half of one old to begin with.
+  const double w = 4 * M_PI;
+  for (const double delay : {0.0, 0.02}) {
+    Written other;
+    DeviceLoop<BoneWrench> late{DeviceLoopOptions{}, std::make_unique<FakeDriver>(other), 3, 0};
+    const double put_in = passivity_of(late, 2001, [&](double x, double v) { return -200 * (x * std::cos(w * delay) - v / w * std::sin(w * delay)); });
+    const double expected = -4 * 200 * M_PI * 1e-4 * std::sin(w * (delay + 0.5e-3));
+    EXPECT_NEAR(put_in, expected, -1e-3 * expected) << delay;
+  }
+}
+
+TEST_F(Device, WhatIsSwitchedOffOrJumpsDoesNoWork) {
+  DeviceLoopOptions off;
+  off.enabled = false;
+  Written other;
+  DeviceLoop<BoneWrench> silent{off, std::make_unique<FakeDriver>(other), 3, 0};
+  EXPECT_EQ(passivity_of(silent, 500, [](double, double v) { return -5 * v; }), 0);
+  feed(1, 0);
+  ASSERT_GT(loop.step(now, nullptr).live, 0u);
+  now += kMillisecond;
+  BoneWrench jumped = wrench(1, 0, ++sequence, now);
+  jumped.bones[0].tracked_position[0] = 1;
+  loop.step(now, &jumped);
+  EXPECT_EQ(loop.passivity().energy(), 0);
+  now += kMillisecond;
+  BoneWrench moved = wrench(1, 0, ++sequence, now);
+  moved.bones[0].tracked_position[0] = 1.001;
+  loop.step(now, &moved);
+  EXPECT_NEAR(loop.passivity().energy(), -1e-3, 1e-12);
+}
+
 TEST_F(Device, CommandsAreClampedAndSlewed) {
   const DeviceState first = feed(10, -10);
   EXPECT_NEAR(first.commands[0], 0.5, 1e-9);  // 500 N/s for 1 ms
