@@ -36,8 +36,12 @@ using eprosima::fastrtps::Duration_t;
 constexpr int kMaxDomain = 230;  // beyond, the ports of the participants above number 33 pass 65535
 /// Largest type whose samples are held in pools made at start; larger ones take buffers that grow to their need once and are used again.
 constexpr std::size_t kPooledSize = 32 * 1024;
-/// A writer goes no sooner after its last sample.
-constexpr std::chrono::milliseconds kLastSampleTime{20};
+/// A writer goes no sooner after its last sample. On a machine with six busy threads a core 20 ms were once too few.
+constexpr std::chrono::milliseconds kLastSampleTime{100};
+/// After so long without a sign of life a process is dead. Fast DDS 2.9 looks once in this time at each of its peers, and aborts by a failed assertion where one
+/// takes its leave in that very moment (PDP.cpp, check_remote_participant_liveliness): seen once in 160 tests with 2 s, so it must be rare. Nothing that hurries
+/// waits for it: streams grow stale, trackers' leases are 50 ms.
+constexpr int kProcessLeaseMs = 10000;
 
 Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
 
@@ -120,6 +124,7 @@ void apply(Qos& qos, const TopicRow& row) {
     qos.liveliness().lease_duration = milliseconds(row.liveliness_ms);
     qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
   }
+  if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
   if (row.exclusive) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
   qos.resource_limits().max_instances = row.max_instances;
   qos.resource_limits().max_samples_per_instance = row.depth;
@@ -169,7 +174,7 @@ class ParticipantImpl {
     qos.transport().user_transports = {udp};
     qos.wire_protocol().participant_id = fresh_participant_id();
     auto& discovery = qos.wire_protocol().builtin;
-    discovery.discovery_config.leaseDuration = milliseconds(2000);
+    discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
     discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
     // The multicast group finds everybody. Its port must be told: a peer without one stands for the unicast ports of the first few
     // participants, which is what finds Cyclone where multicast is off.

@@ -34,7 +34,7 @@ struct SendArguments {
   std::string module;
   std::string key;
   std::string value;
-  double seconds = 1;  ///< how long to wait for answers
+  double seconds = 1;  ///< how long to wait for an answer, or for one more after the last
 };
 int run_send(const SendArguments& arguments);
 

@@ -52,7 +52,7 @@ int main(int argc, char** argv) {
   command->add_option("module", send.module, "Name of the addressed module as `softhand status` shows it, or * for all")->required();
   command->add_option("key", send.key, "Name of the parameter, e.g. enabled")->required();
   command->add_option("value", send.value, "Its value")->required();
-  command->add_option("--seconds", send.seconds, "How long to wait for answers")->capture_default_str()->type_name("S")->check(CLI::PositiveNumber);
+  command->add_option("--seconds", send.seconds, "How long to wait for an answer, and for one more after the last")->capture_default_str()->type_name("S")->check(CLI::PositiveNumber);
   command->callback([&] { run = [&send] { return run_send(send); }; });
 
   RecordArguments record;

@@ -23,14 +23,13 @@ int run_send(const SendArguments& arguments) {
   bus::Reader replies(participant, bus::topics::message_reply);
   bus::Writer writer(participant, bus::topics::message);
 
-  // Modules are found one after another; half a second after the first has been, the others have too.
+  // Modules are found one after another, also after the message was written: it and the answers wait for whoever comes within their lifespan.
   const auto found_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
   while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by) std::this_thread::sleep_for(std::chrono::milliseconds(10));
   if (!writer.has_readers()) {
     fmt::print(stderr, "softhand send: no module is listening on this domain\n");
     return 1;
   }
-  std::this_thread::sleep_for(std::chrono::milliseconds(500));
   message.id = make_epoch();
   message.stamp.sequence = 1;
   message.stamp.publish_time = message.stamp.sample_time = now();
@@ -38,11 +37,13 @@ int run_send(const SendArguments& arguments) {
 
   int applied = 0;
   int answers = 0;
-  const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(arguments.seconds);
+  const auto patience = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(arguments.seconds));
+  auto until = std::chrono::steady_clock::now() + patience;
   while (std::chrono::steady_clock::now() < until) {
     replies.wait(std::chrono::milliseconds(50));
     replies.take_all([&](const MessageReply& reply) {
       if (reply.id != message.id) return;
+      until = std::chrono::steady_clock::now() + patience;
       ++answers;
       applied += reply.result == kReplyApplied;
       const char* result = reply.result == kReplyApplied ? "applied" : reply.result == kReplyRefused ? "REFUSED" : "not mine";

@@ -244,6 +244,29 @@ TEST(Bus, EveryMessageArrivesInOrder) {
   for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
 }
 
+TEST(Bus, AMessageReachesWhoeverIsFoundWithinItsLifespan) {
+  const Participant here("here", test_domain());
+  Writer writer(here, topics::message);
+  Message message;
+  message.id = 1;
+  writer.write(message);
+  const Participant there("there", test_domain());
+  {
+    Reader soon(there, topics::message);
+    ASSERT_TRUE(eventually([&] { return soon.take_latest(message); })) << "not found yet when the message was written";
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(topics::message.lifespan_ms + 200));
+  Reader late(there, topics::message);
+  message.id = 2;
+  writer.write(message);
+  std::vector<std::uint64_t> ids;
+  ASSERT_TRUE(eventually([&] {
+    late.take_all([&](const Message& m) { ids.push_back(m.id); });
+    return !ids.empty();
+  }));
+  EXPECT_EQ(ids, std::vector<std::uint64_t>{2}) << "an old command is obeyed";
+}
+
 TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   const Participant here("here", test_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
