@@ -3,16 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
-#include <fstream>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
-#include <string_view>
+
+#include "report/report.hpp"
 
 namespace softhand::verification {
 namespace {
+
+using report::in_quotes;
+using report::write_file;
 
 std::string text_of(const Parameters& parameters) {
   std::string text;
@@ -23,34 +24,6 @@ std::string text_of(const Parameters& parameters) {
 std::string with_order(const Measurement& m) { return m.order ? fmt::format("{:.3f}", m.order->observed) : std::string(); }
 
 const char* status_of(const Row& row) { return row.passed() ? "pass" : "fail"; }
-
-// In double quotes, as RFC 4180 has it.
-std::string in_quotes(std::string_view text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"') out += '"';
-    out += c;
-  }
-  return out + '"';
-}
-
-void write_file(const std::string& path, const std::string& text) {
-  if (path.empty()) return;
-  std::ofstream out(path);
-  out << text;
-  out.flush();
-  if (!out) throw std::runtime_error(path + ": cannot be written");
-}
-
-// First line that a shell command prints; empty where it fails.
-std::string first_line(const std::string& command) {
-  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
-  std::array<char, 256> buffer{};
-  if (!pipe || std::fgets(buffer.data(), buffer.size(), pipe.get()) == nullptr) return {};
-  std::string line(buffer.data());
-  while (!line.empty() && line.back() == '\n') line.pop_back();
-  return line;
-}
 
 std::vector<Case> chosen_cases(const VerifyArguments& arguments) {
   std::vector<Case> chosen;
@@ -134,7 +107,7 @@ std::string to_csv(const std::vector<Row>& rows) {
 }
 
 std::string to_markdown(const std::vector<Row>& rows, const std::string& command) {
-  const Provenance from = provenance();
+  const report::Provenance from = report::provenance();
   const auto passed = std::count_if(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); });
   std::string text = fmt::format("## Known answers\n\n`{}` on {}, {}, commit {}: {} of {} rows pass.\n\n", command, from.processor, from.compiler, from.commit, passed, rows.size());
   text += "| case | quantity | parameters | value | reference | tolerance | unit | order | status |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
@@ -158,23 +131,6 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
                         !row.error.empty() ? row.error : !row.known_failure.empty() ? row.known_failure : "not known why");
   }
   return text;
-}
-
-Provenance provenance() {
-  Provenance from;
-  std::ifstream cpu("/proc/cpuinfo");
-  for (std::string line; from.processor.empty() && std::getline(cpu, line);) {
-    if (line.rfind("model name", 0) == 0) from.processor = line.substr(line.find(':') + 2);
-  }
-  if (from.processor.empty()) from.processor = "unknown processor";
-#ifdef __clang__
-  from.compiler = "Clang " __clang_version__;
-#else
-  from.compiler = "GCC " __VERSION__;
-#endif
-  from.commit = first_line("git -C '" SOFTHAND_SOURCE_DIR "' describe --always --abbrev=10 --dirty=-modified --exclude='*' 2>/dev/null");
-  if (from.commit.empty()) from.commit = "unknown";
-  return from;
 }
 
 int run_verify(const VerifyArguments& arguments) {

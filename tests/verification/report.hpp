@@ -17,14 +17,6 @@ std::string to_csv(const std::vector<Row>& rows);
 /// A section "## Known answers" with the machine, compiler and commit, how many rows passed, and a table.
 std::string to_markdown(const std::vector<Row>& rows, const std::string& command);
 
-/// Where the figures come from.
-struct Provenance {
-  std::string processor;  ///< as the kernel names it
-  std::string compiler;
-  std::string commit;     ///< of the source tree that was built, "-modified" where it had changes; "unknown" outside a repository
-};
-Provenance provenance();
-
 /// `softhand report verify`: runs, prints and writes. Empty paths: not written. `which`: names of cases, empty = all. `settings`: "key=value" for the
 /// parameters of every row of a case that has the key; std::invalid_argument where none has it. Returns 0 when every row passed, else 1.
 struct VerifyArguments {

@@ -1,0 +1,58 @@
+#include "report/report.hpp"
+
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <stdexcept>
+
+namespace softhand::report {
+namespace {
+
+// First line that a shell command prints; empty where it fails.
+std::string first_line(const std::string& command) {
+  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
+  std::array<char, 256> buffer{};
+  if (!pipe || std::fgets(buffer.data(), buffer.size(), pipe.get()) == nullptr) return {};
+  std::string line(buffer.data());
+  while (!line.empty() && line.back() == '\n') line.pop_back();
+  return line;
+}
+
+}  // namespace
+
+Provenance provenance() {
+  Provenance from;
+  std::ifstream cpu("/proc/cpuinfo");
+  for (std::string line; from.processor.empty() && std::getline(cpu, line);) {
+    if (line.rfind("model name", 0) == 0) from.processor = line.substr(line.find(':') + 2);
+  }
+  if (from.processor.empty()) from.processor = "unknown processor";
+#ifdef __clang__
+  from.compiler = "Clang " __clang_version__;
+#else
+  from.compiler = "GCC " __VERSION__;
+#endif
+  from.commit = first_line("git -C '" SOFTHAND_SOURCE_DIR "' describe --always --abbrev=10 --dirty=-modified --exclude='*' 2>/dev/null");
+  if (from.commit.empty()) from.commit = "unknown";
+  return from;
+}
+
+std::string in_quotes(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"') out += '"';
+    out += c;
+  }
+  return out + '"';
+}
+
+void write_file(const std::string& path, const std::string& text) {
+  if (path.empty()) return;
+  std::ofstream out(path);
+  out << text;
+  out.flush();
+  if (!out) throw std::runtime_error(path + ": cannot be written");
+}
+
+}  // namespace softhand::report
