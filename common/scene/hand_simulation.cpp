@@ -187,6 +187,18 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
 
 void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) { object_coupling_->set_target(slot, pose, velocity); }
 
+void HandSimulation::take_state(const HandSimulation& other) {
+  state_ = other.state_;
+  modes_ = other.modes_;
+  objects_ = other.objects_;
+  bone_contact_forces_ = other.bone_contact_forces_;
+  *inertia_ = *other.inertia_;
+  *coupling_ = *other.coupling_;
+  if (contacts_ != nullptr) *contacts_ = *other.contacts_;
+  if (planes_ != nullptr) *planes_ = *other.planes_;
+  if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
+}
+
 StepReport HandSimulation::step(double time_step) {
   const StepReport report = solver_->step(state_, time_step);
   collect_bone_contacts();

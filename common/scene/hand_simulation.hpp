@@ -73,6 +73,9 @@ class HandSimulation {
   /// Target of U'_crb, the world's copy (mode symmetric).
   void set_object_target(int slot, const Pose& pose, const Twist& velocity);
 
+  /// Becomes what `other` is, contacts and all: both then go on alike. `other` was made of the same hand with as many slots; shapes in its slots outlive this.
+  void take_state(const HandSimulation& other);
+
   StepReport step(double time_step);
 
   // Results of the last step.

@@ -68,7 +68,7 @@ void HandLoop::describe_object(const ObjectDescription& description) {
     }
     return;
   }
-  auto shape = std::make_unique<ShapeGeometry>(description.shape);
+  auto shape = std::make_shared<const ShapeGeometry>(description.shape);
   if (known == objects_.end()) {
     if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
     known = objects_.emplace(objects_.end());
@@ -80,6 +80,19 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   known->owned = false;
   known->mirrored = {description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
                      description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()), description.friction};
+}
+
+void HandLoop::take_state(const HandLoop& other) {
+  simulation_->take_state(*other.simulation_);
+  tracked_ = other.tracked_;
+  objects_ = other.objects_;
+  slot_object_ = other.slot_object_;
+  skeleton_ = other.skeleton_;
+  any_skeleton_ = other.any_skeleton_;
+  reposition_asked_ = other.reposition_asked_;
+  world_time_ = other.world_time_;
+  counters_ = other.counters_;
+  output_ = other.output_;
 }
 
 void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {

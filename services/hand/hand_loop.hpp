@@ -56,6 +56,10 @@ class HandLoop {
   /// An object that the world announced, or removed. Between steps; builds the shape, so it allocates. Throws std::invalid_argument on a bad shape.
   void describe_object(const ObjectDescription& description);
 
+  /// Becomes what `other` is: both then go on alike where their options allow it. `other` was made of the same hand with as many slots, and heard of the same
+  /// objects. Between steps; allocates.
+  void take_state(const HandLoop& other);
+
   /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; publish times are the caller's.
   const HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
 
@@ -74,7 +78,7 @@ class HandLoop {
   struct KnownObject {
     std::uint32_t id = 0;
     ObjectDescription description;
-    std::unique_ptr<ShapeGeometry> shape;
+    std::shared_ptr<const ShapeGeometry> shape;  // shared with a loop that took this one's state
     MirroredObject mirrored;
     double bounding_radius = 0;
     ObjectState state;       // newest from the world

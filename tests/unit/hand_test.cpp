@@ -273,6 +273,33 @@ TEST(HandLoop, AStepAllocatesNothing) {
   EXPECT_EQ(allocations, 0);
 }
 
+// From a state in which an object is held, at another loop's history of solver and slots.
+TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
+  const HandModel model = hand();
+  HandLoop one(model, loop_options(), {}), two(model, loop_options(), {});
+  one.describe_object(cube(3));
+  two.describe_object(cube(3));
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  const auto step = [&](HandLoop& loop, int i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
+    const WorldObjects world = world_with(3, below, now);
+    loop.step(now, {&sample, nullptr, &world}, {});
+  };
+  step(two, 1);
+  int i = 1;
+  while (i < 60 && (one.simulation().contact_count() == 0 || one.simulation().slot_mode(0) != SlotMode::dynamic)) step(one, i++);
+  ASSERT_LT(i, 60) << "touched and owned";
+  two.take_state(one);
+  for (const int end = i + 20; i < end; ++i) {
+    step(one, i);
+    step(two, i);
+    ASSERT_EQ(one.simulation().contact_count(), two.simulation().contact_count()) << i;
+    ASSERT_EQ((one.simulation().state().node_positions - two.simulation().state().node_positions).cwiseAbs().maxCoeff(), 0) << i;
+    ASSERT_EQ(one.simulation().slot_pose(0).position, two.simulation().slot_pose(0).position) << i;
+  }
+}
+
 TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});
