@@ -75,11 +75,24 @@ void BodyCoupling::bind(const BlockMatrix& matrix) {
   for (Site& site : sites_) site.blocks.bind(matrix);
 }
 
+double BodyCoupling::spring_energy(const Site& site, const Pose& body, const Pose& target) {
+  const Pose frame = body * site.body_from_frame;
+  const double turn = rotation_log(frame.orientation * target.orientation.conjugate()).norm();
+  return capped_spring(site.gains.linear_stiffness, site.gains.force_cap, (frame.position - target.position).norm()).energy +
+         capped_spring(site.gains.angular_stiffness, site.gains.torque_cap, turn).energy;
+}
+
 void BodyCoupling::begin_step(const State& state, double time_step) {
+  time_step_ = time_step;
   for (Site& s : sites_) {
     s.pulls = s.active;
     if (!s.pulls) continue;
-    const Pose start = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
+    s.start = state.body_poses[static_cast<std::size_t>(s.body)];
+    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does work on the way.
+    const bool goes_on = s.pulled && s.start.position == s.end.position && s.start.orientation.coeffs() == s.end.orientation.coeffs();
+    if (!goes_on) s.end_target = s.target;
+    s.start_energy = spring_energy(s, s.start, s.end_target);
+    const Pose start = s.start * s.body_from_frame;
     const double damping = s.gains.linear_damping / time_step;
     const double angular_damping = s.gains.angular_damping / time_step;
     s.stiffness = s.gains.linear_stiffness + damping;
@@ -136,6 +149,39 @@ void BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
     Clique<2>::Gradient local;
     local << -w.force, -(w.torque + arm.cross(w.force));
     s.blocks.add(gradient, local);
+  }
+}
+
+void BodyCoupling::end_step(State& state) {
+  flow_ = {};
+  for (int site = 0; site < site_count(); ++site) {
+    Site& s = at(site);
+    flow_.work -= s.stored;  // and back below, as it was at the start: not the same where a spring was switched
+    s.stored = 0;
+    s.pulled = s.pulls;
+    if (!s.pulls) continue;
+    s.end = state.body_poses[static_cast<std::size_t>(s.body)];
+    s.stored = spring_energy(s, s.end, s.target);
+    // The frame's move as the solver sees it: what the increment dq of the body makes of the derivative at the end.
+    const Pose frame = s.end * s.body_from_frame;
+    const Vector3 turned = rotation_log(s.end.orientation * s.start.orientation.conjugate());
+    const Vector3 moved = s.end.position - s.start.position + turned.cross(frame.position - s.end.position);
+    const Vector3 target_moved = s.target.position - s.end_target.position;
+    const Vector3 target_turned = rotation_log(s.target.orientation * s.end_target.orientation.conjugate());
+    s.end_target = s.target;
+    const Vector3 stretch = frame.position - s.target.position;
+    const Vector3 turn = rotation_log(frame.orientation * s.target.orientation.conjugate());
+    const Vector3 spring = capped_spring(s.gains.linear_stiffness, s.gains.force_cap, stretch.norm()).secant * stretch;
+    const Vector3 angular_spring = capped_spring(s.gains.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn;
+    const Wrench whole = wrench(site, state);
+    const Vector3 damper = -whole.force - spring;
+    const Vector3 angular_damper = -whole.torque - angular_spring;
+    const Vector3 carried = time_step_ * s.target_velocity.linear;
+    const Vector3 angular_carried = time_step_ * s.target_velocity.angular;
+    flow_.stored += s.stored;
+    flow_.work += s.start_energy - spring.dot(target_moved) - angular_spring.dot(target_turned) - damper.dot(carried) - angular_damper.dot(angular_carried);
+    flow_.damping += damper.dot(moved - carried) + angular_damper.dot(turned - angular_carried);
+    flow_.integrator += s.start_energy - s.stored + spring.dot(moved - target_moved) + angular_spring.dot(turned - target_turned);
   }
 }
 

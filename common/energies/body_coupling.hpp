@@ -72,6 +72,9 @@ class BodyCoupling final : public Energy {
   double value(const State& state) const override;
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  void end_step(State& state) override;
+  /// Stored: the springs alone, capped, as U of eq. 18. What the force on a body is more than its spring's is the damper's.
+  EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
   struct Site {
@@ -88,12 +91,22 @@ class BodyCoupling final : public Energy {
     Quaternion orientation_target = Quaternion::Identity();
     double stiffness = 0;
     double angular_stiffness = 0;
+    Pose start;                 // of the body
+    double start_energy = 0;    // of the springs, to where the target was, J
+    // As the last step left it.
+    bool pulled = false;
+    Pose end;                   // of the body
+    Pose end_target;
+    double stored = 0;          // J
   };
+  static double spring_energy(const Site& site, const Pose& body, const Pose& target);
   const Site& at(int site) const { return sites_[static_cast<std::size_t>(site)]; }
   Site& at(int site) { return sites_[static_cast<std::size_t>(site)]; }
 
   std::string name_;
   std::vector<Site> sites_;
+  double time_step_ = 0;
+  EnergyFlow flow_;
 };
 
 }  // namespace softhand

@@ -123,7 +123,7 @@ void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double fric
 }
 
 void ContactSet::clear_object(int slot) {
-  remove_if([slot](const Anchor& anchor) { return anchor.slot == slot; });
+  remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
   Slot& s = at(slot);
   s.geometry = nullptr;
   s.seen = false;
@@ -132,7 +132,7 @@ void ContactSet::clear_object(int slot) {
 }
 
 void ContactSet::reset() {
-  remove_if([](const Anchor&) { return true; });
+  remove_if([this](const Anchor& anchor) { return clear(anchor); });
   for (Slot& s : slots_) {
     s.seen = false;
     s.wrench = {};
@@ -182,9 +182,11 @@ void ContactSet::begin_step(const State& state, double time_step) {
       s.predicted_pose = increment(s.start_pose, time_step * twist.linear, time_step * twist.angular);
     }
     if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport) {
-      remove_if([slot](const Anchor& anchor) { return anchor.slot == slot; });
+      remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
       s.seen = false;
     }
+    s.jumped = s.seen && !(s.last_pose.position == s.start_pose.position &&
+                           s.last_pose.orientation.coeffs() == s.start_pose.orientation.coeffs());
     find_candidates(slot, state);
   }
   for (Anchor& anchor : anchors_) begin_anchor(anchor, state);
@@ -192,18 +194,16 @@ void ContactSet::begin_step(const State& state, double time_step) {
 
 void ContactSet::find_candidates(int slot, const State& state) {
   const Slot& s = at(slot);
-  const bool jumped = s.seen && !(s.last_pose.position == s.start_pose.position &&
-                                  s.last_pose.orientation.coeffs() == s.start_pose.orientation.coeffs());
-  const double margin = reach(s, s.start_pose, s.predicted_pose) + (jumped ? reach(s, s.last_pose, s.start_pose) : 0.0);
+  const double margin = reach(s, s.start_pose, s.predicted_pose) + (s.jumped ? reach(s, s.last_pose, s.start_pose) : 0.0);
   groups_.for_each_near(*s.geometry, s.start_pose, margin, [&](std::int32_t node) {
     if (has_anchor_[pair(slot, node)]) return;
     const Vector3 position = state.node_positions.col(node);
     const Vector3 now = to_local(s.start_pose, position);
     const Vector3 next = to_local(s.predicted_pose, position + time_step_ * state.node_velocities.col(node));
-    const Vector3 before = jumped ? to_local(s.last_pose, position) : now;
+    const Vector3 before = s.jumped ? to_local(s.last_pose, position) : now;
     const SurfacePoint nearest = s.geometry->closest(now);
     if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
-    if (jumped) {
+    if (s.jumped) {
       if (const auto crossing = s.geometry->first_crossing(before, now)) {
         create(slot, node, crossing->point, crossing->normal);
         return;
@@ -260,25 +260,42 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
     }
   }
   anchor.stretch_start = stretch - anchor.stretch_origin;
+  // Relative to where the object was when the last step ended: its own move since then is a movement like those of the step.
+  const Vector3 left = (anchor.known && s.jumped ? to_local(s.last_pose, position) : to_local(s.start_pose, position)) - anchor.anchor;
+  anchor.start_energy = normal_energy(anchor, anchor.normal.dot(left));
+  const double held = anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
+  anchor.start_excess = std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
 }
 
 void ContactSet::end_step(const State& state) {
   in_step_ = false;
-  for (Slot& s : slots_) {
+  normal_flow_ = {.work = -std::exchange(cleared_normal_, 0.0)};
+  friction_flow_ = {.work = -std::exchange(cleared_friction_, 0.0)};
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    Slot& s = at(slot);
     s.wrench = {};
     s.count = 0;
+    if (s.geometry == nullptr) continue;
+    const Pose end_pose = body_pose(slot, state);
+    s.moved = end_pose.position - s.start_pose.position;
+    s.turned = rotation_log(end_pose.orientation * s.start_pose.orientation.conjugate());
   }
   for (Anchor& anchor : anchors_) {
     const Offset o = offset(anchor, state);
     const double pressure = anchor.fresh || o.depth < 0 ? -anchor.stiffness * o.depth : 0.0;
-    anchor.force = pressure * o.normal - friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
+    const Vector3 push = pressure * o.normal;
+    const Vector3 drag = -friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
+    anchor.force = push + drag;
     Slot& s = at(anchor.slot);
     s.wrench.force -= anchor.force;
     s.wrench.torque -= o.lever.cross(anchor.force);
-    slide(anchor, state);
+    account(anchor, o, push, drag, state);
+    slide(anchor, drag.norm(), state);
   }
   remove_if([this, &state](Anchor& anchor) {
-    const double depth = offset(anchor, state).depth;
+    const Offset o = offset(anchor, state);
+    settle(anchor, o);
+    const double depth = o.depth;
     if (depth > 0 && anchor.recess > 0) {  // out faster than the anchor: take it along
       const double out = std::min(depth, anchor.recess);
       anchor.anchor += out * anchor.normal;
@@ -304,6 +321,9 @@ void ContactSet::end_step(const State& state) {
     anchor.kept_normal = anchor.normal;
     anchor.kept_recess = anchor.recess;
     anchor.kept_sliding = anchor.sliding;
+    anchor.known = true;
+    normal_flow_.stored += anchor.normal_energy;
+    friction_flow_.stored += anchor.friction_energy;
     ++at(anchor.slot).count;
   }
 }
@@ -316,12 +336,61 @@ void ContactSet::find_missed(int slot, const State& state) {
     const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
     const Vector3 end = to_local(end_pose, state.node_positions.col(node));
     if (s.geometry->signed_distance(end) > (end - start).norm()) return;
-    if (const auto crossing = s.geometry->first_crossing(start, end)) create(slot, node, crossing->point, crossing->normal);
+    if (const auto crossing = s.geometry->first_crossing(start, end)) {
+      if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) settle(*anchor, offset(*anchor, state));
+    }
   });
 }
 
-// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched.
-void ContactSet::slide(Anchor& anchor, const State& state) {
+double ContactSet::normal_energy(const Anchor& anchor, double depth) const {
+  const double sunk = std::min(depth, 0.0);
+  return 0.5 * anchor.stiffness * sunk * sunk;
+}
+
+// Whoever takes a contact away takes what it holds.
+bool ContactSet::clear(const Anchor& anchor) {
+  cleared_normal_ += anchor.normal_energy;
+  cleared_friction_ += anchor.friction_energy;
+  return true;
+}
+
+// Rows of the ledger but for what sliding does to them: `push` and `drag` act on the node at the step's end.
+void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state) {
+  const Slot& s = at(anchor.slot);
+  const Vector3 node_moved = state.node_positions.col(anchor.node) - start_positions_.col(anchor.node);
+  Vector3 object_moved = s.moved + s.turned.cross(end.lever);  // as the solver sees it; zero of a fixed object
+  if (anchor.known && s.jumped) {
+    const Vector3 point = body_pose(anchor.slot, state).orientation.conjugate() * end.lever;
+    const Vector3 carried = s.start_pose * point - s.last_pose * point;
+    normal_flow_.work += push.dot(carried);
+    friction_flow_.work += drag.dot(carried);
+    object_moved += carried;
+  }
+  const Vector3 moved = node_moved - object_moved;
+  const double energy = normal_energy(anchor, end.depth);
+  normal_flow_.anchoring += anchor.start_energy - anchor.normal_energy;
+  normal_flow_.integrator += anchor.start_energy - energy - push.dot(moved);
+  friction_flow_.integrator += anchor.friction_energy - drag.dot(moved);
+  anchor.normal_energy = energy;
+}
+
+// What the contact holds with its anchor and plane as they are between steps; the difference is what putting them there did.
+void ContactSet::settle(Anchor& anchor, const Offset& offset) {
+  const double normal = normal_energy(anchor, offset.depth);
+  double friction = 0;
+  if (anchor.friction_stiffness > 0) {
+    const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -offset.depth);
+    const double held = std::min(offset.stretch.norm(), limit / anchor.friction_stiffness);
+    friction = 0.5 * anchor.friction_stiffness * held * held;
+  }
+  normal_flow_.anchoring += normal - anchor.normal_energy;
+  friction_flow_.anchoring += friction - anchor.friction_energy;
+  anchor.normal_energy = normal;
+  anchor.friction_energy = friction;
+}
+
+// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched. `drag`: |f_t| of the step, N, whose work on the slide is heat.
+void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   // A fresh anchor's true stretch is that from the crossing on; of one ahead it is that of the energy.
   const bool ahead = std::exchange(anchor.ahead, false);
   if (!ahead) anchor.stretch_origin.setZero();
@@ -330,11 +399,17 @@ void ContactSet::slide(Anchor& anchor, const State& state) {
   const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -o.depth);
   const double stretch = o.stretch.norm();
   const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
+  // A contact that ends holds nothing any more.
+  const double held = anchor.friction_stiffness > 0 ? std::min(stretch - distance, limit / anchor.friction_stiffness) : 0.0;
+  const double heat = drag * std::max(0.0, stretch - held - anchor.start_excess);
+  anchor.friction_energy = 0.5 * anchor.friction_stiffness * held * held;
+  friction_flow_.friction += heat;
+  friction_flow_.integrator -= anchor.friction_energy + heat;
+  dissipated_ += heat;
   anchor.sliding = distance > 0;
   anchor.slip_speed = distance / time_step_;
   const Vector3 origin = std::exchange(anchor.stretch_origin, Vector3::Zero());
   if (!anchor.sliding && !ahead) return;
-  dissipated_ += limit * distance;
   const Pose pose = body_pose(anchor.slot, state);
   Vector3 movement = origin;
   if (anchor.sliding) movement += distance / stretch * (pose.orientation.conjugate() * o.stretch);

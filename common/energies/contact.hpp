@@ -65,6 +65,12 @@ class ContactSet {
     // Results of the last step.
     Vector3 force = Vector3::Zero();        ///< on the node, N, world
     double slip_speed = 0;                  ///< m/s
+    // For the energy ledger.
+    bool known = false;                     ///< was there at the end of the last step
+    double normal_energy = 0;               ///< 1/2 k min(0, u)^2 as the last step left it, J
+    double friction_energy = 0;             ///< 1/2 k_t |s|^2, |s| at most mu f_n / k_t, likewise
+    double start_energy = 0;                ///< normal, with the plane of this step, J
+    double start_excess = 0;                ///< of |s| over what `friction_energy` holds, m
   };
 
   /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state; the first `moving_slots` of them may yield.
@@ -96,6 +102,9 @@ class ContactSet {
   double penetration_quantile(const State& state, double fraction);
   /// Heat of sliding since construction, J.
   double dissipated() const { return dissipated_; }
+  /// Of the step that ended last: of U_n, whose energy counts where a contact pushes, and of U_f.
+  const EnergyFlow& normal_flow() const { return normal_flow_; }
+  const EnergyFlow& friction_flow() const { return friction_flow_; }
   /// Anchors that found no room since construction.
   std::uint64_t dropped() const { return dropped_; }
   /// Contacts and sums per finger, at the end of the last step. Leaves key and stamp alone.
@@ -125,6 +134,8 @@ class ContactSet {
     bool seen = false;  // last_pose holds
     Pose last_pose;     // at the end of the last step
     Pose start_pose;    // at the start of this one
+    bool jumped = false;  // between the two: it was moved from outside
+    Vector3 moved = Vector3::Zero(), turned = Vector3::Zero();  // within the step, by the solver
     Pose predicted_pose;  // at its end, by its twist
     Wrench wrench;
     int count = 0;
@@ -145,7 +156,11 @@ class ContactSet {
   void begin_anchor(Anchor& anchor, const State& state);
   void find_candidates(int slot, const State& state);
   void find_missed(int slot, const State& state);
-  void slide(Anchor& anchor, const State& state);
+  void slide(Anchor& anchor, double drag, const State& state);
+  double normal_energy(const Anchor& anchor, double depth) const;
+  bool clear(const Anchor& anchor);
+  void account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state);
+  void settle(Anchor& anchor, const Offset& offset);
 
   double stiffness_;
   int first_body_;
@@ -171,6 +186,8 @@ class ContactSet {
   bool in_step_ = false;
   double dissipated_ = 0;
   std::uint64_t dropped_ = 0;
+  EnergyFlow normal_flow_, friction_flow_;
+  double cleared_normal_ = 0, cleared_friction_ = 0;  // J that contacts held which were taken away since the last step
 };
 
 /// U_n of all anchors, and the driver of the set.
@@ -185,6 +202,7 @@ class ContactEnergy final : public Energy {
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override { contacts_.end_step(state); }
+  EnergyFlow flow(double, double, double) const override { return contacts_.normal_flow(); }
 
  private:
   ContactSet& contacts_;

@@ -3,6 +3,7 @@
 
 #include <string_view>
 
+#include "energies/energy_ledger.hpp"
 #include "math/block_matrix.hpp"
 #include "model/state.hpp"
 
@@ -38,6 +39,9 @@ class Energy {
   }
   /// After the solver is done with the step: anchors slide, contacts begin and end, inertia writes the new velocities into `state`.
   virtual void end_step(State& /*state*/) {}
+  /// Rows of the energy ledger for the step that ended last, whose minimisation led from the value `start` to `end` and took dU/dq . dq = `taken`. As it stands: of a
+  /// potential of the state alone, whose force of the step's end did the work (convex: backward Euler loses).
+  virtual EnergyFlow flow(double start, double end, double taken) const { return {.stored = end, .integrator = start - end + taken}; }
 };
 
 }  // namespace softhand

@@ -28,6 +28,7 @@ class FrictionEnergy final : public Energy {
   double value(const State& state) const override;
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  EnergyFlow flow(double, double, double) const override { return contacts_.friction_flow(); }
 
  private:
   ContactSet& contacts_;

@@ -70,6 +70,7 @@ void Inertia::bind(const BlockMatrix& matrix) {
 
 void Inertia::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
+  start_energy_ = kinetic_energy(state);
   const double inverse_square = 1.0 / (time_step * time_step);
   node_start_ = state.node_positions;
   node_target_ = state.node_positions + time_step * state.node_velocities + time_step * time_step * node_gravity_;
@@ -87,6 +88,7 @@ void Inertia::begin_step(const State& state, double time_step) {
     b.position_target = b.start.position + time_step * velocity.linear + time_step * time_step * b.gravity;
     b.translation_weight = b.mass * inverse_square;
     const Vector3 momentum = in_world(b.inertia, b.start.orientation) * velocity.angular;
+    b.spin_energy = 0.5 * velocity.angular.dot(momentum);
     // Implicit midpoint by fixed-point iteration: the turn of free motion, by the inertia half way along that same turn. Whatever the last
     // iterate is, it conserves the momentum, because the weight and the target use the same inertia.
     Matrix3 inertia_mid;
@@ -157,7 +159,17 @@ void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature cu
 }
 
 void Inertia::end_step(State& state) {
-  state.node_velocities = (state.node_positions - node_start_) / time_step_;
+  // Velocities that differ from those of the last step's end were set from outside.
+  EnergyFlow flow{.work = start_energy_ - flow_.stored};
+  for (std::size_t n = 0; n < node_masses_.size(); ++n) {
+    const auto column = static_cast<Eigen::Index>(n);
+    const Vector3 moved = state.node_positions.col(column) - node_start_.col(column);
+    const Vector3 velocity = moved / time_step_;
+    flow.stored += 0.5 * node_masses_[n] * velocity.squaredNorm();
+    flow.integrator += 0.5 * node_masses_[n] * (velocity - state.node_velocities.col(column)).squaredNorm();
+    flow.work += node_masses_[n] * node_gravity_.col(column).dot(moved);
+    state.node_velocities.col(column) = velocity;
+  }
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     const BodyInertia& b = bodies_[i];
     Pose& pose = state.body_poses[i];
@@ -166,10 +178,18 @@ void Inertia::end_step(State& state) {
       continue;
     }
     Twist& velocity = state.body_velocities[i];
-    velocity.linear = (pose.position - b.start.position) / time_step_;
-    const Vector3 momentum = time_step_ * b.rotation_weight * turn_from(b.start, pose);
-    velocity.angular = in_world(b.inertia, pose.orientation).inverse() * momentum;
+    const Vector3 moved = pose.position - b.start.position;
+    const Vector3 linear = moved / time_step_;
+    const Vector3 turn = turn_from(b.start, pose);
+    const Vector3 momentum = time_step_ * b.rotation_weight * turn;
+    const Vector3 angular = in_world(b.inertia, pose.orientation).inverse() * momentum;
+    const double spin_energy = 0.5 * angular.dot(momentum);
+    flow.stored += 0.5 * b.mass * linear.squaredNorm() + spin_energy;
+    flow.integrator += 0.5 * b.mass * (linear - velocity.linear).squaredNorm() + (turn - b.turn_target).dot(b.rotation_weight * turn) - (spin_energy - b.spin_energy);
+    flow.work += b.mass * b.gravity.dot(moved);
+    velocity = {linear, angular};
   }
+  flow_ = flow;
 }
 
 }  // namespace softhand

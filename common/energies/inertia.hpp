@@ -49,6 +49,8 @@ class Inertia final : public Energy {
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
+  /// Stored: the kinetic energy. Loss: 1/2 |dv|^2_M of nodes and translations; of a turn L_end - L_start paired with it, less what its energy rose.
+  EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
   struct BodyInertia {
@@ -60,6 +62,7 @@ class Inertia final : public Energy {
     Pose start;
     Vector3 position_target = Vector3::Zero();
     Vector3 turn_target = Vector3::Zero();
+    double spin_energy = 0;  // 1/2 w^T I w at the start, J
     double translation_weight = 0;
     Matrix3 rotation_weight = Matrix3::Zero();  // world axes
   };
@@ -71,6 +74,8 @@ class Inertia final : public Energy {
   double time_step_ = 0;
   Eigen::Matrix3Xd node_start_;
   Eigen::Matrix3Xd node_target_;
+  double start_energy_ = 0;  // kinetic, J
+  EnergyFlow flow_;
 };
 
 }  // namespace softhand

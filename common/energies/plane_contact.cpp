@@ -5,6 +5,7 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -49,6 +50,7 @@ void PlaneContact::set_object(int slot, const ShapeGeometry* geometry, double ma
 
 void PlaneContact::clear_object(int slot) {
   Slot& s = at(slot);
+  cleared_ += std::exchange(s.stored, 0.0);
   s.geometry = nullptr;
   s.plane_count = 0;
   s.wrench = {};
@@ -103,11 +105,13 @@ void PlaneContact::begin_step(const State& state, double time_step) {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     Slot& slot = slots_[i];
     const std::size_t body = static_cast<std::size_t>(first_body_) + i;
-    for (std::size_t p = 0; p < slot.plane_count; ++p) begin_plane(slot, slot.planes[p], state.body_poses[body], state.body_velocities[body]);
+    slot.start = state.body_poses[body];
+    slot.start_energy = 0;
+    for (std::size_t p = 0; p < slot.plane_count; ++p) begin_plane(slot, slot.planes[p], slot.start, state.body_velocities[body]);
   }
 }
 
-void PlaneContact::begin_plane(const Slot& slot, Plane& plane, const Pose& body, const Twist& twist) {
+void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const Twist& twist) {
   const Vector3 local_normal = body.orientation.conjugate() * plane.normal;
   slot.geometry->resting_points(local_normal, resting_);
   const std::span<Point> points = points_of(plane);
@@ -133,7 +137,9 @@ void PlaneContact::begin_plane(const Slot& slot, Plane& plane, const Pose& body,
     point.material = resting_[i].centre - resting_[i].radius * local_normal;
     point.material_start = body * point.material;
     point.stiffness = k + damping;
-    point.target = damping / point.stiffness * std::min(start, 0.0);
+    point.spring = k;
+    point.start_height = std::min(start, 0.0);
+    point.target = damping / point.stiffness * point.start_height;
     point.fresh = start - plane.normal.dot(carried) >= point.target && predicted < point.target;
     point.stretch -= plane.normal.dot(point.stretch) * plane.normal;
     const Vector3 movement = next * point.material - point.material_start - carried;
@@ -141,17 +147,24 @@ void PlaneContact::begin_plane(const Slot& slot, Plane& plane, const Pose& body,
     double pressure = point.normal_force;
     if (point.fresh && !(pressure > 0)) pressure = point.stiffness * (point.target - predicted) * inertia / (inertia + point.stiffness);
     point.friction = {friction_stiffness(k, plane.friction), plane.friction * pressure};
+    slot.start_energy += stored(point, point.start_height);
     point.predicted_secant = point.friction.bound > 0 ? point.friction.secant((point.stretch + along).norm()) : 0.0;
     point.sliding = point.sliding && point.stretch.dot(along) > 0;
   }
   plane.point += carried;
 }
 
+double PlaneContact::stored(const Point& point, double height) {
+  const double depth = std::min(height, 0.0);
+  return 0.5 * point.spring * depth * depth + 0.5 * point.friction.stiffness * point.stretch.squaredNorm();
+}
+
 PlaneContact::Response PlaneContact::respond(const Plane& plane, const Point& point, const Pose& body) const {
   Response result;
   result.normal_arm = body.orientation * point.resting.centre;
   result.friction_arm = body.orientation * point.material;
-  const double depth = plane.normal.dot(body.position + result.normal_arm - plane.point) - point.resting.radius - point.target;
+  result.height = plane.normal.dot(body.position + result.normal_arm - plane.point) - point.resting.radius;
+  const double depth = result.height - point.target;
   result.pushes = point.fresh || depth < 0;
   if (result.pushes) {
     result.energy = 0.5 * point.stiffness * depth * depth;
@@ -226,35 +239,52 @@ void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
 }
 
 void PlaneContact::end_step(State& state) {
+  flow_ = {.work = -std::exchange(cleared_, 0.0)};
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     Slot& slot = slots_[i];
     const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
     slot.wrench = {};
     slot.count = 0;
+    flow_.anchoring += slot.start_energy - slot.stored;
+    slot.stored = 0;
+    const Vector3 moved = body.position - slot.start.position;
+    const Vector3 turned = slot.plane_count > 0 ? rotation_log(body.orientation * slot.start.orientation.conjugate()) : Vector3(Vector3::Zero());
     for (std::size_t p = 0; p < slot.plane_count; ++p) {
       const Plane& plane = slot.planes[p];
+      const Vector3 carried = time_step_ * plane.velocity;
       for (Point& point : points_of(plane)) {
         const Response r = respond(plane, point, body);
         slot.wrench.force -= r.normal_force + r.friction_force;
         slot.wrench.torque -= r.normal_arm.cross(r.normal_force) + r.friction_arm.cross(r.friction_force);
         point.normal_force = std::max(0.0, r.pressure);
         point.fresh = false;
-        if (!(point.normal_force > 0)) {
-          point.stretch.setZero();
-          point.sliding = false;
-          continue;
-        }
-        ++slot.count;
+        const double before = stored(point, point.start_height);
         const double limit = plane.friction * point.normal_force;
         const double length = r.stretch.norm();
-        const double distance = point.friction.slide(length, limit);
-        point.sliding = distance > 0;
+        // A point that does not press holds nothing.
+        const double distance = point.normal_force > 0 ? point.friction.slide(length, limit) : length;
+        point.sliding = point.normal_force > 0 && distance > 0;
         point.stretch = r.stretch;
-        if (point.sliding) point.stretch *= (length - distance) / length;
-        dissipated_ += limit * distance;
+        if (distance > 0) point.stretch *= (length - distance) / length;
+        if (point.normal_force > 0) ++slot.count;
+
+        const double after = stored(point, r.height);
+        const Vector3 spring = point.spring * std::min(r.height, 0.0) * plane.normal;
+        const Vector3 damper = r.normal_force - spring;
+        // Movement against the plane, as the solver sees it.
+        const Vector3 normal_moved = moved + turned.cross(r.normal_arm) - carried;
+        const Vector3 friction_moved = moved + turned.cross(r.friction_arm) - carried;
+        const double heat = r.friction_force.norm() * distance;
+        slot.stored += after;
+        flow_.stored += after;
+        flow_.work -= (r.normal_force + r.friction_force).dot(carried);
+        flow_.damping += damper.dot(normal_moved);
+        flow_.friction += heat;
+        flow_.integrator += before - after + spring.dot(normal_moved) + r.friction_force.dot(friction_moved) - heat;
       }
     }
   }
+  dissipated_ += flow_.friction;
 }
 
 }  // namespace softhand

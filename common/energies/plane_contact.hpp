@@ -55,6 +55,8 @@ class PlaneContact final : public Energy {
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
+  /// Stored: 1/2 k min(0, u)^2 and the friction's springs; what the normal force is more than k u is the damper's.
+  EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
   struct Point {
@@ -71,6 +73,8 @@ class PlaneContact final : public Energy {
     bool fresh = false;
     CoulombSpring friction;
     double predicted_secant = 0;
+    double spring = 0;                    // k
+    double start_height = 0;              // min(u_0, 0)
   };
   struct Plane {
     std::uint32_t neighbour = 0;
@@ -91,6 +95,9 @@ class PlaneContact final : public Energy {
     Clique<2> blocks;
     Wrench wrench;
     int count = 0;
+    Pose start;                           // of the body
+    double start_energy = 0;              // of springs and friction, with the planes of this step, J
+    double stored = 0;                    // of the same after the last step, J
   };
   /// What a point does at a state.
   struct Response {
@@ -100,15 +107,17 @@ class PlaneContact final : public Energy {
     Vector3 normal_arm, friction_arm;
     Vector3 stretch;
     double pressure = 0;
+    double height = 0;                       // u
     bool pushes = false;
   };
+  static double stored(const Point& point, double height);
   Response respond(const Plane& plane, const Point& point, const Pose& body) const;
   std::span<Point> points_of(const Plane& plane) { return {points_.data() + plane.first_point, plane.points}; }
   std::span<const Point> points_of(const Plane& plane) const { return {points_.data() + plane.first_point, plane.points}; }
   std::span<const Plane> planes_of(const Slot& slot) const { return {slot.planes.data(), slot.plane_count}; }
   Slot& at(int slot) { return slots_[static_cast<std::size_t>(slot)]; }
   const Slot& at(int slot) const { return slots_[static_cast<std::size_t>(slot)]; }
-  void begin_plane(const Slot& slot, Plane& plane, const Pose& body, const Twist& twist);
+  void begin_plane(Slot& slot, Plane& plane, const Pose& body, const Twist& twist);
 
   int first_body_;
   std::vector<Slot> slots_;
@@ -117,6 +126,8 @@ class PlaneContact final : public Energy {
   std::vector<RestingPoint> resting_;
   double time_step_ = 0;
   double dissipated_ = 0;
+  double cleared_ = 0;  // J that objects held which were taken out since the last step
+  EnergyFlow flow_;
 };
 
 }  // namespace softhand

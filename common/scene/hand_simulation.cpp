@@ -202,7 +202,35 @@ void HandSimulation::take_state(const HandSimulation& other) {
 StepReport HandSimulation::step(double time_step) {
   const StepReport report = solver_->step(state_, time_step);
   collect_bone_contacts();
+  if (keeps_ledger_) enter_step(report);
   return report;
+}
+
+void HandSimulation::keep_ledger(bool keep) {
+  if (keep && !keeps_ledger_) ledger_.restart();
+  keeps_ledger_ = keep;
+  solver_->measure_work(keep);
+}
+
+void HandSimulation::enter_step(const StepReport& report) {
+  if (!report.state_changed) {
+    // A step that was given up half way has confused the terms' own books; one that was not begun has changed nothing.
+    if (report.status == StepStatus::nonfinite) ledger_.restart();
+    return;
+  }
+  EnergyFlow step;
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    const TermEnergy& term = report.terms[t];
+    const EnergyFlow flow = terms_[t]->flow(term.start, term.joules, term.taken);
+    stored_[t] = flow.stored;
+    step += flow;
+  }
+  // Without the derivatives of the result there is nothing to enter.
+  if (report.measured) {
+    ledger_.add(step);
+  } else {
+    ledger_.restart();
+  }
 }
 
 Pose HandSimulation::joint_pose(Joint joint) const { return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)]; }

@@ -77,6 +77,8 @@ class HandSimulation {
   void take_state(const HandSimulation& other);
 
   StepReport step(double time_step);
+  /// Whether steps are entered into the ledger from now on (off at first). Switched on, the books begin anew.
+  void keep_ledger(bool keep);
 
   // Results of the last step.
   Pose joint_pose(Joint joint) const;
@@ -95,11 +97,18 @@ class HandSimulation {
   double kinetic_energy() const;
   int inverted_elements() const;
   int contact_count() const;
+  const EnergyLedger& ledger() const { return ledger_; }
+  /// Calls f(name, joules) for each term: what it stores.
+  template <typename F>
+  void for_each_stored(F&& f) const {
+    for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);
+  }
   double deepest_penetration() const;       ///< m; 0 without contact
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
   void collect_bone_contacts();
+  void enter_step(const StepReport& report);
 
   HandModel hand_;
   ObjectSpring object_spring_;
@@ -119,6 +128,9 @@ class HandSimulation {
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // every joint's frame in the body that carries it
   std::array<Vector3, kBodyCount> bone_contact_forces_{};
+  bool keeps_ledger_ = false;
+  EnergyLedger ledger_;
+  std::array<double, kMaxTerms> stored_{};  // J, by term
 };
 
 }  // namespace softhand

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "math/rotation.hpp"
 #include "solver/block_cholesky.hpp"
 
 namespace softhand {
@@ -57,8 +58,18 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   for (Energy* term : terms_) term->bind(hessian_);
   for (int block = 0; block < layout_.block_count(); ++block) diagonal_.push_back(hessian_.find(block, block).index);
   linear_solver_->analyze(hessian_);
-  gradient_ = direction_ = VectorX::Zero(layout_.dof_count());
+  gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
+}
+
+void NewtonSolver::measure_displacement(const State& state) {
+  Eigen::Map<Eigen::Matrix3Xd>(displacement_.data(), 3, layout_.node_count) = state.node_positions - start_.node_positions;
+  for (int body = 0; body < layout_.body_count; ++body) {
+    const Pose& now = state.body_poses[static_cast<std::size_t>(body)];
+    const Pose& start = start_.body_poses[static_cast<std::size_t>(body)];
+    displacement_.segment<3>(3 * layout_.body_translation_block(body)) = now.position - start.position;
+    displacement_.segment<3>(3 * layout_.body_rotation_block(body)) = rotation_log(now.orientation * start.orientation.conjugate());
+  }
 }
 
 // Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
@@ -73,6 +84,8 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   }
   report.energy = 0;
   report.term_count = terms_.size();
+  if (measures_work_) measure_displacement(state);
+  double taken = 0;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     double energy = 0;
     if (with_hessian) {
@@ -81,7 +94,11 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
       energy = terms_[t]->value(state);
       terms_[t]->add_gradient(state, gradient_);
     }
-    report.terms[t] = {terms_[t]->name(), energy};
+    const double taken_so_far = measures_work_ ? gradient_.dot(displacement_) : 0.0;
+    report.terms[t].name = terms_[t]->name();
+    report.terms[t].joules = energy;
+    report.terms[t].taken = taken_so_far - taken;
+    taken = taken_so_far;
     report.energy += energy;
   }
   report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
@@ -176,6 +193,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     const double iteration_begin = clock_();
     if (!evaluate(state, report, true)) return give_up();
     evaluated = true;
+    if (iteration == 0) {
+      for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
+    }
     // The fast mode always takes its one step, so that nothing sticks below a tolerance.
     if (report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
       report.status = StepStatus::converged;
@@ -225,6 +245,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   }
   if (report.iterations > 0 && !evaluated && (options_.measure_result || have_best)) {
     if (!evaluate(state, report, false)) return give_up();
+    evaluated = true;
     if (report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance) report.status = StepStatus::converged;
   }
   if (have_best && best_energy < report.energy) {
@@ -238,6 +259,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
   report.state_changed = true;
+  report.measured = evaluated;
   return report;
 }
 

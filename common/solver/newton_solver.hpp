@@ -66,6 +66,8 @@ inline constexpr std::size_t kMaxTerms = 16;
 struct TermEnergy {
   std::string_view name;
   double joules = 0;
+  double start = 0;  ///< the same at the step's start, J
+  double taken = 0;  ///< gradient . dq, dq the step's whole increment, J; 0 unless asked for
 };
 
 struct StepReport {
@@ -75,6 +77,7 @@ struct StepReport {
   double increment = 0;    ///< largest move of the last iteration, m and rad
   double energy = 0;       ///< E, J
   bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
+  bool measured = false;       ///< energy, residual and terms are those of the result
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
@@ -92,10 +95,14 @@ class NewtonSolver {
   /// Allocates nothing outside the linear solver.
   StepReport step(State& state, double time_step);
 
+  /// Whether `TermEnergy::taken` is computed, for the energy ledger; off at first.
+  void measure_work(bool wanted) { measures_work_ = wanted; }
+
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
  private:
   bool evaluate(const State& state, StepReport& report, bool with_hessian);
+  void measure_displacement(const State& state);
   double energy_at(const State& state) const;
   bool factorize(StepReport& report);
   bool search(State& state, StepReport& report);
@@ -109,7 +116,9 @@ class NewtonSolver {
   BlockMatrix hessian_;
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
   VectorX gradient_, direction_;
+  VectorX displacement_;  // the increment from start_ to the state evaluated last
   State start_, base_, best_;
+  bool measures_work_ = false;
 };
 
 }  // namespace softhand

@@ -122,6 +122,48 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
 }
 
+// A hand that comes down on a box, drags it, lets the world have it, is put elsewhere and comes back.
+TEST(HandSimulation, TheEnergyLedgerCloses) {
+  SimulationOptions exact = options();
+  exact.solver.max_iterations = 30;
+  exact.solver.residual_tolerance = 1e-8;
+  HandSimulation simulation(hand(), exact, 1, 0);
+  simulation.keep_ledger(true);
+  const ShapeGeometry geometry(box(0.02));
+  simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+  simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
+  NeighbourPlane floor;
+  floor.point = {0, -0.059, 0};
+  floor.normal = {0, 1, 0};
+  floor.friction = 0.3;
+  int touched = 0, owned = 0;
+  for (int i = 0; i < 240; ++i) {
+    const double t = i * kStep;
+    if (i == 160) simulation.reposition({Vector3(0, 0.3, 0), Quaternion::Identity()});
+    if (i == 120) simulation.make_kinematic(0);
+    const Pose wrist{Vector3(0.01 * std::sin(4 * t), i < 160 ? -0.005 * std::min(1.0, 3 * t) : 0.3 - 0.1 * (t - 160 * kStep), 0),
+                     rotation_exp(Vector3(0, 0.1 * std::sin(3 * t), 0))};
+    set_rest_targets(simulation, wrist);
+    if (i >= 20 && i < 120 && simulation.touched(0)) {
+      simulation.make_dynamic(0, Vector3(0, -9.81, 0));
+      simulation.set_planes(0, {&floor, 1});
+      ++owned;
+    }
+    ASSERT_TRUE(simulation.step(kStep).state_changed);
+    touched += simulation.touched(0) ? 1 : 0;
+  }
+  ASSERT_GT(touched, 100);
+  ASSERT_GT(owned, 60);
+  const EnergyLedger& ledger = simulation.ledger();
+  EXPECT_GT(ledger.total().friction, 0);
+  EXPECT_GT(ledger.total().damping, 0);
+  EXPECT_LE(ledger.defect(), 1e-4);
+  EXPECT_LE(ledger.excess(), 0.01);
+  simulation.keep_ledger(false);
+  simulation.keep_ledger(true);
+  EXPECT_FALSE(ledger.begun());
+}
+
 // --- the loop ---
 
 Skeleton skeleton_at(const HandModel& model, const Pose& wrist, Nanoseconds time, std::uint64_t sequence) {
