@@ -38,12 +38,14 @@ std::string_view get_text(const std::array<char, n>& field) {
   return {field.data(), static_cast<std::size_t>(std::find(field.begin(), field.end(), '\0') - field.begin())};
 }
 
-/// Appends a counter to a status; what does not fit is dropped.
-inline void add_counter(LoopStatus& status, std::string_view name, double value) {
-  NamedValue counter;
-  set_text(counter.name, name);
-  counter.value = value;
-  status.counters.push_back(counter);
+/// Appends a named value to a list of a status; what does not fit is dropped.
+template <std::size_t capacity>
+void add_named(BoundedVector<NamedValue, capacity>& list, std::string_view name, double value) {
+  NamedValue item;
+  set_text(item.name, name);
+  item.value = value;
+  list.push_back(item);
 }
+inline void add_counter(LoopStatus& status, std::string_view name, double value) { add_named(status.counters, name, value); }
 
 }  // namespace softhand

@@ -29,6 +29,7 @@ void run(int argc, char** argv) {
     if (tracked_reader.take_latest(tracked)) input.tracked = &tracked;
     if (simulated_reader.take_latest(simulated)) input.simulated = &simulated;
     input.wrench_wanted = wrench_writer.has_readers();
+    input.ledger_wanted = service.status_wanted();
     if (input.wrench_wanted && contacts_reader.take_latest(contacts)) input.contacts = &contacts;
     head_reader.take_all([&](const HeadPose& each) {
       if (each.user != hand.user) return;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
+#include <utility>
 
 #include "device/answer.hpp"
 #include "math/rotation.hpp"
@@ -160,16 +161,32 @@ Pose TrackingLoop::simulated_at(const Bone& bone, double age) const {
   return increment(bone.simulated, age * bone.simulated_velocity.linear, age * bone.simulated_velocity.angular);
 }
 
-void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh) const {
+double TrackingLoop::Spring::energy(const Vector3& stretch, const Vector3& turn) const {
+  const auto capped_energy = [](double k, double limit, double d) { return k * d > limit ? limit * d - 0.5 * limit * limit / k : 0.5 * k * d * d; };
+  return capped_energy(stiffness, cap, stretch.norm()) + capped_energy(angular_stiffness, torque_cap, turn.norm());
+}
+
+TrackingLoop::Spring TrackingLoop::tracked_spring(const Bone& bone) const {
+  return {bone.tracked_linear, bone.tracked_angular, options_.stiffness_ratio * bone.force_cap, options_.stiffness_ratio * bone.torque_cap};
+}
+
+TrackingLoop::Spring TrackingLoop::feedback_spring(const Bone& bone) const {
+  return {feedback_ratio_ * bone.coupling_linear, feedback_ratio_ * bone.coupling_angular, feedback_ratio_ * bone.force_cap, feedback_ratio_ * bone.torque_cap};
+}
+
+void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh, EnergyFlow* flow) const {
   const double h = time_step_;
   const bool feedback = simulated_fresh && bone.simulated_seen && feedback_ratio_ > 0;
   const Pose copy = feedback ? simulated_at(bone, simulated_age) : Pose{};
+  const Spring tracked = tracked_spring(bone), back = feedback_spring(bone);
+  const Pose start = bone.pose;
+  const Twist start_velocity = bone.velocity;
 
   // Translation: quadratic up to the caps, whose secants are taken at the start of the step.
   const Vector3 to_tracked = target.pose.position - bone.pose.position;
   const Vector3 to_copy = feedback ? Vector3(copy.position - bone.pose.position) : Vector3::Zero();
-  const double k1 = capped(bone.tracked_linear, to_tracked.norm(), options_.stiffness_ratio * bone.force_cap);
-  const double k2 = feedback ? capped(feedback_ratio_ * bone.coupling_linear, to_copy.norm(), feedback_ratio_ * bone.force_cap) : 0.0;
+  const double k1 = capped(tracked.stiffness, to_tracked.norm(), tracked.cap);
+  const double k2 = feedback ? capped(back.stiffness, to_copy.norm(), back.cap) : 0.0;
   const Vector3 step =
       (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) / (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
 
@@ -177,9 +194,8 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   // argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and needs one division.
   const Vector3 stretch = rotation_log(bone.pose.orientation * target.pose.orientation.conjugate());
   const Vector3 stretch_copy = feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
-  const double a1 = capped(bone.tracked_angular, stretch.norm(), options_.stiffness_ratio * bone.torque_cap);
-  const double a2 =
-      feedback ? capped(feedback_ratio_ * bone.coupling_angular, stretch_copy.norm(), feedback_ratio_ * bone.torque_cap) : 0.0;
+  const double a1 = capped(tracked.angular_stiffness, stretch.norm(), tracked.torque_cap);
+  const double a2 = feedback ? capped(back.angular_stiffness, stretch_copy.norm(), back.torque_cap) : 0.0;
   const double curvature = bone.inertia / (h * h) + bone.damping_angular / h + a1 + a2;
   Vector3 theta = Vector3::Zero();
   Quaternion orientation = bone.pose.orientation;
@@ -197,6 +213,48 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   bone.pose.orientation = orientation;
   bone.velocity.linear = step / h;
   bone.velocity.angular = theta / h;
+  if (flow == nullptr) return;
+
+  const double kinetic = 0.5 * (bone.mass * start_velocity.linear.squaredNorm() + bone.inertia * start_velocity.angular.squaredNorm());
+  flow->work += kinetic - bone.kinetic;  // where it was set from outside
+  bone.kinetic = 0.5 * (bone.mass * bone.velocity.linear.squaredNorm() + bone.inertia * bone.velocity.angular.squaredNorm());
+  flow->stored += bone.kinetic;
+  flow->integrator += 0.5 * (bone.mass * (bone.velocity.linear - start_velocity.linear).squaredNorm() +
+                             bone.inertia * (bone.velocity.angular - start_velocity.angular).squaredNorm());
+  flow->damping += (bone.damping_linear * step.squaredNorm() + bone.damping_angular * theta.squaredNorm()) / h;
+  // The force of the step's end does work at both ends of a spring: the bone's moves by `step`, the other by what its skeleton did since the last step.
+  // One that did not pull then is hung on as it is stretched at the start.
+  const auto pull = [&](const Spring& spring, double k, double a, bool hung, Pose& end_before, const Pose& end, double& energy) {
+    if (!hung) {
+      end_before = end;
+      energy = spring.energy(start.position - end.position, rotation_log(start.orientation * end.orientation.conjugate()));
+      flow->work += energy;
+    }
+    const Vector3 stretch_now = bone.pose.position - end.position;
+    const Vector3 turn_now = rotation_log(bone.pose.orientation * end.orientation.conjugate());
+    const Vector3 moved = end.position - end_before.position;
+    const Vector3 turned = rotation_log(end.orientation * end_before.orientation.conjugate());
+    const double before = std::exchange(energy, spring.energy(stretch_now, turn_now));
+    flow->stored += energy;
+    flow->work -= k * stretch_now.dot(moved) + a * turn_now.dot(turned);
+    flow->integrator += before - energy + k * stretch_now.dot(step - moved) + a * turn_now.dot(theta - turned);
+    end_before = end;
+  };
+  pull(tracked, k1, a1, bone.entered, bone.tracked_end, target.pose, bone.tracked_energy);
+  if (feedback) {
+    pull(back, k2, a2, bone.fed_back, bone.copy_end, copy, bone.feedback_energy);
+  } else {
+    flow->work -= std::exchange(bone.feedback_energy, 0.0);
+  }
+  bone.fed_back = feedback;
+  bone.entered = true;
+}
+
+// Whoever puts a bone elsewhere takes what it and its springs held; what they hold there is entered in the next step.
+void TrackingLoop::release(Bone& bone, EnergyFlow& flow) {
+  flow.work -= bone.kinetic + bone.tracked_energy + bone.feedback_energy;
+  bone.kinetic = bone.tracked_energy = bone.feedback_energy = 0;
+  bone.entered = bone.fed_back = false;
 }
 
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
@@ -222,19 +280,26 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
 
   output_.valid = false;
   coupling_stretch_ = 0;
+  if (!input.ledger_wanted) ledger_.restart();
+  EnergyFlow flow;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     Bone& bone = bones_[b];
-    if (!targets[b].valid) continue;
+    if (!targets[b].valid) {
+      flow.stored += bone.kinetic + bone.tracked_energy + bone.feedback_energy;
+      continue;
+    }
     output_.valid = true;
     if (reposition || !bone.placed) {
+      release(bone, flow);
       bone.pose = targets[b].pose;
       bone.velocity = targets[b].velocity;
       bone.placed = true;
     } else {
-      move(bone, targets[b], age, fresh);
+      move(bone, targets[b], age, fresh, input.ledger_wanted ? &flow : nullptr);
     }
     coupling_stretch_ = std::max(coupling_stretch_, (bone.pose.position - targets[b].pose.position).norm());
   }
+  if (input.ledger_wanted && output_.valid) ledger_.add(flow);
   ++sequence_;
   publish_skeleton(now);
   if (input.wrench_wanted) publish_wrench(now, targets, age, fresh);
@@ -324,13 +389,9 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const double age = input_.age(now);
   status.input_age_ms = age < 0 ? -1 : age * 1e3;
   status.coupling_stretch = coupling_stretch_;
+  if (ledger_.begun()) ledger_.for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   const TrackedInputCounters& c = input_.counters();
-  const auto add = [&status](std::string_view name, std::uint64_t value) {
-    NamedValue counter;
-    set_text(counter.name, name);
-    counter.value = static_cast<double>(value);
-    status.counters.push_back(counter);
-  };
+  const auto add = [&status](std::string_view name, std::uint64_t value) { add_counter(status, name, static_cast<double>(value)); };
   add("accepted", c.accepted);
   add("refused_nonfinite", c.refused_nonfinite);
   add("refused_implausible", c.refused_implausible);

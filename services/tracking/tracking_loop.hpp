@@ -12,6 +12,7 @@
 #include <string>
 
 #include "device/tracked_input.hpp"
+#include "energies/energy_ledger.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "tracking/tracking_options.hpp"
@@ -25,6 +26,7 @@ struct TrackingInput {
   const HeadPose* head = nullptr;
   const Contacts* contacts = nullptr;
   bool wrench_wanted = true;  ///< false where nobody reads bone_wrench: it is left as it was
+  bool ledger_wanted = true;  ///< false where nobody reads the status: no energies are computed
 };
 
 struct TrackingOutput {
@@ -51,6 +53,8 @@ class TrackingLoop {
   MessageReply answer(const Message& message, const std::string& module);
 
   const TrackedInput& input() const { return input_; }
+  /// Of the intermediate skeleton: stored in its springs and its motion, worked by the two skeletons that pull at it, damped against the world.
+  const EnergyLedger& ledger() const { return ledger_; }
   /// Adds the input age, the longest stretch to the tracked skeleton and the counters of what was refused.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
 
@@ -72,11 +76,25 @@ class TrackingLoop {
     Twist simulated_velocity;
     bool placed = false;
     bool simulated_seen = false;
+    // For the energy ledger: as the last step left it.
+    bool entered = false;
+    Pose tracked_end, copy_end;  // where the springs' other ends were
+    bool fed_back = false;
+    double kinetic = 0;          // J
+    double tracked_energy = 0;   // J, of the spring to the tracked skeleton
+    double feedback_energy = 0;  // J, of that to the copy of the simulated one
   };
 
   void take_simulated(const Skeleton& simulated, Nanoseconds now);
   Pose simulated_at(const Bone& bone, double age) const;
-  void move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh) const;
+  struct Spring {
+    double stiffness, angular_stiffness, cap, torque_cap;
+    double energy(const Vector3& stretch, const Vector3& turn) const;
+  };
+  Spring tracked_spring(const Bone& bone) const;
+  Spring feedback_spring(const Bone& bone) const;
+  void move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh, EnergyFlow* flow) const;
+  static void release(Bone& bone, EnergyFlow& flow);
   void publish_skeleton(Nanoseconds now);
   void publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age, bool simulated_fresh);
 
@@ -94,6 +112,7 @@ class TrackingLoop {
   Stamp simulated_stamp_;
   bool simulated_any_ = false;
   bool reposition_asked_ = false;
+  EnergyLedger ledger_;
   double coupling_stretch_ = 0;          // m, longest now, to the tracked skeleton
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values

@@ -77,6 +77,38 @@ TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
       });
 }
 
+// The ledger of a hand that is shaken and turned, pulled back by a simulated one that comes and goes, and put elsewhere once.
+TEST(Tracking, TheEnergyLedgerClosesAndTheDampersBurnTheWork) {
+  TrackingLoop loop(TrackingOptions{}, kHandRate, hand(), {});
+  Skeleton simulated;
+  for (int i = 0; i < 3000; ++i) {
+    const double t = 1e-3 * i;
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const Vector3 place = i < 2000 ? Vector3(0.02 * std::sin(12 * t), 1, 0.03 * t) : Vector3(2, 1, 0);
+    const Skeleton sample = skeleton_at({place, rotation_exp(Vector3(0, 0.8 * std::sin(9 * t), 0.2))}, static_cast<std::uint64_t>(i) + 1, now);
+    TrackingInput input;
+    if (i % 11 == 0) input.tracked = &sample;
+    if (i % 11 == 5 && (i < 800 || i > 1200)) {
+      simulated = skeleton_at({place + Vector3(0.004, 0, 0), Quaternion::Identity()}, static_cast<std::uint64_t>(i) + 1, now);
+      input.simulated = &simulated;
+    }
+    loop.step(now, input);
+  }
+  const EnergyLedger& ledger = loop.ledger();
+  ASSERT_GT(loop.input().counters().repositioned, 0u);
+  ASSERT_GT(ledger.total().damping, 1e-3);
+  EXPECT_LE(ledger.defect(), 1e-3);
+  EXPECT_GT(ledger.total().integrator, 0);
+  EXPECT_EQ(ledger.total().friction, 0);
+  LoopStatus status;
+  loop.fill_status(status, kStart);
+  ASSERT_FALSE(status.ledger.empty());
+  TrackingInput unwanted;
+  unwanted.ledger_wanted = false;
+  loop.step(kStart + 3000 * kMillisecond, unwanted);
+  EXPECT_FALSE(loop.ledger().begun());
+}
+
 TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
   TrackingLoop loop({}, kHandRate, hand(), {});
   EXPECT_FALSE(loop.step(kStart, {}).valid);
