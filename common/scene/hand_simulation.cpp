@@ -192,6 +192,8 @@ void HandSimulation::take_state(const HandSimulation& other) {
   modes_ = other.modes_;
   objects_ = other.objects_;
   bone_contact_forces_ = other.bone_contact_forces_;
+  ledger_ = other.ledger_;
+  stored_ = other.stored_;
   *inertia_ = *other.inertia_;
   *coupling_ = *other.coupling_;
   if (contacts_ != nullptr) *contacts_ = *other.contacts_;

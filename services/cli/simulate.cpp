@@ -68,6 +68,12 @@ Json timing_split(const std::vector<StepTiming>& timings) {
   return json;
 }
 
+Json ledger_rows(const EnergyLedger& ledger) {
+  Json json;
+  ledger.for_each_row([&json](std::string_view name, double joules) { json[std::string(name)] = joules; });
+  return json;
+}
+
 }  // namespace
 
 int run_simulate(const SimulateArguments& arguments) {
@@ -98,6 +104,15 @@ int run_simulate(const SimulateArguments& arguments) {
   for (const AppliedOverride& o : scene.overrides) json["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   json["simulated_seconds"] = seconds;
   json.update(rig.outcome().summary(frame));
+  const EnergyLedger& ledger = rig.hand().simulation().ledger();
+  json["energy_ledger_defect"] = ledger.defect();
+  json["energy_excess"] = ledger.excess();
+  json["energy_ledger_j"] = ledger_rows(ledger);
+  if (rig.tracking() != nullptr) {
+    json["tracking_ledger_defect"] = rig.tracking()->ledger().defect();
+    json["tracking_ledger_j"] = ledger_rows(rig.tracking()->ledger());
+  }
+  json["passivity_energy_j"] = rig.haptic().passivity().energy();
   json["state_hash"] = rig.state_hash();
   const HandCounters& counters = rig.hand().counters();
   json["hand_counters"] = {{"steps", rig.steps_of_hand()},

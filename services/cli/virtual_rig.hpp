@@ -76,6 +76,7 @@ class VirtualRig {
   const HandLoop& hand() const { return *hand_; }
   const TrackingLoop* tracking() const { return tracking_.get(); }
   const WorldLoop& world() const { return *world_; }
+  const DeviceLoop<BoneWrench>& haptic() const { return *haptic_; }
   std::uint64_t steps_of_hand() const { return hand_steps_; }
   /// Seconds of computing that the hand's steps took, one each, and how they split.
   const std::vector<StepTiming>& hand_timings() const { return hand_timings_; }

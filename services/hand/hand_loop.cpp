@@ -241,7 +241,7 @@ void HandLoop::mirror_objects(Nanoseconds now) {
   }
 }
 
-const HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWants& wants) {
+HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWants& wants) {
   if (input.head != nullptr && options_.direct) tracked_.add_head_pose(*input.head);
   if (input.skeleton != nullptr) take_skeleton(now, *input.skeleton);
   if (input.world != nullptr) take_world(*input.world);
@@ -251,6 +251,7 @@ const HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const 
   mirror_objects(now);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
+  simulation_->keep_ledger(wants.ledger);
   output_.report = simulation_->step(time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
   if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
@@ -351,11 +352,9 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.inverted_elements = static_cast<std::uint32_t>(simulation_->inverted_elements());
   status.penetration = simulation_->deepest_penetration();
   status.coupling_stretch = simulation_->largest_coupling_stretch();
-  for (std::size_t t = 0; t < report.term_count; ++t) {
-    NamedValue energy;
-    set_text(energy.name, report.terms[t].name);
-    energy.value = report.terms[t].joules;
-    status.energies.push_back(energy);
+  if (simulation_->ledger().begun()) {
+    simulation_->for_each_stored([&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
+    simulation_->ledger().for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   }
   add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite + tracked_.counters().refused_nonfinite));
   add_counter(status, "refused_order", static_cast<double>(counters_.refused_order + tracked_.counters().refused_order));

@@ -25,6 +25,7 @@ struct HandWants {
   bool surface = true;
   bool contacts = true;
   bool bone_wrench = true;
+  bool ledger = true;  ///< the energy ledger of the status
 };
 
 struct HandOutput {
@@ -60,8 +61,9 @@ class HandLoop {
   /// objects. Between steps; allocates.
   void take_state(const HandLoop& other);
 
-  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; publish times are the caller's.
-  const HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
+  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; the rest of them is the caller's to fill in, in
+  /// place, before the next step.
+  HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
 
   HandDescription description() const;
   /// Answers `reposition` (any value: the hand goes to its target at once, and lets go of what it holds).

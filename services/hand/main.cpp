@@ -37,7 +37,6 @@ void run(int argc, char** argv) {
   service.stamp(description->stamp);
   description_writer.write(*description);
 
-  auto output = std::make_unique<HandOutput>();
   auto skeleton = std::make_unique<Skeleton>();
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
@@ -65,13 +64,14 @@ void run(int argc, char** argv) {
       head = each;
       input.head = &head;
     });
-    *output = loop.step(now, input, {surface_writer.has_readers(), contacts_writer.has_readers(), options.direct && wrench_writer.has_readers()});
-    if (!output->valid) return;
-    publish(simulated_writer, output->simulated);
-    publish(coupling_writer, output->coupling);
-    publish(contacts_writer, output->contacts);
-    publish(surface_writer, output->surface);
-    if (options.direct) publish(wrench_writer, output->bone_wrench);
+    HandOutput& output = loop.step(now, input, {.surface = surface_writer.has_readers(), .contacts = contacts_writer.has_readers(),
+                                                .bone_wrench = options.direct && wrench_writer.has_readers(), .ledger = service.status_wanted()});
+    if (!output.valid) return;
+    publish(simulated_writer, output.simulated);
+    publish(coupling_writer, output.coupling);
+    publish(contacts_writer, output.contacts);
+    publish(surface_writer, output.surface);
+    if (options.direct) publish(wrench_writer, output.bone_wrench);
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);

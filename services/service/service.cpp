@@ -76,7 +76,7 @@ void Service::run(const Callbacks& callbacks) {
     });
     if (start < next_status) return;
     next_status = start + kStatusPeriod;
-    if (!status_writer_.has_readers()) return;
+    if (!status_wanted()) return;
     status = LoopStatus{};
     set_text(status.module, module_);
     loop.fill(status);

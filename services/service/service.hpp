@@ -39,6 +39,8 @@ class Service {
 
   /// Fills epoch, clock id and publish time of what is about to be written.
   void stamp(Stamp& stamp) const;
+  /// Whether somebody reads loop_status: nothing need be computed for it otherwise.
+  bool status_wanted() const { return status_writer_.has_readers(); }
 
   struct Callbacks {
     std::function<void(Nanoseconds)> step;

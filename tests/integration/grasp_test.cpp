@@ -23,6 +23,7 @@ struct Result {
   double object_height_max = 0;  // m
   std::uint64_t touched_steps = 0;
   TrackedInputCounters tracker;
+  EnergyLedger hand_ledger, tracking_ledger;
   double stale_after = std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
 };
 
@@ -47,7 +48,11 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   });
   result.summary = rig.outcome().summary(frame);
   result.hash = rig.state_hash();
-  if (rig.tracking() != nullptr) result.tracker = rig.tracking()->input().counters();
+  result.hand_ledger = rig.hand().simulation().ledger();
+  if (rig.tracking() != nullptr) {
+    result.tracker = rig.tracking()->input().counters();
+    result.tracking_ledger = rig.tracking()->ledger();
+  }
   return result;
 }
 
@@ -82,6 +87,12 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LE(number(result, "finger_coupling_max_n"), 20);
   EXPECT_LE(number(result, "hand_coupling_max_n"), 100);
+  // The books of a whole grasp, with an object that changes hands twice.
+  ASSERT_GT(result.hand_ledger.total().friction, 0);
+  ASSERT_GT(result.hand_ledger.total().damping, 0);
+  EXPECT_LE(result.hand_ledger.defect(), 0.01);
+  EXPECT_LE(result.hand_ledger.excess(), 0.01);
+  EXPECT_LE(result.tracking_ledger.defect(), 0.01);
 }
 
 TEST(PinchLift, AHeldCubeFeelsAsHeavyAsItIsWhenShaken) {
