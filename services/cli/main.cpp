@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "cli/commands.hpp"
+#include "error_runtime/report.hpp"
 #include "verification/report.hpp"
 
 int main(int argc, char** argv) {
@@ -94,7 +95,7 @@ int main(int argc, char** argv) {
   overrides(command, render.overrides);
   command->callback([&] { run = [&render] { return run_render(render); }; });
 
-  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers");
+  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time");
   report->require_subcommand(1);
   verification::VerifyArguments verify;
   command = report->add_subcommand("verify", "Known answers: measured value beside the formula's, with tolerance and observed order; exit code 1 where one is missed");
@@ -107,6 +108,17 @@ int main(int argc, char** argv) {
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->callback([&] { run = [&verify] { return verification::run_verify(verify); }; });
+
+  error_runtime::ErrorRuntimeArguments error_runtime;
+  command = report->add_subcommand("error-runtime", "What a millisecond buys: every setting's CPU time and its error against converged references; exit code 1 where the default is more than "
+                                                    "0.1 mm or 2 % off in a grasp");
+  command->add_flag("--quick", error_runtime.quick, "A minute and a half: the coarse hand, fewer settings");
+  command->add_option("--json", error_runtime.json, "A list of rows: scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and other norms")->type_name("FILE");
+  command->add_option("--csv", error_runtime.csv, "The same as CSV")->type_name("FILE");
+  command->add_option("--markdown", error_runtime.markdown, "What the default costs, Pareto fronts, slopes and all rows, with machine, compiler and commit")->type_name("FILE");
+  command->add_option("--scene", error_runtime.which, "Only this scene, or peer (Bullet's soft body); repeatable")->type_name("NAME")->allow_extra_args(false);
+  command->add_option("--plot", error_runtime.plot, "Pictures, error_runtime.png and error_runtime_total.png (needs python3 with matplotlib)")->type_name("DIR");
+  command->callback([&] { run = [&error_runtime] { return error_runtime::run_error_runtime(error_runtime); }; });
 
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });

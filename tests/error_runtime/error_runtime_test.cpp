@@ -1,0 +1,122 @@
+// Error against run time, with the coarse hand: that its references are references, and its figures say what they should.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "error_runtime/peer.hpp"
+#include "error_runtime/report.hpp"
+
+namespace softhand::error_runtime {
+namespace {
+
+const Scene& scene_named(const std::string& name) {
+  for (const Scene& scene : all_scenes()) {
+    if (scene.name == name) return scene;
+  }
+  throw std::invalid_argument(name);
+}
+
+const Row& row_of(const SceneStudy& study, const std::string& knob, const std::string& setting) {
+  for (const Row& row : study.rows) {
+    if (row.knob == knob && row.setting == setting) return row;
+  }
+  throw std::invalid_argument(knob + " " + setting);
+}
+
+// Computed once for the tests that look at it.
+const SceneStudy& pinch() {
+  static const SceneStudy study = study_scene(scene_named("pinch_lift"), true);
+  return study;
+}
+
+TEST(Pareto, KeepsWhatNothingBeats) {
+  EXPECT_EQ(pareto_front({3, 1, 2, 2.5, 2}, {1, 4, 3, 5, 2}, 0), (std::vector<std::size_t>{1, 4, 0}));
+  EXPECT_EQ(pareto_front({1, 2, 3}, {4, 3.99, 2}, 0.02), (std::vector<std::size_t>{0, 2})) << "a gain that is none has no place";
+  EXPECT_TRUE(pareto_front({}, {}, 0).empty());
+}
+
+TEST(Slope, IsThatOfAPowerLaw) {
+  EXPECT_NEAR(fitted_slope({1, 2, 4, 8}, {3, 12, 48, 192}), 2, 1e-12);
+  EXPECT_NEAR(fitted_slope({1, 2, 4}, {3, 0, 12}), 1, 1e-12) << "what is not positive is passed over";
+  EXPECT_TRUE(std::isnan(fitted_slope({1}, {1})));
+}
+
+// Every scene, played with the shipped defaults on the coarse hand, does what it is called.
+class EachScene : public ::testing::TestWithParam<std::string> {};
+TEST_P(EachScene, IsWhatItIsCalled) {
+  const Scene& scene = scene_named(GetParam());
+  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  Player player(scene, hand, scene.motion(hand), options_of(scene, {}));
+  player.settle();
+  const Trajectory trajectory = play(scene, player);
+  EXPECT_TRUE(trajectory.finite);
+  EXPECT_EQ(trajectory.failed_steps, 0);
+  EXPECT_EQ(scene.missing(trajectory), "");
+}
+INSTANTIATE_TEST_SUITE_P(All, EachScene, ::testing::Values("free_motion", "fist", "pinch_lift", "power_grasp", "table_slide", "deep_block", "clutter_100"),
+                         [](const auto& parameter) { return parameter.param; });
+
+TEST(ErrorRuntime, ReferencesConverge) {
+  const SceneStudy& study = pinch();
+  ASSERT_EQ(study.missing, "") << "the cube is pinched and lifted";
+  EXPECT_LE(study.r0_residual, 1e-5) << "N: what is left over of forces of several newtons";
+  EXPECT_LT(study.r1_uncertainty.tissue_rms_mm, row_of(study, "time_step", "1/30 s").along.tissue_rms_mm / 2);
+  EXPECT_GT(row_of(study, "mesh", "400").along.tissue_rms_mm, 0.01) << "meshes differ";
+  EXPECT_LT(row_of(study, "residual_tolerance", "1e-06 N").along.tissue_rms_mm, 1e-4) << "another way to the same state";
+}
+
+TEST(ErrorRuntime, ErrorsFallWithIterationsAndTolerance) {
+  const SceneStudy& study = pinch();
+  // From the same state single steps fall strictly; whole runs may differ by which of two nodes slips first.
+  double before = std::numeric_limits<double>::infinity();
+  for (const char* setting : {"1", "3", "5", "10"}) {
+    const Row& row = row_of(study, "newton_iterations", setting);
+    ASSERT_TRUE(row.one_step.has_value());
+    EXPECT_LT(row.one_step->tissue_rms_mm, before) << setting << " iterations";
+    before = row.one_step->tissue_rms_mm;
+  }
+  EXPECT_EQ(row_of(study, "newton_iterations", "converged").along.tissue_rms_mm, 0);
+  EXPECT_LT(row_of(study, "residual_tolerance", "0.001 N").along.tissue_rms_mm, row_of(study, "residual_tolerance", "0.1 N").along.tissue_rms_mm);
+}
+
+TEST(ErrorRuntime, TheDefaultIsWithinATenthOfAMillimetreAndTwoPercent) {
+  const SceneStudy& study = pinch();
+  ASSERT_TRUE(study.grasp);
+  EXPECT_EQ(default_misses(study), "");
+  const Row& row = row_of(study, "default", "default");
+  EXPECT_EQ(row.classification, "Pass");
+  EXPECT_GT(row.along.tissue_rms_mm, 0) << "it is compared with something else than itself";
+}
+
+TEST(ErrorRuntime, TheSameNumbersTwiceButForTimes) {
+  Study one, two;
+  one.scenes.push_back(pinch());
+  two.scenes.push_back(study_scene(scene_named("pinch_lift"), true));
+  nlohmann::ordered_json a = to_json(one), b = to_json(two);
+  ASSERT_EQ(a.size(), b.size());
+  ASSERT_GE(a.size(), 12u);
+  for (auto* rows : {&a, &b}) {
+    for (auto& row : *rows) {
+      for (const char* contract : {"scene", "knob", "setting", "ms_p50", "ms_p99", "tissue_rms_mm", "force_error", "class"}) ASSERT_TRUE(row.contains(contract)) << contract;
+      for (const char* time : {"ms_p50", "ms_p99", "ms_frame", "on_front"}) row.erase(time);
+    }
+  }
+  EXPECT_EQ(a, b);
+}
+
+// Bullet's own settings come near the exact answer, and the more it iterates the nearer.
+TEST(Peer, BulletSolvesTheSameProblem) {
+  const PeerStudy study = study_peer("right_400");
+  const auto error = [&](const std::string& setting) {
+    for (const Row& row : study.rows) {
+      if (row.setting == setting) return row.along.tissue_rms_mm;
+    }
+    throw std::invalid_argument(setting);
+  };
+  EXPECT_LT(error("softhand, 3 iterations"), error("softhand, 1 iteration"));
+  EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), error("Bullet, 1 Newton, 10 CG"));
+  EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), 5) << "mm; fingers fall by tens";
+}
+
+}  // namespace
+}  // namespace softhand::error_runtime

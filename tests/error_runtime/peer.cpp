@@ -1,0 +1,234 @@
+#include "error_runtime/peer.hpp"
+
+#include <BulletCollision/BroadphaseCollision/btDbvtBroadphase.h>
+#include <BulletSoftBody/btDeformableBackwardEulerObjective.h>
+#include <BulletSoftBody/btDeformableBodySolver.h>
+#include <BulletSoftBody/btDeformableGravityForce.h>
+#include <BulletSoftBody/btDeformableLinearElasticityForce.h>
+#include <BulletSoftBody/btDeformableMultiBodyConstraintSolver.h>
+#include <BulletSoftBody/btDeformableMultiBodyDynamicsWorld.h>
+#include <BulletSoftBody/btSoftBody.h>
+#include <BulletSoftBody/btSoftBodyHelpers.h>
+#include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <iostream>
+#include <numeric>
+#include <set>
+
+#include "cli/outcome.hpp"
+#include "energies/inertia.hpp"
+#include "energies/tissue.hpp"
+#include "solver/newton_solver.hpp"
+#include "verification/supports.hpp"
+
+namespace softhand::error_runtime {
+namespace {
+
+constexpr double kYoungsModulus = 6e4;  // Pa
+constexpr double kPoissonRatio = 0.4;
+constexpr double kDensity = 1000;       // kg/m^3
+constexpr double kStep = 1.0 / 90;      // s
+constexpr int kSteps = 60;
+const Vector3 kWeight(0, -9.81, 0);     // m/s^2
+
+// The tissue alone, of one material; the palm's nodes held.
+struct Problem {
+  HandModel hand;
+  std::vector<double> masses;  // kg, by node
+  std::vector<int> held;
+};
+
+Problem problem_of(const std::string& name) {
+  Problem p;
+  p.hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + name + ".hand.json");
+  for (Material& material : p.hand.materials) {
+    material.density = kDensity;
+    material.youngs_modulus = kYoungsModulus;
+    material.poisson_ratio = kPoissonRatio;
+    material.strain_limit_stiffness = 0;
+  }
+  p.masses.assign(p.hand.nodes.size(), 0.0);
+  for (const auto& t : p.hand.tetrahedra) {
+    const auto x = [&](std::size_t k) { return p.hand.nodes[static_cast<std::size_t>(t[k])]; };
+    const double mass = kDensity * (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6;
+    for (const std::int32_t n : t) p.masses[static_cast<std::size_t>(n)] += mass / 4;
+  }
+  for (std::size_t n = 0; n < p.hand.nodes.size(); ++n) {
+    const Body body = static_cast<Body>(p.hand.node_body[n]);
+    if (finger_of(body) == Finger::palm || is_metacarpal(body)) p.held.push_back(static_cast<int>(n));
+  }
+  return p;
+}
+
+Sample sample_at(const Problem& p, int step, const Eigen::Matrix3Xd& nodes) {
+  Sample sample;
+  sample.tick = step;
+  sample.skin.resize(3, static_cast<Eigen::Index>(p.hand.skin_vertices.size()));
+  for (std::size_t v = 0; v < p.hand.skin_vertices.size(); ++v) sample.skin.col(static_cast<Eigen::Index>(v)) = embedded(p.hand, v, nodes);
+  return sample;
+}
+
+// This project's terms of the problem.
+Trajectory run_own(const Problem& p, const SolverOptions& options) {
+  State state;
+  state.node_positions.resize(3, p.hand.node_count());
+  for (int n = 0; n < p.hand.node_count(); ++n) state.node_positions.col(n) = p.hand.nodes[static_cast<std::size_t>(n)];
+  state.node_velocities = Eigen::Matrix3Xd::Zero(3, p.hand.node_count());
+  Inertia inertia(p.masses, 0);
+  inertia.set_node_gravity(kWeight);
+  Tissue tissue(p.hand);
+  verification::Supports palm(p.held, 1e6 * Matrix3::Identity(), state.node_positions);
+  NewtonSolver solver({&inertia, &tissue, &palm}, state.layout(), options);
+  Trajectory trajectory;
+  for (int step = 1; step <= kSteps; ++step) {
+    const double begin = thread_seconds();
+    const StepReport report = solver.step(state, kStep);
+    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
+    trajectory.iterations += static_cast<double>(report.iterations) / kSteps;
+    if (!report.state_changed) ++trajectory.failed_steps;
+    trajectory.samples.push_back(sample_at(p, step, state.node_positions));
+  }
+  return trajectory;
+}
+
+// Its limits are protected members.
+class BulletSolver final : public btDeformableBodySolver {
+ public:
+  struct Limits {
+    int newton = 0;      // iterations; 0: Bullet's own
+    int conjugate = 0;   // iterations; 0: Bullet's own
+    double tolerance = 0;
+  };
+  explicit BulletSolver(const Limits& limits) {
+    if (limits.newton > 0) {
+      m_maxNewtonIterations = limits.newton;
+      m_newtonTolerance = 0;
+    }
+    if (limits.conjugate > 0) {
+      m_cg.m_maxIterations = m_cr.m_maxIterations = limits.conjugate;
+      m_cg.m_tolerance = m_cr.m_tolerance = static_cast<btScalar>(limits.tolerance);
+    }
+  }
+};
+
+btVector3 to_bullet(const Vector3& v) { return {static_cast<btScalar>(v.x()), static_cast<btScalar>(v.y()), static_cast<btScalar>(v.z())}; }
+
+Trajectory run_bullet(const Problem& p, const BulletSolver::Limits& limits) {
+  btSoftBodyRigidBodyCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  btDbvtBroadphase broadphase;
+  BulletSolver solver(limits);
+  btDeformableMultiBodyConstraintSolver constraints;
+  constraints.setDeformableSolver(&solver);
+  btDeformableMultiBodyDynamicsWorld world(&dispatcher, &broadphase, &constraints, &configuration, &solver);
+  world.setGravity(to_bullet(kWeight));
+  world.getWorldInfo().m_gravity = to_bullet(kWeight);
+
+  btAlignedObjectArray<btVector3> places;
+  for (const Vector3& x : p.hand.nodes) places.push_back(to_bullet(x));
+  auto body = std::make_unique<btSoftBody>(&world.getWorldInfo(), places.size(), &places[0], nullptr);
+  // Without links the body hangs in rebuildNodeTree.
+  std::set<std::pair<int, int>> edges;
+  for (const auto& t : p.hand.tetrahedra) {
+    body->appendTetra(t[0], t[1], t[2], t[3]);
+    for (std::size_t a = 0; a < 4; ++a) {
+      for (std::size_t b = a + 1; b < 4; ++b) edges.insert(std::minmax(t[a], t[b]));
+    }
+  }
+  for (const auto& [a, b] : edges) body->appendLink(a, b, nullptr, true);
+  btSoftBodyHelpers::generateBoundaryFaces(body.get());
+  body->initializeDmInverse();
+  body->m_tetraScratches.resize(body->m_tetras.size());
+  body->m_tetraScratchesTn.resize(body->m_tetras.size());
+  for (std::size_t n = 0; n < p.masses.size(); ++n) body->setMass(static_cast<int>(n), static_cast<btScalar>(p.masses[n]));
+  for (const int n : p.held) body->setMass(n, 0);
+  body->m_cfg.collisions = 0;
+  body->m_cfg.drag = 0;
+  body->m_cfg.kDP = 0;
+  body->m_sleepingThreshold = 0;
+  body->setActivationState(DISABLE_DEACTIVATION);
+  world.addSoftBody(body.get());
+  btDeformableLinearElasticityForce elasticity;
+  elasticity.setYoungsModulus(static_cast<btScalar>(kYoungsModulus));
+  elasticity.setPoissonRatio(static_cast<btScalar>(kPoissonRatio));
+  elasticity.setDamping(0, 0);
+  btDeformableGravityForce gravity(to_bullet(kWeight));
+  world.addForce(body.get(), &elasticity);
+  world.addForce(body.get(), &gravity);
+  world.setImplicit(true);
+  world.setLineSearch(false);
+  world.setUseProjection(true);  // without it nothing moves
+
+  Trajectory trajectory;
+  std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
+  Eigen::Matrix3Xd nodes(3, p.hand.node_count());
+  for (int step = 1; step <= kSteps; ++step) {
+    const double begin = thread_seconds();
+    world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep));
+    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    for (int n = 0; n < p.hand.node_count(); ++n) {
+      const btVector3& x = body->m_nodes[n].m_x;
+      nodes.col(n) = Vector3(x.x(), x.y(), x.z());
+    }
+    trajectory.samples.push_back(sample_at(p, step, nodes));
+    trajectory.finite = trajectory.finite && nodes.allFinite();
+  }
+  std::cout.rdbuf(terminal);
+  world.removeSoftBody(body.get());
+  return trajectory;
+}
+
+SolverOptions iterations(std::int64_t count, double residual) {
+  SolverOptions options;
+  options.max_iterations = count;
+  options.residual_tolerance = residual;
+  options.increment_tolerance = 1e-12;
+  return options;
+}
+
+}  // namespace
+
+PeerStudy study_peer(const std::string& hand) {
+  const Problem p = problem_of(hand);
+  PeerStudy study;
+  study.statement = fmt::format(
+      "{}: the tissue without bones, {} nodes and {} tetrahedra, the palm's {} nodes held; E = {:g} Pa, nu = {}, {} kg/m^3; the fingers fall under their weight, {} steps of 1/90 s. Bullet 3.24 as "
+      "Debian builds it (single precision), `btDeformableLinearElasticityForce` (co-rotated), implicit, damping off.",
+      hand, p.hand.nodes.size(), p.hand.tetrahedra.size(), p.held.size(), kYoungsModulus, kPoissonRatio, kDensity, kSteps);
+  study.cannot =
+      "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside elements (anchors hold nodes), joints with ranges and couplings in the same "
+      "minimisation, contact inside the implicit solve, a result that repeats in double precision.";
+  const std::vector<double> weights = skin_weights(p.hand);
+  const Trajectory exact = run_own(p, iterations(200, 0));
+  const auto add = [&](const std::string& setting, const Trajectory& t) {
+    Row row;
+    row.scene = "soft_fingers_peer";
+    row.knob = "engine";
+    row.setting = setting;
+    row.hand = hand;
+    row.reference = "R0";
+    row.ms_p50 = percentile(t.step_ms, 0.5);
+    row.ms_p99 = percentile(t.step_ms, 0.99);
+    row.ms_frame = std::accumulate(t.step_ms.begin(), t.step_ms.end(), 0.0) / kSteps;
+    row.steps = t.step_ms.size();
+    row.along = row.total = difference(t, exact, weights);
+    row.along.touch_disagreement = std::nan("");
+    row.iterations = t.iterations;
+    row.worst_residual = t.worst_residual;
+    row.classification = !t.finite || t.failed_steps > 0 || !(row.along.tissue_rms_mm < 11) ? "Diverged" : "Pass";
+    study.rows.push_back(row);
+  };
+  add("softhand, converged (R0)", exact);
+  for (const int count : {1, 2, 3, 5}) add(fmt::format("softhand, {} iteration{}", count, count > 1 ? "s" : ""), run_own(p, iterations(count, 0)));
+  add("softhand, default", run_own(p, SolverOptions{}));
+  add("Bullet, as it comes", run_bullet(p, {}));
+  for (const int count : {10, 25, 100, 400}) add(fmt::format("Bullet, 1 Newton, {} CG", count), run_bullet(p, {1, count, 1e-8}));
+  add("Bullet, 5 Newton, 200 CG", run_bullet(p, {5, 200, 1e-8}));
+  return study;
+}
+
+}  // namespace softhand::error_runtime

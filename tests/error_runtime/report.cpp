@@ -1,0 +1,288 @@
+#include "error_runtime/report.hpp"
+
+#include <fmt/format.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "error_runtime/peer.hpp"
+#include "report/report.hpp"
+
+namespace softhand::error_runtime {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+constexpr double kTissueBound = 0.1;  // mm
+constexpr double kForceBound = 0.02;
+
+Json row_json(const Row& row) {
+  Json json{{"scene", row.scene},
+            {"knob", row.knob},
+            {"setting", row.setting},
+            {"ms_p50", row.ms_p50},
+            {"ms_p99", row.ms_p99},
+            {"tissue_rms_mm", row.along.tissue_rms_mm},
+            {"force_error", row.along.force_error},
+            {"class", row.classification},
+            {"hand", row.hand},
+            {"rate_hz", row.rate_hz},
+            {"reference", row.reference},
+            {"default", row.is_default},
+            {"on_front", row.on_front},
+            {"ms_frame", row.ms_frame},
+            {"steps", row.steps},
+            {"tissue_worst_rms_mm", row.along.tissue_worst_rms_mm},
+            {"tissue_max_mm", row.along.tissue_max_mm},
+            {"bone_mm", row.along.bone_mm},
+            {"bone_degrees", row.along.bone_degrees},
+            {"net_force_error_p95", row.along.net_force_error_p95},
+            {"stress_error", row.along.stress_error},
+            {"pressure_centre_mm", row.along.pressure_centre_mm},
+            {"touch_disagreement", row.along.touch_disagreement},
+            {"one_step_tissue_rms_mm", row.one_step ? Json(row.one_step->tissue_rms_mm) : Json()},
+            {"one_step_force_error", row.one_step ? Json(row.one_step->force_error) : Json()},
+            {"total_tissue_rms_mm", row.total.tissue_rms_mm},
+            {"total_force_error", row.total.force_error},
+            {"iterations", row.iterations},
+            {"steps_not_converged", row.steps_not_converged},
+            {"worst_residual", row.worst_residual},
+            {"penetration_p95_mm", row.penetration_p95_mm},
+            {"penetration_max_mm", row.penetration_max_mm},
+            {"lag_ms", row.lag_ms},
+            {"inverted", row.inverted}};
+  for (auto& [key, value] : json.items()) {
+    if (value.is_number_float() && !std::isfinite(value.get<double>())) value = nullptr;
+  }
+  return json;
+}
+
+Row not_built(const NotBuilt& scene) {
+  Row row;
+  const double nan = std::nan("");
+  row.scene = scene.name;
+  row.setting = scene.reason;
+  row.classification = "Not built";
+  for (double* value : {&row.ms_p50, &row.ms_p99, &row.ms_frame, &row.along.tissue_rms_mm, &row.along.force_error}) *value = nan;
+  return row;
+}
+
+const Row& default_of(const SceneStudy& scene) {
+  return *std::find_if(scene.rows.begin(), scene.rows.end(), [](const Row& row) { return row.is_default; });
+}
+
+// The row that has the default's mesh and step among those of a knob; null where the knob has none.
+const Row* like_default(const SceneStudy& scene, const std::string& knob) {
+  const Row& def = default_of(scene);
+  const auto found = std::find_if(scene.rows.begin(), scene.rows.end(), [&](const Row& row) { return row.knob == knob && row.hand == def.hand && row.rate_hz == def.rate_hz; });
+  return found == scene.rows.end() ? nullptr : &*found;
+}
+
+std::string millimetres(double value) { return std::isfinite(value) ? fmt::format("{:.2g}", value) : "not finite"; }
+std::string percent(double share) { return std::isfinite(share) ? fmt::format("{:.2g} %", 100 * share) : "not finite"; }
+
+std::string name_of(const Row& row) { return row.is_default ? "**default**" : row.knob == "combined" ? row.setting : row.knob + " " + row.setting; }
+
+void print(const Row& row) {
+  fmt::print("  {:19} {:34} {:6.2f} ms p99 {:7.2f} frame {:7.2f}  {:3} tissue {:9.3g} mm force {:9.3g}  all {:8.3g} mm  {}{}{}\n", row.knob, row.setting, row.ms_p50, row.ms_p99, row.ms_frame,
+             row.reference, row.along.tissue_rms_mm, row.along.force_error, row.total.tissue_rms_mm, row.classification, row.is_default ? "  DEFAULT" : "", row.on_front ? "  front" : "");
+}
+
+void print(const SceneStudy& scene) {
+  fmt::print("{}: {}{}\n", scene.scene, scene.statement, scene.missing.empty() ? "" : "; NOT SHOWN: " + scene.missing);
+  fmt::print("  R0: residual {:.2g}, {:.1f} iterations a step, at most {:.0f}; input moved by 1 um moves the tissue by {:.2g} um\n", scene.r0_residual, scene.r0_iterations,
+             scene.r0_iterations_most, scene.amplification);
+  for (const Row& row : scene.rows) print(row);
+  for (const Slope& slope : scene.slopes) {
+    if (slope.points >= 2) fmt::print("  slope of {} ({}): {:.2f}, expected {:g}, {} points\n", slope.quantity, slope.knob, slope.observed, slope.expected, slope.points);
+  }
+  std::fflush(stdout);
+}
+
+// Times are CPU times of one thread: it stays where it is.
+void pin_thread() {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  const int cpu = sched_getcpu();
+  if (cpu < 0) return;
+  CPU_SET(static_cast<std::size_t>(cpu), &set);
+  sched_setaffinity(0, sizeof set, &set);
+}
+
+void draw(const Study& study, const std::string& folder) {
+  fs::create_directories(folder);
+  const std::string rows = (fs::temp_directory_path() / "softhand_error_runtime.json").string();
+  report::write_file(rows, to_json(study).dump() + "\n");
+  const std::string command = fmt::format("/usr/bin/python3 '{}' '{}' '{}'", SOFTHAND_SOURCE_DIR "/tests/error_runtime/plot.py", rows, folder);
+  const int code = std::system(command.c_str());
+  fs::remove(rows);
+  if (code != 0) throw std::runtime_error("no pictures: " + command + " failed");
+}
+
+bool asked_for(const ErrorRuntimeArguments& arguments, const std::string& name) {
+  return arguments.which.empty() || std::find(arguments.which.begin(), arguments.which.end(), name) != arguments.which.end();
+}
+
+}  // namespace
+
+std::string default_misses(const SceneStudy& scene) {
+  const Row& row = default_of(scene);
+  if (!scene.grasp || (row.along.tissue_rms_mm <= kTissueBound && row.along.force_error <= kForceBound)) return {};
+  return fmt::format("{}: the default is {} mm and {} off R0, expected {} mm and {}", scene.scene, millimetres(row.along.tissue_rms_mm), percent(row.along.force_error), kTissueBound,
+                     percent(kForceBound));
+}
+
+Json to_json(const Study& study) {
+  Json list = Json::array();
+  for (const SceneStudy& scene : study.scenes) {
+    for (const Row& row : scene.rows) list.push_back(row_json(row));
+  }
+  for (const Row& row : study.peer.rows) list.push_back(row_json(row));
+  for (const NotBuilt& scene : scenes_not_built()) list.push_back(row_json(not_built(scene)));
+  return list;
+}
+
+std::string to_csv(const Study& study) {
+  const Json list = to_json(study);
+  std::string text;
+  for (const auto& [key, value] : list.front().items()) text += (text.empty() ? "" : ",") + key;
+  text += '\n';
+  for (const Json& row : list) {
+    bool first = true;
+    for (const auto& [key, value] : row.items()) {
+      text += (first ? "" : ",") + (value.is_null() ? std::string() : value.is_string() ? report::in_quotes(value.get<std::string>()) : value.dump());
+      first = false;
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+std::string to_markdown(const Study& study, const std::string& command, const std::string& pictures) {
+  const report::Provenance from = report::provenance();
+  std::string text = fmt::format("## Error against run time\n\n`{}` on {}, {}, commit {}; CPU time of one pinned thread.\n\n", command, from.processor, from.compiler, from.commit);
+  text += fmt::format(
+      "The hand's loop plays scenes of a second, the same input for every setting. Errors are of the whole run, of the skin weighted by area, RMS over time, against references of their "
+      "own: R0 is the same mesh and step with Newton's method until an iteration moves nothing by 1e-12 (the solver's error), R1 the limit of steps of 1/{} s and 1/{} s (the step's), R2 "
+      "the finest mesh (the mesh's). \"All\" is the distance from R2 + R1 - R0, the best result known. Forces are compared finger by finger, relative to the reference's.\n\n",
+      study.quick ? 360 : 1440, study.quick ? 180 : 720);
+  text += "The default (" + study.default_hand + ", 90 Hz):\n\n";
+  text += "| scene | ms, median / p99 | solver: tissue mm, force | one step: tissue mm, force | step: tissue mm | mesh: tissue mm | all: tissue mm, force | 0.1 mm, 2 % of R0 |\n";
+  text += "| --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  for (const SceneStudy& scene : study.scenes) {
+    const Row& row = default_of(scene);
+    const Row *step = like_default(scene, "time_step"), *mesh = like_default(scene, "mesh");
+    const auto of = [](const Row* r) { return r == nullptr ? std::string("-") : millimetres(r->along.tissue_rms_mm); };
+    text += fmt::format("| {} | {:.2f} / {:.2f} | {}, {} | {}, {} | {} | {} | {}, {} | {} |\n", scene.scene, row.ms_p50, row.ms_p99, millimetres(row.along.tissue_rms_mm), percent(row.along.force_error),
+                        millimetres(row.one_step->tissue_rms_mm), percent(row.one_step->force_error), of(step), of(mesh), millimetres(row.total.tissue_rms_mm), percent(row.total.force_error),
+                        !scene.grasp ? "not a grasp" : default_misses(scene).empty() ? "met" : "**missed**");
+  }
+  for (const NotBuilt& scene : scenes_not_built()) text += fmt::format("| {} | Not built: {} | | | | | | |\n", scene.name, scene.reason);
+  if (!pictures.empty()) {
+    text += fmt::format("\n![Error of each knob against its own reference over the CPU time of a step]({}/error_runtime.png)\n", pictures);
+    text += fmt::format("\n![Error against the best known result over CPU time, with the Pareto front]({}/error_runtime_total.png)\n", pictures);
+  }
+  text += "\nThe Pareto front against \"all\", from cheap to dear, in ms of CPU time for 1/90 s of the scene and mm:\n\n| scene | front |\n| --- | --- |\n";
+  for (const SceneStudy& scene : study.scenes) {
+    std::vector<const Row*> front;
+    for (const Row& row : scene.rows) {
+      if (row.on_front) front.push_back(&row);
+    }
+    std::sort(front.begin(), front.end(), [](const Row* a, const Row* b) { return a->ms_frame < b->ms_frame; });
+    std::string line;
+    for (const Row* row : front) line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "; ", name_of(*row), row->ms_frame, millimetres(row->total.tissue_rms_mm));
+    text += fmt::format("| {} | {} |\n", scene.scene, line);
+  }
+  text += "\nReferences and what is not known better; the last column is how far the tissue moves when the input is moved by 1 um, RMS, over 1 um: far above 1 a scene is chaotic.\n\n";
+  text += "| scene | R0: residual | R0: iterations a step, mean / most | finest step from R1, mm | second finest mesh from R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
+  for (const SceneStudy& scene : study.scenes) {
+    text += fmt::format("| {} | {:.1e} | {:.1f} / {:.0f} | {} | {} | {:.2g} |\n", scene.scene, scene.r0_residual, scene.r0_iterations, scene.r0_iterations_most,
+                        millimetres(scene.r1_uncertainty.tissue_rms_mm), millimetres(scene.r2_uncertainty.tissue_rms_mm), scene.amplification);
+  }
+  text += "\nFitted slopes, observed (expected). Contact that begins, ends or slips between two steps costs the step its first order.\n\n| scene |";
+  std::string line = "\n| --- |";
+  if (!study.scenes.empty()) {
+    for (const Slope& slope : study.scenes.front().slopes) {
+      text += fmt::format(" {} |", slope.quantity);
+      line += " --- |";
+    }
+  }
+  text += line + "\n";
+  for (const SceneStudy& scene : study.scenes) {
+    text += "| " + scene.scene + " |";
+    for (const Slope& slope : scene.slopes) text += slope.points >= 2 ? fmt::format(" {:.2f} ({:g}) |", slope.observed, slope.expected) : std::string(" - |");
+    text += "\n";
+  }
+  for (const SceneStudy& scene : study.scenes) {
+    if (!scene.missing.empty()) text += fmt::format("\n{} is not what it is called: {}\n", scene.scene, scene.missing);
+    if (const std::string misses = default_misses(scene); !misses.empty()) text += "\n" + misses + ".\n";
+  }
+  if (!study.peer.rows.empty()) {
+    text += "\n### Another engine on the same tetrahedra\n\n" + study.peer.statement + "\n\n| engine | ms, median / p99 | tissue RMS mm | worst mm | class |\n| --- | --- | --- | --- | --- |\n";
+    for (const Row& row : study.peer.rows) {
+      text += fmt::format("| {} | {:.2f} / {:.2f} | {} | {} | {} |\n", row.setting, row.ms_p50, row.ms_p99, millimetres(row.along.tissue_rms_mm), millimetres(row.along.tissue_max_mm), row.classification);
+    }
+    text += "\n" + study.peer.cannot + "\n";
+  }
+  return text;
+}
+
+std::string table_markdown(const Study& study) {
+  std::string text = "## Every run of error against run time\n\nErrors as above, against the reference named; `one step` from R0's state at every step.\n\n";
+  text += "| scene | knob | setting | ms p50 | p99 | of 1/90 s | reference | tissue RMS mm | worst time | worst point | bones mm / deg | force | touch differs | one step mm / force | all mm | "
+          "penetration p95 / max mm | lag ms | class |\n";
+  text += "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  for (const SceneStudy& scene : study.scenes) {
+    for (const Row& row : scene.rows) {
+      const Errors& e = row.along;
+      text += fmt::format("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {} | {:.2g} | {:.2g} | {:.2g} | {:.2g} / {:.2g} | {:.2g} | {} | {} | {:.2g} | {:.2g} / {:.2g} | {:.2f} | {} |\n", row.scene, row.knob,
+                          row.setting, row.ms_p50, row.ms_p99, row.ms_frame, row.reference, e.tissue_rms_mm, e.tissue_worst_rms_mm, e.tissue_max_mm, e.bone_mm, e.bone_degrees, e.force_error,
+                          std::isnan(e.touch_disagreement) ? std::string("-") : fmt::format("{:.2g}", e.touch_disagreement),
+                          row.one_step ? fmt::format("{:.2g} / {:.2g}", row.one_step->tissue_rms_mm, row.one_step->force_error) : std::string("-"), row.total.tissue_rms_mm, row.penetration_p95_mm,
+                          row.penetration_max_mm, row.lag_ms, row.classification == "Pass" ? "Pass" : "**" + row.classification + "**");
+    }
+  }
+  return text;
+}
+
+int run_error_runtime(const ErrorRuntimeArguments& arguments) {
+  for (const std::string& name : arguments.which) {
+    const auto& scenes = all_scenes();
+    if (name == "peer" || std::any_of(scenes.begin(), scenes.end(), [&name](const Scene& scene) { return scene.name == name; })) continue;
+    std::string known = "peer";
+    for (const Scene& scene : scenes) known += ", " + scene.name;
+    throw std::invalid_argument("no scene '" + name + "'; known: " + known);
+  }
+  pin_thread();
+  Study study;
+  study.quick = arguments.quick;
+  study.default_hand = default_hand(arguments.quick);
+  bool good = true;
+  for (const Scene& scene : all_scenes()) {
+    if (!asked_for(arguments, scene.name)) continue;
+    study.scenes.push_back(study_scene(scene, arguments.quick));
+    print(study.scenes.back());
+    const std::string misses = default_misses(study.scenes.back());
+    if (!misses.empty()) fmt::print("  {}\n", misses);
+    good = good && misses.empty() && study.scenes.back().missing.empty();
+  }
+  if (asked_for(arguments, "peer")) {
+    study.peer = study_peer(study.default_hand);
+    for (const Row& row : study.peer.rows) print(row);
+  }
+  const std::string command = arguments.quick ? "softhand report error-runtime --quick" : "softhand report error-runtime";
+  report::write_file(arguments.json, to_json(study).dump(1) + "\n");
+  report::write_file(arguments.csv, to_csv(study));
+  report::write_file(arguments.markdown, to_markdown(study, command, arguments.plot.empty() ? "" : "images") + "\n" + table_markdown(study));
+  if (!arguments.plot.empty()) draw(study, arguments.plot);
+  return good ? 0 : 1;
+}
+
+}  // namespace softhand::error_runtime
