@@ -1,0 +1,1 @@
+softhand_program(bench_ledger ${CMAKE_CURRENT_LIST_DIR}/ledger_bench.cpp LINK softhand_hand softhand_tracking)

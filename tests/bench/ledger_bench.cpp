@@ -1,0 +1,92 @@
+// What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and one without; the thread's own
+// time of both, and their ratio. `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+
+#include "hand/hand_loop.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "model/hand_model.hpp"
+#include "tracking/tracking_loop.hpp"
+
+namespace {
+using namespace softhand;
+
+double thread_seconds() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequence) {
+  const Pose wrist{Vector3(0.01 * std::sin(4 * seconds), -0.006 * std::sin(2 * seconds), 0), rotation_exp(Vector3(0, 0.2 * std::sin(5 * seconds), 0))};
+  Skeleton skeleton;
+  skeleton.stamp.sequence = sequence;
+  skeleton.stamp.sample_time = static_cast<Nanoseconds>((1 + seconds) * 1e9);
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const Pose pose = wrist * hand.rest_joints[j];
+    skeleton.joints[j].position = to_wire(pose.position);
+    skeleton.joints[j].orientation = to_wire(pose.orientation);
+    skeleton.joints[j].flags = kJointValid | kJointTracked;
+  }
+  return skeleton;
+}
+
+// `step(kept, skeleton, now)` for both loops, each first in half of the pairs.
+template <typename Step>
+void compare(const char* name, int pairs, double time_step, const HandModel& hand, Step&& step) {
+  double spent[2] = {0, 0};
+  for (int i = 0; i < pairs; ++i) {
+    const Skeleton skeleton = skeleton_of(hand, i * time_step, static_cast<std::uint64_t>(i) + 1);
+    for (const int kept : {i % 2, 1 - i % 2}) {
+      const double begin = thread_seconds();
+      step(kept == 1, skeleton, skeleton.stamp.sample_time);
+      if (i >= pairs / 10) spent[kept] += thread_seconds() - begin;
+    }
+  }
+  const double counted = pairs - pairs / 10;
+  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * spent[0] / counted, 1e6 * spent[1] / counted, 100 * (spent[1] / spent[0] - 1));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: bench_ledger HAND [PAIRS]\n");
+    return 2;
+  }
+  const HandModel hand = load_hand(argv[1]);
+  const int pairs = argc > 2 ? std::atoi(argv[2]) : 400;
+
+  ObjectDescription box;
+  box.object = 1;
+  box.is_static = 1;
+  box.friction = 0.8;
+  box.shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
+  box.shape.size = {0.2, 0.02, 0.2};
+  const Vector3 palm = hand.rest_joints[static_cast<std::size_t>(index_of(Joint::palm))].position;
+  WorldObjects world;
+  ObjectState state;
+  state.object = 1;
+  state.position = to_wire(Vector3(palm - Vector3(0, 0.036, 0)));
+  world.objects.push_back(state);
+  HandLoop with(hand, {}, {}), without(hand, {}, {});
+  std::size_t touched = 0;
+  for (HandLoop* loop : {&with, &without}) loop->describe_object(box);
+  compare("hand", pairs, 1.0 / 90, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {
+    world.stamp.sample_time = now;
+    const HandOutput& output = (kept ? with : without).step(now, {&skeleton, nullptr, &world}, {.ledger = kept});
+    touched += output.contacts.contacts.size();
+  });
+  std::printf("           %.0f contacts a step\n", static_cast<double>(touched) / (2.0 * pairs));
+
+  TrackingLoop books({}, 90, hand, {}), none({}, 90, hand, {});
+  compare("tracking", 50 * pairs, 1e-3, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {
+    TrackingInput input;
+    if (skeleton.stamp.sequence % 11 == 1) input.tracked = input.simulated = &skeleton;
+    input.ledger_wanted = kept;
+    (kept ? books : none).step(now, input);
+  });
+  return 0;
+}
