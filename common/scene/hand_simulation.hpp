@@ -98,7 +98,7 @@ class HandSimulation {
   int inverted_elements() const;
   int contact_count() const;
   const EnergyLedger& ledger() const { return ledger_; }
-  /// Calls f(name, joules) for each term: what it stores.
+  /// Calls f(name, joules) for each term: what it stored when a step was last entered.
   template <typename F>
   void for_each_stored(F&& f) const {
     for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);

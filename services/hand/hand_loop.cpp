@@ -352,8 +352,8 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.inverted_elements = static_cast<std::uint32_t>(simulation_->inverted_elements());
   status.penetration = simulation_->deepest_penetration();
   status.coupling_stretch = simulation_->largest_coupling_stretch();
+  simulation_->for_each_stored([&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
   if (simulation_->ledger().begun()) {
-    simulation_->for_each_stored([&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
     simulation_->ledger().for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   }
   add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite + tracked_.counters().refused_nonfinite));

@@ -75,7 +75,16 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
                   status.step_ms_p99);
       EXPECT_GT(status.rate_hz, 0.6 * status.nominal_rate_hz) << module;
       EXPECT_LT(status.rate_hz, 1.1 * status.nominal_rate_hz) << module;
+      EXPECT_GE(status.step_ms_p999, status.step_ms_p99) << module;
     }
+    // The live list of a loop of physics; whether books balance is told on the virtual clock, where every step has the time that it needs.
+    const LoopStatus& hand = ears.modules.at("hand");
+    EXPECT_GT(hand.iterations, 0u);
+    EXPECT_GT(hand.coupling_stretch, 0);
+    EXPECT_GT(hand.energies.size(), 5u);
+    EXPECT_GT(hand.ledger.size(), 5u);
+    EXPECT_GT(ears.modules.at("tracking").ledger.size(), 5u);
+    EXPECT_NE(ears.modules.at("haptic").passivity_energy, 0);
     EXPECT_EQ(processes.size(), kModules.size());
     for (const std::uint32_t process : processes) EXPECT_TRUE(is_alive(process));
     expect_all_finite(ears);
