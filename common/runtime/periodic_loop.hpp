@@ -1,6 +1,7 @@
 // A loop at a fixed rate, on the absolute grid of its start.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <string>
@@ -8,6 +9,7 @@
 
 #include "messages/messages.hpp"
 #include "runtime/clock.hpp"
+#include "runtime/simulated_clock.hpp"
 #include "runtime/statistics.hpp"
 
 namespace softhand {
@@ -47,15 +49,26 @@ class PeriodicLoop {
   /// Calls `step(start)` on time, with the time of its actual start, until `stop` is set; looks at `stop` once a period.
   template <typename Step>
   void run(const std::atomic<bool>& stop, Step&& step) {
-    schedule_ = Schedule(now(), period_);
+    run(stop, SimulatedClock(), step, [](Nanoseconds) {});
+  }
+
+  /// Lays the grid on `clock`, which may be commanded meanwhile, and gives `step` its time: a slowed clock has as many steps a simulated second as ever.
+  /// `between(now)`, of real time, is called after each step, and 50 times a second at least while the clock keeps the next one waiting.
+  template <typename Step, typename Between>
+  void run(const std::atomic<bool>& stop, const SimulatedClock& clock, Step&& step, Between&& between) {
+    schedule_ = Schedule(clock.at(now()), period_);
     while (!stop.load(std::memory_order_relaxed)) {
       const Nanoseconds started = now();
-      step(started);
+      const bool due = started >= clock.when(schedule_.due());
+      if (due) step(clock.at(started));
+      between(now());
       const Nanoseconds ended = now();
-      step_times_.add(ended, ended - started);
-      ++steps_;
-      schedule_.advance(ended);
-      sleep_until(schedule_.due());
+      if (due) {
+        step_times_.add(ended, ended - started);
+        ++steps_;
+        schedule_.advance(clock.at(ended));
+      }
+      sleep_until(std::min(clock.when(schedule_.due()), ended + kLongestSleep));
     }
   }
 
@@ -67,6 +80,7 @@ class PeriodicLoop {
   const RollingHistogram& step_times() const { return step_times_; }
 
  private:
+  static constexpr Nanoseconds kLongestSleep = 20'000'000;
   static void sleep_until(Nanoseconds time);
 
   double rate_hz_;

@@ -21,6 +21,7 @@
 #include "runtime/config.hpp"
 #include "runtime/signals.hpp"
 #include "scene_file.hpp"
+#include "service/time_control.hpp"
 
 namespace softhand {
 namespace {
@@ -33,12 +34,17 @@ constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misse
 // Listens to what a summary needs, and to nothing when no summary is asked for: a topic that nobody reads is not computed.
 class Listener {
  public:
-  Listener(const bus::Participant& participant, bool everything) : status_(participant, with_history(bus::topics::loop_status, kHistory)) {
+  Listener(const bus::Participant& participant, bool everything)
+      : status_(participant, with_history(bus::topics::loop_status, kHistory)), messages_(participant, bus::topics::message) {
     if (everything) streams_.emplace(participant);
   }
 
   void poll() {
     status_.take_all([this](const LoopStatus& status) { modules_[std::string(get_text(status.module))] = status; });
+    messages_.take_all([this](const Message& message) {
+      // Whoever is started from now on inherits what the clock was commanded.
+      if (time_control_.answer(message, "", now())) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
+    });
     if (!streams_) return;
     streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
     streams_->simulated.take_all([this](const Skeleton& m) { outcome_.on_simulated(m); });
@@ -76,6 +82,8 @@ class Listener {
     bus::Reader<DeviceState> device;
   };
   bus::Reader<LoopStatus> status_;
+  bus::Reader<Message> messages_;
+  TimeControl time_control_;
   std::optional<Streams> streams_;
   std::map<std::string, LoopStatus> modules_;
   Outcome outcome_;

@@ -54,11 +54,7 @@ HandLoop::~HandLoop() = default;
 
 void HandLoop::describe_object(const ObjectDescription& description) {
   auto known = std::find_if(objects_.begin(), objects_.end(), [&description](const KnownObject& o) { return o.id == description.object; });
-  if (known != objects_.end() && known->slot >= 0) {
-    simulation_->clear_slot(known->slot);
-    slot_object_[static_cast<std::size_t>(known->slot)] = -1;
-    known->slot = -1;
-  }
+  if (known != objects_.end()) clear_slot(*known);
   if (description.removed != 0) {
     if (known == objects_.end()) return;
     objects_.erase(known);
@@ -91,11 +87,31 @@ void HandLoop::take_state(const HandLoop& other) {
   any_skeleton_ = other.any_skeleton_;
   reposition_asked_ = other.reposition_asked_;
   world_time_ = other.world_time_;
+  reset_time_ = other.reset_time_;
   counters_ = other.counters_;
   output_ = other.output_;
 }
 
+void HandLoop::clear_slot(KnownObject& object) {
+  if (object.slot < 0) return;
+  simulation_->clear_slot(object.slot);
+  slot_object_[static_cast<std::size_t>(object.slot)] = -1;
+  object.slot = -1;
+}
+
+void HandLoop::reset(Nanoseconds time) {
+  reset_time_ = time;
+  tracked_ = TrackedInput(options_.tracked_input);
+  any_skeleton_ = reposition_asked_ = false;
+  for (KnownObject& object : objects_) {
+    clear_slot(object);
+    object.seen = object.owned = false;
+    object.last_touch = 0;
+  }
+}
+
 void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
+  if (skeleton.stamp.sample_time <= reset_time_) return;
   if (options_.direct) {
     tracked_.add_sample(skeleton, now);
     return;
@@ -150,6 +166,7 @@ void HandLoop::set_targets(Nanoseconds now) {
 }
 
 void HandLoop::take_world(const WorldObjects& world) {
+  if (world.stamp.sample_time <= reset_time_) return;
   for (const ObjectState& state : world.objects) {
     const auto known = std::find_if(objects_.begin(), objects_.end(), [&state](const KnownObject& o) { return o.id == state.object; });
     if (known == objects_.end()) continue;
@@ -207,9 +224,7 @@ void HandLoop::mirror_objects(Nanoseconds now) {
       object.owned = false;
       if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
     } else if (distance > 1.5 * options_.near_distance && !object.owned) {
-      simulation_->clear_slot(object.slot);
-      slot_object_[static_cast<std::size_t>(object.slot)] = -1;
-      object.slot = -1;
+      clear_slot(object);
       continue;
     }
     if (simulation_->touched(object.slot)) object.last_touch = now;

@@ -65,6 +65,9 @@ class HandLoop {
   /// place, before the next step.
   HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
 
+  /// As at the start: empty-handed, and nowhere until a skeleton comes that was sampled after `time`. What the world said until then is not used.
+  void reset(Nanoseconds time);
+
   HandDescription description() const;
   /// Answers `reposition` (any value: the hand goes to its target at once, and lets go of what it holds).
   MessageReply answer(const Message& message, const std::string& module);
@@ -90,6 +93,7 @@ class HandLoop {
     Nanoseconds last_touch = 0;
   };
 
+  void clear_slot(KnownObject& object);
   void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
@@ -110,6 +114,7 @@ class HandLoop {
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;
   Nanoseconds world_time_ = 0;
+  Nanoseconds reset_time_ = -1;
   HandCounters counters_;
   HandOutput output_;
 };

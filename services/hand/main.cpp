@@ -20,7 +20,7 @@ void run(int argc, char** argv) {
   const HandKey key = hand_key(scene);
   HandLoop loop(load_scene_hand(scene), options, key, object_spring(scene.options.world));
 
-  Service service(arguments, options.rate_hz);
+  Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto& p = service.participant();
   bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, key);
   bus::Reader heads(p, bus::topics::head_pose);
@@ -79,7 +79,8 @@ void run(int argc, char** argv) {
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
   };
-  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status});
+  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status,
+               [&](Nanoseconds time) { loop.reset(time); }});
 }
 }  // namespace
 

@@ -20,7 +20,7 @@ int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint3
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     const HandKey hand = hand_key(scene);
     const auto& options = options_of(scene.options);
-    Service service(arguments, options.loop.rate_hz);
+    Service service(arguments, options.loop.rate_hz, Pacing::real);
     bus::Reader<Input> reader(service.participant(), topic, hand);
     bus::Writer<DeviceState> writer(service.participant(), bus::topics::device_state);
     DeviceLoop<Input> loop(options.loop, std::make_unique<Driver>(options.driver), device, kind);

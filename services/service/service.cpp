@@ -1,6 +1,7 @@
 #include "service/service.hpp"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -42,9 +43,10 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   return arguments;
 }
 
-Service::Service(const ServiceArguments& arguments, double rate_hz, Urgency urgency)
+Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency)
     : module_(with_urgency(arguments.module, rate_hz, urgency)),
       rate_hz_(rate_hz),
+      pacing_(pacing),
       participant_(module_),
       messages_(participant_, bus::topics::message),
       replies_(participant_, bus::topics::message_reply),
@@ -65,27 +67,44 @@ void Service::run(const Callbacks& callbacks) {
   std::uint64_t status_sequence = 0;
   std::uint64_t reply_sequence = 0;
   Nanoseconds next_status = now() + kStatusPeriod;
-  loop.run(stop_.flag(), [&](Nanoseconds start) {
-    callbacks.step(start);
+  const SimulatedClock real_clock;
+  const SimulatedClock& own_clock = pacing_ == Pacing::simulated ? clock() : real_clock;
+  Nanoseconds newest = 0;
+  const auto step = [&](Nanoseconds start) {
+    if (pacing_ == Pacing::simulated && callbacks.reset) {
+      if (const auto reset = time_control_.take_reset(now())) callbacks.reset(*reset);
+    }
+    // A command that came too late for its time would take the clock back.
+    newest = std::max(newest, start);
+    callbacks.step(newest);
+  };
+  const auto between = [&](Nanoseconds real) {
     messages_.take_all([&](const Message& message) {
-      reply = callbacks.answer(message);
+      const bool may_reset = get_text(message.key) != "reset" || callbacks.reset;
+      const auto steered = may_reset ? time_control_.answer(message, module_, real) : std::nullopt;
+      reply = steered ? *steered : callbacks.answer(message);
       reply.stamp.sequence = ++reply_sequence;
-      reply.stamp.sample_time = start;
+      reply.stamp.sample_time = real;
       stamp(reply.stamp);
       replies_.write(reply);
     });
-    if (start < next_status) return;
-    next_status = start + kStatusPeriod;
+    if (real < next_status) return;
+    next_status = real + kStatusPeriod;
     if (!status_wanted()) return;
     status = LoopStatus{};
     set_text(status.module, module_);
     loop.fill(status);
-    callbacks.fill_status(status, start);
+    callbacks.fill_status(status, own_clock.at(real));
+    if (pacing_ == Pacing::simulated) {
+      add_counter(status, "pace", clock().pace(real));
+      add_counter(status, "behind_s", static_cast<double>(real - clock().at(real)) * 1e-9);
+    }
     status.stamp.sequence = ++status_sequence;
-    status.stamp.sample_time = start;
+    status.stamp.sample_time = real;
     stamp(status.stamp);
     status_writer_.write(status);
-  });
+  };
+  loop.run(stop_.flag(), own_clock, step, between);
 }
 
 int guarded_main(const std::string& module, const std::function<void()>& body) {

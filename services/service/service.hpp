@@ -9,6 +9,7 @@
 #include "messages/messages.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/signals.hpp"
+#include "service/time_control.hpp"
 
 namespace CLI {
 class App;
@@ -31,21 +32,30 @@ enum class Urgency {
   ordinary,   ///< gives way to the others: displays
 };
 
+enum class Pacing {
+  simulated,  ///< steps follow the simulated clock: slowed down and halted with the rig (time_control.hpp)
+  real,       ///< whatever the simulation does: devices, whose safety is timed, what watches people, displays
+};
+
 class Service {
  public:
   /// Takes its urgency before DDS makes its threads. From here on SIGTERM and SIGINT ask for a clean stop.
-  Service(const ServiceArguments& arguments, double rate_hz, Urgency urgency = Urgency::real_time);
+  Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }
 
-  /// Fills epoch, clock id and publish time of what is about to be written.
+  /// Fills epoch, clock id and publish time (real) of what is about to be written.
   void stamp(Stamp& stamp) const;
   /// Whether somebody reads loop_status: nothing need be computed for it otherwise.
   bool status_wanted() const { return status_writer_.has_readers(); }
+  /// What samples that were taken at a real time are stamped with.
+  const SimulatedClock& clock() const { return time_control_.clock(); }
 
   struct Callbacks {
-    std::function<void(Nanoseconds)> step;
+    std::function<void(Nanoseconds)> step;  ///< with the time of its start, on the clock of its pacing
     std::function<MessageReply(const Message&)> answer;
     std::function<void(LoopStatus&, Nanoseconds)> fill_status;
+    /// Of pacing `simulated`, between steps, where everything is to start over; gets the time of the message `reset`: samples until then are not to be used.
+    std::function<void(Nanoseconds)> reset = nullptr;
   };
   /// Runs `step` at the rate until SIGTERM or SIGINT, answers messages, and publishes loop_status at 10 Hz. A late step is counted; missed ones are
   /// skipped, never made up for.
@@ -53,8 +63,10 @@ class Service {
 
  private:
   StopSignal stop_;
+  TimeControl time_control_;
   std::string module_;
   double rate_hz_;
+  Pacing pacing_;
   bus::Participant participant_;
   bus::Reader<Message> messages_;
   bus::Writer<MessageReply> replies_;

@@ -12,7 +12,7 @@ void run(int argc, char** argv) {
   const HandKey hand = hand_key(scene);
   TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, load_scene_hand(scene), hand);
 
-  Service service(arguments, scene.options.tracking.rate_hz);
+  Service service(arguments, scene.options.tracking.rate_hz, Pacing::simulated);
   bus::Reader tracked_reader(service.participant(), bus::topics::tracked_skeleton, hand);
   bus::Reader simulated_reader(service.participant(), bus::topics::simulated_skeleton, hand);
   bus::Reader contacts_reader(service.participant(), bus::topics::contacts, hand);
@@ -55,7 +55,8 @@ void run(int argc, char** argv) {
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
                  status.input_drops = dropped_before(tracked_reader, simulated_reader, contacts_reader, head_reader);
-               }});
+               },
+               [&](Nanoseconds time) { loop.reset(time); }});
 }
 }  // namespace
 

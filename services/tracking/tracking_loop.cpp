@@ -257,11 +257,20 @@ void TrackingLoop::release(Bone& bone, EnergyFlow& flow) {
   bone.entered = bone.fed_back = false;
 }
 
+void TrackingLoop::reset(Nanoseconds time) {
+  reset_time_ = time;
+  input_ = TrackedInput(options_.input);
+  for (Bone& bone : bones_) bone.placed = bone.simulated_seen = false;
+  simulated_any_ = reposition_asked_ = false;
+  contact_forces_.fill(Vector3::Zero());
+}
+
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
   if (input.head != nullptr) input_.add_head_pose(*input.head);
-  if (input.tracked != nullptr) input_.add_sample(*input.tracked, now);
-  if (input.simulated != nullptr) take_simulated(*input.simulated, now);
-  if (input.contacts != nullptr) {
+  const auto is_usable = [this](const auto* sample) { return sample != nullptr && sample->stamp.sample_time > reset_time_; };
+  if (is_usable(input.tracked)) input_.add_sample(*input.tracked, now);
+  if (is_usable(input.simulated)) take_simulated(*input.simulated, now);
+  if (is_usable(input.contacts)) {
     contact_forces_.fill(Vector3::Zero());
     contacts_arrival_ = now;
     for (const Contact& contact : input.contacts->contacts) {
@@ -313,7 +322,7 @@ void TrackingLoop::publish_skeleton(Nanoseconds now) {
   out.stamp.sequence = sequence_;
   out.stamp.sample_time = out.stamp.publish_time = now;
   out.stamp.chain = tracked.chain;
-  out.stamp.chain.tracker_sample = tracked.sample_time;
+  if (tracked.chain.tracker_sample == 0) out.stamp.chain.tracker_sample = tracked.sample_time;
   out.stamp.chain.tracked_published = tracked.publish_time;
   out.stamp.chain.intermediate_published = now;
   out.confidence = input_.stale(now) ? 0.0 : input_.confidence();

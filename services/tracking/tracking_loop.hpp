@@ -49,6 +49,8 @@ class TrackingLoop {
 
   /// One step of 1/rate_hz that ends at `now`. The result is valid until the next call.
   const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);
+  /// As at the start: nothing is valid until a sample of the tracker comes that was taken after `time`.
+  void reset(Nanoseconds time);
   /// Answers `reposition` (any value: the intermediate jumps to the tracked skeleton) and `feedback_ratio` (0 to the configured one).
   MessageReply answer(const Message& message, const std::string& module);
 
@@ -114,6 +116,7 @@ class TrackingLoop {
   bool reposition_asked_ = false;
   EnergyLedger ledger_;
   double coupling_stretch_ = 0;          // m, longest now, to the tracked skeleton
+  Nanoseconds reset_time_ = -1;  // what was sampled until then is not used
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values
   TrackingOutput output_;

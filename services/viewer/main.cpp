@@ -25,7 +25,7 @@ void run(int argc, char** argv) {
   std::istringstream hosts(options.hosts);
   for (std::string host; hosts >> host;) server_options.hosts.push_back(host);
 
-  Service service(arguments, options.rate_hz, Urgency::ordinary);
+  Service service(arguments, options.rate_hz, Pacing::real, Urgency::ordinary);
   viewer::Server server(server_options);
   viewer::Gateway gateway(service.participant(), server, load_scene_hand(scene), hand_key(scene), options.node_encoding == "int16",
                           options.rate_hz);

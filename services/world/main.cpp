@@ -15,7 +15,7 @@ void run(int argc, char** argv) {
   const WorldOptions& options = scene.options.world;
   WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz);
 
-  Service service(arguments, options.rate_hz);
+  Service service(arguments, options.rate_hz, Pacing::simulated);
   bus::Reader couplings(service.participant(), bus::topics::object_coupling);
   bus::Writer objects(service.participant(), bus::topics::objects);
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
@@ -54,7 +54,8 @@ void run(int argc, char** argv) {
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
                  status.input_drops = dropped_before(couplings);
-               }});
+               },
+               [&](Nanoseconds time) { loop.reset(time); }});
 }
 }  // namespace
 

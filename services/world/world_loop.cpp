@@ -87,6 +87,19 @@ void WorldLoop::insert(std::size_t slot) {
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
+/// The same in the place of whatever became of the object.
+void WorldLoop::restore(std::size_t slot) {
+  engine_->remove(slot);
+  insert(slot);
+  descriptions_[slot].removed = 0;
+  ++descriptions_version_;
+}
+
+void WorldLoop::reset(Nanoseconds time) {
+  reset_time_ = time;
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
+}
+
 void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& input) {
   Object& object = objects_[slot];
   const auto id = static_cast<std::uint32_t>(slot + 1);
@@ -111,7 +124,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     if (coupling == nullptr) break;
     last = &coupling->hand;
     const ObjectTwin* twin = twin_of(*coupling, id);
-    if (twin == nullptr) continue;
+    if (twin == nullptr || coupling->stamp.sample_time <= reset_time_) continue;
     const double age = static_cast<double>(now - coupling->stamp.sample_time) * kSeconds;
     if (age > kVanished) continue;
     if ((coupling->mode == 1) != symmetric) {
@@ -325,22 +338,14 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   if (!known) return result_of(kReplyIgnored, "unknown key; known: object.reset, object.remove, object.teleport");
   const std::string_view name = value.substr(0, value.find(' '));
   if (key == "object.reset" && name == "*") {
-    for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
-      engine_->remove(slot);
-      insert(slot);
-      descriptions_[slot].removed = 0;
-    }
-    ++descriptions_version_;
+    for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
     return result_of(kReplyApplied, "all objects reset");
   }
   Object* object = find(name);
   if (object == nullptr) return result_of(kReplyRefused, "expected the name of an object in the scene, not ", name);
   const auto slot = static_cast<std::size_t>(object - objects_.data());
   if (key == "object.reset") {
-    engine_->remove(slot);
-    insert(slot);
-    descriptions_[slot].removed = 0;
-    ++descriptions_version_;
+    restore(slot);
     return result_of(kReplyApplied, "reset");
   }
   if (!object->present) return result_of(kReplyRefused, "removed before; object.reset brings it back");

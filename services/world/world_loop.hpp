@@ -50,6 +50,9 @@ class WorldLoop {
   const std::vector<ObjectDescription>& descriptions() const { return descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
+  /// Between steps: all objects to their start. What hands published until `time` holds nothing any more.
+  void reset(Nanoseconds time);
+
   /// Between steps. Keys: `object.reset` NAME or * (back to its place of the scene, at rest; a removed one returns), `object.remove` NAME,
   /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Any other key is ignored, and so is
   /// what is addressed to another module than `module`.
@@ -83,6 +86,7 @@ class WorldLoop {
   };
 
   void insert(std::size_t slot);
+  void restore(std::size_t slot);
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
@@ -100,6 +104,7 @@ class WorldLoop {
   std::uint64_t descriptions_version_ = 1;
   WorldCounters counters_;
   Nanoseconds newest_input_ = 0;
+  Nanoseconds reset_time_ = -1;
   std::unique_ptr<WorldOutput> output_;
 };
 

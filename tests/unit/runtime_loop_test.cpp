@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "runtime/periodic_loop.hpp"
+#include "runtime/simulated_clock.hpp"
 #include "runtime/statistics.hpp"
 
 namespace softhand {
@@ -134,6 +135,96 @@ TEST(PeriodicLoop, CountsAStallAndSkipsIt) {
   EXPECT_GE(now() - begin, 54'000'000);  // 4 periods, the stall, and the grid after it
   EXPECT_GE(loop->deadline_misses(), 49u);
   EXPECT_GE(loop->step_times().quantile(1), 49'000'000);
+}
+
+constexpr Nanoseconds kSecond = 1'000'000'000;
+
+TEST(SimulatedClock, IsRealTimeUntilCommanded) {
+  const SimulatedClock clock;
+  for (const Nanoseconds t : {Nanoseconds{0}, kSecond, 400 * 86400 * kSecond + 1}) {  // beyond what a double counts exactly
+    EXPECT_EQ(clock.at(t), t);
+    EXPECT_EQ(clock.when(t), t);
+  }
+  EXPECT_EQ(clock.pace(kSecond), 1);
+}
+
+TEST(SimulatedClock, SlowsDownStandsAndGoesOnWithoutALeap) {
+  SimulatedClock clock;
+  clock.command(10 * kSecond, 0.25);
+  clock.command(14 * kSecond, 0);
+  clock.command(20 * kSecond, 1, 22 * kSecond);
+  EXPECT_EQ(clock.at(10 * kSecond), 10 * kSecond);
+  EXPECT_EQ(clock.at(12 * kSecond), 10 * kSecond + kSecond / 2);
+  EXPECT_EQ(clock.at(17 * kSecond), 11 * kSecond);
+  EXPECT_EQ(clock.at(21 * kSecond), 12 * kSecond);
+  EXPECT_EQ(clock.at(99 * kSecond), 13 * kSecond);
+  EXPECT_EQ(clock.pace(11 * kSecond), 0.25);
+  EXPECT_EQ(clock.pace(21 * kSecond), 1);
+  EXPECT_EQ(clock.pace(22 * kSecond), 0);
+  EXPECT_EQ(clock.when(9 * kSecond), 9 * kSecond);
+  EXPECT_EQ(clock.when(10 * kSecond + kSecond / 2), 12 * kSecond);
+  EXPECT_EQ(clock.when(11 * kSecond), 14 * kSecond);  // at the earliest
+  EXPECT_EQ(clock.when(12 * kSecond), 21 * kSecond);
+  EXPECT_EQ(clock.when(13 * kSecond + 1), SimulatedClock::kNever);
+  Nanoseconds last = 0;
+  for (Nanoseconds t = 9 * kSecond; t < 24 * kSecond; t += 1'234'567) {
+    EXPECT_GE(clock.at(t), last);
+    EXPECT_LE(clock.at(t) - last, last == 0 ? t : 1'234'568);
+    last = clock.at(t);
+    EXPECT_LE(clock.when(last), t + 4);
+  }
+}
+
+TEST(SimulatedClock, IsTheSameInWhateverOrderCommandsArriveAndByItsText) {
+  struct Command {
+    Nanoseconds from;
+    double pace;
+    Nanoseconds until;
+  };
+  std::vector<Command> commands{{5 * kSecond, 0.1, SimulatedClock::kNever}, {6 * kSecond, 1, 6 * kSecond + 7}, {8 * kSecond, 1.0 / 3, SimulatedClock::kNever}};
+  SimulatedClock ordered;
+  for (const Command& c : commands) ordered.command(c.from, c.pace, c.until);
+  ASSERT_NE(ordered.at(9 * kSecond), 9 * kSecond);
+  for (const std::array<std::size_t, 3>& order : {std::array<std::size_t, 3>{2, 1, 0}, {1, 2, 0}, {2, 0, 1}}) {
+    SimulatedClock clock;
+    for (const std::size_t i : order) clock.command(commands[i].from, commands[i].pace, commands[i].until);
+    for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(clock.at(t), ordered.at(t));
+  }
+  const SimulatedClock told = SimulatedClock::from_text(ordered.text());
+  for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(told.at(t), ordered.at(t));
+  for (const char* wrong : {"", "now", "1 2", "0 0 7 5", "0 0 1 9223372036854775807 3"}) EXPECT_THROW(SimulatedClock::from_text(wrong), std::invalid_argument) << wrong;
+}
+
+TEST(SimulatedClock, RemembersEnoughOfALongSession) {
+  SimulatedClock clock;
+  Nanoseconds expected = kSecond;
+  for (int i = 1; i <= 100; ++i) {
+    clock.command(i * kSecond, i % 2 == 1 ? 0.5 : 1);
+    if (i > 1) expected += i % 2 == 1 ? kSecond : kSecond / 2;  // the second that ended
+    EXPECT_EQ(clock.at(i * kSecond), expected);
+  }
+}
+
+TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
+  auto loop = std::make_unique<PeriodicLoop>(500);
+  std::atomic<bool> stop{false};
+  SimulatedClock clock;
+  const Nanoseconds begin = now();
+  clock.command(begin + kSecond / 10, 0.25);
+  clock.command(begin + kSecond / 2, 0);
+  std::vector<Nanoseconds> steps;
+  int betweens = 0;
+  loop->run(stop, clock, [&](Nanoseconds time) { steps.push_back(time); },
+            [&](Nanoseconds real) {
+              ++betweens;
+              stop = real > begin + kSecond;
+            });
+  // 50 at full pace, 50 in the 400 ms at a quarter, none in the half second after; fewer where the machine was late.
+  EXPECT_LE(steps.size(), 102u);
+  EXPECT_GE(steps.size(), 60u);
+  EXPECT_LE(steps.back(), begin + kSecond / 5);
+  EXPECT_TRUE(std::is_sorted(steps.begin(), steps.end()));
+  EXPECT_GE(betweens, static_cast<int>(steps.size()) + 15);
 }
 
 }  // namespace

@@ -116,8 +116,28 @@ test("the panel's figures are the topic's", async () => {
 
 test("a message goes out and its answer comes back", async () => {
   await page.click("#reset");
-  await source.line(/message \* object\.reset \*/);
+  await source.line(/message \* reset now/);
   await until("the answer", async () => /hand: done as asked/.test(await page.locator("#replies").textContent()));
+});
+
+test("the simulation is halted, stepped and slowed down, and the page shows it", async () => {
+  const badge = () => page.locator("#pace-badge").textContent();
+  assert.ok(await page.locator("#pace-badge").isHidden());
+  await page.click("#halt");
+  await source.line(/message \* pace 0\n/);
+  await until("halted", async () => (await badge()) === "simulation halted" && (await pressed("#halt")));
+  await page.keyboard.press("z");
+  await source.line(/message \* advance 0\.0111111111\n/);
+  await page.keyboard.press("x");
+  await source.line(/message \* pace 1\n/);
+  await until("real time", () => page.locator("#pace-badge").isHidden());
+  await page.keyboard.press("m");
+  await source.line(/message \* pace 0\.5\n/);
+  await until("half", async () => (await badge()) === "simulation at ½");
+  await page.selectOption("#pace", "0.1");
+  await source.line(/message \* pace 0\.1\n/);
+  await page.selectOption("#pace", "1");
+  await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
 test("pause freezes the picture, steps move it, live goes on", async () => {

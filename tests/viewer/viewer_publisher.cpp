@@ -67,6 +67,7 @@ void run(const std::string& hand_file) {
   Skeleton skeleton;
   BoneWrench wrench;
   LoopStatus status;
+  double pace = 1;  // as asked
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -147,10 +148,13 @@ void run(const std::string& hand_file) {
         energy.value = joules;
         status.energies.push_back(energy);
       }
+      status.counters.clear();
+      add_counter(status, "pace", pace);
       statuses.write(status);
     }
     messages.take_all([&](const Message& message) {
       std::printf("message %s %s %s\n", message.module.data(), message.key.data(), message.value.data());
+      if (get_text(message.key) == "pace") pace = std::strtod(message.value.data(), nullptr);
       MessageReply reply;
       reply.id = message.id;
       set_text(reply.module, "hand");

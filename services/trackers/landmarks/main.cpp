@@ -87,7 +87,7 @@ void run(int argc, char** argv) {
   const LandmarksOptions& options = scene.options.tracker_landmarks;
   const HandKey user = hand_key(scene);
 
-  Service service(arguments, kPollRate);
+  Service service(arguments, kPollRate, Pacing::real);
   bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
   LandmarkTracker tracker(load_scene_hand(scene), options);
   Inbox inbox(options.socket, Transport::websocket_and_udp, kLargest);
@@ -108,6 +108,7 @@ void run(int argc, char** argv) {
         continue;
       }
       newest = sample.stamp.sample_time;
+      sample.stamp.sample_time = service.clock().at(newest);
       sample.hand.user = user.user;
       sample.source = source;
       service.stamp(sample.stamp);

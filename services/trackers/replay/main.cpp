@@ -23,7 +23,7 @@ void run(int argc, char** argv) {
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
 
-  Service service(arguments, kPollRate);
+  Service service(arguments, kPollRate, Pacing::simulated);
   bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
   ReplayTracker tracker(motion, options, hand_key(scene), source);
   Skeleton sample;
@@ -40,15 +40,18 @@ void run(int argc, char** argv) {
     newest = sample.stamp.sample_time;
     ++published;
     service.stamp(sample.stamp);
-    sample.stamp.chain.tracker_sample = sample.stamp.sample_time;
+    sample.stamp.chain.tracker_sample = service.clock().when(sample.stamp.sample_time);
     sample.stamp.chain.tracked_published = sample.stamp.publish_time;
     writer.write(sample);
+  };
+  const auto restart = [&] {
+    tracker = ReplayTracker(motion, options, hand_key(scene), source);
+    motion_start = 0;
   };
   const auto answer = [&](const Message& message) {
     if (!is_addressed(message, arguments.module)) return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
     if (get_text(message.key) == "restart") {
-      tracker = ReplayTracker(motion, options, hand_key(scene), source);
-      motion_start = 0;
+      restart();
       return reply_to(message, arguments.module, kReplyApplied, "motion starts again");
     }
     return reply_to(message, arguments.module, kReplyIgnored, "unknown key; known: restart");
@@ -58,7 +61,7 @@ void run(int argc, char** argv) {
     add_counter(status, "published", static_cast<double>(published));
     add_counter(status, "motion_start_s", static_cast<double>(motion_start) * 1e-9);  // by which `softhand up` judges the run
   };
-  service.run({step, answer, fill_status});
+  service.run({step, answer, fill_status, [&](Nanoseconds) { restart(); }});
 }
 }  // namespace
 

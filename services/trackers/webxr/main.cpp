@@ -23,7 +23,7 @@ void run(int argc, char** argv) {
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey user = hand_key(scene);
 
-  Service service(arguments, kPollRate);
+  Service service(arguments, kPollRate, Pacing::real);
   bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, strength);
   bus::Writer head(service.participant(), bus::topics::head_pose);
   Inbox inbox(scene.options.tracker_webxr.socket, Transport::websocket, kWebXrFrameSize);
@@ -46,6 +46,7 @@ void run(int argc, char** argv) {
         continue;
       }
       newest = sample.head.stamp.sample_time;
+      sample.head.stamp.sample_time = service.clock().at(newest);
       if (sample.head.valid != 0) {
         sample.head.user = user.user;
         service.stamp(sample.head.stamp);
@@ -57,6 +58,7 @@ void run(int argc, char** argv) {
         hand.hand.user = user.user;
         hand.source = source;
         service.stamp(hand.stamp);
+        hand.stamp.sample_time = sample.head.stamp.sample_time;
         hand.stamp.chain.tracked_published = hand.stamp.publish_time;
         hands.write(hand);
         ++published;

@@ -5,6 +5,7 @@ import { type Mode, Headset, offers } from "./headset";
 import { Panel, element } from "./panel";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
+import { Simulation } from "./simulation";
 import { type Colouring, colourMap } from "./skin";
 import { type Shown, COUPLING_COLOUR, FORCE_COLOUR, SKELETON_COLOURS, Stage, bestQuality } from "./stage";
 import { Timeline } from "./timeline";
@@ -62,7 +63,11 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
     const { valid, bones } = protocol.wrench(payload);
     stage.couple(instance, valid, bones);
   },
-  [Type.status]: (payload) => panel.status(protocol.status(payload), performance.now()),
+  [Type.status]: (payload) => {
+    const status = protocol.status(payload);
+    panel.status(status, performance.now());
+    simulation.status(status);
+  },
   [Type.reply]: (payload) => panel.reply(protocol.reply(payload)),
   [Type.gateway]: (payload) => panel.gateway(protocol.gateway(payload)),
 };
@@ -221,15 +226,20 @@ function click(id: string, key: string | null, text: string, run: () => void): v
   element(id).addEventListener("click", run);
   if (key !== null) controls.push({ key, text, run });
 }
-click("pause", " ", "Pause and go on", () => (timeline.paused = !timeline.paused));
+const simulation = new Simulation(send);
+
+click("pause", " ", "Pause and go on, the picture alone", () => (timeline.paused = !timeline.paused));
 click("back", ",", "One sample back", () => timeline.step(-1));
 click("forward", ".", "One sample on", () => timeline.step(1));
-click("slow", "s", "Slow motion", () => {
+click("slow", "s", "Slow motion of the picture", () => {
   timeline.speed = timeline.speed === 1 ? 0.25 : 1;
   timeline.paused = false;
 });
 click("live", "l", "Back to what happens now", () => timeline.goLive());
-click("reset", "r", "Reset the objects", () => send("*", "object.reset", "*"));
+click("halt", "x", "Halt the simulation, let it go on", () => simulation.halt());
+click("sim-step", "z", "One step of the simulation", () => simulation.step());
+controls.push({ key: "m", text: "Simulation slower, and back to real time", run: () => simulation.slower() });
+click("reset", "r", "Start over: objects, hand, recorded motion", () => simulation.startOver());
 click("reposition", null, "", () => send("*", "reposition", "now"));
 click("panel-button", "p", "Panel", () => setPanel(!panelOpen));
 click("theme-button", "t", "Light or dark", () => setTheme(!dark));

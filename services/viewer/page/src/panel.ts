@@ -106,8 +106,9 @@ export class Panel {
       String(status.misses),
       status.inputAge < 0 ? "–" : fixed(status.inputAge, 1),
     ];
+    const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
     texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
-    known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * status.nominalRate);
+    known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * pace * status.nominalRate);
     if (status.energies.length > 1) this.solver(status);
   }
 

@@ -1,0 +1,220 @@
+// The rig's simulated clock: every process keeps to it, also one that is started later; devices do not.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "integration/rig_harness.hpp"
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+#include "service/time_control.hpp"
+
+namespace softhand::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr const char* kDemo = "config/rigs/demo.toml";
+constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, for ever
+constexpr std::uint32_t kHaptic = 1, kTactile = 2;                  // device ids of both
+constexpr std::uint32_t kCube = 2;                                  // of the demo's objects
+constexpr Nanoseconds kLate = 150'000'000;                          // from sampling to publishing, on a machine that is busy with other things
+constexpr const char* kModules[] = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
+
+template <typename T>
+bus::Topic<T> deep(bus::Topic<T> topic) {
+  topic.depth = 512;  // none is passed over
+  return topic;
+}
+
+/// Commands a rig and hears on which clock its simulation is published.
+class Pacer {
+ public:
+  Pacer()
+      : commands_(participant_, bus::topics::message), replies_(participant_, bus::topics::message_reply),
+        tracked_(participant_, deep(bus::topics::tracked_skeleton)), intermediate_(participant_, deep(bus::topics::intermediate_skeleton)),
+        simulated_(participant_, deep(bus::topics::simulated_skeleton)), objects_(participant_, deep(bus::topics::objects)) {}
+
+  struct Times {
+    Nanoseconds sampled;
+    Nanoseconds published;
+  };
+  std::map<std::string, std::vector<Times>> heard;
+  std::map<std::string, std::uint32_t> answers;  // to the last command
+
+  /// The clock as commanded, for comparison, is this process's own.
+  void command(const std::string& key, const std::string& value) {
+    Message message;
+    message.id = ++id_;
+    message.stamp.sequence = id_;
+    set_text(message.module, "*");
+    set_text(message.key, key);
+    set_text(message.value, value);
+    message.stamp.sample_time = message.stamp.publish_time = now();
+    answers.clear();
+    commands_.write(message);
+    control.answer(message, "test", now());
+  }
+  TimeControl control;
+
+  void poll() {
+    take(tracked_, "tracker"), take(intermediate_, "tracking"), take(simulated_, "hand"), take(objects_, "world");
+    replies_.take_all([this](const MessageReply& reply) {
+      if (reply.id == id_) answers[std::string(get_text(reply.module))] = reply.result;
+    });
+  }
+
+  /// Forgets what was heard, then listens.
+  void listen(Ears& ears, std::chrono::milliseconds duration) {
+    poll();
+    heard.clear();
+    ears.wait(duration, [this] {
+      poll();
+      return false;
+    });
+  }
+
+  /// Every sample of these processes is of the simulated time at which it was published, but for the way there and back.
+  void expect_on_clock(std::initializer_list<const char*> processes) {
+    for (const char* process : processes) {
+      EXPECT_GT(heard[process].size(), 3u) << process;
+      for (const Times& times : heard[process]) {
+        const Nanoseconds age = control.clock().at(times.published) - times.sampled;
+        EXPECT_GE(age, -10) << process;
+        EXPECT_LE(age, kLate) << process;
+      }
+    }
+  }
+
+ private:
+  template <typename T>
+  void take(bus::Reader<T>& reader, const char* process) {
+    reader.take_all([&](const T& message) { heard[process].push_back({message.stamp.sample_time, message.stamp.publish_time}); });
+  }
+  bus::Participant participant_{"pacer"};
+  bus::Writer<Message> commands_;
+  bus::Reader<MessageReply> replies_;
+  bus::Reader<Skeleton> tracked_, intermediate_, simulated_;
+  bus::Reader<WorldObjects> objects_;
+  std::uint64_t id_ = 0;
+};
+
+class Pace : public ::testing::Test {
+ protected:
+  Pace() { use_own_domain(); }
+  static bool all_present(const Ears& ears) {
+    return std::all_of(std::begin(kModules), std::end(kModules), [&](const char* module) { return ears.process_id(module) > 0; });
+  }
+};
+
+TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
+  Ears ears;
+  Pacer pacer;
+  Up up(kTouch, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(ears.wait(20s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }));
+  pacer.listen(ears, 1000ms);
+  const auto steps_at_full_pace = pacer.heard["world"].size();
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+
+  pacer.command("pace", "0.25");
+  EXPECT_TRUE(ears.wait(2s, [&] {
+    pacer.poll();
+    return pacer.answers.size() >= std::size(kModules);
+  }));
+  for (const char* module : kModules) EXPECT_EQ(pacer.answers[module], kReplyApplied) << module;
+  ears.listen(300ms);
+  pacer.listen(ears, 2000ms);
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+  // Half as many in twice the time.
+  EXPECT_LT(static_cast<double>(pacer.heard["world"].size()), 0.8 * static_cast<double>(steps_at_full_pace));
+  for (const auto& [process, samples] : pacer.heard) {
+    const double pace = static_cast<double>(samples.back().sampled - samples.front().sampled) / static_cast<double>(samples.back().published - samples.front().published);
+    EXPECT_NEAR(pace, 0.25, 0.05) << process;
+  }
+  EXPECT_EQ(ears.counter("hand", "pace"), 0.25);
+
+  const std::int64_t killed = ears.process_id("hand");
+  kill(static_cast<pid_t>(killed), SIGKILL);
+  ASSERT_TRUE(ears.wait(20s, [&] { return ears.process_id("hand") != killed; })) << up.output();
+  ears.listen(500ms);
+  pacer.listen(ears, 1500ms);
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+
+  pacer.command("pace", "1");
+  ears.listen(500ms);
+  pacer.listen(ears, 1000ms);
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+  EXPECT_GT(static_cast<double>(pacer.heard["world"].size()), 0.5 * static_cast<double>(steps_at_full_pace));
+  EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); })) << "devices come back";
+}
+
+TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
+  Ears ears;
+  Pacer pacer;
+  Up up(kTouch, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(ears.wait(20s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }));
+  pacer.command("pace", "0");
+  ears.listen(500ms);
+  pacer.listen(ears, 500ms);
+  for (const auto& [process, samples] : pacer.heard) EXPECT_EQ(samples.size(), 0u) << process;
+  // Devices are written to in real time, and told nothing new.
+  for (const std::uint32_t device : {kHaptic, kTactile}) {
+    const Nanoseconds since = now() - 400'000'000;
+    ASSERT_GT(ears.devices[device].back().time, since) << device;
+    for (auto sample = ears.devices[device].rbegin(); sample != ears.devices[device].rend() && sample->time > since; ++sample) {
+      EXPECT_FALSE(sample->live) << device;
+      EXPECT_EQ(sample->largest_command, 0) << device;
+    }
+  }
+
+  const Nanoseconds before = pacer.control.clock().at(now());
+  pacer.listen(ears, 0ms);
+  pacer.command("advance", "0.1");
+  ears.wait(1s, [&] {
+    pacer.poll();
+    return false;
+  });
+  EXPECT_EQ(pacer.control.clock().at(now()) - before, 100'000'000);
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+  EXPECT_LE(pacer.heard["hand"].size(), 10u);  // 9 by the grid
+  EXPECT_LE(pacer.heard["world"].size(), 26u);
+  for (const auto& [process, samples] : pacer.heard) EXPECT_LE(samples.back().sampled, before + 100'000'000) << process;
+
+  pacer.command("pace", "2");
+  ears.wait(500ms, [&] {
+    pacer.poll();
+    return false;
+  });
+  EXPECT_EQ(pacer.answers["hand"], kReplyRefused);
+  EXPECT_EQ(pacer.answers["haptic"], kReplyRefused);
+}
+
+TEST_F(Pace, StartsOver) {
+  Ears ears;
+  Pacer pacer;
+  Up up(kDemo, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  const auto height = [&] { return ears.objects.count(kCube) != 0 ? ears.objects.at(kCube)[1] : 0.0; };
+  for (int round = 0; round < 2; ++round) {
+    ASSERT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "never lifted in round " << round;
+    pacer.command("reset", "now");
+    ASSERT_TRUE(ears.wait(1s, [&] { return height() < 0.03; }));
+    const double motion_start = ears.counter("tracker", "motion_start_s");
+    ears.listen(500ms);
+    EXPECT_GT(ears.counter("tracker", "motion_start_s"), motion_start);
+    // At its start, at rest, and nobody drags it off.
+    const Vec3& cube = ears.objects.at(kCube);
+    EXPECT_NEAR(cube[0], 0, 0.002);
+    EXPECT_NEAR(cube[1], 0.02, 0.002);
+    EXPECT_NEAR(cube[2], 0, 0.002);
+  }
+  EXPECT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "lifted again";
+}
+
+}  // namespace
+}  // namespace softhand::rig
