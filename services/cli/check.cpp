@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
-#include <filesystem>
 #include <string>
 
 #include "cli/check.hpp"
@@ -26,11 +25,9 @@ void check_hand(const std::string& path) {
 }
 
 void check_rig(const std::string& path) {
-  RigOptions rig;
-  read_toml(rig, path);
-  const auto scene_path = std::filesystem::path(path).parent_path() / rig.scene;
-  read_checked_scene(scene_path.string());
-  fmt::print("{}: a rig of {} processes on scene {}\n", path, rig.processes.size(), scene_path.lexically_normal().string());
+  const RigOptions rig = read_rig(path);
+  read_checked_scene(rig.scene);
+  fmt::print("{}: a rig of {} processes on scene {}\n", path, chosen_processes(rig).size(), rig.scene);
 }
 
 void check_scene(const std::string& path) {
@@ -40,16 +37,16 @@ void check_scene(const std::string& path) {
              hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(), make_scene_motion(scene, hand)->duration());
 }
 
-// A file that is not TOML at all is none; reading it as a scene will say what is wrong with it.
+}  // namespace
+
 bool is_rig(const std::string& path) {
   try {
-    return toml::parse_file(path).contains("process");
+    const toml::table file = toml::parse_file(path);
+    return file.contains("process") || file.contains("extends");
   } catch (const toml::parse_error&) {
     return false;
   }
 }
-
-}  // namespace
 
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides) {
   Scene scene = read_scene(path, overrides);

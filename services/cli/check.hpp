@@ -9,4 +9,7 @@ namespace softhand {
 /// std::invalid_argument with file and reason.
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
+/// A rig and not a scene. A file that is not TOML at all is neither; reading it as a scene will say what is wrong with it.
+bool is_rig(const std::string& path);
+
 }  // namespace softhand

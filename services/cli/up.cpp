@@ -1,5 +1,7 @@
 #include <fmt/format.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -16,9 +18,9 @@
 #include "cli/status_table.hpp"
 #include "cli/supervisor.hpp"
 #include "cli/topic_recording.hpp"
+#include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
-#include "runtime/config.hpp"
 #include "runtime/signals.hpp"
 #include "scene_file.hpp"
 #include "service/time_control.hpp"
@@ -30,20 +32,19 @@ namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misses none
+constexpr std::string_view kDeskModule = "rig";
 
 // Listens to what a summary needs, and to nothing when no summary is asked for: a topic that nobody reads is not computed.
 class Listener {
  public:
   Listener(const bus::Participant& participant, bool everything)
-      : status_(participant, with_history(bus::topics::loop_status, kHistory)), messages_(participant, bus::topics::message) {
+      : status_(participant, with_history(bus::topics::loop_status, kHistory)) {
     if (everything) streams_.emplace(participant);
   }
 
   void poll() {
-    status_.take_all([this](const LoopStatus& status) { modules_[std::string(get_text(status.module))] = status; });
-    messages_.take_all([this](const Message& message) {
-      // Whoever is started from now on inherits what the clock was commanded.
-      if (time_control_.answer(message, "", now())) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
+    status_.take_all([this](const LoopStatus& status) {
+      if (get_text(status.module) != kDeskModule) modules_[std::string(get_text(status.module))] = status;
     });
     if (!streams_) return;
     streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
@@ -55,6 +56,11 @@ class Listener {
     streams_->device.take_all([this](const DeviceState& m) { outcome_.on_device(m); });
   }
   const std::map<std::string, LoopStatus>& modules() const { return modules_; }
+  /// After the processes of before have ended.
+  void forget_modules() {
+    poll();
+    modules_.clear();
+  }
   const Outcome& outcome() const { return outcome_; }
   /// When the tracker's motion began, on the messages' clock; 0 = not heard.
   Nanoseconds motion_start() const {
@@ -82,87 +88,189 @@ class Listener {
     bus::Reader<DeviceState> device;
   };
   bus::Reader<LoopStatus> status_;
-  bus::Reader<Message> messages_;
-  TimeControl time_control_;
   std::optional<Streams> streams_;
   std::map<std::string, LoopStatus> modules_;
   Outcome outcome_;
 };
 
-std::vector<std::string> command_of(const RigProcess& process, const std::string& scene, const UpArguments& arguments) {
+// Where wishes about the whole rig are heard: another scene, another of the processes that share a name. What there is to choose from is in its status,
+// as counters "WHAT CHOICE", 1 for what runs.
+class Desk {
+ public:
+  Desk(const bus::Participant& participant, const UpArguments& arguments)
+      : arguments_(arguments), rig_(read_rig(arguments.rig)), messages_(participant, bus::topics::message), replies_(participant, bus::topics::message_reply),
+        statuses_(participant, bus::topics::loop_status), epoch_(make_epoch()) {
+    overrides_ = arguments.overrides;
+    if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
+    scene_ = read_checked_scene(rig_.scene, overrides_);
+    for (const auto& entry : fs::directory_iterator(fs::path(rig_.scene).parent_path())) {
+      if (entry.path().extension() == ".toml" && !is_rig(entry.path().string())) scenes_.push_back(entry.path().stem().string());
+    }
+    std::sort(scenes_.begin(), scenes_.end());
+  }
+
+  const RigOptions& rig() const { return rig_; }
+  const Scene& scene() const { return scene_; }
+  const std::vector<std::string>& overrides() const { return overrides_; }
+  /// True once after a wish that needs the processes started anew.
+  bool take_changed() { return std::exchange(changed_, false); }
+  bool changed() const { return changed_; }
+
+  void poll() {
+    messages_.take_all([this](const Message& message) {
+      const auto steered = time_control_.answer(message, kDeskModule, now());
+      // Whoever is started from now on inherits what the clock was commanded.
+      if (steered) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
+      MessageReply reply = steered ? *steered : answer(message);
+      stamp(reply.stamp, ++replied_);
+      replies_.write(reply);
+    });
+    if (Clock::now() < next_status_) return;
+    next_status_ = Clock::now() + milliseconds(500);
+    LoopStatus status;
+    set_text(status.module, kDeskModule);
+    status.process_id = static_cast<std::uint32_t>(getpid());
+    status.input_age_ms = -1;
+    const std::string running = fs::path(rig_.scene).stem().string();
+    for (const std::string& each : scenes_) offer(status, "scene", each, each == running);
+    const std::vector<RigProcess> chosen = chosen_processes(rig_);
+    for (const RigProcess& process : rig_.processes) {
+      const auto is_it = [&process](const RigProcess& other) { return other.name == process.name && other.choice == process.choice; };
+      if (!process.choice.empty()) offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
+    }
+    stamp(status.stamp, ++told_);
+    statuses_.write(status);
+  }
+
+ private:
+  static void offer(LoopStatus& status, const std::string& what, const std::string& choice, bool runs) {
+    const std::string text = what + " " + choice;
+    if (text.size() < sizeof(NamedValue::name)) add_counter(status, text, runs ? 1 : 0);
+  }
+
+  void stamp(Stamp& stamp, std::uint64_t sequence) const {
+    stamp.sequence = sequence;
+    stamp.epoch = epoch_;
+    stamp.sample_time = stamp.publish_time = now();
+  }
+
+  MessageReply answer(const Message& message) {
+    if (!is_addressed(message, kDeskModule)) return reply_to(message, kDeskModule, kReplyIgnored, "not for this module");
+    const auto reply = [&message](std::uint32_t result, std::string_view text) { return reply_to(message, kDeskModule, result, text); };
+    const std::string what(get_text(message.key)), choice(get_text(message.value));
+    const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
+    if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it)) return reply(kReplyIgnored, "unknown key; known: scene, and what the status counts");
+    if (!arguments_.json.empty()) return reply(kReplyRefused, "a run that is summed up (--json) stays as it is");
+    if (what == "scene") {
+      if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end()) return reply(kReplyRefused, "no scene beside the present one is called " + choice);
+      const std::string path = (fs::path(rig_.scene).parent_path() / (choice + ".toml")).string();
+      try {
+        scene_ = read_checked_scene(path, overrides_);
+      } catch (const std::exception& error) {
+        return reply(kReplyRefused, error.what());
+      }
+      rig_.scene = path;
+    } else if (!choose(rig_, what, choice)) {
+      return reply(kReplyRefused, "there is no such " + what + " in the rig");
+    }
+    changed_ = true;
+    return reply(kReplyApplied, "starting again with " + what + " " + choice);
+  }
+
+  const UpArguments& arguments_;
+  RigOptions rig_;
+  std::vector<std::string> overrides_;
+  Scene scene_;
+  std::vector<std::string> scenes_;  // stems of the files beside the rig's scene
+  bus::Reader<Message> messages_;
+  bus::Writer<MessageReply> replies_;
+  bus::Writer<LoopStatus> statuses_;
+  TimeControl time_control_;
+  Clock::time_point next_status_{};
+  std::uint64_t epoch_;
+  std::uint64_t replied_ = 0;
+  std::uint64_t told_ = 0;
+  bool changed_ = false;
+};
+
+std::vector<std::string> command_of(const RigProcess& process, const std::string& scene, const std::vector<std::string>& overrides) {
   const fs::path beside = fs::read_symlink("/proc/self/exe").parent_path() / process.program;
   std::vector<std::string> command{process.program.find('/') == std::string::npos ? beside.string() : process.program};
   std::istringstream words(process.arguments);
   for (std::string word; words >> word;) command.push_back(word == "{scene}" ? scene : word);
-  for (const std::string& assignment : arguments.overrides) command.insert(command.end(), {"--set", assignment});
-  if (!arguments.hand.empty()) command.insert(command.end(), {"--set", "hand.model=" + arguments.hand});
+  for (const std::string& assignment : overrides) command.insert(command.end(), {"--set", assignment});
   return command;
+}
+
+void say(std::string_view name, std::string_view text) {
+  fmt::print("{:>14} | {}\n", name, text);
+  std::fflush(stdout);
+}
+
+// Starts the rig's processes in their order, each when the one before is ready. Ends early where somebody wishes something else.
+void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, const StopSignal& stop) {
+  std::size_t started = 0;
+  for (const RigProcess& process : chosen_processes(desk.rig())) {
+    const std::vector<std::string> command = command_of(process, desk.rig().scene, desk.overrides());
+    if (process.optional && !fs::exists(command[0])) {
+      say(process.name, "left out: " + process.program + " was not built");
+      continue;
+    }
+    supervisor.start({process.name, command});
+    ++started;
+    const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(process.ready_timeout));
+    const auto is_ready = [&] { return listener.modules().count(process.name) > 0; };
+    while (!stop.requested() && !desk.changed() && !is_ready() && Clock::now() < give_up) {
+      supervisor.poll(milliseconds(20));
+      listener.poll();
+      desk.poll();
+    }
+    if (stop.requested() || desk.changed()) return;
+    if (!is_ready()) say(process.name, fmt::format("not ready after {:g} s, going on", process.ready_timeout));
+  }
+  say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.", desk.rig().name, started, desk.rig().scene));
+}
+
+nlohmann::ordered_json summary_of(const UpArguments& arguments, const Desk& desk, const Listener& listener, const Supervisor& supervisor, double seconds) {
+  nlohmann::ordered_json summary{{"rig", arguments.rig}, {"scene", desk.rig().scene}, {"overrides", nlohmann::ordered_json::array()}};
+  for (const AppliedOverride& o : desk.scene().overrides) summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
+  summary["seconds"] = seconds;
+  for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
+  for (const RigProcess& process : chosen_processes(desk.rig())) summary["restarts"][process.name] = supervisor.restarts(process.name);
+  summary.update(listener.outcome().summary(outcome_frame(desk.scene(), listener.motion_start())));
+  return summary;
 }
 
 }  // namespace
 
 int run_up(const UpArguments& arguments) {
-  RigOptions rig;
-  read_toml(rig, arguments.rig);
-  const std::string scene_path = (fs::path(arguments.rig).parent_path() / rig.scene).lexically_normal().string();
-  std::vector<std::string> overrides = arguments.overrides;
-  if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
-  const Scene scene = read_checked_scene(scene_path, overrides);
-
   const StopSignal stop;
   const bus::Participant participant("softhand up");
+  Desk desk(participant, arguments);
   Listener listener(participant, !arguments.json.empty());
-  Supervisor supervisor([](const std::string& name, const std::string& line) {
-    fmt::print("{:>14} | {}\n", name, line);
-    std::fflush(stdout);
-  });
-
-  std::size_t started_processes = 0;
-  for (const RigProcess& process : rig.processes) {
-    const std::vector<std::string> command = command_of(process, scene_path, arguments);
-    if (process.optional && !fs::exists(command[0])) {
-      fmt::print("{:>14} | left out: {} was not built\n", process.name, process.program);
-      continue;
-    }
-    supervisor.start({process.name, command});
-    ++started_processes;
-    const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(process.ready_timeout));
-    while (!stop.requested() && listener.modules().count(process.name) == 0 && Clock::now() < give_up) {
-      supervisor.poll(milliseconds(20));
-      listener.poll();
-    }
-    if (listener.modules().count(process.name) == 0) fmt::print("{:>14} | not ready after {:g} s, going on\n", process.name, process.ready_timeout);
-    if (stop.requested()) break;
-  }
-  if (!stop.requested()) fmt::print("{:>14} | {} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.\n", "softhand", rig.name, started_processes, scene_path);
-  std::fflush(stdout);
-
-  const auto started = Clock::now();
-  const auto until = started + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(arguments.seconds));
-  while (!stop.requested() && (arguments.seconds <= 0 || Clock::now() < until)) {
-    supervisor.poll(milliseconds(5));
-    listener.poll();
-  }
-
   nlohmann::ordered_json summary;
+  bool clean = true;
+  do {
+    Supervisor supervisor(say);
+    start_processes(supervisor, listener, desk, stop);
+    const auto started = Clock::now();
+    const std::chrono::duration<double> wanted(arguments.seconds);
+    while (!stop.requested() && !desk.changed() && (arguments.seconds <= 0 || Clock::now() - started < wanted)) {
+      supervisor.poll(milliseconds(5));
+      listener.poll();
+      desk.poll();
+    }
+    if (!arguments.json.empty()) summary = summary_of(arguments, desk, listener, supervisor, std::chrono::duration<double>(Clock::now() - started).count());
+    clean = supervisor.stop() && clean;
+    listener.forget_modules();
+  } while (desk.take_changed() && !stop.requested());
   if (!arguments.json.empty()) {
-    summary["rig"] = arguments.rig;
-    summary["scene"] = scene_path;
-    summary["overrides"] = nlohmann::ordered_json::array();
-    for (const AppliedOverride& o : scene.overrides) summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
-    summary["seconds"] = std::chrono::duration<double>(Clock::now() - started).count();
-    for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
-    for (const RigProcess& process : rig.processes) summary["restarts"][process.name] = supervisor.restarts(process.name);
-    summary.update(listener.outcome().summary(outcome_frame(scene, listener.motion_start())));
-  }
-  const bool clean = supervisor.stop();
-  summary["clean_stop"] = clean;
-  if (!arguments.json.empty()) {
+    summary["clean_stop"] = clean;
     std::ofstream out(arguments.json);
     out << summary.dump(2) << "\n";
     out.flush();
     if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
-    fmt::print("{:>14} | summary in {}\n", "softhand", arguments.json);
+    say("softhand", "summary in " + arguments.json);
   }
   return clean ? 0 : 1;
 }

@@ -121,6 +121,35 @@ TEST_F(FilesTest, ARigNamesItsProcessesInOrder) {
   EXPECT_THROW(read_toml_text(rig, "[[process]]\nready_timeout = -1\n", "rig.toml"), ConfigError);
 }
 
+TEST_F(FilesTest, ARigExtendsAnotherAndChoosesOfProcessesOfOneName) {
+  write("base.toml",
+        "name = \"base\"\nscene = \"scenes/s.toml\"\n"
+        "[[process]]\nname = \"world\"\nprogram = \"w\"\n"
+        "[[process]]\nname = \"tracker\"\nchoice = \"replay\"\nprogram = \"r\"\n"
+        "[[process]]\nname = \"tracker\"\nchoice = \"camera\"\nprogram = \"c\"\n");
+  const std::string path = write("rig.toml",
+                                 "name = \"mine\"\nextends = \"base.toml\"\nchoose = \"camera\"\n"
+                                 "[[process]]\nname = \"viewer\"\nprogram = \"v\"\n");
+  const auto programs = [](const RigOptions& rig) {
+    std::string all;
+    for (const RigProcess& process : chosen_processes(rig)) all += process.program;
+    return all;
+  };
+  RigOptions rig = read_rig(path);
+  EXPECT_EQ(rig.name, "mine");
+  EXPECT_EQ(rig.scene, (fs::path(path).parent_path() / "scenes/s.toml").string());
+  EXPECT_EQ(programs(rig), "wcv");
+  EXPECT_FALSE(choose(rig, "tracker", "telepathy"));
+  EXPECT_FALSE(choose(rig, "viewer", ""));
+  EXPECT_TRUE(choose(rig, "tracker", "replay"));
+  EXPECT_EQ(programs(rig), "wrv");
+  EXPECT_TRUE(choose(rig, "tracker", "camera"));
+  EXPECT_EQ(programs(rig), "wcv");
+  EXPECT_THROW(read_rig(write("a.toml", "extends = \"a.toml\"\n")), ConfigError);
+  EXPECT_THROW(read_rig(write("b.toml", "extends = \"base.toml\"\nchoose = \"telepathy\"\n")), ConfigError);
+  EXPECT_THROW(read_rig(write("c.toml", "extends = \"base.toml\"\n[[process]]\nname = \"world\"\nprogram = \"x\"\n")), ConfigError);
+}
+
 TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
   const std::string path = write("scene.toml", "[[objects]]\nname = \"cube\"\nmass = 0.05\n");
   const Scene scene = read_scene(path, {"objects.cube.mass=0.2", "hand.rate_hz=60"});

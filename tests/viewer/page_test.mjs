@@ -140,6 +140,21 @@ test("the simulation is halted, stepped and slowed down, and the page shows it",
   await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
+test("another scene is chosen of those that run, and motors are switched", async () => {
+  await page.locator("#offer-scene").waitFor({ state: "visible" });
+  assert.deepEqual(await page.locator("#offer-scene option").allTextContents(), ["demo", "pinch lift"]);
+  await until("what runs", async () => (await page.locator("#offer-scene").inputValue()) === "demo");
+  await page.selectOption("#offer-scene", "pinch_lift");
+  await source.line(/message rig scene pinch_lift\n/);
+  await pause(500);
+  assert.equal(await page.locator("#offer-scene").inputValue(), "pinch_lift");
+  assert.ok(await pressed("#motors-haptic"));
+  await page.click("#motors-haptic");
+  await source.line(/message haptic motors off\n/);
+  await until("off", async () => !(await pressed("#motors-haptic")));
+  assert.equal(await page.locator('#modules tr[data-module="rig"]').count(), 0);
+});
+
 test("pause freezes the picture, steps move it, live goes on", async () => {
   await page.click("#pause");
   await drawn();

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <memory>
 #include <numbers>
+#include <string>
 #include <thread>
 
 #include "bus/bus.hpp"
@@ -67,7 +68,9 @@ void run(const std::string& hand_file) {
   Skeleton skeleton;
   BoneWrench wrench;
   LoopStatus status;
-  double pace = 1;  // as asked
+  double pace = 1;  // these as asked
+  std::string chosen = "demo";
+  bool motors = true;
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -151,10 +154,22 @@ void run(const std::string& hand_file) {
       status.counters.clear();
       add_counter(status, "pace", pace);
       statuses.write(status);
+      // Those that the page chooses from and switches.
+      LoopStatus rig;
+      set_text(rig.module, "rig");
+      for (const char* scene : {"demo", "pinch_lift"}) add_counter(rig, std::string("scene ") + scene, chosen == scene ? 1 : 0);
+      statuses.write(rig);
+      LoopStatus haptic;
+      set_text(haptic.module, "haptic");
+      haptic.nominal_rate_hz = 1000;
+      add_counter(haptic, "motors", motors ? 1 : 0);
+      statuses.write(haptic);
     }
     messages.take_all([&](const Message& message) {
       std::printf("message %s %s %s\n", message.module.data(), message.key.data(), message.value.data());
       if (get_text(message.key) == "pace") pace = std::strtod(message.value.data(), nullptr);
+      if (get_text(message.key) == "scene") chosen = get_text(message.value);
+      if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
       MessageReply reply;
       reply.id = message.id;
       set_text(reply.module, "hand");

@@ -84,6 +84,7 @@ export class Panel {
   }
 
   status(status: Status, now: number): void {
+    if (status.nominalRate === 0) return; // No loop: `softhand up`, which tells what it offers.
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();

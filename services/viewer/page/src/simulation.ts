@@ -1,5 +1,5 @@
-// The simulation's own clock and start, for all processes of the rig: halt, single steps, slow motion, start over. What it shows comes from the modules'
-// status, so that every page, and `softhand send`, sees and steers the same.
+// The simulation itself, for all who watch it: halt, single steps, slow motion, start over; scene and tracker; the devices' motors. What it shows comes
+// from the modules' status, so that every page, and `softhand send`, sees and steers the same.
 import { element } from "./panel";
 import type { Status } from "./protocol";
 
@@ -23,6 +23,9 @@ export class Simulation {
   }
 
   status(status: Status): void {
+    if (status.module === "rig") this.offer(status);
+    const motors = status.counters.find(({ name }) => name === "motors");
+    if (motors) this.device(status.module, motors.value !== 0);
     const pace = status.counters.find(({ name }) => name === "pace")?.value;
     if (pace === undefined) return;
     if (status.energies.length > 1) this.handRate = status.nominalRate;
@@ -54,5 +57,44 @@ export class Simulation {
 
   startOver(): void {
     this.send("*", "reset", "now");
+  }
+
+  /** What `softhand up` has to choose from: counters "scene pinch_lift", "tracker webxr", 1 for what runs. A choice starts the rig's processes anew. */
+  private offer({ counters }: Status): void {
+    const offers = new Map<string, string[]>();
+    for (const { name } of counters) {
+      const [what, choice] = name.split(" ") as [string, string];
+      offers.set(what, [...(offers.get(what) ?? []), choice]);
+    }
+    const running = new Set(counters.filter(({ value }) => value !== 0).map(({ name }) => name));
+    element("offers").hidden = false;
+    for (const [what, choices] of offers) {
+      let select = document.getElementById(`offer-${what}`) as HTMLSelectElement | null;
+      if (!select) {
+        const created = Object.assign(document.createElement("select"), { id: `offer-${what}`, title: `Starts the processes anew with this ${what}` });
+        created.onchange = () => {
+          this.send("rig", what, created.value);
+          created.blur();
+        };
+        const label = document.createElement("label");
+        label.append(`${what} `, created);
+        element("offers").append(label);
+        select = created;
+      }
+      if (select.options.length !== choices.length) select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
+      if (document.activeElement !== select) select.value = choices.find((choice) => running.has(`${what} ${choice}`)) ?? "";
+    }
+  }
+
+  private device(module: string, on: boolean): void {
+    const id = `motors-${module}`;
+    let button = document.getElementById(id);
+    if (!button) {
+      button = Object.assign(document.createElement("button"), { id, textContent: `${module} motors`, title: "Whether this device gets commands" });
+      button.onclick = () => this.send(module, "motors", document.getElementById(id)!.getAttribute("aria-pressed") === "true" ? "off" : "on");
+      element("devices").append(button);
+      element("devices").hidden = false;
+    }
+    button.setAttribute("aria-pressed", String(on));
   }
 }

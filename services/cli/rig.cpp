@@ -1,0 +1,77 @@
+#include "cli/rig.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+#include <sstream>
+
+#include "runtime/config.hpp"
+
+namespace softhand {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> words(const std::string& text) {
+  std::istringstream in(text);
+  return {std::istream_iterator<std::string>(in), {}};
+}
+
+RigOptions read(const std::string& path, std::set<fs::path>& seen) {
+  if (!seen.insert(fs::weakly_canonical(path)).second) throw ConfigError(path + ": extends: extends itself");
+  RigOptions rig;
+  read_toml(rig, path);
+  const fs::path folder = fs::path(path).parent_path();
+  if (!rig.scene.empty()) rig.scene = (folder / rig.scene).lexically_normal().string();
+  if (rig.extends.empty()) return rig;
+  RigOptions base = read((folder / rig.extends).lexically_normal().string(), seen);
+  base.name = rig.name;
+  if (!rig.scene.empty()) base.scene = rig.scene;
+  base.choose += " " + rig.choose;
+  base.processes.insert(base.processes.end(), rig.processes.begin(), rig.processes.end());
+  return base;
+}
+
+}  // namespace
+
+RigOptions read_rig(const std::string& path) {
+  std::set<fs::path> seen;
+  RigOptions rig = read(path, seen);
+  std::set<std::pair<std::string, std::string>> known;
+  for (const RigProcess& process : rig.processes) {
+    const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
+    const bool alone = std::count_if(rig.processes.begin(), rig.processes.end(), same_name) == 1;
+    if (!known.insert({process.name, process.choice}).second || (!alone && process.choice.empty()))
+      throw ConfigError(path + ": process: several are called '" + process.name + "': expected a choice of its own for each");
+  }
+  for (const std::string& choice : words(rig.choose)) {
+    const auto is_it = [&choice](const RigProcess& process) { return process.choice == choice; };
+    if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it)) throw ConfigError(path + ": choose: expected the choice of a process, not '" + choice + "'");
+  }
+  return rig;
+}
+
+bool choose(RigOptions& rig, const std::string& name, const std::string& choice) {
+  const auto is_it = [&](const RigProcess& process) { return process.name == name && process.choice == choice && !choice.empty(); };
+  if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it)) return false;
+  rig.choose += " " + choice;
+  return true;
+}
+
+std::vector<RigProcess> chosen_processes(const RigOptions& rig) {
+  std::vector<RigProcess> chosen;
+  for (const RigProcess& process : rig.processes) {
+    const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
+    if (std::none_of(chosen.begin(), chosen.end(), same_name)) chosen.push_back(process);
+  }
+  // The last choice of a name holds.
+  for (const std::string& choice : words(rig.choose)) {
+    for (const RigProcess& process : rig.processes) {
+      if (process.choice != choice) continue;
+      std::replace_if(chosen.begin(), chosen.end(), [&process](const RigProcess& other) { return other.name == process.name; }, process);
+    }
+  }
+  return chosen;
+}
+
+}  // namespace softhand

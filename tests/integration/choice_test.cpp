@@ -1,0 +1,103 @@
+// Rigs that extend the demo, and a rig that is started anew with another scene and another tracker by message.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <optional>
+#include <string>
+
+#include "integration/rig_harness.hpp"
+#include "messages/convert.hpp"
+#include "runtime/clock.hpp"
+
+namespace softhand::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+const std::vector<std::string> kFreePorts{"--set", "viewer.port=0", "--set", "tracker_webxr.port=0", "--set", "tracker_landmarks.port=0"};
+
+class Choice : public ::testing::Test {
+ protected:
+  Choice() { use_own_domain(); }
+  static bool all_present(const Ears& ears) {
+    const auto modules = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
+    return std::all_of(modules.begin(), modules.end(), [&](const char* module) { return ears.process_id(module) > 0; });
+  }
+  static std::string program_of(const Ears& ears, const std::string& module) {
+    std::error_code error;
+    return std::filesystem::read_symlink("/proc/" + std::to_string(ears.process_id(module)) + "/exe", error).filename().string();
+  }
+  static bool is_told(const Ears& ears, const std::string& module, const std::string& argument) {
+    std::ifstream in("/proc/" + std::to_string(ears.process_id(module)) + "/cmdline");
+    return std::string(std::istreambuf_iterator<char>(in), {}).find(argument) != std::string::npos;
+  }
+};
+
+class ShippedRig : public Choice, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(ShippedRig, ComesUpWithItsTrackerAndStops) {
+  Ears ears;
+  Up up("config/rigs/" + std::string(GetParam()) + ".toml", kFreePorts);
+  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears); })) << up.output();
+  EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-" + std::string(GetParam()));
+  EXPECT_EQ(ears.counter("rig", "tracker " + std::string(GetParam())), 1);
+  EXPECT_EQ(ears.counter("rig", "tracker replay"), 0);
+  // Nobody is seen yet: the hand is nowhere, and nothing is moved.
+  EXPECT_TRUE(ears.simulated.empty());
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(8s), 0) << up.output();
+}
+INSTANTIATE_TEST_SUITE_P(Rigs, ShippedRig, ::testing::Values("webxr", "landmarks"));
+
+TEST_F(Choice, StartsAgainWithAnotherTrackerAndAnotherScene) {
+  Ears ears;
+  bus::Participant participant("chooser");
+  bus::Writer<Message> wishes(participant, bus::topics::message);
+  bus::Reader<MessageReply> replies(participant, bus::topics::message_reply);
+  Up up("config/rigs/demo.toml", kFreePorts);
+  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears) && ears.process_id("rig") > 0; })) << up.output();
+  EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-replay");
+  std::uint64_t id = 0;
+  // What `rig` answered.
+  const auto wish = [&](const char* key, const char* value) {
+    Message message;
+    message.id = ++id;
+    message.stamp.sequence = id;
+    message.stamp.sample_time = message.stamp.publish_time = now();
+    set_text(message.module, "rig");
+    set_text(message.key, key);
+    set_text(message.value, value);
+    wishes.write(message);
+    std::optional<std::uint32_t> result;
+    ears.wait(3s, [&] {
+      replies.take_all([&](const MessageReply& reply) {
+        if (reply.id == id && get_text(reply.module) == "rig") result = reply.result;
+      });
+      return result.has_value();
+    });
+    return result;
+  };
+  EXPECT_EQ(wish("tracker", "telepathy"), kReplyRefused);
+  EXPECT_EQ(wish("scene", "../rigs/demo"), kReplyRefused);
+  EXPECT_EQ(wish("coffee", "black"), kReplyIgnored);
+
+  EXPECT_EQ(wish("tracker", "webxr"), kReplyApplied);
+  EXPECT_TRUE(ears.wait(30s, [&] { return all_present(ears) && program_of(ears, "tracker") == "softhand-tracker-webxr"; })) << up.output();
+  EXPECT_EQ(wish("tracker", "replay"), kReplyApplied);
+  EXPECT_EQ(wish("scene", "pinch_lift"), kReplyApplied);
+  ASSERT_TRUE(ears.wait(30s, [&] {
+    return program_of(ears, "tracker") == "softhand-tracker-replay" && is_told(ears, "tracker", "pinch_lift.toml") && is_told(ears, "hand", "pinch_lift.toml");
+  })) << up.output();
+  EXPECT_TRUE(ears.wait(5s, [&] { return ears.counter("rig", "scene pinch_lift") == 1; }));
+  ears.simulated.clear();
+  EXPECT_TRUE(ears.wait(20s, [&] { return ears.simulated.size() > 90; })) << up.output();
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(8s), 0) << up.output();
+}
+
+}  // namespace
+}  // namespace softhand::rig
