@@ -1,7 +1,9 @@
 // Processes, browser and bytes for the viewer's tests. Environment: SOFTHAND_BUILD (build tree), SOFTHAND_SOURCE (source tree).
 import { spawn } from "node:child_process";
-import { existsSync } from "node:fs";
+import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { dirname } from "node:path";
 
 export const build = process.env.SOFTHAND_BUILD;
 export const source = process.env.SOFTHAND_SOURCE;
@@ -81,9 +83,28 @@ export function show(types, rate = 0) {
   return frame(SHOW, payload);
 }
 
-/** A page's WebSocket without a page. `frames`: newest payload by type; `count`: how many by type. */
+/** The bytes (CDR, little-endian, behind its four of encapsulation) of what was published on `topic` in the next seconds, by way of `softhand record`. */
+export async function recorded(topic, seconds) {
+  const file = `${mkdtempSync(`${tmpdir()}/softhand_record_`)}/run.mcap`;
+  await new Process(`${build}/bin/softhand`, "record", file, "--seconds", String(seconds)).ended;
+  const bytes = readFileSync(file);
+  rmSync(dirname(file), { recursive: true });
+  const samples = [];
+  let channel = -1;
+  for (let at = 8; at + 9 <= bytes.length; ) {
+    const size = Number(bytes.readBigUInt64LE(at + 1));
+    const content = bytes.subarray(at + 9, at + 9 + size);
+    if (bytes[at] === 4 && content.subarray(8, 8 + content.readUInt32LE(4)).toString() === topic) channel = content.readUInt16LE(0);
+    if (bytes[at] === 5 && content.readUInt16LE(0) === channel) samples.push(content.subarray(22 + 4));
+    at += 9 + size;
+  }
+  return samples;
+}
+
+/** A page's WebSocket without a page. `frames`: newest payload by type, `newest`: by "type instance"; `count`: how many by type. */
 export class Client {
   frames = new Map();
+  newest = new Map();
   count = new Map();
   bytes = 0;
   constructor(url, options = {}) {
@@ -97,7 +118,9 @@ export class Client {
       this.bytes += data.length;
       for (let at = 0; at < data.length; at += 16 + data.readUInt32LE(at + 8)) {
         const type = data.readUInt16LE(at + 6);
-        this.frames.set(type, data.subarray(at + 16, at + 16 + data.readUInt32LE(at + 8)));
+        const payload = data.subarray(at + 16, at + 16 + data.readUInt32LE(at + 8));
+        this.frames.set(type, payload);
+        this.newest.set(`${type} ${data.readUInt32LE(at + 12)}`, payload);
         this.count.set(type, (this.count.get(type) ?? 0) + 1);
       }
     });

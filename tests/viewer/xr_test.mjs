@@ -1,7 +1,7 @@
-// A session in an emulated headset (iwer): its hand reaches tracked_skeleton by way of page and softhand-tracker-webxr, in the world's frame.
+// A session in an emulated headset (iwer): hands and head reach tracked_skeleton and head_pose by way of page and softhand-tracker-webxr, in the world's frame.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { Client, Process, browser, build, gateway, pause, show, source, until } from "./harness.mjs";
+import { Client, Process, browser, build, gateway, pause, recorded, show, source, until } from "./harness.mjs";
 
 const TRACKED = 3;
 const WRIST = 1;
@@ -9,6 +9,8 @@ const JOINT_BYTES = 36;
 // The head looks along the room's -X, so that the world's axes differ from the room's: world +X is room -Z, world +Z is room +X.
 const HEAD = [0.3, 1.5, 0.2];
 const ORIGIN = [HEAD[0] - 0.4, HEAD[1] - 0.45, HEAD[2]];
+const HEAD_IN_WORLD = [0, 0.45, 0.4];
+const SIDES = { left: 0, right: 1 }; // instances of user 0
 
 let chromium, viewer, tracker, page, client;
 const errors = [];
@@ -36,7 +38,6 @@ before(async () => {
     device.primaryInputMode = "hand";
     device.position.set(...head);
     device.quaternion.set(0, Math.SQRT1_2, 0, Math.SQRT1_2);
-    device.hands.left.connected = false;
   }, HEAD);
   await page.goto(`${viewer.url}?quality=low&tracker=${port}`);
 });
@@ -48,15 +49,15 @@ after(async () => {
 
 const samples = () => client.count.get(TRACKED) ?? 0;
 const session = () => page.evaluate(() => document.documentElement.dataset.session ?? null);
-/** The wrist that is tracked, world, once the hand has been at `position` (room) for some samples. */
-async function wristAt(position) {
-  await page.evaluate((to) => window.emulated.hands.right.position.set(...to), position);
+/** The wrist that is tracked, world, once the hand of `side` has been at `position` (room) for some samples. */
+async function wristAt(side, position) {
+  await page.evaluate(([side, to]) => window.emulated.hands[side].position.set(...to), [side, position]);
   // Late ones of before are passed over: those that were on their way, and what the page drew meanwhile.
   const drawn = (await page.evaluate(() => window.softhand.counts.drawn)) + 3;
   await until("pictures in the headset", () => page.evaluate((n) => window.softhand.counts.drawn >= n, drawn), 60);
-  const seen = samples() + 3;
+  const seen = samples() + 6; // of two hands
   await until("tracked_skeleton", () => samples() >= seen, 60);
-  const payload = client.frames.get(TRACKED);
+  const payload = client.newest.get(`${TRACKED} ${SIDES[side]}`);
   assert.equal(payload.readUInt32LE(28), 0, "world frame");
   const at = 32 + WRIST * JOINT_BYTES;
   assert.notEqual(payload.readUInt32LE(at + 32), 0, "the wrist is valid");
@@ -73,19 +74,48 @@ test("a headset's browser is offered its sessions", async () => {
 });
 
 for (const mode of ["vr", "ar"]) {
-  test(`the hand of an ${mode} session is tracked where it is before the user`, async () => {
+  test(`the hands of an ${mode} session are tracked where they are before the user`, async () => {
     await page.reload(); // iwer leaves the canvas in front of the page's buttons after a session.
     await page.click(`#enter-${mode}`);
     await until("a session", async () => (await session()) === `immersive-${mode}`);
-    const first = await wristAt(ORIGIN);
-    near(first, [0, 0, 0], 0.15, "a hand where the world's origin is put");
-    const moved = await wristAt([ORIGIN[0] + 0.1, ORIGIN[1] + 0.05, ORIGIN[2] - 0.02]);
-    near(
-      moved.map((value, axis) => value - first[axis]),
-      [0.02, 0.05, 0.1],
-      1e-4,
-      "its way",
-    );
+    for (const side of Object.keys(SIDES)) {
+      const first = await wristAt(side, ORIGIN);
+      near(first, [0, 0, 0], 0.15, `the ${side} hand where the world's origin is put`);
+      const moved = await wristAt(side, [ORIGIN[0] + 0.1, ORIGIN[1] + 0.05, ORIGIN[2] - 0.02]);
+      near(
+        moved.map((value, axis) => value - first[axis]),
+        [0.02, 0.05, 0.1],
+        1e-4,
+        `the ${side} hand's way`,
+      );
+    }
+  });
+
+  test(`the head of an ${mode} session is published`, async () => {
+    const poses = await recorded("softhand/v1/head_pose", 2);
+    assert.ok(poses.length > 3, `${poses.length} samples`);
+    const pose = poses.at(-1);
+    assert.equal(pose.readUInt32LE(0), 0, "user");
+    assert.equal(pose.readUInt32LE(144), 1, "valid");
+    near([88, 96, 104].map((at) => pose.readDoubleLE(at)), HEAD_IN_WORLD, 1e-4, "position");
+    near([112, 120, 128].map((at) => pose.readDoubleLE(at)), [0, 0, 0], 1e-4, "it looks along the world's -Z");
+  });
+
+  test(`recentring in an ${mode} session puts the world before the user anew`, async () => {
+    const first = await wristAt("right", ORIGIN);
+    // The head turns to the room's -Z, above the room's origin: the world goes with it, in place of the hand.
+    await page.evaluate(() => window.emulated.recenter());
+    const head = await page.evaluate(() => {
+      const { x, y, z } = window.emulated.position;
+      return [x, y, z];
+    });
+    near(head, [0, HEAD[1], 0], 1e-6, "iwer's head");
+    const again = await wristAt("right", [0, HEAD[1] - 0.45, -0.4]);
+    near(again, first, 1e-3, "the hand at the new origin");
+    await page.evaluate((position) => {
+      window.emulated.position.set(...position);
+      window.emulated.quaternion.set(0, Math.SQRT1_2, 0, Math.SQRT1_2);
+    }, HEAD);
   });
 
   test(`the page goes on after the ${mode} session, the tracker hears no more`, async () => {
