@@ -184,7 +184,6 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.state_changed = false;
     return report;
   };
-  const bool searching = options_.line_search && options_.max_iterations >= 3;
   bool have_best = false;
   bool evaluated = false;  // the report's energy and residual are those of `state`
   double best_energy = 0;
@@ -219,7 +218,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.timing.solve += clock_() - solve_begin;
     if (!direction_.allFinite()) return give_up();
     report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-    if (searching) {
+    if (options_.line_search) {
       if (!search(state, report)) {
         if (iteration > 0) {
           report.increment = 0;

@@ -1,7 +1,7 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
-// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). From three on a backtracking line search on E is used; with one or two it
-// hurts: tiny steps stick.
+// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a backtracking line search
+// on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
 #pragma once
 
 #include <array>
@@ -29,12 +29,12 @@ struct SolverOptions {
 };
 
 inline void describe(OptionVisitor& v, SolverOptions& o) {
-  v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method, which light objects gripped in stiff contact make unstable.");
+  v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles where the tracker is noisy.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
            "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
-  v.flag("line_search", o.line_search, "Backtracking on the energy when max_iterations is 3 or more.");
+  v.flag("line_search", o.line_search, "Backtracking on the energy. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},
            "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");

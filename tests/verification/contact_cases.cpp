@@ -211,7 +211,7 @@ std::vector<Measurement> object_slide(const Parameters& p) {
 
 std::vector<Case> contact_cases() {
   std::vector<Parameters> capsules;
-  for (const double iterations : {1.0, 2.0, 3.0, 5.0, 12.0}) {
+  for (const double iterations : {1.0, 2.0, 3.0, 5.0, 10.0, 200.0}) {
     capsules.push_back({{"mass", 0.045}, {"friction", 0.7}, {"slope", 0.35}, {"seconds", 20}, {"iterations", iterations}});
   }
   return {
@@ -225,8 +225,7 @@ std::vector<Case> contact_cases() {
       {"friction_creep", "<= 1 um/s", {{{"friction", 0.5}, {"slope", 0.49}, {"seconds", 10}}}, skin_creep},
       {"object_rest_depth", "m g/k_A, k_A = max(10 kN/m, (m g + 5 N)/0.5 mm)", {{{"mass", 0.05}}, {{"mass", 1}}}, object_rest_depth},
       {"object_slide", "g (sin theta - mu cos theta)", {{{"slope", 0.5}, {"friction", 0.49}}}, object_slide},
-      {"object_creep", "<= 1 um/s, a lying capsule at every budget of iterations", capsules, capsule_creep, kAll,
-       {{"creep", "iterations", 2, "two Newton iterations without line search step back and forth over the kink between sticking and sliding, a cycle of four steps"}}},
+      {"object_creep", "<= 1 um/s, a lying capsule at every budget of iterations", capsules, capsule_creep},
   };
 }
 
