@@ -8,6 +8,7 @@
 
 #include "cli/commands.hpp"
 #include "error_runtime/report.hpp"
+#include "human/report.hpp"
 #include "verification/report.hpp"
 
 int main(int argc, char** argv) {
@@ -95,7 +96,7 @@ int main(int argc, char** argv) {
   overrides(command, render.overrides);
   command->callback([&] { run = [&render] { return run_render(render); }; });
 
-  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time");
+  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time, fingertips beside people's");
   report->require_subcommand(1);
   verification::VerifyArguments verify;
   command = report->add_subcommand("verify", "Known answers: measured value beside the formula's, with tolerance and observed order; exit code 1 where one is missed");
@@ -119,6 +120,19 @@ int main(int argc, char** argv) {
   command->add_option("--scene", error_runtime.which, "Only this scene, or peer (Bullet's soft body); repeatable")->type_name("NAME")->allow_extra_args(false);
   command->add_option("--plot", error_runtime.plot, "Pictures, error_runtime.png and error_runtime_total.png (needs python3 with matplotlib)")->type_name("DIR");
   command->callback([&] { run = [&error_runtime] { return error_runtime::run_error_runtime(error_runtime); }; });
+
+  human::HumanArguments human;
+  command = report->add_subcommand("human", "The index fingertip of the hands pressed by a flat plate, beside people's; exit code 1 outside people's spread");
+  command->add_option("--hand", human.hands, "Only this hand file; repeatable")->type_name("FILE")->allow_extra_args(false)->check(CLI::ExistingFile);
+  command->add_option("--pulp", human.pulp, "Another value of youngs_modulus (Pa), limit_energy (J/m^3) or limit_ratio of the pulp; repeatable")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+  command->add_flag("--fit", human.fit, "Fit one pulp for all the hands to people's force; print and show that material instead");
+  command->add_option("--json", human.json, "A list of rows: hand, indentation, force, area, their references, status")->type_name("FILE");
+  command->add_option("--csv", human.csv, "The same as CSV")->type_name("FILE");
+  command->add_option("--markdown", human.markdown, "A table, with machine, compiler and commit")->type_name("FILE");
+  command->add_option("--plot", human.plot, "Where human.png goes (needs python3-matplotlib)")->type_name("DIR");
+  command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });

@@ -19,12 +19,12 @@ enum Region : std::uint8_t { pulp, palm, back, knuckle };
 std::vector<Material> make_materials() {
   // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the kink). Only the pulp does not bend
   // with a joint: it has the skin's stiffness. Elsewhere linear tetrahedra stand for skin that folds and slides over the joints, and stiffer values
-  // would hold a fist open against couplings of at most 20 N a finger.
+  // would hold a fist open against couplings of at most 20 N a finger. The pulp is fitted to people's fingertips: docs/human-data.md.
   const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
     return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy};
   };
-  return {material("pulp", 5e4, 0.45, 0.20, 10), material("palm", 1e4, 0.40, 0.35, 2), material("back", 5e3, 0.35, 0.60, 1), material("knuckle", 3e3, 0.35, 0.60, 1)};
+  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 1e4, 0.40, 0.35, 2), material("back", 5e3, 0.35, 0.60, 1), material("knuckle", 3e3, 0.35, 0.60, 1)};
 }
 
 struct Bones {

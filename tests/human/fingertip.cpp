@@ -1,0 +1,224 @@
+#include "human/fingertip.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "energies/contact.hpp"
+#include "energies/friction.hpp"
+#include "energies/inertia.hpp"
+#include "energies/skeleton_tissue.hpp"
+#include "energies/tissue.hpp"
+#include "math/rotation.hpp"
+#include "support/box_mesh.hpp"
+#include "verification/supports.hpp"
+
+namespace softhand::human {
+namespace {
+
+constexpr double kInclination = 30 * M_PI / 180;
+constexpr double kPlateStep = 0.125e-3;  // m, at most, between two states of rest
+constexpr int kContactRounds = 4;        // contacts are found at the end of a step, so that one place takes several
+
+std::size_t pulp_index(const HandModel& hand) {
+  for (std::size_t m = 0; m < hand.materials.size(); ++m) {
+    if (hand.materials[m].name == "pulp") return m;
+  }
+  throw std::invalid_argument("hand '" + hand.name + "' has no material named pulp");
+}
+
+double mean_nodal_area(const HandModel& hand) {
+  double area = 0;
+  std::vector<bool> skin(hand.nodes.size(), false);
+  for (const auto& triangle : hand.surface) {
+    const auto x = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(triangle[k])]; };
+    area += 0.5 * (x(1) - x(0)).cross(x(2) - x(0)).norm();
+    for (const std::int32_t n : triangle) skin[static_cast<std::size_t>(n)] = true;
+  }
+  return area / static_cast<double>(std::count(skin.begin(), skin.end(), true));
+}
+
+// The part of the hand whose nodes lie nearest to one of two bones, without what is for display.
+HandModel cut_out(const HandModel& hand, Body one, Body other) {
+  HandModel part;
+  part.rest_joints = hand.rest_joints;
+  part.joint_radii = hand.joint_radii;
+  part.bodies = hand.bodies;
+  part.materials = hand.materials;
+  std::vector<std::int32_t> renamed(hand.nodes.size(), -1);
+  const auto chosen = [&](std::int32_t n) {
+    const int body = hand.node_body[static_cast<std::size_t>(n)];
+    return body == index_of(one) || body == index_of(other);
+  };
+  const auto rename = [&](auto corners) {
+    for (std::int32_t& n : corners) {
+      std::int32_t& name = renamed[static_cast<std::size_t>(n)];
+      if (name < 0) {
+        name = part.node_count();
+        part.nodes.push_back(hand.nodes[static_cast<std::size_t>(n)]);
+        part.node_body.push_back(hand.node_body[static_cast<std::size_t>(n)]);
+      }
+      n = name;
+    }
+    return corners;
+  };
+  std::vector<std::int32_t> kept(hand.tetrahedra.size(), -1);
+  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
+    if (!std::all_of(hand.tetrahedra[t].begin(), hand.tetrahedra[t].end(), chosen)) continue;
+    kept[t] = static_cast<std::int32_t>(part.tetrahedra.size());
+    part.tetrahedra.push_back(rename(hand.tetrahedra[t]));
+    part.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
+  }
+  for (const auto& triangle : hand.surface) {
+    const auto known = [&](std::int32_t n) { return renamed[static_cast<std::size_t>(n)] >= 0; };
+    if (std::all_of(triangle.begin(), triangle.end(), known)) part.surface.push_back(rename(triangle));
+  }
+  for (Attachment attachment : hand.attachments) {
+    attachment.tetrahedron = kept[static_cast<std::size_t>(attachment.tetrahedron)];
+    if (attachment.tetrahedron >= 0) part.attachments.push_back(attachment);
+  }
+  return part;
+}
+
+}  // namespace
+
+PulpMaterial pulp_of(const HandModel& hand) {
+  const Material& pulp = hand.materials[pulp_index(hand)];
+  return {pulp.youngs_modulus, pulp.strain_limit_energy, pulp.strain_limit_stiffness / pulp.strain_limit_energy};
+}
+
+Fingertip::Fingertip(const HandModel& hand, double contact_stiffness)
+    : tip_(cut_out(hand, Body::index_distal, Body::index_intermediate)),
+      pulp_(pulp_index(hand)),
+      // A node of the part is as stiff as in the whole: k_c is that of a node of mean area.
+      contact_stiffness_(contact_stiffness * mean_nodal_area(tip_) / mean_nodal_area(hand)) {}
+
+std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const double> indentations) const {
+  HandModel tip = tip_;
+  tip.materials[pulp_].youngs_modulus = pulp.youngs_modulus;
+  tip.materials[pulp_].strain_limit_energy = pulp.limit_energy;
+  tip.materials[pulp_].strain_limit_stiffness = pulp.limit_ratio * pulp.limit_energy;
+
+  State state = testing::rest_state(tip);
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    state.body_poses.push_back(tip.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] *
+                               tip.bodies[b].joint_from_body);
+  }
+  // The pad's side is -Y of the distal joint's frame, its tip -Z.
+  const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
+  const Vector3 normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const Vector3& node : tip.nodes) lowest = std::min(lowest, normal.dot(node));
+  const auto plate_at = [&](double indentation) {
+    return Pose{(lowest + indentation) * normal, Quaternion::FromTwoVectors(Vector3::UnitY(), normal)};
+  };
+  state.body_poses.push_back(plate_at(-1e-6));
+  state.body_velocities.resize(state.body_poses.size());
+  const int bodies = kBodyCount + 1;
+
+  const std::vector<double> masses = testing::lumped_masses(tip);
+  Inertia inertia(masses, bodies);
+  Tissue tissue(tip);
+  SkeletonTissue attachments(tip, state.layout());
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::plane);
+  const ShapeGeometry plate(shape);
+  ContactSet contacts(tip, masses, contact_stiffness_, kBodyCount, 0, 1);
+  ContactEnergy contact(contacts);
+  FrictionEnergy friction(contacts);
+  contacts.set_object(0, &plate, 0, 1, ContactObject::fixed);
+  SolverOptions options;
+  options.max_iterations = 200;
+  options.residual_tolerance = 1e-7;
+  options.increment_tolerance = 1e-14;
+  NewtonSolver solver({&inertia, &tissue, &attachments, &contact, &friction}, state.layout(), options);
+
+  std::vector<Press> presses;
+  double at = 0;
+  for (const double indentation : indentations) {
+    const int steps = std::max(1, static_cast<int>(std::ceil((indentation - at) / kPlateStep - 1e-9)));
+    for (int i = 1; i <= steps; ++i) {
+      state.body_poses.back() = plate_at(at + (indentation - at) * i / steps);
+      for (int round = 0; round < kContactRounds; ++round) verification::settle(solver, state, 1);
+    }
+    at = indentation;
+    Contacts touched;
+    contacts.write(state, touched);
+    Press press;
+    press.indentation = indentation;
+    press.force = -normal.dot(contacts.wrench(0).force);
+    press.area = touched.fingers[static_cast<std::size_t>(Finger::index)].area;
+    presses.push_back(press);
+  }
+  return presses;
+}
+
+double measured_force(double indentation) {
+  constexpr double kSlope = 190, kGrowth = 2100;  // N/m, 1/m
+  return kSlope / kGrowth * std::expm1(kGrowth * indentation);
+}
+
+double measured_area(double force) { return 100e-6 * std::sqrt(force); }
+
+double residual(std::span<const Fingertip> tips, const PulpMaterial& pulp) {
+  double sum = 0;
+  for (const Fingertip& tip : tips) {
+    for (const Press& press : tip.press(pulp, kCompared)) {
+      const double error = std::log(press.force / measured_force(press.indentation));
+      sum += error * error;
+    }
+  }
+  return std::sqrt(sum / static_cast<double>(tips.size() * std::size(kCompared)));
+}
+
+PulpFit fit_pulp(std::span<const Fingertip> tips, const PulpMaterial& start) {
+  using Point = Vector3;
+  struct Corner {
+    Point point;
+    double value = 0;
+  };
+  const Point least(std::log(5e3), std::log(1.0), std::log(0.1)), most(std::log(5e5), std::log(1e5), std::log(50.0));
+  const auto material = [](const Point& p) { return PulpMaterial{std::exp(p.x()), std::exp(p.y()), std::exp(p.z())}; };
+  int evaluations = 0;
+  const auto corner = [&](const Point& p) {
+    const Point inside = p.cwiseMax(least).cwiseMin(most);
+    ++evaluations;
+    try {
+      return Corner{inside, residual(tips, material(inside))};
+    } catch (const std::runtime_error&) {  // no rest: not a material for this tip
+      return Corner{inside, 1e3};
+    }
+  };
+  const Point first(std::log(start.youngs_modulus), std::log(start.limit_energy), std::log(start.limit_ratio));
+  std::array<Corner, 4> simplex{corner(first), corner(first + Vector3(-0.5, 0, 0)), corner(first + Vector3(0, -1, 0)),
+                                corner(first + Vector3(0, 0, -1))};
+  constexpr int kMostEvaluations = 150;
+  constexpr double kFlat = 1e-4;
+  while (evaluations < kMostEvaluations) {
+    std::stable_sort(simplex.begin(), simplex.end(), [](const Corner& a, const Corner& b) { return a.value < b.value; });
+    if (simplex[3].value - simplex[0].value < kFlat) break;
+    const Point centre = (simplex[0].point + simplex[1].point + simplex[2].point) / 3;
+    const Point away = centre - simplex[3].point;
+    const Corner reflected = corner(centre + away);
+    if (reflected.value < simplex[0].value) {
+      const Corner expanded = corner(centre + 2 * away);
+      simplex[3] = expanded.value < reflected.value ? expanded : reflected;
+    } else if (reflected.value < simplex[2].value) {
+      simplex[3] = reflected;
+    } else {
+      const Corner contracted = corner(centre + (reflected.value < simplex[3].value ? 0.5 : -0.5) * away);
+      if (contracted.value < std::min(reflected.value, simplex[3].value)) {
+        simplex[3] = contracted;
+      } else {
+        for (std::size_t i = 1; i < 4; ++i) simplex[i] = corner(0.5 * (simplex[0].point + simplex[i].point));
+      }
+    }
+  }
+  const auto best = std::min_element(simplex.begin(), simplex.end(), [](const Corner& a, const Corner& b) { return a.value < b.value; });
+  return {material(best->point), best->value, evaluations};
+}
+
+}  // namespace softhand::human

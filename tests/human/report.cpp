@@ -1,0 +1,177 @@
+#include "human/report.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
+
+#include "human/fingertip.hpp"
+#include "report/report.hpp"
+#include "scene/simulation_options.hpp"
+
+namespace softhand::human {
+namespace {
+
+// Those compared, and on to where no source tells.
+constexpr double kShown[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 1.25e-3, 1.5e-3, 1.75e-3, 2e-3, 2.25e-3, 2.5e-3};
+
+struct Row {
+  std::string hand;
+  Press press;
+  bool compared = false;
+  double force_error() const { return std::abs(std::log(press.force / measured_force(press.indentation))); }
+  bool passed() const { return !compared || force_error() <= std::log(kForceSpread); }
+};
+
+struct HandResult {
+  std::string name;
+  PulpMaterial pulp;
+  double residual = 0;
+};
+
+std::string text_of(const PulpMaterial& pulp) {
+  return fmt::format("youngs_modulus={:.6g} limit_energy={:.6g} limit_ratio={:.4g}", pulp.youngs_modulus, pulp.limit_energy,
+                     pulp.limit_ratio);
+}
+
+std::vector<std::string> chosen_hands(const HumanArguments& arguments) {
+  if (!arguments.hands.empty()) return arguments.hands;
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(SOFTHAND_SOURCE_DIR "/config/hands")) {
+    if (entry.path().filename().string().rfind("right_", 0) == 0) files.push_back(entry.path().string());
+  }
+  // By size: the shorter number first.
+  std::sort(files.begin(), files.end(),
+            [](const std::string& a, const std::string& b) { return std::pair(a.size(), a) < std::pair(b.size(), b); });
+  return files;
+}
+
+void set_pulp(PulpMaterial& pulp, const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  const std::string key = setting.substr(0, equals);
+  double* value = key == "youngs_modulus" ? &pulp.youngs_modulus
+                  : key == "limit_energy" ? &pulp.limit_energy
+                  : key == "limit_ratio"  ? &pulp.limit_ratio
+                                          : nullptr;
+  char* end = nullptr;
+  const double number = equals == std::string::npos ? 0 : std::strtod(setting.c_str() + equals + 1, &end);
+  if (value == nullptr || end == nullptr || *end != '\0' || !(number > 0)) {
+    throw std::invalid_argument("'" + setting + "': expected youngs_modulus, limit_energy or limit_ratio = a number > 0");
+  }
+  *value = number;
+}
+
+nlohmann::ordered_json to_json(const std::vector<Row>& rows) {
+  auto list = nlohmann::ordered_json::array();
+  for (const Row& row : rows) {
+    const double force = measured_force(row.press.indentation), area = measured_area(row.press.force);
+    list.push_back({{"hand", row.hand},
+                    {"indentation", row.press.indentation},
+                    {"force", row.press.force},
+                    {"force_reference", force},
+                    {"force_spread", kForceSpread},
+                    {"area", row.press.area},
+                    {"area_reference", area},
+                    {"area_spread", kAreaSpread},
+                    {"compared", row.compared},
+                    {"status", row.passed() ? "pass" : "fail"}});
+  }
+  return list;
+}
+
+std::string to_csv(const std::vector<Row>& rows) {
+  std::string text = "hand,indentation_m,force_n,force_reference_n,area_m2,area_reference_m2,compared,status\n";
+  for (const Row& row : rows) {
+    text += fmt::format("{},{:.6g},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", report::in_quotes(row.hand), row.press.indentation,
+                        row.press.force, measured_force(row.press.indentation), row.press.area, measured_area(row.press.force),
+                        row.compared, row.passed() ? "pass" : "fail");
+  }
+  return text;
+}
+
+std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResult>& hands, const std::string& command) {
+  const report::Provenance from = report::provenance();
+  std::string text =
+      fmt::format("## A fingertip beside people's\n\n`{}` on {}, {}, commit {}.\n\n", command, from.processor, from.compiler, from.commit);
+  text += "Force in N at an indentation; in brackets the contact area in mm^2.\n\n| hand |";
+  for (const double d : kShown) text += fmt::format(" {:.2f} mm |", d * 1e3);
+  text += " residual |\n| --- |";
+  for (std::size_t i = 0; i <= std::size(kShown); ++i) text += " --- |";
+  text += "\n| people |";
+  for (const double d : kShown) {
+    const double force = measured_force(d);
+    text += d <= kCompared[std::size(kCompared) - 1] ? fmt::format(" {:.2f} ({:.0f}) |", force, measured_area(force) * 1e6) : " |";
+  }
+  text += " |\n";
+  for (const HandResult& hand : hands) {
+    text += "| " + hand.name + " |";
+    for (const Row& row : rows) {
+      if (row.hand == hand.name)
+        text += fmt::format(" {}{:.2f} ({:.0f}) |", row.passed() ? "" : "**fail** ", row.press.force, row.press.area * 1e6);
+    }
+    text += fmt::format(" {:.3f} |\n", hand.residual);
+  }
+  return text;
+}
+
+void plot(const std::string& directory, const std::vector<Row>& rows) {
+  std::filesystem::create_directories(directory);
+  const std::string data = directory + "/human.json", picture = directory + "/human.png";
+  report::write_file(data, to_json(rows).dump(1));
+  const std::string command = "/usr/bin/python3 '" SOFTHAND_SOURCE_DIR "/tests/human/plot.py' '" + data + "' '" + picture + "'";
+  const int status = std::system(command.c_str());
+  std::filesystem::remove(data);
+  if (status != 0) throw std::runtime_error(picture + ": not drawn (needs /usr/bin/python3 with matplotlib)");
+}
+
+}  // namespace
+
+int run_human(const HumanArguments& arguments) {
+  std::vector<HandModel> hands;
+  std::vector<Fingertip> tips;
+  for (const std::string& file : chosen_hands(arguments)) {
+    hands.push_back(load_hand(file));
+    tips.emplace_back(hands.back(), SimulationOptions{}.contact_stiffness);
+  }
+  std::optional<PulpMaterial> tried;  // instead of each hand's own
+  if (arguments.fit || !arguments.pulp.empty()) {
+    tried = pulp_of(hands.front());
+    for (const std::string& setting : arguments.pulp) set_pulp(*tried, setting);
+  }
+  if (arguments.fit) {
+    const PulpFit fit = fit_pulp(tips, *tried);
+    fmt::print("one pulp for all, fitted from {} (residual {:.4f}) in {} evaluations: {}, residual {:.4f}\n\n", text_of(*tried),
+               residual(tips, *tried), fit.evaluations, text_of(fit.pulp), fit.residual);
+    tried = fit.pulp;
+  }
+  std::vector<Row> rows;
+  std::vector<HandResult> results;
+  for (std::size_t h = 0; h < hands.size(); ++h) {
+    const PulpMaterial pulp = tried ? *tried : pulp_of(hands[h]);
+    results.push_back({hands[h].name, pulp, residual({&tips[h], 1}, pulp)});
+    fmt::print("{}: {}, residual {:.3f}\n", hands[h].name, text_of(pulp), results.back().residual);
+    for (const Press& press : tips[h].press(pulp, kShown)) {
+      rows.push_back({hands[h].name, press, press.indentation <= kCompared[std::size(kCompared) - 1]});
+      const Row& row = rows.back();
+      fmt::print("{:4}  {:12} {:5.2f} mm  {:7.3f} N ({})  {:6.1f} mm^2 (people {:.1f})\n",
+                 row.compared ? (row.passed() ? "pass" : "fail") : "", row.hand, press.indentation * 1e3, press.force,
+                 row.compared ? fmt::format("people {:.3f}, factor {:.1f} either way", measured_force(press.indentation), kForceSpread)
+                              : "not measured",
+                 press.area * 1e6, measured_area(press.force) * 1e6);
+    }
+    std::fflush(stdout);
+  }
+  if (!arguments.json.empty()) report::write_file(arguments.json, to_json(rows).dump(2) + "\n");
+  report::write_file(arguments.csv, to_csv(rows));
+  report::write_file(arguments.markdown,
+                     to_markdown(rows, results, arguments.fit ? "softhand report human --fit" : "softhand report human"));
+  if (!arguments.plot.empty()) plot(arguments.plot, rows);
+  return std::all_of(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); }) ? 0 : 1;
+}
+
+}  // namespace softhand::human
