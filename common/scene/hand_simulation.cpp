@@ -123,6 +123,11 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   std::vector<Energy*> list;
   for (const auto& term : terms_) list.push_back(term.get());
   solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, options.solver);
+  std::vector<Linkage::Link> links(kBodyCount);
+  for (const JointSite& joint : hand_joints(hand_)) links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
+  solver_->allow_chord_steps(Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this] {
+    return contact_count() == 0 && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
+  });
 }
 
 HandSimulation::~HandSimulation() = default;

@@ -16,6 +16,9 @@ constexpr int kMaxShifts = 8;
 constexpr double kFirstShift = 1e-4;  // of the diagonal entry; times ten each time
 constexpr int kMaxHalvings = 30;
 constexpr double kArmijo = 1e-4;
+constexpr int kMaxChordIterations = 6;
+constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
+constexpr double kStalled = 0.5;
 
 double steady_seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
@@ -184,6 +187,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.state_changed = false;
     return report;
   };
+  if (options_.chord_tolerance > 0 && quiet_ && quiet_()) {
+    if (chord_step(state, time_step, report)) return report;
+    state = start_;
+    const StepTiming spent = report.timing;
+    report = {};
+    report.timing = spent;
+  }
+  kept_time_step_ = 0;
   bool have_best = false;
   bool evaluated = false;  // the report's energy and residual are those of `state`
   double best_energy = 0;
@@ -260,6 +271,64 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   report.state_changed = true;
   report.measured = evaluated;
   return report;
+}
+
+void NewtonSolver::allow_chord_steps(Linkage linkage, std::function<bool()> quiet) {
+  linkage_ = std::move(linkage);
+  quiet_ = std::move(quiet);
+}
+
+// False where the iteration does not contract; `state` is then anywhere.
+bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
+  if (measures_work_) {
+    for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
+  }
+  state.node_positions += time_step * state.node_velocities;
+  for (int b = 0; b < linkage_.linked_bodies(); ++b) {
+    Pose& pose = state.body_poses[static_cast<std::size_t>(b)];
+    const Twist& velocity = state.body_velocities[static_cast<std::size_t>(b)];
+    pose = increment(pose, time_step * velocity.linear, time_step * velocity.angular);
+  }
+  double before = 0;
+  for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
+    const bool renew = tired_ || kept_time_step_ != time_step;
+    if (!evaluate(state, report, renew)) return false;
+    if (renew) {
+      if (!factorize(report) || report.shifts > 0) return false;
+      linkage_.keep(state);
+      kept_time_step_ = time_step;
+      tired_ = false;
+    }
+    const double begin = clock_();
+    gradient_ = -gradient_;
+    linkage_.turn(state);
+    linkage_.to_then(gradient_);
+    linear_solver_->solve(gradient_, direction_);
+    linkage_.to_now(direction_);
+    report.timing.solve += clock_() - begin;
+    if (!direction_.allFinite()) return false;
+    apply_increment(state, direction_);
+    ++report.iterations;
+    report.increment = direction_.lpNorm<Eigen::Infinity>();
+    const double moved = linkage_.root_mean_square(direction_);
+    if (iteration > 0) {
+      if (renew && moved > kStalled * before) return false;
+      tired_ = moved > kTired * before;
+    }
+    if (moved <= options_.chord_tolerance) {
+      if (measures_work_ && !evaluate(state, report, false)) return false;
+      const double end = clock_();
+      for (Energy* term : terms_) term->end_step(state);
+      report.timing.end = clock_() - end;
+      report.status = StepStatus::converged;
+      report.state_changed = all_finite(state);
+      report.chord = true;
+      report.measured = measures_work_;
+      return report.state_changed;
+    }
+    before = moved;
+  }
+  return false;
 }
 
 }  // namespace softhand

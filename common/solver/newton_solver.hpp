@@ -1,5 +1,8 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
+// While nothing touches the hand most of that is left out: a chord step starts from where the velocities lead and reuses an earlier step's factor, turned along with the bones
+// (linkage.hpp). Not in the source.
+//
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a backtracking line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
 #pragma once
@@ -15,6 +18,7 @@
 #include "energies/energy.hpp"
 #include "runtime/options.hpp"
 #include "solver/linear_solver.hpp"
+#include "solver/linkage.hpp"
 
 namespace softhand {
 
@@ -23,6 +27,7 @@ struct SolverOptions {
   double residual_tolerance = 1e-3;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
+  double chord_tolerance = 2e-5;
   bool line_search = true;
   bool measure_result = true;
   std::string curvature = "projected";
@@ -34,6 +39,9 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
            "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
+  v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
+           "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until an iteration moves tissue and bones by no more "
+           "than this (root mean square); what is left is a fraction of it. 0: never.");
   v.flag("line_search", o.line_search, "Backtracking on the energy. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},
@@ -79,6 +87,7 @@ struct StepReport {
   bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
   bool measured = false;       ///< energy, residual and terms are those of the result
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
+  bool chord = false;      ///< the step kept an earlier factor; unless `measured`, energy and residual are those before the last iteration
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
   StepTiming timing;
@@ -97,6 +106,10 @@ class NewtonSolver {
 
   /// Whether `TermEnergy::taken` is computed, for the energy ledger; off at first.
   void measure_work(bool wanted) { measures_work_ = wanted; }
+  /// Where `quiet()` holds once the terms have begun a step, that step is tried as a chord step: from the state to which the velocities of linked bodies and nodes lead, by
+  /// Newton's method with the Hessian of an earlier chord step, taken along by `linkage`. What does not contract becomes an ordinary step, from its start. `quiet` must
+  /// mean that the Hessian changes by little else than the turning of the linked bodies: no contact began or ended. It must not allocate.
+  void allow_chord_steps(Linkage linkage, std::function<bool()> quiet);
 
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
@@ -106,12 +119,18 @@ class NewtonSolver {
   double energy_at(const State& state) const;
   bool factorize(StepReport& report);
   bool search(State& state, StepReport& report);
+  bool chord_step(State& state, double time_step, StepReport& report);
 
   std::vector<Energy*> terms_;
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
   std::unique_ptr<LinearSolver> linear_solver_;
+  // Chord steps.
+  Linkage linkage_;
+  std::function<bool()> quiet_;
+  double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
+  bool tired_ = false;         // the factor contracted slowly when last used
   std::function<double()> clock_;
   BlockMatrix hessian_;
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block

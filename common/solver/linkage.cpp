@@ -1,0 +1,104 @@
+#include "solver/linkage.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+namespace softhand {
+
+Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers)
+    : layout_(layout),
+      links_(std::move(links)),
+      carriers_(std::move(carriers)),
+      kept_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
+      levers_(links_.size(), Vector3::Zero()),
+      turns_(kept_.size(), Matrix3::Identity()),
+      then_(kept_.size(), Vector3::Zero()),
+      now_(kept_.size(), Vector3::Zero()) {
+  if (carriers_.size() != static_cast<std::size_t>(layout.node_count)) throw std::invalid_argument("Linkage: one carrier a node expected");
+  if (links_.size() > kept_.size()) throw std::invalid_argument("Linkage: more links than bodies");
+  for (std::size_t b = 0; b < links_.size(); ++b) {
+    if (links_[b].parent >= static_cast<int>(b)) throw std::invalid_argument("Linkage: a parent comes before its children");
+  }
+  for (const std::int32_t carrier : carriers_) {
+    if (carrier < 0 || carrier >= layout.body_count) throw std::invalid_argument("Linkage: a carrier that does not exist");
+  }
+}
+
+void Linkage::keep(const State& state) {
+  for (std::size_t b = 0; b < kept_.size(); ++b) kept_[b] = state.body_poses[b].orientation;
+  for (std::size_t b = 0; b < links_.size(); ++b) levers_[b] = kept_[b] * links_[b].joint;
+}
+
+void Linkage::turn(const State& state) {
+  for (std::size_t b = 0; b < kept_.size(); ++b) turns_[b] = (state.body_poses[b].orientation * kept_[b].conjugate()).toRotationMatrix();
+}
+
+double Linkage::root_mean_square(const VectorX& increment) const {
+  double nodes = 0, bodies = 0;
+  if (layout_.node_count > 0) nodes = increment.head(3 * layout_.node_count).squaredNorm() / layout_.node_count;
+  for (int body = 0; body < linked_bodies(); ++body) bodies += increment.segment<3>(translation(body)).squaredNorm() / linked_bodies();
+  return std::sqrt(std::max(nodes, bodies));
+}
+
+void Linkage::to_now(VectorX& increment) {
+  for (int body = 0; body < layout_.body_count; ++body) {
+    const auto b = static_cast<std::size_t>(body);
+    const Matrix3& turn = turns_[b];
+    then_[b] = increment.segment<3>(translation(body));
+    const Vector3 rotated = increment.segment<3>(rotation(body));
+    const int parent = b < links_.size() ? links_[b].parent : -1;
+    if (parent < 0) {
+      now_[b] = turn * then_[b];
+    } else {
+      const auto a = static_cast<std::size_t>(parent);
+      now_[b] = now_[a] + turns_[a] * (then_[b] - then_[a]) + (turns_[a] - turn) * rotated.cross(levers_[b]);
+    }
+    increment.segment<3>(translation(body)) = now_[b];
+    increment.segment<3>(rotation(body)) = turn * rotated;
+  }
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(carriers_[n]);
+    const auto first = static_cast<Eigen::Index>(3 * n);
+    increment.segment<3>(first) = Vector3(now_[b] + turns_[b] * (increment.segment<3>(first) - then_[b]));
+  }
+}
+
+void Linkage::to_then(VectorX& gradient) {
+  for (int body = 0; body < layout_.body_count; ++body) {
+    const auto b = static_cast<std::size_t>(body);
+    now_[b] = gradient.segment<3>(translation(body));
+    then_[b].setZero();
+  }
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(carriers_[n]);
+    const auto first = static_cast<Eigen::Index>(3 * n);
+    const Vector3 now = gradient.segment<3>(first);
+    const Vector3 then = turns_[b].transpose() * now;
+    now_[b] += now;
+    then_[b] -= then;
+    gradient.segment<3>(first) = then;
+  }
+  for (int body = layout_.body_count; body-- > 0;) {
+    const auto b = static_cast<std::size_t>(body);
+    const Matrix3& turn = turns_[b];
+    Vector3 rotated = turn.transpose() * gradient.segment<3>(rotation(body));
+    const int parent = b < links_.size() ? links_[b].parent : -1;
+    if (parent < 0) {
+      then_[b] += turn.transpose() * now_[b];
+    } else {
+      const auto a = static_cast<std::size_t>(parent);
+      const Vector3 turned = turns_[a].transpose() * now_[b];
+      now_[a] += now_[b];
+      then_[a] -= turned;
+      then_[b] += turned;
+      rotated += levers_[b].cross((turns_[a] - turn).transpose() * now_[b]);
+    }
+    gradient.segment<3>(rotation(body)) = rotated;
+  }
+  // A parent's own part is whole once all its children have added theirs.
+  for (int body = 0; body < layout_.body_count; ++body) gradient.segment<3>(translation(body)) = then_[static_cast<std::size_t>(body)];
+}
+
+}  // namespace softhand

@@ -1,0 +1,102 @@
+// Increments taken along by turning bodies: a rigid turn of all, stiff joints, the transpose.
+#include <gtest/gtest.h>
+
+#include "math/rotation.hpp"
+#include "solver/linkage.hpp"
+#include "support/box_mesh.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr int kNodes = 5;
+
+// Three bodies in a chain and one alone; nodes on the chain.
+struct Chain {
+  Chain() : linkage({kNodes, 4}, {Linkage::Link{}, {0, Vector3(0, 0, 0.02)}, {1, Vector3(0.001, 0, 0.015)}}, {0, 1, 2, 2, 1}) {
+    state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, kNodes);
+    state.body_poses.resize(4);
+    state.body_velocities.resize(4);
+    for (Pose& pose : state.body_poses) pose.orientation = rotation_exp(random.vector());
+    linkage.keep(state);
+  }
+  VectorX increment() {
+    VectorX x(3 * (kNodes + 8));
+    for (Eigen::Index i = 0; i < x.size(); i += 3) x.segment<3>(i) = random.vector();
+    return x;
+  }
+  testing::Random random{3};
+  Linkage linkage;
+  State state;
+};
+
+Vector3 joint_gap(const VectorX& x, const State& state, int parent, int child, const Vector3& in_child, const Vector3& in_parent) {
+  const auto at = [&](int body, const Vector3& local) {
+    const auto first = 3 * (kNodes + 2 * body);
+    const Vector3 arm = state.body_poses[static_cast<std::size_t>(body)].orientation * local;
+    return Vector3(x.segment<3>(first) + Vector3(x.segment<3>(first + 3)).cross(arm));
+  };
+  return at(child, in_child) - at(parent, in_parent);
+}
+
+TEST(Linkage, NothingTurnedNothingChanges) {
+  Chain chain;
+  chain.linkage.turn(chain.state);
+  const VectorX before = chain.increment();
+  VectorX x = before;
+  chain.linkage.to_now(x);
+  EXPECT_LE((x - before).lpNorm<Eigen::Infinity>(), 1e-14);
+  chain.linkage.to_then(x);
+  EXPECT_LE((x - before).lpNorm<Eigen::Infinity>(), 1e-14);
+}
+
+TEST(Linkage, ARigidTurnTurnsAll) {
+  Chain chain;
+  const Quaternion turn = rotation_exp(Vector3(0.5, -1, 0.3));
+  for (Pose& pose : chain.state.body_poses) pose.orientation = turn * pose.orientation;
+  chain.linkage.turn(chain.state);
+  const VectorX before = chain.increment();
+  VectorX x = before;
+  chain.linkage.to_now(x);
+  for (Eigen::Index i = 0; i < x.size(); i += 3) EXPECT_LE((x.segment<3>(i) - turn * Vector3(before.segment<3>(i))).norm(), 1e-14) << i;
+}
+
+TEST(Linkage, JointsThatHeldGoOnHoldingHoweverTheBodiesTurned) {
+  Chain chain;
+  const Vector3 in_child(0, 0, 0.02), in_parent(0, 0.001, -0.03);
+  VectorX x = chain.increment();
+  const Vector3 gap_then = joint_gap(x, chain.state, 0, 1, in_child, in_parent);
+  ASSERT_GT(gap_then.norm(), 0.1);
+  Quaternion turn_of_parent;
+  for (std::size_t b = 0; b < 4; ++b) {
+    const Quaternion turn = rotation_exp(chain.random.vector());
+    if (b == 0) turn_of_parent = turn;
+    chain.state.body_poses[b].orientation = turn * chain.state.body_poses[b].orientation;
+  }
+  chain.linkage.turn(chain.state);
+  VectorX now = x;
+  chain.linkage.to_now(now);
+  const Vector3 gap_now = joint_gap(now, chain.state, 0, 1, in_child, in_parent);
+  EXPECT_LE((gap_now - turn_of_parent * gap_then).norm(), 1e-14);
+}
+
+TEST(Linkage, ToThenIsTheTransposeOfToNow) {
+  Chain chain;
+  for (Pose& pose : chain.state.body_poses) pose.orientation = rotation_exp(chain.random.vector()) * pose.orientation;
+  chain.linkage.turn(chain.state);
+  const VectorX x = chain.increment(), g = chain.increment();
+  VectorX now = x, then = g;
+  chain.linkage.to_now(now);
+  chain.linkage.to_then(then);
+  ASSERT_GT((now - x).norm(), 1);
+  EXPECT_NEAR(g.dot(now), then.dot(x), 1e-12);
+}
+
+TEST(Linkage, RefusesIndicesOutOfRange) {
+  EXPECT_THROW(Linkage({1, 1}, {{0, Vector3::Zero()}}, {0}), std::invalid_argument);
+  EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}, Linkage::Link{}}, {0}), std::invalid_argument);
+  EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}}, {1}), std::invalid_argument);
+  EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}}, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace softhand
