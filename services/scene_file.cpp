@@ -1,5 +1,6 @@
 #include "scene_file.hpp"
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
@@ -75,6 +76,14 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
   for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
+  }
+  // No more slots than the scene has objects: one that can move costs columns of the step's matrix, whether it is used or not.
+  const auto& objects = scene.options.objects;
+  if (!objects.empty()) {
+    const auto movable = static_cast<std::int64_t>(std::count_if(objects.begin(), objects.end(), [](const ObjectOptions& o) { return o.mass > 0; }));
+    HandOptions& hand = scene.options.hand;
+    hand.mirrored_objects = std::min(hand.mirrored_objects, movable);
+    hand.static_objects = std::min(hand.static_objects, static_cast<std::int64_t>(objects.size()) - movable);
   }
   return scene;
 }

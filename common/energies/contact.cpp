@@ -201,6 +201,7 @@ void ContactSet::find_candidates(int slot, const State& state) {
     const Vector3 now = to_local(s.start_pose, position);
     const Vector3 next = to_local(s.predicted_pose, position + time_step_ * state.node_velocities.col(node));
     const Vector3 before = s.jumped ? to_local(s.last_pose, position) : now;
+    ++queries_;
     const SurfacePoint nearest = s.geometry->closest(now);
     if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
     if (s.jumped) {
@@ -247,6 +248,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   }
   anchor.sliding = anchor.sliding && stretch.dot(movement) > 0;
   if (anchor.sliding && !(anchor.recess > 0)) {
+    ++queries_;
     const SurfacePoint there = s.geometry->closest(anchor.anchor + movement);
     if (std::abs(there.distance) > kOffSurface && there.normal.dot(anchor.normal) > kSmoothTurn) {
       // The stretch goes with the surface: same length, turned into the new plane.
@@ -335,6 +337,7 @@ void ContactSet::find_missed(int slot, const State& state) {
     if (has_anchor_[pair(slot, node)]) return;
     const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
     const Vector3 end = to_local(end_pose, state.node_positions.col(node));
+    ++queries_;
     if (s.geometry->signed_distance(end) > (end - start).norm()) return;
     if (const auto crossing = s.geometry->first_crossing(start, end)) {
       if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) settle(*anchor, offset(*anchor, state));
@@ -413,6 +416,7 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   const Pose pose = body_pose(anchor.slot, state);
   Vector3 movement = origin;
   if (anchor.sliding) movement += distance / stretch * (pose.orientation.conjugate() * o.stretch);
+  ++queries_;
   const SurfacePoint nearest = at(anchor.slot).geometry->closest(anchor.anchor + anchor.recess * anchor.normal + movement);
   if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
     anchor.normal = nearest.normal;

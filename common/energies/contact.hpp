@@ -105,6 +105,8 @@ class ContactSet {
   /// Of the step that ended last: of U_n, whose energy counts where a contact pushes, and of U_f.
   const EnergyFlow& normal_flow() const { return normal_flow_; }
   const EnergyFlow& friction_flow() const { return friction_flow_; }
+  /// Searches for where a node meets an object since construction: closest points and crossings.
+  std::uint64_t queries() const { return queries_; }
   /// Anchors that found no room since construction.
   std::uint64_t dropped() const { return dropped_; }
   /// Contacts and sums per finger, at the end of the last step. Leaves key and stamp alone.
@@ -188,6 +190,7 @@ class ContactSet {
   std::uint64_t dropped_ = 0;
   EnergyFlow normal_flow_, friction_flow_;
   double cleared_normal_ = 0, cleared_friction_ = 0;  // J that contacts held which were taken away since the last step
+  std::uint64_t queries_ = 0;
 };
 
 /// U_n of all anchors, and the driver of the set.

@@ -98,20 +98,21 @@ Matrix3 Tissue::deformation_gradient(const State& state, int element) const {
   return f;
 }
 
-double Tissue::value(const State& state) const { return kernel_(batches_.data(), batches_.size(), state.node_positions.data(), {}); }
-
-void Tissue::add_gradient(const State& state, VectorX& gradient) const {
-  kernel_(batches_.data(), batches_.size(), state.node_positions.data(), {.gradient = gradient.data()});
+double Tissue::evaluate(const State& state, const TissueOutput& output) const {
+  evaluated_elements_ += static_cast<std::uint64_t>(element_count_);
+  return kernel_(batches_.data(), batches_.size(), state.node_positions.data(), output);
 }
 
+double Tissue::value(const State& state) const { return evaluate(state, {}); }
+
+void Tissue::add_gradient(const State& state, VectorX& gradient) const { evaluate(state, {.gradient = gradient.data()}); }
+
 void Tissue::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
-  kernel_(batches_.data(), batches_.size(), state.node_positions.data(),
-          {.blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
+  evaluate(state, {.blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
 }
 
 double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
-  return kernel_(batches_.data(), batches_.size(), state.node_positions.data(),
-                 {.gradient = gradient.data(), .blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
+  return evaluate(state, {.gradient = gradient.data(), .blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
 }
 
 int Tissue::inverted_elements(const State& state) const {

@@ -10,6 +10,7 @@
 // order.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "energies/corotational.hpp"
@@ -26,6 +27,8 @@ class Tissue final : public Energy {
   explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
 
   int element_count() const { return element_count_; }
+  /// Energies, gradients or Hessians of a tetrahedron, in any combination at one state, since construction.
+  std::uint64_t evaluated_elements() const { return evaluated_elements_; }
   /// Tetrahedra with det F < 0.
   int inverted_elements(const State& state) const;
   /// W, J/m^3 of reference volume.
@@ -42,11 +45,13 @@ class Tissue final : public Energy {
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
+  double evaluate(const State& state, const TissueOutput& output) const;
   Matrix3 deformation_gradient(const State& state, int element) const;
   CorotationalMaterial material(int element) const;
 
   TissueKernel kernel_;
   int element_count_ = 0;
+  mutable std::uint64_t evaluated_elements_ = 0;
   std::vector<TissueBatch> batches_;  // element e is lane e mod kTissueBatch of batch e / kTissueBatch
 };
 

@@ -78,10 +78,13 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   for (int b = 0; b < kBodyCount; ++b) inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass, hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
   terms_.push_back(std::move(inertia));
 
-  auto tissue = std::make_unique<Tissue>(hand_);
-  tissue_ = tissue.get();
-  terms_.push_back(std::move(tissue));
-  terms_.push_back(std::make_unique<SkeletonTissue>(hand_, layout));
+  // Terms about tissue exist only where there is some.
+  if (!hand_.tetrahedra.empty()) {
+    auto tissue = std::make_unique<Tissue>(hand_);
+    tissue_ = tissue.get();
+    terms_.push_back(std::move(tissue));
+    terms_.push_back(std::make_unique<SkeletonTissue>(hand_, layout));
+  }
   terms_.push_back(std::make_unique<JointEnergy>(hand_joints(hand_), layout));
 
   std::vector<CouplingSite> bones;
@@ -208,6 +211,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   const StepReport report = solver_->step(state_, time_step);
+  if (report.timing.factorisation > 0) ++factorised_steps_;
   collect_bone_contacts();
   if (keeps_ledger_) enter_step(report);
   return report;
@@ -280,6 +284,10 @@ double HandSimulation::largest_coupling_stretch() const {
 }
 
 double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(state_); }
-int HandSimulation::inverted_elements() const { return tissue_->inverted_elements(state_); }
+int HandSimulation::inverted_elements() const { return tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_); }
+
+WorkCounters HandSimulation::work() const {
+  return {tissue_ == nullptr ? 0 : tissue_->evaluated_elements(), contacts_ ? contacts_->queries() : 0, factorised_steps_};
+}
 
 }  // namespace softhand

@@ -43,6 +43,13 @@ struct ObjectSpring {
   double damping_ratio = 0;      ///< over the critical damping of the object in the slot
 };
 
+/// What was computed since construction, counted where it is computed. Exactly 0 for what a scene has not.
+struct WorkCounters {
+  std::uint64_t tissue_elements = 0;   ///< evaluations of a tetrahedron
+  std::uint64_t contact_queries = 0;   ///< searches for where a node meets an object
+  std::uint64_t factorised_steps = 0;  ///< steps that factorised a matrix
+};
+
 class HandSimulation {
  public:
   /// The hand stands at rest with its wrist at the world's origin; all slots are empty.
@@ -103,6 +110,7 @@ class HandSimulation {
   void for_each_stored(F&& f) const {
     for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);
   }
+  WorkCounters work() const;
   double deepest_penetration() const;       ///< m; 0 without contact
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
@@ -124,7 +132,8 @@ class HandSimulation {
   BodyCoupling* object_coupling_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
-  Tissue* tissue_ = nullptr;
+  Tissue* tissue_ = nullptr;  // null: the hand is bones alone
+  std::uint64_t factorised_steps_ = 0;
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // every joint's frame in the body that carries it
   std::array<Vector3, kBodyCount> bone_contact_forces_{};

@@ -115,11 +115,16 @@ int run_simulate(const SimulateArguments& arguments) {
   json["passivity_energy_j"] = rig.haptic().passivity().energy();
   json["state_hash"] = rig.state_hash();
   const HandCounters& counters = rig.hand().counters();
+  const WorkCounters work = rig.hand().simulation().work();
   json["hand_counters"] = {{"steps", rig.steps_of_hand()},
                            {"failed_steps", counters.failed_steps},
                            {"stale_steps", counters.stale_steps},
                            {"repositioned", counters.repositioned},
                            {"refused_nonfinite", counters.refused_nonfinite},
+                           {"chord_steps", counters.chord_steps},
+                           {"factorised_steps", work.factorised_steps},
+                           {"tissue_elements", work.tissue_elements},
+                           {"contact_queries", work.contact_queries},
                            {"objects_without_slot", counters.objects_without_slot}};
   if (rig.tracking() != nullptr) {
     const TrackedInputCounters& input = rig.tracking()->input().counters();

@@ -31,6 +31,9 @@ Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
 Twist twist_of(const JointSample& joint) { return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)}; }
 Twist twist_of(const ObjectState& object) { return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)}; }
 
+constexpr double kForgetDistance = 1.5;    // of `near_distance`, from which on an object loses its slot
+constexpr double kSlotPreference = 0.005;  // m; an object must be nearer by this to take another's slot
+
 double distance_to_segment(const Vector3& p, const Vector3& a, const Vector3& b) {
   const Vector3 d = b - a;
   const double length = d.squaredNorm();
@@ -47,6 +50,7 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
       tracked_(options.tracked_input) {
   slot_object_.assign(static_cast<std::size_t>(simulation_->slot_count()), -1);
   objects_.reserve(kMaxObjects);
+  waiting_.reserve(kMaxObjects);
   output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand = output_.surface.hand = key_;
 }
 
@@ -167,8 +171,10 @@ void HandLoop::set_targets(Nanoseconds now) {
 
 void HandLoop::take_world(const WorldObjects& world) {
   if (world.stamp.sample_time <= reset_time_) return;
+  auto next = objects_.begin();  // worlds list their objects in the order in which they announced them
   for (const ObjectState& state : world.objects) {
-    const auto known = std::find_if(objects_.begin(), objects_.end(), [&state](const KnownObject& o) { return o.id == state.object; });
+    const auto is_it = [&state](const KnownObject& o) { return o.id == state.object; };
+    const auto known = next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
     if (known == objects_.end()) continue;
     if (!usable(state)) {
       ++counters_.refused_nonfinite;
@@ -176,6 +182,7 @@ void HandLoop::take_world(const WorldObjects& world) {
     }
     known->state = state;
     known->seen = true;
+    next = std::next(known);
   }
   world_time_ = world.stamp.sample_time;
 }
@@ -202,57 +209,98 @@ Pose HandLoop::copy_pose(const KnownObject& object, Nanoseconds now) const {
   return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age);
 }
 
-void HandLoop::mirror_objects(Nanoseconds now) {
-  const Nanoseconds step = static_cast<Nanoseconds>(time_step_ * 1e9);
+// One distance tells of most objects that they are out of reach.
+void HandLoop::measure_distances() {
+  const Vector3 middle = simulation_->joint_pose(Joint::palm).position;
+  double reach = 0;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    reach = std::max(reach, (simulation_->joint_pose(static_cast<Joint>(j)).position - middle).norm());
+  }
+  for (KnownObject& object : objects_) {
+    if (!object.seen) continue;
+    const double gap = (to_vector(object.state.position) - middle).norm() - object.bounding_radius - reach;
+    object.distance = gap > kForgetDistance * options_.near_distance ? std::numeric_limits<double>::infinity() : distance_to_hand(object);
+  }
+}
+
+// Slots go to the nearest objects. Who has one keeps it against an equal; the hand's own and the touched are never put out.
+void HandLoop::give_slots(Nanoseconds now) {
+  waiting_.clear();
   for (std::size_t o = 0; o < objects_.size(); ++o) {
     KnownObject& object = objects_[o];
-    const bool is_static = object.description.is_static != 0;
     if (!object.seen) continue;
-    const double distance = distance_to_hand(object);
+    if (object.slot >= 0 && object.distance > kForgetDistance * options_.near_distance && !object.owned) clear_slot(object);
+    if (object.slot < 0 && object.distance <= options_.near_distance) waiting_.push_back(static_cast<int>(o));
+  }
+  const auto at = [this](int o) -> KnownObject& { return objects_[static_cast<std::size_t>(o)]; };
+  std::sort(waiting_.begin(), waiting_.end(),
+            [&at](int a, int b) { return at(a).distance != at(b).distance ? at(a).distance < at(b).distance : a < b; });
+  for (const int o : waiting_) {
+    KnownObject& object = at(o);
+    const bool is_static = object.description.is_static != 0;
+    int farthest = -1;
+    for (int slot = 0; slot < simulation_->slot_count() && object.slot < 0; ++slot) {
+      if (simulation_->slot_is_static(slot) != is_static) continue;
+      const int holder = slot_object_[static_cast<std::size_t>(slot)];
+      if (holder < 0) {
+        object.slot = slot;
+      } else if (!at(holder).owned && !simulation_->touched(slot) && (farthest < 0 || at(holder).distance > at(farthest).distance)) {
+        farthest = holder;
+      }
+    }
+    if (object.slot < 0 && farthest >= 0 && at(farthest).distance > object.distance + kSlotPreference) {
+      object.slot = at(farthest).slot;
+      clear_slot(at(farthest));
+    }
     if (object.slot < 0) {
-      if (distance > options_.near_distance) continue;
-      for (int slot = 0; slot < simulation_->slot_count() && object.slot < 0; ++slot) {
-        if (slot_object_[static_cast<std::size_t>(slot)] < 0 && simulation_->slot_is_static(slot) == is_static) object.slot = slot;
-      }
-      if (object.slot < 0) {
-        ++counters_.objects_without_slot;
-        continue;
-      }
-      slot_object_[static_cast<std::size_t>(object.slot)] = static_cast<int>(o);
-      simulation_->set_slot(object.slot, object.mirrored);
-      simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
-      object.owned = false;
-      if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
-    } else if (distance > 1.5 * options_.near_distance && !object.owned) {
-      clear_slot(object);
+      ++counters_.objects_without_slot;
       continue;
     }
-    if (simulation_->touched(object.slot)) object.last_touch = now;
+    slot_object_[static_cast<std::size_t>(object.slot)] = o;
+    simulation_->set_slot(object.slot, object.mirrored);
+    simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+    object.owned = false;
+    if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
+  }
+}
 
-    if (is_static) {
-      simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
-      continue;
-    }
-    if (symmetric_) {
-      simulation_->set_object_target(object.slot, copy_pose(object, now), twist_of(object.state));
-      continue;
-    }
-    const bool touched_lately = object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
-    if (touched_lately && !object.owned) {
-      // First touch: from here on the twin carries mass, inertia and gravity.
-      object.owned = true;
-      simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
-    } else if (!touched_lately && object.owned) {
-      object.owned = false;
-      simulation_->make_kinematic(object.slot);
-    }
-    if (object.owned) {
-      simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
-      simulation_->set_planes(object.slot, std::span(object.state.planes.items.data(), object.state.planes.size()));
-    } else {
-      // A copy of the world's object, from where it was at the start of this step.
-      simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
-    }
+void HandLoop::mirror_objects(Nanoseconds now) {
+  if (objects_.empty()) return;
+  measure_distances();
+  give_slots(now);
+  for (const int o : slot_object_) {
+    if (o >= 0) mirror(objects_[static_cast<std::size_t>(o)], now);
+  }
+}
+
+void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
+  const Nanoseconds step = static_cast<Nanoseconds>(time_step_ * 1e9);
+  const bool is_static = object.description.is_static != 0;
+  if (simulation_->touched(object.slot)) object.last_touch = now;
+
+  if (is_static) {
+    simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+    return;
+  }
+  if (symmetric_) {
+    simulation_->set_object_target(object.slot, copy_pose(object, now), twist_of(object.state));
+    return;
+  }
+  const bool touched_lately = object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
+  if (touched_lately && !object.owned) {
+    // First touch: from here on the twin carries mass, inertia and gravity.
+    object.owned = true;
+    simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
+  } else if (!touched_lately && object.owned) {
+    object.owned = false;
+    simulation_->make_kinematic(object.slot);
+  }
+  if (object.owned) {
+    simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
+    simulation_->set_planes(object.slot, std::span(object.state.planes.items.data(), object.state.planes.size()));
+  } else {
+    // A copy of the world's object, from where it was at the start of this step.
+    simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
   }
 }
 
@@ -270,6 +318,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWa
   output_.report = simulation_->step(time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
   if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
+  if (output_.report.chord) ++counters_.chord_steps;
   write_outputs(now, wants);
   return output_;
 }
@@ -377,6 +426,11 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "stale_steps", static_cast<double>(counters_.stale_steps));
   add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));
   add_counter(status, "budget_steps", static_cast<double>(counters_.budget_steps));
+  const WorkCounters work = simulation_->work();
+  add_counter(status, "tissue_elements", static_cast<double>(work.tissue_elements));
+  add_counter(status, "contact_queries", static_cast<double>(work.contact_queries));
+  add_counter(status, "factorised_steps", static_cast<double>(work.factorised_steps));
+  add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(counters_.objects_without_slot));
 }
 

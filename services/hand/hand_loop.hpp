@@ -45,6 +45,7 @@ struct HandCounters {
   std::uint64_t stale_steps = 0;         ///< steps whose newest skeleton was older than `stale_after`
   std::uint64_t failed_steps = 0;        ///< steps that the solver gave up, keeping the state
   std::uint64_t budget_steps = 0;        ///< steps that ended for want of time before they had converged
+  std::uint64_t chord_steps = 0;         ///< steps of a hand that touched nothing, by an earlier step's factor
   std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs that were near the hand while all slots were taken
 };
 
@@ -88,6 +89,7 @@ class HandLoop {
     double bounding_radius = 0;
     ObjectState state;       // newest from the world
     bool seen = false;       // `state` holds something
+    double distance = 0;     // to the hand, m; infinity where it is surely beyond all reach
     int slot = -1;
     bool owned = false;
     Nanoseconds last_touch = 0;
@@ -98,7 +100,10 @@ class HandLoop {
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
   void mirror_objects(Nanoseconds now);
+  void mirror(KnownObject& object, Nanoseconds now);
+  void measure_distances();
   double distance_to_hand(const KnownObject& object) const;
+  void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const HandWants& wants);
   Pose copy_pose(const KnownObject& object, Nanoseconds now) const;
 
@@ -110,6 +115,7 @@ class HandLoop {
   TrackedInput tracked_;  // used when the intermediate layer is left out
   std::vector<KnownObject> objects_;
   std::vector<int> slot_object_;  // index into objects_, -1 = free
+  std::vector<int> waiting_;      // of them, those near the hand without a slot, nearest first
   Skeleton skeleton_;             // newest intermediate
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;

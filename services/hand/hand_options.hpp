@@ -35,8 +35,8 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
   v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100}, "A jump of the target's wrist beyond this moves the whole hand there at once.");
   v.number("near_distance", o.near_distance, "m", {0.005, 1}, "Objects nearer to the hand than this are mirrored in its simulation.");
   v.number("release_time", o.release_time, "s", {0, 1}, "How long after the last contact the hand still owns an object.");
-  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16}, "Slots for objects that can move; each widens the matrix by six columns.");
-  v.integer("static_objects", o.static_objects, "1", {0, 16}, "Slots for objects that cannot move (a table).");
+  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16}, "Slots for objects that can move, at most as many as the scene lists; the nearest get them. Each widens the matrix by six columns.");
+  v.integer("static_objects", o.static_objects, "1", {0, 16}, "Slots for objects that cannot move (a table), at most as many as the scene lists.");
   describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);
   describe_section(v, "simulation", "Energies and solver.", o.simulation);
 }

@@ -81,6 +81,44 @@ TEST(HandSimulation, NoSlotsNoObjectTerms) {
   }
 }
 
+TEST(HandSimulation, BonesAloneDoNoWorkOnTissue) {
+  HandModel bones = hand();
+  bones.nodes.clear();
+  bones.node_body.clear();
+  bones.tetrahedra.clear();
+  bones.tetrahedron_material.clear();
+  bones.attachments.clear();
+  bones.surface.clear();
+  HandSimulation simulation(bones, options(), 0, 0);
+  const Pose wrist{Vector3(0.03, 0.02, -0.04), rotation_exp(Vector3(0.1, 0.2, -0.1))};
+  set_rest_targets(simulation, wrist);
+  for (int i = 0; i < 90; ++i) ASSERT_TRUE(simulation.step(kStep).state_changed);
+  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-4) << "the bones move all the same";
+  EXPECT_EQ(simulation.work().tissue_elements, 0u);
+  EXPECT_EQ(simulation.work().contact_queries, 0u);
+}
+
+TEST(HandSimulation, ContactIsSoughtOnlyNearObjects) {
+  HandSimulation simulation(hand(), options(), 1, 1);
+  set_rest_targets(simulation, {});
+  for (int i = 0; i < 5; ++i) simulation.step(kStep);
+  EXPECT_GT(simulation.work().tissue_elements, 0u);
+  EXPECT_EQ(simulation.work().contact_queries, 0u) << "both slots are empty";
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
+  shape.size = {0.02, 0, 0};
+  const ShapeGeometry geometry(shape);
+  simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+  simulation.set_slot_motion(0, {Vector3(0, 0.5, 0), Quaternion::Identity()}, {});
+  for (int i = 0; i < 5; ++i) simulation.step(kStep);
+  EXPECT_EQ(simulation.work().contact_queries, 0u) << "the object is half a metre off";
+  simulation.set_slot_motion(0, {Vector3(-0.02, 0.045, -0.16), Quaternion::Identity()}, {});
+  simulation.step(kStep);
+  const std::uint64_t near = simulation.work().contact_queries;
+  EXPECT_GT(near, 0u);
+  EXPECT_LT(near, 2u * static_cast<std::uint64_t>(simulation.hand().node_count())) << "of the bones nearby";
+}
+
 Shape box(double half) {
   Shape shape;
   shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
@@ -127,6 +165,7 @@ TEST(HandSimulation, TheEnergyLedgerCloses) {
   SimulationOptions exact = options();
   exact.solver.max_iterations = 30;
   exact.solver.residual_tolerance = 1e-8;
+  exact.solver.chord_tolerance = 0;
   HandSimulation simulation(hand(), exact, 1, 0);
   simulation.keep_ledger(true);
   const ShapeGeometry geometry(box(0.02));
@@ -162,6 +201,77 @@ TEST(HandSimulation, TheEnergyLedgerCloses) {
   simulation.keep_ledger(false);
   simulation.keep_ledger(true);
   EXPECT_FALSE(ledger.begun());
+}
+
+// A hand that moves and touches nothing, with and without chord steps: fingers open and close by what `bend` says, the wrist goes round.
+struct IdleRun {
+  std::vector<Eigen::Matrix3Xd> nodes;
+  std::vector<std::array<Vector3, kBodyCount>> coupling;
+  int chord_steps = 0;
+  int factorised_steps = 0;
+};
+
+IdleRun move_freely(double chord_tolerance, double residual_tolerance) {
+  SimulationOptions o = options();
+  o.solver.max_iterations = 20;
+  o.solver.chord_tolerance = chord_tolerance;
+  o.solver.residual_tolerance = residual_tolerance;
+  HandSimulation simulation(hand(), o, 1, 1);
+  IdleRun run;
+  for (int i = 1; i <= 180; ++i) {
+    const double t = i * kStep;
+    const double swell = std::min(1.0, t);
+    const Pose wrist{swell * Vector3(0.08 * std::sin(3 * t), 0.05 * std::sin(2 * t), 0), rotation_exp(swell * Vector3(0.3 * std::sin(2 * t), 0, 0.3 * std::sin(t)))};
+    for (int b = 0; b < kBodyCount; ++b) {
+      const Body body = static_cast<Body>(b);
+      const Pose target = wrist * simulation.hand().rest_joints[index(joint_of(body))];
+      const Vector3 flexion = b > 1 ? Vector3(-0.2 * swell * (1 - std::cos(3 * t)), 0, 0) : Vector3(Vector3::Zero());
+      simulation.set_target(body, {target.position, target.orientation * rotation_exp(flexion)}, {});
+    }
+    const StepReport report = simulation.step(kStep);
+    EXPECT_TRUE(report.state_changed);
+    run.chord_steps += report.chord;
+    run.factorised_steps += report.timing.factorisation > 0;
+    run.nodes.push_back(simulation.state().node_positions);
+    auto& coupling = run.coupling.emplace_back();
+    for (std::size_t b = 0; b < kBodyCount; ++b) coupling[b] = simulation.coupling_wrench(static_cast<Body>(b)).force;
+  }
+  return run;
+}
+
+TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
+  const IdleRun exact = move_freely(0, 1e-9);
+  const IdleRun idle = move_freely(SolverOptions{}.chord_tolerance, SolverOptions{}.residual_tolerance);
+  ASSERT_EQ(exact.chord_steps, 0);
+  ASSERT_GE((exact.nodes.back() - exact.nodes.front()).colwise().norm().minCoeff(), 0.002) << "the whole hand moved";
+  EXPECT_EQ(idle.chord_steps, 180);
+  EXPECT_LE(idle.factorised_steps, 180 / 4);
+  double difference = 0, total = 0, worst_rms = 0;
+  for (std::size_t i = 0; i < exact.nodes.size(); ++i) {
+    worst_rms = std::max(worst_rms, (idle.nodes[i] - exact.nodes[i]).norm() / std::sqrt(static_cast<double>(exact.nodes[i].cols())));
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      difference += (idle.coupling[i][b] - exact.coupling[i][b]).squaredNorm();
+      total += exact.coupling[i][b].squaredNorm();
+    }
+  }
+  EXPECT_LE(worst_rms, 5e-5);
+  EXPECT_LE(std::sqrt(difference / total), 0.01);
+}
+
+TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
+  HandSimulation simulation(hand(), options(), 1, 0);
+  const ShapeGeometry geometry(box(0.02));
+  simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+  simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.003, -0.092), Quaternion::Identity()}, {});
+  int before = 0;
+  for (int i = 0; i < 60; ++i) {
+    set_rest_targets(simulation, {Vector3(0, -0.0003 * i, 0), Quaternion::Identity()});
+    const StepReport report = simulation.step(kStep);
+    ASSERT_EQ(report.chord, simulation.contact_count() == 0) << i;
+    before += report.chord;
+  }
+  EXPECT_GT(before, 5);
+  EXPECT_LT(before, 55) << "it did touch";
 }
 
 // --- the loop ---
@@ -340,6 +450,47 @@ TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
     ASSERT_EQ((one.simulation().state().node_positions - two.simulation().state().node_positions).cwiseAbs().maxCoeff(), 0) << i;
     ASSERT_EQ(one.simulation().slot_pose(0).position, two.simulation().slot_pose(0).position) << i;
   }
+}
+
+TEST(HandLoop, SlotsGoToTheNearestObjectsAndTheTouchedKeepTheirs) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});  // one slot
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  constexpr std::uint32_t kFar = 3, kNear = 4;
+  for (const std::uint32_t id : {kFar, kNear}) loop.describe_object(cube(id));
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+  const auto holder = [&](double wrist_y, double height_of_far, double height_of_near) {
+    now += 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
+    WorldObjects world = world_with(kFar, below + Vector3(0, height_of_far, 0), now);
+    world.objects.push_back(world_with(kNear, below + Vector3(0, height_of_near, 0), now).objects[0]);
+    const ObjectCoupling& coupling = loop.step(now, {&sample, nullptr, &world}, {}).coupling;
+    return coupling.twins.size() == 1 ? coupling.twins[0].object : 0u;
+  };
+  EXPECT_EQ(holder(0, -0.02, -0.01), kNear) << "though the other was announced first";
+  EXPECT_EQ(loop.counters().objects_without_slot, 1u);
+  EXPECT_EQ(holder(0, -0.012, -0.014), kNear) << "it keeps the slot against an equal";
+  EXPECT_EQ(holder(0, -0.01, -0.02), kFar);
+  for (int i = 0; i < 30 && !loop.simulation().touched(0); ++i) holder(-0.004, 0, -0.02);
+  ASSERT_TRUE(loop.simulation().touched(0));
+  EXPECT_EQ(holder(-0.004, 0, 0.02), kFar) << "it is touched: nothing nearer takes its slot";
+}
+
+TEST(HandLoop, ManyObjectsOutOfReachGetNoSlotAndNoQuery) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  const auto world = std::make_unique<WorldObjects>();
+  world->stamp.sample_time = kSecond;
+  for (std::uint32_t id = 1; id <= 100; ++id) {
+    loop.describe_object(cube(id));
+    world->objects.push_back(world_with(id, Vector3(1 + 0.1 * id, 0, 0), kSecond).objects[0]);
+  }
+  const Skeleton sample = skeleton_at(model, {}, kSecond, 1);
+  const HandOutput& output = loop.step(kSecond, {&sample, nullptr, world.get()}, {});
+  EXPECT_TRUE(output.coupling.twins.empty());
+  EXPECT_EQ(loop.counters().objects_without_slot, 0u);
+  EXPECT_EQ(loop.simulation().work().contact_queries, 0u);
 }
 
 TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
