@@ -9,6 +9,7 @@
 #include "cli/commands.hpp"
 #include "error_runtime/report.hpp"
 #include "human/report.hpp"
+#include "report/page.hpp"
 #include "verification/report.hpp"
 
 int main(int argc, char** argv) {
@@ -96,8 +97,14 @@ int main(int argc, char** argv) {
   overrides(command, render.overrides);
   command->callback([&] { run = [&render] { return run_render(render); }; });
 
-  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time, fingertips beside people's");
-  report->require_subcommand(1);
+  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time, fingertips beside people's; without a part: all of them, and the page that they make");
+  report->require_subcommand(0, 1);
+  report::ReportArguments all_parts;
+  report->add_flag("--quick", all_parts.quick, "Under five minutes: each part's --quick");
+  report->add_option("--out", all_parts.out, "Folder of report.md, images/ and report_data/")->capture_default_str()->type_name("DIR");
+  report->callback([&] {
+    if (report->get_subcommands().empty()) run = [&all_parts] { return report::run_report(all_parts); };
+  });
   verification::VerifyArguments verify;
   command = report->add_subcommand("verify", "Known answers: measured value beside the formula's, with tolerance and observed order; exit code 1 where one is missed");
   command->add_flag("--quick", verify.quick, "Under a minute: the first rows of what takes long");

@@ -1,0 +1,132 @@
+#include "report/page.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "error_runtime/report.hpp"
+#include "human/report.hpp"
+#include "report/report.hpp"
+#include "verification/report.hpp"
+
+namespace softhand::report {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::string read_file(const fs::path& path) {
+  std::ifstream in(path);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+// Splits before each "## " that begins a line.
+std::vector<std::string> sections_of(const std::string& markdown) {
+  std::vector<std::string> sections;
+  std::stringstream lines(markdown);
+  for (std::string line; std::getline(lines, line);) {
+    if (sections.empty() || line.rfind("## ", 0) == 0) sections.emplace_back();
+    sections.back() += line + "\n";
+  }
+  return sections;
+}
+
+// "3 Pass, 1 Diverged" of a key of the rows.
+std::string counted(const Json& rows, const char* key) {
+  std::map<std::string, int> counts;
+  for (const Json& row : rows) ++counts[row.at(key).get<std::string>()];
+  std::string text;
+  for (const auto& [value, count] : counts) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, value);
+  return text;
+}
+
+std::string known_answers_in_a_line(const Json& rows) {
+  std::string failed;
+  for (const Json& row : rows) {
+    const std::string name = row.at("case");
+    if (row.at("status") == "fail" && failed.find(name) == std::string::npos) failed += (failed.empty() ? "; not: " : ", ") + name;
+  }
+  return fmt::format("{} of {} rows{}", counted(rows, "status"), rows.size(), failed);
+}
+
+std::string error_runtime_in_a_line(const Json& rows) {
+  std::string text;
+  for (const Json& row : rows) {
+    if (row.value("default", false)) {
+      text += fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "the default's solver error: " : "; ", row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
+                          100 * row.at("force_error").get<double>(), row.at("ms_p50").get<double>());
+    }
+  }
+  return text + fmt::format(". {} runs: {}", rows.size(), counted(rows, "class"));
+}
+
+}  // namespace
+
+std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, double minutes) {
+  const Provenance from = provenance();
+  std::string page = fmt::format(
+      "# Report\n\nMade by `softhand report` in {:.0f} minutes on {}, {}, commit {}. Where a part was run again alone, its section says so.\n\n| part | what came |\n| --- | --- |\n", minutes,
+      from.processor, from.compiler, from.commit);
+  for (const Part& part : parts) page += fmt::format("| `{}` | {} |\n", part.command, part.result);
+  std::string tables;
+  for (const Part& part : parts) {
+    for (const std::string& section : sections_of(part.markdown)) {
+      const bool is_long = std::any_of(long_sections.begin(), long_sections.end(), [&section](const std::string& heading) { return section.rfind("## " + heading + "\n", 0) == 0; });
+      (is_long ? tables : page) += "\n" + section;
+    }
+  }
+  return page + tables;
+}
+
+int run_report(const ReportArguments& arguments) {
+  const auto begin = std::chrono::steady_clock::now();
+  const fs::path out = arguments.out, data = out / "report_data", images = out / "images";
+  fs::create_directories(data);
+  const std::string quick = arguments.quick ? " --quick" : "";
+  const auto file = [&data](const char* part, const char* kind) { return (data / (std::string(part) + "." + kind)).string(); };
+  bool good = true;
+  std::vector<Part> parts;
+  const auto add = [&](const char* part, const char* command, int code, std::string (*in_a_line)(const Json&)) {
+    good = good && code == 0;
+    const fs::path markdown = file(part, "md");
+    parts.push_back({fmt::format("softhand report {}{}", command, quick), in_a_line(Json::parse(read_file(file(part, "json")))), read_file(markdown)});
+    fs::remove(markdown);
+  };
+
+  error_runtime::ErrorRuntimeArguments error_runtime;
+  error_runtime.quick = arguments.quick;
+  error_runtime.json = file("error_runtime", "json");
+  error_runtime.csv = file("error_runtime", "csv");
+  error_runtime.markdown = file("error_runtime", "md");
+  error_runtime.plot = images.string();
+  add("error_runtime", "error-runtime", run_error_runtime(error_runtime), error_runtime_in_a_line);
+
+  verification::VerifyArguments verify;
+  verify.quick = arguments.quick;
+  verify.json = file("verify", "json");
+  verify.csv = file("verify", "csv");
+  verify.markdown = file("verify", "md");
+  add("verify", "verify", run_verify(verify), known_answers_in_a_line);
+
+  human::HumanArguments human;
+  human.json = file("human", "json");
+  human.csv = file("human", "csv");
+  human.markdown = file("human", "md");
+  human.plot = images.string();
+  add("human", "human", run_human(human), [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
+
+  const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
+  write_file((out / "report.md").string(), assemble(parts, {"Known answers", "Every run of error against run time"}, minutes));
+  fmt::print("{}\n", (out / "report.md").string());
+  return good ? 0 : 1;
+}
+
+}  // namespace softhand::report
