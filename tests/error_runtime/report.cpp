@@ -57,6 +57,7 @@ Json row_json(const Row& row) {
             {"penetration_p95_mm", row.penetration_p95_mm},
             {"penetration_max_mm", row.penetration_max_mm},
             {"lag_ms", row.lag_ms},
+            {"energy_defect", row.energy_defect},
             {"inverted", row.inverted}};
   for (auto& [key, value] : json.items()) {
     if (value.is_number_float() && !std::isfinite(value.get<double>())) value = nullptr;
@@ -237,16 +238,16 @@ std::string to_markdown(const Study& study, const std::string& command, const st
 std::string table_markdown(const Study& study) {
   std::string text = "## Every run of error against run time\n\nErrors as above, against the reference named; `one step` from R0's state at every step.\n\n";
   text += "| scene | knob | setting | ms p50 | p99 | of 1/90 s | reference | tissue RMS mm | worst time | worst point | bones mm / deg | force | touch differs | one step mm / force | all mm | "
-          "penetration p95 / max mm | lag ms | class |\n";
-  text += "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
+          "penetration p95 / max mm | lag ms | energy defect | class |\n";
+  text += "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     for (const Row& row : scene.rows) {
       const Errors& e = row.along;
-      text += fmt::format("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {} | {:.2g} | {:.2g} | {:.2g} | {:.2g} / {:.2g} | {:.2g} | {} | {} | {:.2g} | {:.2g} / {:.2g} | {:.2f} | {} |\n", row.scene, row.knob,
+      text += fmt::format("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {} | {:.2g} | {:.2g} | {:.2g} | {:.2g} / {:.2g} | {:.2g} | {} | {} | {:.2g} | {:.2g} / {:.2g} | {:.2f} | {:.2g} | {} |\n", row.scene, row.knob,
                           row.setting, row.ms_p50, row.ms_p99, row.ms_frame, row.reference, e.tissue_rms_mm, e.tissue_worst_rms_mm, e.tissue_max_mm, e.bone_mm, e.bone_degrees, e.force_error,
                           std::isnan(e.touch_disagreement) ? std::string("-") : fmt::format("{:.2g}", e.touch_disagreement),
                           row.one_step ? fmt::format("{:.2g} / {:.2g}", row.one_step->tissue_rms_mm, row.one_step->force_error) : std::string("-"), row.total.tissue_rms_mm, row.penetration_p95_mm,
-                          row.penetration_max_mm, row.lag_ms, row.classification == "Pass" ? "Pass" : "**" + row.classification + "**");
+                          row.penetration_max_mm, row.lag_ms, row.energy_defect, row.classification == "Pass" ? "Pass" : "**" + row.classification + "**");
     }
   }
   return text;

@@ -275,6 +275,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
     row.penetration_p95_mm = 1e3 * percentile(t.penetrations, 0.95);
     row.penetration_max_mm = 1e3 * percentile(t.penetrations, 1);
     row.lag_ms = t.lag_ms;
+    row.energy_defect = t.energy_defect;
     row.inverted = t.inverted;
     row.classification = classify(t, row.total, exact_run);
     study.rows.push_back(std::move(row));

@@ -40,6 +40,7 @@ struct Row {
   double penetration_p95_mm = 0;
   double penetration_max_mm = 0;
   double lag_ms = 0;
+  double energy_defect = 0;        ///< largest |residual| of the energy ledger over its scale
   int inverted = 0;                ///< elements, the most at any time
   std::string classification;      ///< Pass, Diverged (not finite, a step given up, or 11 mm off), Inverted (more elements than in its reference in the end), Not built
 };

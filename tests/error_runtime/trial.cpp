@@ -107,6 +107,7 @@ double Player::advance(double motion_time, bool world_there) {
   world_.stamp.sample_time = now_;
   HandWants wants;
   wants.surface = wants.bone_wrench = false;
+  wants.ledger = world_there;  // begins with the scene
   const double begin = thread_seconds();
   output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants);
   const double milliseconds = 1e3 * (thread_seconds() - begin);
@@ -194,6 +195,7 @@ Trajectory play(const Scene& scene, Player& player, const std::function<void(con
     trajectory.finite = trajectory.finite && trajectory.samples.back().skin.allFinite();
     trajectory.inverted = std::max(trajectory.inverted, player.loop().simulation().inverted_elements());
   }
+  trajectory.energy_defect = player.loop().simulation().ledger().defect();
   trajectory.inverted_at_end = player.loop().simulation().inverted_elements();
   trajectory.iterations = iterations / static_cast<double>(trajectory.step_ms.size());
   trajectory.failed_steps = static_cast<int>(player.loop().counters().failed_steps - failed_before);

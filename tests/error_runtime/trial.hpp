@@ -38,6 +38,7 @@ struct Trajectory {
   bool finite = true;
   int inverted = 0;                   ///< elements, the most at any sample
   int inverted_at_end = 0;
+  double energy_defect = 0;           ///< largest |residual| of the energy ledger over its scale
   double lag_ms = 0;                  ///< of all joints behind their targets, least squares
 };
 
