@@ -1,7 +1,7 @@
 // Multifrontal Cholesky L L^T of the step's matrix: the default linear solver.
 //
-// Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD), supernodes merged where a model of the kernels' time gains, blocks added straight into
-// the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). One thread. The same matrix gives the same bits on each run with one
+// Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD; the cheapest of a few), supernodes merged where a model of the kernels' time gains, blocks
+// added straight into the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). One thread. The same matrix gives the same bits on each run with one
 // instruction set; sets differ by rounding. Figures: docs/performance.md.
 #pragma once
 
@@ -46,10 +46,10 @@ class BlockCholesky final : public LinearSolver {
   double operations_ = 0;
   std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
   std::vector<CholeskyFront> fronts_;
-  std::vector<std::int32_t> child_, row_position_, row_in_parent_, entry_row_, entry_column_;
-  std::vector<std::int32_t> entry_source_;  // stored block of the matrix; complemented where it is needed transposed
+  std::vector<std::int32_t> child_, row_position_, row_in_parent_, entry_row_, entry_column_, entry_source_;
   std::vector<std::int32_t> index_scratch_;
-  Buffer entries_, panels_, updates_, inverse_diagonal_, x_, scratch_;
+  const double* values_ = nullptr;  // of the matrix that was loaded
+  Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };
 
 extern template class BlockCholesky<double>;

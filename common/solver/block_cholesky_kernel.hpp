@@ -36,12 +36,13 @@ struct CholeskyPlan {
   const std::int32_t* row_in_parent = nullptr;  ///< the same, as padded row of the parent's panel
   const std::int32_t* entry_row = nullptr;      ///< padded panel row of a block of the matrix
   const std::int32_t* entry_column = nullptr;   ///< panel column of it
+  const std::int32_t* entry_source = nullptr;   ///< that block's place among the matrix's stored ones; complemented where it is needed transposed
 };
 
 template <typename Scalar>
 struct CholeskyKernel {
-  /// `entries`: nine a block, column-major, in the plan's order. `scratch`: as many as padded rows of the largest panel. False where a pivot is not positive and finite.
-  bool (*factorize)(const CholeskyPlan& plan, const Scalar* entries, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch);
+  /// `values`: of the matrix, nine a stored block, column-major. `scratch`: as many as padded rows of the largest panel. False where a pivot is not positive and finite.
+  bool (*factorize)(const CholeskyPlan& plan, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch);
   /// `x` in elimination order: right-hand side in, solution out. `scratch` as above.
   void (*solve)(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch);
 };

@@ -158,16 +158,19 @@ SOFTHAND_INLINE std::ptrdiff_t tile_step_of(const CholeskyFront& front) { return
 SOFTHAND_INLINE std::ptrdiff_t row_offset(std::ptrdiff_t row, std::ptrdiff_t tile_step) { return (row / kTile) * tile_step + row % kTile; }
 
 template <typename Scalar>
-SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFront& front, const Scalar* entries, Scalar* panel) {
+SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFront& front, const double* values, Scalar* panel) {
   const std::ptrdiff_t step = tile_step_of(front);
   const std::ptrdiff_t size = (front.pivot_tiles + front.row_tiles) * step;
   for (std::ptrdiff_t k = 0; k < size; k += Shape<Scalar>::kWidth) vector_at(panel + k) = typename Shape<Scalar>::Vector{};
   for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c) panel[row_offset(c, step) + c * kTile] = Scalar(1);
   for (std::int32_t e = front.entry_begin; e < front.entry_end; ++e) {
-    const Scalar* block = entries + 9 * static_cast<std::ptrdiff_t>(e);
+    const std::int32_t source = plan.entry_source[e];
+    const bool transposed = source < 0;
+    const double* block = values + 9 * static_cast<std::ptrdiff_t>(transposed ? ~source : source);
+    const int down = transposed ? 3 : 1, across = transposed ? 1 : 3;
     for (int r = 0; r < 3; ++r) {
       Scalar* to = panel + row_offset(plan.entry_row[e] + r, step) + static_cast<std::ptrdiff_t>(plan.entry_column[e]) * kTile;
-      for (int c = 0; c < 3; ++c) to[c * kTile] = block[3 * c + r];
+      for (int c = 0; c < 3; ++c) to[c * kTile] = static_cast<Scalar>(block[across * c + down * r]);
     }
   }
 }
@@ -226,13 +229,13 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
 }
 
 template <typename Scalar>
-bool factorize(const CholeskyPlan& plan, const Scalar* entries, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch) {
+bool factorize(const CholeskyPlan& plan, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch) {
   for (std::size_t f = 0; f < plan.front_count; ++f) {
     const CholeskyFront& front = plan.fronts[f];
     Scalar* const panel = panels + front.panel;
     const std::ptrdiff_t step = tile_step_of(front);
     const int tiles = front.pivot_tiles + front.row_tiles;
-    assemble_entries(plan, front, entries, panel);
+    assemble_entries(plan, front, values, panel);
     const auto eliminated_blocks = [&](const CholeskyFront& child) {
       std::int32_t count = 0;
       while (3 * count < child.rows && plan.row_in_parent[child.row_begin + count] < front.pivots) ++count;

@@ -10,9 +10,9 @@ class LinearSolver {
   virtual ~LinearSolver() = default;
   /// Orders and analyses the pattern, once. Allocates. std::runtime_error where that fails.
   virtual void analyze(const BlockMatrix& matrix) = 0;
-  /// Takes the values over from a matrix of the analysed pattern.
+  /// The matrix, of the analysed pattern, whose values `factorize` takes: it stays as it is until then.
   virtual void load(const BlockMatrix& matrix) = 0;
-  /// Factorises the loaded values; false where they are not positive definite.
+  /// Factorises it; false where they are not positive definite.
   virtual bool factorize() = 0;
   /// x = A^-1 rhs after a successful factorisation; `x` has the size of `rhs`.
   virtual void solve(const VectorX& rhs, VectorX& x) = 0;
