@@ -33,8 +33,8 @@ void add_state(Sha256& hasher, const State& state) {
 
 }  // namespace
 
-VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker)
-    : options_(scene.options), tracker_(std::move(tracker)), transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
+VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker, RigWitness* witness)
+    : options_(scene.options), tracker_(std::move(tracker)), witness_(witness), transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
       hand_compute_(nanoseconds(scene.options.simulate.hand_compute_fraction / scene.options.hand.rate_hz)) {
   const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
   const bool layered = !options_.hand.direct;
@@ -42,18 +42,19 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz);
   hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
   for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
+  descriptions_heard_ = world_->descriptions_version();
   haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop, std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
 
   // Phases are spread so that no two loops tick together; where they do, the order below decides.
-  const auto add = [this](double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
+  const auto add = [this](RigLoop name, double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
     const Nanoseconds period = nanoseconds(1.0 / rate_hz);
-    loops_.push_back({period, kStart + nanoseconds(phase / rate_hz), step});
+    loops_.push_back({period, kStart + nanoseconds(phase / rate_hz), name, step});
   };
-  add(1000, 0.0, &VirtualRig::step_tracker);  // polls; the source delivers at its own rate
-  if (layered) add(options_.tracking.rate_hz, 0.31, &VirtualRig::step_tracking);
-  add(options_.hand.rate_hz, 0.47, &VirtualRig::step_hand);
-  add(options_.world.rate_hz, 0.63, &VirtualRig::step_world);
-  add(options_.haptic.loop.rate_hz, 0.79, &VirtualRig::step_haptic);
+  add(RigLoop::tracker, 1000, 0.0, &VirtualRig::step_tracker);  // polls; the source delivers at its own rate
+  if (layered) add(RigLoop::tracking, options_.tracking.rate_hz, 0.31, &VirtualRig::step_tracking);
+  add(RigLoop::hand, options_.hand.rate_hz, 0.47, &VirtualRig::step_hand);
+  add(RigLoop::world, options_.world.rate_hz, 0.63, &VirtualRig::step_world);
+  add(RigLoop::haptic, options_.haptic.loop.rate_hz, 0.79, &VirtualRig::step_haptic);
 }
 
 VirtualRig::~VirtualRig() = default;
@@ -66,8 +67,17 @@ void VirtualRig::run(double seconds, const std::function<void(const HandStepView
     if (next.next >= end) break;
     const Nanoseconds now = next.next;
     next.next += next.period;
-    (this->*next.step)(now);
+    if (witness_ == nullptr || witness_->runs(next.name, now)) (this->*next.step)(now);
   }
+}
+
+void VirtualRig::send(const Message& message) {
+  if (tracking_) tracking_->answer(message, "tracking");
+  hand_->answer(message, "hand");
+  world_->answer(message);
+  if (world_->descriptions_version() == descriptions_heard_) return;
+  descriptions_heard_ = world_->descriptions_version();
+  for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
 }
 
 void VirtualRig::step_tracker(Nanoseconds now) {
@@ -78,11 +88,7 @@ void VirtualRig::step_tracker(Nanoseconds now) {
   skeleton.stamp.chain.tracker_sample = skeleton.stamp.sample_time;
   outcome_.on_tracked(skeleton);
   add_bits(hasher_, skeleton.joints);
-  if (tracking_) {
-    tracked_to_tracking_.send(now + transport_, skeleton);
-  } else {
-    skeleton_to_hand_.send(now + transport_, skeleton);
-  }
+  send(tracking_ ? tracked_to_tracking_ : skeleton_to_hand_, RigLoop::tracker, now, skeleton);
 }
 
 void VirtualRig::step_tracking(Nanoseconds now) {
@@ -95,11 +101,13 @@ void VirtualRig::step_tracking(Nanoseconds now) {
   add_bits(hasher_, output.intermediate.joints);
   Skeleton intermediate = output.intermediate;
   intermediate.stamp.publish_time = now;
-  skeleton_to_hand_.send(now + transport_, intermediate);
+  tell(RigLoop::tracking, intermediate);
+  send(skeleton_to_hand_, RigLoop::tracking, now, intermediate);
   BoneWrench wrench = output.wrench;
   wrench.stamp.publish_time = now;
   outcome_.on_bone_wrench(wrench);
-  wrench_to_haptic_.send(now + transport_, wrench);
+  tell(RigLoop::tracking, wrench);
+  send(wrench_to_haptic_, RigLoop::tracking, now, wrench);
 }
 
 void VirtualRig::step_hand(Nanoseconds now) {
@@ -118,15 +126,16 @@ void VirtualRig::step_hand(Nanoseconds now) {
   outcome_.on_simulated(output.simulated);
   outcome_.on_contacts(output.contacts);
   outcome_.on_coupling(output.coupling);
+  tell(RigLoop::hand, output);
   if (tracking_) {
-    simulated_to_tracking_.send(done + transport_, output.simulated);
-    contacts_to_tracking_.send(done + transport_, output.contacts);
+    send(simulated_to_tracking_, RigLoop::hand, done, output.simulated);
+    send(contacts_to_tracking_, RigLoop::hand, done, output.contacts);
   } else {
     outcome_.on_bone_wrench(output.bone_wrench);
     output.bone_wrench.stamp.chain.simulated_published = output.bone_wrench.stamp.chain.wrench_published = done;
-    wrench_to_haptic_.send(done + transport_, output.bone_wrench);
+    send(wrench_to_haptic_, RigLoop::hand, done, output.bone_wrench);
   }
-  coupling_to_world_.send(done + transport_, output.coupling);
+  send(coupling_to_world_, RigLoop::hand, done, output.coupling);
   if (after_hand_step_) after_hand_step_({now, &output, &hand_->simulation(), &world_->objects(), &tracked_});
 }
 
@@ -146,13 +155,15 @@ void VirtualRig::step_world(Nanoseconds now) {
     add_bits(hasher_, object.angular_velocity);
   }
   outcome_.on_objects(objects);
-  objects_to_hand_.send(now + transport_, objects);
+  tell(RigLoop::world, objects);
+  send(objects_to_hand_, RigLoop::world, now, objects);
 }
 
 void VirtualRig::step_haptic(Nanoseconds now) {
   DeviceState state = haptic_->step(now, wrench_to_haptic_.receive(now));
   state.stamp.publish_time = now;
   outcome_.on_device(state);
+  tell(RigLoop::haptic, state);
 }
 
 }  // namespace softhand

@@ -2,6 +2,7 @@
 // processes, and the same bits come out on every run.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <functional>
 #include <memory>
@@ -18,36 +19,58 @@
 
 namespace softhand {
 
-/// The newest message that has had time to arrive. Room for what is under way; nothing is lost but what a newer one overtakes.
+/// The newest message that has had time to arrive. One that would arrive after a newer one is lost, and so is the oldest where too many are under way.
 template <typename T>
 class Delayed {
  public:
   void send(Nanoseconds arrives, const T& message) {
-    Entry& entry = ring_[sent_++ % ring_.size()];
+    while (received_ < sent_ && at(sent_ - 1).arrives > arrives) --sent_;
+    if (sent_ - received_ == ring_.size() && ring_.size() < kMostUnderWay) {
+      std::rotate(ring_.begin(), ring_.begin() + static_cast<std::ptrdiff_t>(received_ % ring_.size()), ring_.end());
+      sent_ -= received_;
+      received_ = 0;
+      ring_.resize(2 * ring_.size());
+    }
+    Entry& entry = at(sent_++);
     entry.arrives = arrives;
     entry.message = message;
+    if (sent_ - received_ > ring_.size()) ++received_;
   }
-  /// The newest message that has arrived by `now` and was not received before; null when there is none.
+  /// The newest message that has arrived by `now` and was not received before, until the next call; null when there is none.
   const T* receive(Nanoseconds now) {
     const T* newest = nullptr;
-    const std::size_t oldest = sent_ > ring_.size() ? sent_ - ring_.size() : 0;
-    for (std::size_t i = std::max(received_, oldest); i < sent_; ++i) {
-      const Entry& entry = ring_[i % ring_.size()];
-      if (entry.arrives > now) break;
-      newest = &entry.message;
-      received_ = i + 1;
-    }
+    while (received_ < sent_ && at(received_).arrives <= now) newest = &at(received_++).message;
     return newest;
   }
 
  private:
+  static constexpr std::size_t kMostUnderWay = 256;
   struct Entry {
     Nanoseconds arrives = 0;
     T message;
   };
+  Entry& at(std::size_t i) { return ring_[i % ring_.size()]; }
   std::vector<Entry> ring_ = std::vector<Entry>(32);
   std::size_t sent_ = 0;
   std::size_t received_ = 0;
+};
+
+enum class RigLoop { tracker, tracking, hand, world, haptic };
+
+/// Hears all that the loops publish, and may disturb them.
+class RigWitness {
+ public:
+  virtual ~RigWitness() = default;
+  virtual void published(RigLoop /*from*/, const Skeleton&) {}
+  virtual void published(RigLoop /*from*/, const BoneWrench&) {}
+  virtual void published(RigLoop /*from*/, const WorldObjects&) {}
+  virtual void published(RigLoop /*from*/, const DeviceState&) {}
+  /// Everything that the hand publishes.
+  virtual void published(RigLoop /*from*/, const HandOutput&) {}
+  /// Whether the loop makes the step that is due; one that is left out is not made up for.
+  virtual bool runs(RigLoop /*loop*/, Nanoseconds /*now*/) { return true; }
+  /// How much later than usual what the loop sends now arrives; negative: never.
+  virtual Nanoseconds delay(RigLoop /*from*/, Nanoseconds /*now*/) { return 0; }
 };
 
 /// What one step of the hand looked like, for signals in a CSV and for pictures.
@@ -64,11 +87,17 @@ class VirtualRig {
   /// Time 0 of the virtual clock is one second, so that no stamp is 0.
   static constexpr Nanoseconds kStart = 1'000'000'000;
 
-  VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker);
+  /// `witness`, where there is one, outlives the rig.
+  VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker, RigWitness* witness = nullptr);
   ~VirtualRig();
 
   /// Runs for `seconds`; calls `after_hand_step` after each step of the hand.
   void run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step);
+
+  /// A message to every module, between steps: all that `after_hand_step` may do to the rig.
+  void send(const Message& message);
+  /// An object described anew to the hand, as another world than ours may do.
+  void describe_object(const ObjectDescription& description) { hand_->describe_object(description); }
 
   const Outcome& outcome() const { return outcome_; }
   /// SHA-256 over every dynamic state at every step of every loop.
@@ -85,6 +114,7 @@ class VirtualRig {
   struct Loop {
     Nanoseconds period = 0;
     Nanoseconds next = 0;
+    RigLoop name = RigLoop::tracker;
     void (VirtualRig::*step)(Nanoseconds) = nullptr;
   };
   void step_tracker(Nanoseconds now);
@@ -93,8 +123,19 @@ class VirtualRig {
   void step_world(Nanoseconds now);
   void step_haptic(Nanoseconds now);
 
+  template <typename T>
+  void send(Delayed<T>& channel, RigLoop from, Nanoseconds leaves, const T& message) {
+    const Nanoseconds late = witness_ == nullptr ? 0 : witness_->delay(from, leaves);
+    if (late >= 0) channel.send(leaves + transport_ + late, message);
+  }
+  template <typename T>
+  void tell(RigLoop from, const T& message) {
+    if (witness_ != nullptr) witness_->published(from, message);
+  }
+
   SceneOptions options_;
   std::unique_ptr<TrackerSource> tracker_;
+  RigWitness* witness_;
   std::unique_ptr<TrackingLoop> tracking_;
   std::unique_ptr<HandLoop> hand_;
   std::unique_ptr<WorldLoop> world_;
@@ -113,6 +154,7 @@ class VirtualRig {
   Skeleton tracked_;         // newest
   ObjectCoupling coupling_;  // newest at the world
   bool coupling_heard_ = false;
+  std::uint64_t descriptions_heard_ = 0;  // version, at the hand
   Outcome outcome_;
   Sha256 hasher_;
   std::uint64_t hand_steps_ = 0;
