@@ -52,7 +52,8 @@ Twist at_point(const Twist& of_centre, const Vector3& lever) { return {of_centre
 
 HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
                                const ObjectSpring& object_spring)
-    : hand_(hand), object_spring_(object_spring), mirrored_slots_(mirrored_slots), static_slots_(static_slots) {
+    : hand_(hand), object_spring_(object_spring), mirrored_slots_(mirrored_slots), static_slots_(static_slots),
+      untangler_(hand, options.untangle_patience), touching_(hand.nodes.size(), 0) {
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
@@ -83,7 +84,9 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
     terms_.push_back(std::move(tissue));
-    terms_.push_back(std::make_unique<SkeletonTissue>(hand_, layout));
+    auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
+    attachments_ = attachments.get();
+    terms_.push_back(std::move(attachments));
   }
   terms_.push_back(std::make_unique<JointEnergy>(hand_joints(hand_), layout));
 
@@ -146,6 +149,16 @@ void HandSimulation::reposition(const Pose& wrist) {
   if (contacts_) contacts_->reset();
 }
 
+void HandSimulation::restore(const State& state) {
+  if (state.node_positions.cols() != state_.node_positions.cols() || state.node_velocities.cols() != state_.node_velocities.cols() ||
+      state.body_poses.size() != state_.body_poses.size() || state.body_velocities.size() != state_.body_velocities.size()) {
+    throw std::invalid_argument("HandSimulation: a state of another layout");
+  }
+  state_ = state;
+  if (contacts_) contacts_->reset();
+  ledger_.restart();
+}
+
 void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
 
 void HandSimulation::set_slot(int slot, const MirroredObject& object) {
@@ -197,6 +210,8 @@ void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& 
 
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
+  untangler_ = other.untangler_;
+  untangled_nodes_ = other.untangled_nodes_;
   modes_ = other.modes_;
   objects_ = other.objects_;
   bone_contact_forces_ = other.bone_contact_forces_;
@@ -214,6 +229,7 @@ StepReport HandSimulation::step(double time_step) {
   if (report.timing.factorisation > 0) ++factorised_steps_;
   collect_bone_contacts();
   if (keeps_ledger_) enter_step(report);
+  if (report.state_changed) untangle(time_step);
   return report;
 }
 
@@ -232,16 +248,32 @@ void HandSimulation::enter_step(const StepReport& report) {
   EnergyFlow step;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const TermEnergy& term = report.terms[t];
-    const EnergyFlow flow = terms_[t]->flow(term.start, term.joules, term.taken);
+    EnergyFlow flow = terms_[t]->flow(term.start, term.joules, term.taken);
+    // Nodes that were put back before the step; inertia and contacts keep account of that themselves.
+    if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += term.start - stored_[t];
     stored_[t] = flow.stored;
     step += flow;
   }
+  untangled_ = false;
   // Without the derivatives of the result there is nothing to enter.
   if (report.measured) {
     ledger_.add(step);
   } else {
     ledger_.restart();
   }
+}
+
+void HandSimulation::untangle(double time_step) {
+  std::fill(touching_.begin(), touching_.end(), 0);
+  if (contacts_) {
+    for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
+  }
+  const int moved = untangler_.after_step(state_, time_step, touching_);
+  if (moved == 0) return;
+  untangled_nodes_ += static_cast<std::uint64_t>(moved);
+  untangled_ = true;
+  // No path is drawn from where the nodes were.
+  if (contacts_) contacts_->reset();
 }
 
 Pose HandSimulation::joint_pose(Joint joint) const { return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)]; }

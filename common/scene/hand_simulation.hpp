@@ -15,6 +15,7 @@
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "scene/simulation_options.hpp"
+#include "scene/untangle.hpp"
 #include "solver/newton_solver.hpp"
 
 namespace softhand {
@@ -63,6 +64,8 @@ class HandSimulation {
 
   /// Moves the whole hand rigidly, so that its wrist joint comes to `wrist`; velocities and contacts end.
   void reposition(const Pose& wrist);
+  /// Goes on from another state of this layout, such as one that was kept; contacts end, the books begin anew. Throws std::invalid_argument where the layout is another.
+  void restore(const State& state);
 
   /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until changed.
   void set_target(Body body, const Pose& joint, const Twist& velocity);
@@ -103,6 +106,8 @@ class HandSimulation {
   /// J, of nodes and moving bodies.
   double kinetic_energy() const;
   int inverted_elements() const;
+  /// Nodes that were put back because they had turned inside out for good, since construction.
+  std::uint64_t untangled_nodes() const { return untangled_nodes_; }
   int contact_count() const;
   const EnergyLedger& ledger() const { return ledger_; }
   /// Calls f(name, joules) for each term: what it stored when a step was last entered.
@@ -117,6 +122,7 @@ class HandSimulation {
  private:
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
+  void untangle(double time_step);
 
   HandModel hand_;
   ObjectSpring object_spring_;
@@ -134,6 +140,11 @@ class HandSimulation {
   PlaneContact* planes_ = nullptr;
   Tissue* tissue_ = nullptr;  // null: the hand is bones alone
   std::uint64_t factorised_steps_ = 0;
+  Energy* attachments_ = nullptr;
+  Untangler untangler_;
+  std::vector<std::uint8_t> touching_;  // by node
+  std::uint64_t untangled_nodes_ = 0;
+  bool untangled_ = false;  // after the last step
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // every joint's frame in the body that carries it
   std::array<Vector3, kBodyCount> bone_contact_forces_{};

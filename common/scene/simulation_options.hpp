@@ -10,6 +10,7 @@ struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
   double contact_stiffness = 12000;
   bool gravity = false;
+  double untangle_patience = 0.1;
   SolverOptions solver;
 };
 
@@ -18,6 +19,8 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
            "Damping of each bone relative to the skeleton that it is coupled to, 1 = critical for the bone and the tissue around it; more follows the noise of a tracker's velocity.");
   v.number("contact_stiffness", o.contact_stiffness, "N/m", {1, 1e8}, "k_c of eqs. 32 and 33, for a node of mean skin area.");
   v.flag("gravity", o.gravity, "Weight of the hand itself; off, because the user's arm carries it.");
+  v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
+           "Tissue that is inside out, touching nothing, in two looks so far apart is put back to where its bones carry it; 0 = never.");
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
 

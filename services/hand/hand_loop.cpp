@@ -432,6 +432,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "factorised_steps", static_cast<double>(work.factorised_steps));
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(counters_.objects_without_slot));
+  add_counter(status, "untangled_nodes", static_cast<double>(simulation_->untangled_nodes()));
 }
 
 HandDescription HandLoop::description() const {

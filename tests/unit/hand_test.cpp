@@ -7,6 +7,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "support/block_hand.hpp"
+#include "support/box_mesh.hpp"
 #include "support/count_allocations.hpp"
 
 namespace softhand {
@@ -68,6 +69,46 @@ TEST(HandSimulation, RepositioningMovesAllRigidly) {
   EXPECT_LE(worst_joint_error(simulation, wrist), 1e-12);
   for (int i = 0; i < 10; ++i) simulation.step(kStep);
   EXPECT_LE(worst_joint_error(simulation, wrist), 1e-8);
+}
+
+TEST(HandSimulation, GoesOnFromAKeptState) {
+  HandSimulation simulation(hand(), options(), 0, 0);
+  set_rest_targets(simulation, {Vector3(0.03, 0, 0), Quaternion::Identity()});
+  for (int i = 0; i < 5; ++i) simulation.step(kStep);
+  const State kept = simulation.state();
+  simulation.step(kStep);
+  const Eigen::Matrix3Xd once = simulation.state().node_positions;
+  simulation.restore(kept);
+  simulation.step(kStep);
+  EXPECT_EQ(simulation.state().node_positions, once);
+  State other = kept;
+  other.body_poses.pop_back();
+  EXPECT_THROW(simulation.restore(other), std::invalid_argument);
+}
+
+TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
+  // Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
+  const auto inverted_after = [](double patience, std::uint64_t& untangled) {
+    SimulationOptions o = options();
+    o.untangle_patience = patience;
+    HandSimulation simulation(hand(), o, 0, 0);
+    set_rest_targets(simulation, {});
+    State state = simulation.state();
+    const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
+    testing::Random random(1);
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      state.node_positions.col(n) = 0.5 * (low + high) + 0.5 * (high - low).cwiseProduct(random.vector());
+    }
+    simulation.restore(state);
+    for (int i = 0; i < 180; ++i) simulation.step(kStep);
+    untangled = simulation.untangled_nodes();
+    return simulation.inverted_elements();
+  };
+  std::uint64_t untangled = 0;
+  EXPECT_GT(inverted_after(0, untangled), 0) << "it came back by itself: this shows nothing";
+  EXPECT_EQ(untangled, 0u);
+  EXPECT_EQ(inverted_after(SimulationOptions{}.untangle_patience, untangled), 0);
+  EXPECT_GT(untangled, 0u);
 }
 
 TEST(HandSimulation, NoSlotsNoObjectTerms) {

@@ -1,0 +1,38 @@
+// Puts tissue back that has turned inside out for good.
+//
+// The energy of inverted tetrahedra pushes them back (corotational.hpp), but a tangle of them can be a minimum of its own: after a tracker that turned the hand by
+// 180 degrees in one sample, or bones that passed through each other, the tissue would stay so for ever. Such nodes go to where the nearest bone carries them at
+// rest, at one stroke, as a repositioned hand does. Not in the source.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "model/hand_model.hpp"
+#include "model/state.hpp"
+
+namespace softhand {
+
+class Untangler {
+ public:
+  /// `patience`: s between two looks; a tetrahedron that is inverted in both is put back. 0: never.
+  Untangler(const HandModel& hand, double patience);
+
+  /// After a step of `time_step` seconds. Tetrahedra with a node that touches something stay: what is pressed flat is not tangled. Where what was put back is inverted
+  /// again at the next look, more of its surroundings are put back with it, three times at most. Returns how many nodes were moved. Allocates nothing.
+  int after_step(State& state, double time_step, std::span<const std::uint8_t> touching);
+
+ private:
+  double patience_;
+  double waited_ = 0;
+  int attempts_ = 0;
+  std::vector<std::array<std::int32_t, 4>> tetrahedra_;
+  std::vector<std::uint8_t> node_body_;
+  std::vector<Vector3> rest_in_body_;    // by node, in the nearest bone's body frame
+  std::vector<std::uint8_t> inverted_;   // by tetrahedron, at the last look
+  std::vector<std::uint8_t> move_, more_;  // by node
+};
+
+}  // namespace softhand
