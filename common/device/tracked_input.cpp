@@ -14,6 +14,7 @@ namespace {
 constexpr double kSecondsPerNanosecond = 1e-9;
 constexpr double kMaximumCoordinate = 1e3;    // m
 constexpr double kMaximumHandExtent = 0.5;    // m from the wrist; the longest hands measure 0.25
+constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;  // half and twice unit length, rounding included
 constexpr double kMaximumAngularSpeed = 60;   // rad/s; fast finger flicks reach 40
 constexpr Nanoseconds kFuture = 5'000'000;    // a sample this far ahead of its arrival has another clock
 constexpr Nanoseconds kPast = 1'000'000'000;  // and so has one this old
@@ -145,7 +146,7 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     }
     const Quaternion orientation = to_quaternion(joint.orientation);
     const double norm = orientation.coeffs().stableNorm();
-    if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) || !(norm >= 0.5 && norm <= 2.0)) {
+    if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) || !(norm >= kShortestQuaternion && norm <= kLongestQuaternion)) {
       ++counters_.refused_implausible;
       continue;
     }
