@@ -10,6 +10,7 @@
 #include "error_runtime/report.hpp"
 #include "human/report.hpp"
 #include "report/page.hpp"
+#include "stress/report.hpp"
 #include "verification/report.hpp"
 
 int main(int argc, char** argv) {
@@ -97,7 +98,7 @@ int main(int argc, char** argv) {
   overrides(command, render.overrides);
   command->callback([&] { run = [&render] { return run_render(render); }; });
 
-  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, error against run time, fingertips beside people's; without a part: all of them, and the page that they make");
+  CLI::App* report = app.add_subcommand("report", "Evidence, computed anew: known answers, the stress map, error against run time, fingertips beside people's; without a part: all of them, and the page that they make");
   report->require_subcommand(0, 1);
   report::ReportArguments all_parts;
   report->add_flag("--quick", all_parts.quick, "Under five minutes: each part's --quick");
@@ -116,6 +117,18 @@ int main(int argc, char** argv) {
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->callback([&] { run = [&verify] { return verification::run_verify(verify); }; });
+
+  stress::StressArguments stress;
+  command = report->add_subcommand("stress", "Extreme inputs through the real loops, each classified by the invariants; exit code 1 where a number that is not finite was "
+                                             "published, or fewer than 95 % pass or were rightly refused");
+  command->add_flag("--quick", stress.quick, "Under a minute and a half: marked rows and a small sweep");
+  command->add_option("--json", stress.json, "A list of rows: case, parameter, class, figure, invariant")->type_name("FILE");
+  command->add_option("--csv", stress.csv, "The same as CSV")->type_name("FILE");
+  command->add_option("--markdown", stress.markdown, "Summary, what did not pass and why, with machine, compiler and commit")->type_name("FILE");
+  command->add_option("--case", stress.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
+  command->add_option("--plot", stress.plot, "Pictures, stress_map.png and stress_sweep.png (needs python3 with matplotlib)")->type_name("DIR");
+  command->add_option("--cache", stress.cache, "Keep computed rows there, and take those that the same programs computed before")->type_name("DIR");
+  command->callback([&] { run = [&stress] { return stress::run_stress(stress); }; });
 
   error_runtime::ErrorRuntimeArguments error_runtime;
   command = report->add_subcommand("error-runtime", "What a millisecond buys: every setting's CPU time and its error against converged references; exit code 1 where the default is more than "

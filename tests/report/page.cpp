@@ -13,6 +13,7 @@
 #include "error_runtime/report.hpp"
 #include "human/report.hpp"
 #include "report/report.hpp"
+#include "stress/report.hpp"
 #include "verification/report.hpp"
 
 namespace softhand::report {
@@ -109,6 +110,14 @@ int run_report(const ReportArguments& arguments) {
   error_runtime.plot = images.string();
   add("error_runtime", "error-runtime", run_error_runtime(error_runtime), error_runtime_in_a_line);
 
+  stress::StressArguments stress;
+  stress.quick = arguments.quick;
+  stress.json = file("stress", "json");
+  stress.csv = file("stress", "csv");
+  stress.markdown = file("stress", "md");
+  stress.plot = images.string();
+  add("stress", "stress", run_stress(stress), [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
+
   verification::VerifyArguments verify;
   verify.quick = arguments.quick;
   verify.json = file("verify", "json");
@@ -124,7 +133,7 @@ int run_report(const ReportArguments& arguments) {
   add("human", "human", run_human(human), [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
 
   const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
-  write_file((out / "report.md").string(), assemble(parts, {"Known answers", "Every run of error against run time"}, minutes));
+  write_file((out / "report.md").string(), assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));
   fmt::print("{}\n", (out / "report.md").string());
   return good ? 0 : 1;
 }

@@ -1,0 +1,25 @@
+// What each file of cases contributes to `all_cases`, and the words that they share.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <string>
+#include <vector>
+
+#include "stress/stress.hpp"
+
+namespace softhand::stress {
+
+std::vector<Case> material_cases();
+std::vector<Case> solver_cases();
+std::vector<Case> tracker_cases();
+std::vector<Case> contact_cases();
+std::vector<Case> bone_cases();
+std::vector<Case> world_cases();
+std::vector<Case> process_cases();
+
+inline constexpr double kDegree = 3.14159265358979323846 / 180;
+
+inline std::string named(const char* name, double value, const char* unit = "") { return fmt::format("{} = {:g}{}{}", name, value, *unit ? " " : "", unit); }
+
+}  // namespace softhand::stress

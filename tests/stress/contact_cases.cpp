@@ -1,0 +1,387 @@
+// Contact: strong grips, light and heavy objects, overlap, thin, sharp and fast things, friction from none to glue, objects that vanish.
+#include <time.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "cli/outcome.hpp"
+#include "geometry/shape.hpp"
+#include "hand/hand_loop.hpp"
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "stress/cases.hpp"
+#include "stress/grasp.hpp"
+#include "stress/hand_events.hpp"
+#include "support/box_mesh.hpp"
+
+namespace softhand::stress {
+namespace {
+
+constexpr double kGravity = 9.81;  // m/s^2
+
+Findings strong_pinch(double factor) {
+  Grasp setting;
+  setting.hand = [factor](HandModel& hand) {
+    for (BodyModel& body : hand.bodies) {
+      body.coupling_linear_stiffness *= factor;
+      body.coupling_angular_stiffness *= factor;
+    }
+  };
+  Grasped result = grasp(setting);
+  result.findings.demand_at_least("pressed", "force of a finger", *std::max_element(result.pad_forces.begin(), result.pad_forces.end()), 4, "N");
+  return result.findings;
+}
+
+Findings held_for(double mass, double seconds) {
+  constexpr double kSettle = 3;  // s
+  Grasp setting;
+  setting.overrides = {fmt::format("objects.cube.mass={}", mass)};
+  setting.seconds = kHoldBegins + kSettle + seconds;
+  Grasped result = grasp(setting);
+  result.findings.demand("G6", "drift of the held cube after 3 s", result.drift(kHoldBegins + kSettle, setting.seconds) * 1e6, 1, "um/s");
+  return result.findings;
+}
+
+Findings with_cube(const std::vector<std::string>& overrides, bool held) {
+  Grasp setting;
+  setting.overrides = overrides;
+  setting.held = held;
+  return grasp_findings(setting);
+}
+
+// The index fingertip starts in the middle of a block of 80 mm.
+Findings deep_start() {
+  constexpr double kExit = 1;  // m/s
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  event.object.shape = box_shape(Vector3::Constant(0.04));
+  event.object.pose.position = pad_of(event.hand, Finger::index);
+  event.overlapping = true;
+  event.seconds = 2;
+  double fastest = 0;
+  Findings findings = run(event, [&](const EventStep& now) { fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff()); });
+  findings.demand("exit", "fastest node", fastest, kExit, "m/s");
+  return findings;
+}
+
+// A finger and a plate of 0.5 mm meet at 5 m/s and steps of 1/60 s, in every phase of a step: on which side is the finger afterwards?
+Findings thin_plate(bool plate_moves, int trials) {
+  constexpr double kSpeed = 5, kHalf = 0.25e-3, kPast = 3e-3;  // m/s, m
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  double lowest = 1;
+  for (const Vector3& node : event.hand.nodes) lowest = std::min(lowest, node.y());
+  event.object.shape = box_shape({0.1, kHalf, 0.1});
+  event.time_step = [](int) { return 1.0 / 60; };
+  event.strokes = true;
+  testing::Random random(5);
+  int tunnels = 0;
+  Findings findings;
+  for (int trial = 0; trial < trials; ++trial) {
+    const double gap = kSpeed / 60 * (1 + 0.5 * (1 + random())), lateral = 5e-3 * random(), travel = gap + kPast;
+    event.object.pose.position = Vector3(lateral, lowest - kHalf - gap, -0.12);
+    const auto towards = [travel](double sign) {
+      return [travel, sign](double time) {
+        const double way = std::min(kSpeed * time, travel);
+        return Displacement{Vector3(0, sign * way, 0), Vector3(0, way < travel ? sign * kSpeed : 0, 0)};
+      };
+    };
+    (plate_moves ? event.object.motion : event.bones) = towards(plate_moves ? 1 : -1);
+    event.seconds = travel / kSpeed + 0.25;
+    bool behind = false;
+    Findings one = run(event, [&](const EventStep& now) { behind = now.simulation.state().node_positions.row(1).minCoeff() < now.simulation.slot_pose(now.slot).position.y(); });
+    tunnels += behind ? 1 : 0;
+    const bool nonfinite = !one.demands.front().met();
+    if (trial == 0 || nonfinite) findings = std::move(one);
+    if (nonfinite) break;
+  }
+  findings.demand("no tunnel", fmt::format("tunnels in {} trials", trials), tunnels, 0, "1");
+  return findings;
+}
+
+// Where the surface of a finger's pad is farthest from its nodes: the middle of its lowest triangle.
+Vector3 between_nodes(const HandModel& hand) {
+  Vector3 best(0, 1, 0);
+  for (const auto& triangle : hand.surface) {
+    Vector3 middle = Vector3::Zero();
+    bool distal = true;
+    for (const std::int32_t node : triangle) {
+      middle += hand.nodes[static_cast<std::size_t>(node)] / 3;
+      distal = distal && finger_of(static_cast<Body>(hand.node_body[static_cast<std::size_t>(node)])) == Finger::index;
+    }
+    if (distal && middle.y() < best.y()) best = middle;
+  }
+  return best;
+}
+
+// The index finger's pad pressed 3 mm into something sharp, between two nodes.
+Findings sharp(const Shape& shape, const Quaternion& orientation, double height) {
+  constexpr double kFelt = 0.05;  // N
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  event.object.shape = shape;
+  event.object.pose = {between_nodes(event.hand) - Vector3(0, height + 1e-3, 0), orientation};
+  event.bones = press_down(4e-3, 0.3);
+  double force = 0;
+  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  findings.demand_at_least("felt", "force at 3 mm of indentation", force, kFelt, "N");
+  return findings;
+}
+
+// Sliding at 1 mm/s: as soon as the tissue is stretched, steady and mu f_n.
+Findings stick_slip() {
+  constexpr double kSpeed = 1e-3, kSeconds = 8;  // m/s, s
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  event.object.shape = box_shape({0.1, 0.02, 0.1});
+  event.object.pose.position = pad_of(event.hand, Finger::index) - Vector3(0, 0.022, 0);
+  event.seconds = kSeconds;
+  event.bones = [down = press_down(4e-3, 0.3)](double time) {
+    Displacement motion = down(time);
+    if (time > 0.5) motion.shift.x() = kSpeed * (time - 0.5), motion.velocity.x() = kSpeed;
+    return motion;
+  };
+  double count = 0, sum = 0, squares = 0, normal = 0;
+  Findings findings = run(event, [&](const EventStep& now) {
+    if (now.time < kSeconds - 3) return;
+    const Vector3 force = now.simulation.contact_wrench(now.slot).force;
+    const double drag = std::hypot(force.x(), force.z());
+    ++count, sum += drag, squares += drag * drag, normal += std::abs(force.y());
+  });
+  const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
+  findings.demand("slides", "drag / (mu f_n), less one", std::abs(mean / (event.object.friction * normal / count) - 1), 0.02, "1");
+  findings.demand("steady", "standard deviation of the drag over its mean", deviation / mean, 0.05, "1");
+  return findings;
+}
+
+// Painleve's rod: it leans forward, slides on one end, and rigid contact with friction has no solution or several.
+Findings painleve(double friction) {
+  constexpr double kLean = 60 * kDegree, kRadius = 3e-3, kHalfLength = 0.05;
+  Event event;
+  event.object.shape = round_shape(ShapeKind::capsule, kRadius, kHalfLength);
+  event.object.pose = {Vector3(1, 0.5, 0), rotation_exp(Vector3(0, 0, -(90 * kDegree - kLean)))};
+  event.object.mass = 0.1;
+  event.object.friction = friction;
+  event.object.velocity = Vector3(-1, 0, 0);
+  event.object.on_table = true;
+  event.object.table_friction = friction;
+  const ShapeGeometry geometry(event.object.shape);
+  const Matrix3 inertia = event.object.mass / geometry.solid().volume * geometry.solid().inertia;
+  const double table = event.object.pose.position.y() - kHalfLength * std::cos(90 * kDegree - kLean) - kRadius;
+  const auto energy = [&](const Pose& pose, const Twist& twist) {
+    const Vector3 spin = pose.orientation.conjugate() * twist.angular;
+    return 0.5 * event.object.mass * twist.linear.squaredNorm() + 0.5 * spin.dot(inertia * spin) + event.object.mass * kGravity * (pose.position.y() - table - kRadius);
+  };
+  const double start = energy(event.object.pose, {event.object.velocity, Vector3::Zero()});
+  double most = 0;
+  Findings findings =
+      run(event, [&](const EventStep& now) { most = std::max(most, energy(now.simulation.slot_pose(now.slot), now.simulation.slot_velocity(now.slot))); });
+  findings.demand("G2", "energy of the rod over that at the start, less one", most / start - 1, 0.01, "1");
+  return findings;
+}
+
+// The finger pressed on the side of a drum that turns.
+Findings spinning() {
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  event.object.shape = round_shape(ShapeKind::cylinder, 0.02, 0.05);
+  event.object.pose = {pad_of(event.hand, Finger::index) - Vector3(0, 0.022, 0), rotation_exp(Vector3(0, 0, 90 * kDegree))};
+  event.object.spin = Vector3(100, 0, 0);
+  event.bones = press_down(4e-3, 0.3);
+  double force = 0;
+  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  findings.demand_at_least("touched", "force at the end", force, 0.2, "N");
+  return findings;
+}
+
+Findings conveyor() {
+  Event event = pressed_on_block(4e-3);
+  event.object.shape = box_shape({4, 0.02, 0.2});
+  event.object.motion = [](double time) {
+    const Vector3 velocity(2, 0, 0);  // m/s
+    return Displacement{time * velocity, velocity};
+  };
+  double force = 0;
+  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  findings.demand_at_least("touched", "force at the end", force, 0.5, "N");
+  return findings;
+}
+
+double thread_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+/// A hand's loop whose five pads lie on a ball each, among so many objects in all.
+class Crowd {
+ public:
+  explicit Crowd(std::size_t objects) : loop_(shipped_hand(), options(), {}), world_(std::make_unique<WorldObjects>()) {
+    constexpr double kRadius = 8e-3;
+    watch_.count_anchoring_as_work(true);  // the pads start 1 mm inside
+    for (std::size_t i = 0; i < objects; ++i) {
+      Vector3 place(0.4 + 0.05 * static_cast<double>(i % 10), 0, 0.05 * static_cast<double>(i / 10));
+      if (i < kFingerCount) place = pad_of(shipped_hand(), static_cast<Finger>(i)) - Vector3(0, kRadius - 1e-3, 0);
+      ObjectDescription description;
+      description.object = static_cast<std::uint32_t>(i + 1);
+      description.mass = 100;  // hardly moves
+      description.inertia = {2e-3, 2e-3, 2e-3};
+      description.friction = 0.8;
+      description.shape = round_shape(ShapeKind::sphere, kRadius, 0);
+      loop_.describe_object(description);
+      ObjectState state;
+      state.object = description.object;
+      state.position = to_wire(place);
+      world_->objects.push_back(state);
+    }
+  }
+  /// Thread time of the step, s.
+  double step() {
+    now_ += static_cast<Nanoseconds>(1e9 * kStep);
+    Skeleton skeleton;
+    skeleton.stamp.sequence = ++sequence_;
+    skeleton.stamp.epoch = 1;
+    skeleton.stamp.sample_time = world_->stamp.sample_time = now_;
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const Pose& pose = shipped_hand().rest_joints[j];
+      skeleton.joints[j].position = to_wire(pose.position);
+      skeleton.joints[j].orientation = to_wire(pose.orientation);
+      skeleton.joints[j].flags = kJointValid;
+    }
+    HandInput input;
+    input.skeleton = &skeleton;
+    input.world = world_.get();
+    const double before = thread_seconds();
+    output_ = &loop_.step(now_, input, {});
+    const double taken = thread_seconds() - before;
+    watch_.after_step(loop_.simulation(), output_->report, kStep);
+    return taken;
+  }
+  int touched() const {
+    return static_cast<int>(std::count_if(output_->coupling.twins.begin(), output_->coupling.twins.end(), [](const ObjectTwin& twin) { return to_vector(twin.contact_force).norm() > 0; }));
+  }
+  void judge(Findings& findings) const { watch_.judge(loop_.simulation(), findings); }
+
+ private:
+  static HandOptions options() {
+    HandOptions options;
+    options.mirrored_objects = kFingerCount;
+    return options;
+  }
+  HandLoop loop_;
+  std::unique_ptr<WorldObjects> world_;
+  Nanoseconds now_ = 1'000'000'000;
+  std::uint64_t sequence_ = 0;
+  const HandOutput* output_ = nullptr;
+  HandWatch watch_;
+};
+
+Findings many_objects() {
+  constexpr int kSteps = 120;
+  Crowd few(kFingerCount), many(100);
+  std::vector<double> few_times, many_times;
+  for (int step = 0; step < kSteps; ++step) {
+    few_times.push_back(few.step());
+    many_times.push_back(many.step());
+  }
+  Findings findings;
+  many.judge(findings);
+  findings.demand_at_least("touched", "objects touched at the end", many.touched(), kFingerCount, "1");
+  findings.demand("1.1 x the 5-object time", "median thread time of a step among 100 objects over that among 5", percentile(many_times, 0.5) / percentile(few_times, 0.5), 1.1, "1",
+                  Class::over_budget);
+  return findings;
+}
+
+// Something happens to the cube while it is held.
+Findings cube_event(const std::function<void(VirtualRig&)>& happens, bool overlaps = false) {
+  constexpr double kWhen = 1.5, kSpeed = 5;  // s, m/s
+  Grasp setting;
+  setting.overlaps = overlaps;
+  setting.held = false;
+  setting.seconds = 2.5;
+  bool happened = false;
+  double height = 0;
+  setting.at_step = [&](VirtualRig& rig, double time) {
+    if (time < kWhen || happened) return;
+    happened = true;
+    for (const ObjectState& object : rig.world().objects().objects) {
+      if (object.object == kCube) height = object.position[1];
+    }
+    happens(rig);
+  };
+  Grasped result = grasp(setting);
+  result.findings.demand_at_least("held before", "height of the cube when it happens", height * 1e3, 60, "mm");
+  result.findings.demand("slow object", "speed of the cube", result.fastest(0), kSpeed, "m/s");
+  return result.findings;
+}
+
+void send(VirtualRig& rig, const char* key, const char* value) {
+  Message message;
+  message.id = 1;
+  set_text(message.module, "world");
+  set_text(message.key, key);
+  set_text(message.value, value);
+  rig.send(message);
+}
+
+void scale_cube(VirtualRig& rig, double factor) {
+  ObjectDescription description = rig.world().descriptions()[kCube - 1];
+  for (double& half : description.shape.size) half *= factor;
+  rig.describe_object(description);
+}
+
+}  // namespace
+
+std::vector<Case> contact_cases() {
+  const Known kBetweenNodes{Class::violated, "nodes of the skin touch objects, its triangles do not: what is thinner than the mesh (8 mm) passes between them"};
+  const Known kSpinning{Class::diverged, "contact holds a kinematic object's pose and normals for a step, in which this one turns by 64 degrees"};
+  std::vector<Case> cases;
+  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
+    cases.push_back({name, "Contact", statement, {}});
+    return cases.back().rows;
+  };
+  auto* rows = &add("strong_pinch", "all couplings so many times stiffer");
+  rows->push_back({"factor = 10", [] { return strong_pinch(10); }, {}, true});
+  rows = &add("light_object", "held; drift at most 1 um/s after 3 s");
+  rows->push_back({"1 g, 60 s", [] { return held_for(1e-3, 60); }});
+  rows->push_back({"1 g, 3 s", [] { return held_for(1e-3, 3); }, {}, true});
+  add("heavy_object", "pinched, and pulled by 50 mm").push_back({"1000 kg", [] { return with_cube({"objects.cube.mass=1000"}, false); },
+                                                                             {Class::violated, "since the pulp is as soft as people's, pads that are pulled up a cube that does not move press deeper than the limit"}});
+  add("deep_start", "the exit is slower than 1 m/s").push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
+  rows = &add("thin_plate", "0.5 mm at 5 m/s and 60 Hz: no tunnel");
+  rows->push_back({"plate moves, 1000 trials", [] { return thin_plate(true, 1000); }});
+  rows->push_back({"finger moves, 1000 trials", [] { return thin_plate(false, 1000); },
+                   {Class::violated, "the whole finger stops from 5 m/s within sqrt(m v^2 / k), more than a centimetre at the contact stiffness"}});
+  rows->push_back({"plate moves, 50 trials", [] { return thin_plate(true, 50); }, {}, true});
+  rows = &add("sharp", "felt between two nodes of the skin");
+  rows->push_back({"needle of 1 mm", [] { return sharp(round_shape(ShapeKind::capsule, 0.5e-3, 0.02), Quaternion::Identity(), 0.0205); },
+                   kBetweenNodes, true});
+  rows->push_back({"edge of a block", [] { return sharp(box_shape(Vector3::Constant(0.02)), rotation_exp(Vector3(0, 0, 45 * kDegree)), 0.02 * std::sqrt(2.0)); }});
+  rows->push_back({"corner of a block", [] {
+                     const Quaternion on_corner = Quaternion::FromTwoVectors(Vector3::Ones().normalized(), Vector3::UnitY());
+                     return sharp(box_shape(Vector3::Constant(0.02)), on_corner, 0.02 * std::sqrt(3.0));
+                   },
+                   kBetweenNodes});
+  rows = &add("friction", "0: the cube stays on the table; more: it is lifted and held");
+  for (const double mu : {0.0, 10.0, 1000.0}) {
+    rows->push_back({named("mu", mu), [mu] { return with_cube({fmt::format("objects.cube.friction={}", mu), fmt::format("objects.table.friction={}", mu)}, mu > 0); }, {}, mu == 1000});
+  }
+  add("stick_slip", "drag mu f_n within 2 %, steady within 5 %").push_back({"1 mm/s", [] { return stick_slip(); }, {}, true});
+  rows = &add("painleve", "a rod that leans by 60 degrees and slides at 1 m/s: energy does not grow");
+  for (const double mu : {1.2, 1.5}) rows->push_back({named("mu", mu), [mu] { return painleve(mu); }, {}, mu == 1.5});
+  add("spin", "").push_back({"drum, 100 rad/s", [] { return spinning(); }, kSpinning, true});
+  add("conveyor", "").push_back({"2 m/s", [] { return conveyor(); }, {}, true});
+  add("many_objects", "100 of which 5 are touched: at most 1.1 times the time with 5").push_back({"100", [] { return many_objects(); }, {}, false, true});
+  rows = &add("object_changes", "while it is held; it stays below 5 m/s");
+  rows->push_back({"deleted", [] { return cube_event([](VirtualRig& rig) { send(rig, "object.remove", "cube"); }); }, {}, true});
+  rows->push_back({"teleported by 0.3 m", [] { return cube_event([](VirtualRig& rig) { send(rig, "object.teleport", "cube 0.3 0.1 0"); }); }});
+  rows->push_back({"scaled by 1.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 1.5); }, true); }});
+  rows->push_back({"scaled by 0.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 0.5); }); }});
+  add("tube", "fingers do not touch each other yet").push_back({"five fingers in 20 mm", nullptr});
+  add("two_hands", "a second hand on an object").push_back({"one object", nullptr});
+  add("flexible_object", "objects are rigid yet").push_back({"E = 1e3 to 1e7 Pa", nullptr});
+  return cases;
+}
+
+}  // namespace softhand::stress

@@ -1,0 +1,238 @@
+// Tissue: materials up to incompressible, stiff and strain-limited, and meshes let go from states that no hand is ever in.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "stress/cases.hpp"
+#include "stress/grasp.hpp"
+#include "stress/hand_events.hpp"
+#include "support/box_mesh.hpp"
+
+namespace softhand::stress {
+namespace {
+
+Findings with_material(const std::function<void(Material&)>& change, bool held = true) {
+  Grasp setting;
+  setting.held = held;
+  setting.hand = [&change](HandModel& hand) {
+    for (Material& material : hand.materials) change(material);
+  };
+  return grasp_findings(setting);
+}
+
+// Pads and knuckles stay, palm and back of the hand become `ratio` times stiffer than the softest.
+Findings stiffness_ratio(double ratio) {
+  Grasp setting;
+  setting.held = false;
+  setting.hand = [ratio](HandModel& hand) {
+    const auto softer = [](const Material& a, const Material& b) { return a.youngs_modulus < b.youngs_modulus; };
+    const double softest = std::min_element(hand.materials.begin(), hand.materials.end(), softer)->youngs_modulus;
+    for (Material& material : hand.materials) {
+      if (material.name == "palm" || material.name == "back") material.youngs_modulus = ratio * softest;
+    }
+  };
+  return grasp_findings(setting);
+}
+
+// The hold of a grip beyond the strain limit: at the kink the stiffness steps, and the tissue must not chatter there.
+Findings strain_limit(double c) {
+  constexpr double kChatter = 0.01;  // mm RMS
+  Grasp setting;
+  setting.hand = [c](HandModel& hand) {
+    for (Material& material : hand.materials) material.strain_limit_stiffness = c * material.strain_limit_energy;
+  };
+  Grasped result = grasp(setting);
+  result.findings.demand("no chatter", "movement of the held cube about its mean over the last 0.4 s, RMS", result.jitter(1.6, 2) * 1e3, kChatter, "mm");
+  return result.findings;
+}
+
+// A configuration that must not load.
+Findings refused(const Grasp& setting) {
+  Grasped result = grasp(setting);
+  if (result.findings.refusal.empty()) result.findings.demand("refused at load", "loaded", 1, 0, "1");
+  result.findings.refusal_is_right = true;
+  return result.findings;
+}
+
+Findings refused_strain_limit(double energy) {
+  Grasp setting;
+  setting.hand = [energy](HandModel& hand) { hand.materials[0].strain_limit_energy = energy; };
+  return refused(setting);
+}
+
+std::vector<double> rest_volumes(const HandModel& hand, const Eigen::Matrix3Xd& x) {
+  std::vector<double> volumes;
+  for (const auto& t : hand.tetrahedra) {
+    const auto at = [&](std::size_t k) { return Vector3(x.col(t[k])); };
+    volumes.push_back((at(1) - at(0)).dot((at(2) - at(0)).cross(at(3) - at(0))) / 6);
+  }
+  return volumes;
+}
+
+double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
+  const std::vector<double> volumes = rest_volumes(hand, x);
+  return static_cast<double>(std::count_if(volumes.begin(), volumes.end(), [](double v) { return v < 0; })) / static_cast<double>(volumes.size());
+}
+
+Vector3 middle_of(const State& state) { return state.node_positions.rowwise().mean(); }
+
+// Every node through a linear map about the tissue's middle.
+Findings mapped(const Matrix3& map, double noise = 0) {
+  Release release;
+  release.disturb = [&](State& state) {
+    const Vector3 middle = middle_of(state);
+    testing::Random random(7);
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      state.node_positions.col(n) = middle + map * Vector3(state.node_positions.col(n) - middle) + noise * random.vector();
+    }
+  };
+  return let_go(release);
+}
+
+Matrix3 diagonal(double x, double y, double z) { return Vector3(x, y, z).asDiagonal(); }
+
+// One node through the opposite face of a tetrahedron that has it.
+Findings reflected_node() {
+  Release release;
+  const auto nodes = release.hand.tetrahedra[release.hand.tetrahedra.size() / 2];
+  release.disturb = [&](State& state) {
+    const auto at = [&](std::size_t k) { return Vector3(state.node_positions.col(nodes[k])); };
+    const Vector3 normal = (at(1) - at(0)).cross(at(2) - at(0)).normalized();
+    state.node_positions.col(nodes[3]) -= 2 * normal.dot(at(3) - at(0)) * normal;
+  };
+  return let_go(release);
+}
+
+// Nodes are reflected, one after the other in an order drawn once, until so many tetrahedra are inverted; all of them: the whole hand is mirrored.
+Findings inverted(double share) {
+  if (share == 1) return mapped(diagonal(1, 1, -1));
+  Release release;
+  double reached = 0;
+  release.disturb = [&](State& state) {
+    testing::Random random(3);
+    while (reached < share) {
+      const auto& t = release.hand.tetrahedra[static_cast<std::size_t>(0.5 * (1 + random()) * static_cast<double>(release.hand.tetrahedra.size()))];
+      const auto at = [&](std::size_t k) { return Vector3(state.node_positions.col(t[k])); };
+      const Vector3 normal = (at(1) - at(0)).cross(at(2) - at(0)).normalized();
+      if (normal.dot(at(3) - at(0)) > 0) state.node_positions.col(t[3]) -= 2 * normal.dot(at(3) - at(0)) * normal;
+      reached = inverted_share(release.hand, state.node_positions);
+    }
+  };
+  Findings findings = let_go(release);
+  findings.demand_at_least("set up", "tetrahedra inverted at the start", reached, share, "1");
+  return findings;
+}
+
+Findings random_nodes(std::size_t seed) {
+  Release release;
+  release.disturb = [seed](State& state) {
+    const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
+    testing::Random random(seed);
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      state.node_positions.col(n) = 0.5 * (low + high) + (high - low).cwiseProduct(random.vector());
+    }
+  };
+  return let_go(release);
+}
+
+// About the hand's long axis, growing from the wrist to the fingertips.
+Findings twisted(double angle) {
+  Release release;
+  release.disturb = [angle](State& state) {
+    const double near = state.node_positions.row(2).maxCoeff(), far = state.node_positions.row(2).minCoeff();
+    const Vector3 middle = middle_of(state);
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      Vector3 x = state.node_positions.col(n);
+      const Vector3 axis(middle.x(), middle.y(), x.z());
+      x = axis + Eigen::AngleAxisd(angle * (near - x.z()) / (near - far), Vector3::UnitZ()) * Vector3(x - axis);
+      state.node_positions.col(n) = x;
+    }
+  };
+  return let_go(release);
+}
+
+// A tetrahedron that a mesher may make and no simulation can use, in place of one of the hand's.
+Findings bad_element(const std::array<Vector3, 4>& corners) {
+  Grasp setting;
+  setting.hand = [&corners](HandModel& hand) {
+    const auto first = static_cast<std::int32_t>(hand.nodes.size());
+    for (const Vector3& corner : corners) {
+      hand.nodes.push_back(corner);
+      hand.node_body.push_back(0);
+    }
+    hand.tetrahedra.push_back({first, first + 1, first + 2, first + 3});
+    hand.tetrahedron_material.push_back(0);
+  };
+  return refused(setting);
+}
+
+Findings unreferenced_node() {
+  Grasp setting;
+  setting.hand = [](HandModel& hand) {
+    hand.nodes.push_back(hand.nodes[0]);
+    hand.node_body.push_back(0);
+  };
+  return grasp_findings(setting);
+}
+
+}  // namespace
+
+std::vector<Case> material_cases() {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
+  const Known kLocks{Class::violated, "linear tetrahedra lock next to incompressibility: the fingers are too stiff to close on the cube"};
+  const Known kStiffAround{Class::violated, "tissue around the pads no longer yields, fewer nodes carry the grip, and the p95 is a tenth over the limit"};
+  const Known kUnlimited{Class::inverted, "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
+  std::vector<Case> cases;
+  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
+    cases.push_back({name, "Material", statement, {}});
+    return cases.back().rows;
+  };
+
+  auto* rows = &add("poisson_ratio", "the cube is lifted and held");
+  for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
+    rows->push_back({named("nu", nu), [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }); },
+                     nu == 0.4999 ? kLocks : Known{}, nu == 0.499});
+  }
+  rows = &add("stiffness_ratio", "palm and back so much stiffer than the softest tissue");
+  for (const double ratio : {1e2, 1e4, 1e8}) rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, ratio == 1e8 ? kStiffAround : Known{}, ratio == 1e4});
+  rows = &add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
+  for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6}) rows->push_back({named("c", c), [c] { return strain_limit(c); }, c == 0 ? kUnlimited : Known{}, c == 1e6});
+  rows = &add("strain_limit_energy", "0, less and not-a-number are refused");
+  for (const double energy : {1.0, 1e12}) {
+    rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return with_material([energy](Material& m) { m.strain_limit_energy = energy; }, false); }, energy > 1 ? kUnlimited : Known{}});
+  }
+  for (const double energy : {0.0, -1.0, nan}) rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return refused_strain_limit(energy); }, {}, true});
+
+  add("reflected_node", "recovers").push_back({"one node", [] { return reflected_node(); }, {}, true});
+  rows = &add("inverted", "recovers");
+  for (const double share : {0.25, 1.0}) rows->push_back({named("share", share), [share] { return inverted(share); }});
+  rows = &add("collapsed", "the whole tissue; recovers");
+  for (const double noise : {0.0, 1e-12}) {
+    rows->push_back({fmt::format("to a plane, +{:g} m", noise), [noise] { return mapped(diagonal(1, 0, 1), noise); }, {}, noise == 0});
+    rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); }});
+    rows->push_back({fmt::format("to a point, +{:g} m", noise), [noise] { return mapped(Matrix3::Zero(), noise); }});
+  }
+  rows = &add("random_nodes", "in a box twice the size; recovers");
+  for (std::size_t seed = 1; seed <= 20; ++seed) rows->push_back({fmt::format("seed = {}", seed), [seed] { return random_nodes(seed); }});
+  rows = &add("singular_values", "of the whole tissue's deformation; recovers");
+  rows->push_back({"0.7 three times", [] { return mapped(0.7 * Matrix3::Identity()); }});
+  for (const double s : vanishing) rows->push_back({fmt::format("1, 1, {:g}", s), [s] { return mapped(diagonal(1, s, 1)); }});
+  for (const double s : vanishing) rows->push_back({fmt::format("1, 1, -1 + {:g}", s), [s] { return mapped(diagonal(1, -1 + s, 1)); }});
+  rows = &add("stretched", "recovers");
+  rows->push_back({"x 5 along the hand", [] { return mapped(diagonal(1, 1, 5)); }, {}, true});
+  rows->push_back({"x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1)); }});
+  rows->push_back({"twisted by 720 degrees", [] { return twisted(720 * kDegree); }});
+
+  rows = &add("elements", "what no simulation can use is refused");
+  constexpr double a = 5e-3;  // m
+  const auto flat = [a](double angle) { return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a), Vector3(a, -a * std::tan(angle), a)}; };
+  rows->push_back({"dihedral 0.1 degrees", [flat] { return bad_element(flat(0.1 * kDegree)); }, {}, true});
+  rows->push_back({"edge ratio 1e4", [] { return bad_element({Vector3(0, 0, 0), Vector3(0, 0, 1e-6), Vector3(1e-2, 0, 0), Vector3(0, 1e-2, 0)}); }, {}, true});
+  rows->push_back({"zero volume", [flat] { return bad_element(flat(0)); }, {}, true});
+  rows->push_back({"a node that no tetrahedron uses", [] { return unreferenced_node(); },
+                   {Class::refused, "refused at load by the hand file's checks, which the page of cases does not ask for"}, true});
+  return cases;
+}
+
+}  // namespace softhand::stress

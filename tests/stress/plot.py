@@ -1,0 +1,140 @@
+#!/usr/bin/python3
+"""Pictures of the stress map: plot.py ROWS.json DIR writes DIR/stress_map.png (a square a value of a case, coloured by class) and DIR/stress_sweep.png (the sweep's
+points in each pair of its parameters, default mode below the diagonal, one Newton step above it). ROWS.json is what `softhand report stress --json` writes."""
+import json
+import re
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.patches import Patch, Rectangle  # noqa: E402
+
+# Green and blue are good; warm is bad, darker is graver; distinguishable without colour vision by lightness.
+COLOURS = {
+    "Pass": "#8fd19e",
+    "Refused": "#9ecae1",
+    "Violated": "#fdd35c",
+    "Over force": "#f79d4d",
+    "Over budget": "#e377c2",
+    "Inverted": "#c0392b",
+    "Diverged": "#5b0f1a",
+    "Not built": "#e6e6e6",
+}
+SECTIONS = ["Material", "Solver", "Tracker", "Contact", "Bones", "World"]
+WIDEST = 28  # squares a line
+
+
+def legend(present):
+    return [Patch(facecolor=COLOURS[name], edgecolor="#555555", label=name) for name in COLOURS if name in present]
+
+
+def draw_map(rows, path):
+    """Every case a line, or several; every value a square."""
+    lines = []  # (section, case, rows)
+    for section in SECTIONS:
+        cases = {}
+        for row in rows:
+            if row["section"] == section:
+                cases.setdefault(row["case"], []).append(row)
+        for case, values in cases.items():
+            for start in range(0, len(values), WIDEST):
+                lines.append((section, case if start == 0 else "", values[start : start + WIDEST]))
+    figure, axes = plt.subplots(figsize=(13, 0.26 * len(lines) + 1.6))
+    y, last = 0.0, None
+    for section, case, values in lines:
+        if section != last:
+            y += 0.5
+            axes.text(-6.6, y + 0.55, section, fontsize=11, fontweight="bold", va="center")
+            last = section
+        axes.text(-0.25, y + 0.5, case.replace("_", " "), fontsize=8.5, ha="right", va="center")
+        for x, row in enumerate(values):
+            light = row["good"] or row["class"] == "Not built"
+            axes.add_patch(Rectangle((x + 0.05, y + 0.08), 0.9, 0.84, facecolor=COLOURS[row["class"]], edgecolor="#444444" if light else "black",
+                                     linewidth=0.4 if light else 1.2))
+            if not row["good"] and row["class"] != "Not built":
+                dark = row["class"] in ("Inverted", "Diverged")
+                label = row["invariant"] if re.fullmatch(r"G\d", row["invariant"]) else "!"
+                axes.text(x + 0.5, y + 0.5, label, fontsize=6.5, ha="center", va="center", color="white" if dark else "black")
+        if len(values) <= 6:
+            text = ",  ".join(row["parameter"] for row in values)
+            axes.text(len(values) + 0.3, y + 0.5, text, fontsize=7, va="center", color="#333333")
+        y += 1
+    axes.set_xlim(-6.8, WIDEST + 0.5)
+    axes.set_ylim(y + 0.2, 0)
+    axes.axis("off")
+    built = [row for row in rows if row["section"] != "Sweep" and row["class"] != "Not built" and row["mode"] == "default"]
+    good = sum(row["good"] for row in built)
+    axes.set_title(f"Stress cases by class: {good} of {len(built)} built rows pass or are rightly refused; hand right_400, default mode", fontsize=11, loc="left")
+    axes.legend(handles=legend({row["class"] for row in rows if row["section"] != "Sweep"}), loc="upper center", bbox_to_anchor=(0.5, -0.005), ncol=8, fontsize=9, frameon=False)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+
+
+AXES = [
+    ("E", "Young's modulus, Pa", "log"),
+    ("nu", "Poisson's ratio", "linear"),
+    ("dt", "time step, ms", "log"),
+    ("k", "contact stiffness, N/m", "log"),
+    ("ratio", "object / tissue mass", "log"),
+]
+
+
+def draw_sweep(rows, path):
+    """A scatter of each pair of parameters."""
+    points = {"sweep": [], "sweep_one_step": []}
+    for row in rows:
+        if row["case"] in points:
+            values = {name: float(value) for name, value in re.findall(r"(\w+) = ([-+.\deE]+)", row["parameter"])}
+            points[row["case"]].append((values, row["class"]))
+    if not points["sweep"]:
+        return False
+    count = len(AXES)
+    figure, grid = plt.subplots(count, count, figsize=(15, 14))
+    order = list(COLOURS)
+    for i, (row_name, row_label, row_scale) in enumerate(AXES):
+        for j, (column_name, column_label, column_scale) in enumerate(AXES):
+            axes = grid[i][j]
+            if i == j:
+                # What share of the points passes, along this parameter alone.
+                for case, style in (("sweep", "-"), ("sweep_one_step", "--")):
+                    ordered = sorted(points[case], key=lambda point: point[0][row_name])
+                    size = max(len(ordered) // 8, 1)
+                    chunks = [ordered[k : k + size] for k in range(0, len(ordered), size)]
+                    chunks = [chunk for chunk in chunks if len(chunk) == size]
+                    middle = [chunk[size // 2][0][row_name] for chunk in chunks]
+                    axes.plot(middle, [100 * sum(c == "Pass" for _, c in chunk) / size for chunk in chunks], style, color="#2c7a3f", marker="o", markersize=3)
+                axes.set_xscale(row_scale)
+                axes.set_ylim(-3, 103)
+                axes.set_title("% Pass", fontsize=9)
+            else:
+                for values, which in sorted(points["sweep" if i > j else "sweep_one_step"], key=lambda point: order.index(point[1])):
+                    axes.scatter(values[column_name], values[row_name], s=16, color=COLOURS[which], edgecolor="#555555", linewidth=0.3)
+                axes.set_xscale(column_scale)
+                axes.set_yscale(row_scale)
+            if i == count - 1:
+                axes.set_xlabel(column_label, fontsize=9)
+            if j == 0:
+                axes.set_ylabel(row_label if i else "", fontsize=9)
+            axes.tick_params(labelsize=7)
+    shares = [100 * sum(c == "Pass" for _, c in points[case]) / max(len(points[case]), 1) for case in ("sweep", "sweep_one_step")]
+    figure.suptitle(f"One finger presses an object on a table, {len(points['sweep'])} points: default mode below the diagonal ({shares[0]:.0f} % Pass), one Newton step above it "
+                    f"({shares[1]:.0f} % Pass)\non the diagonal the share that passes along one parameter, solid default, dashed one step", fontsize=12)
+    handles = legend({which for case in points.values() for _, which in case})
+    handles += [Line2D([], [], color="#2c7a3f", label="default"), Line2D([], [], color="#2c7a3f", linestyle="--", label="one step")]
+    figure.legend(handles=handles, loc="lower center", ncol=10, fontsize=10, frameon=False)
+    figure.tight_layout(rect=(0, 0.03, 1, 0.97))
+    figure.savefig(path, dpi=80)
+    return True
+
+
+def main():
+    with open(sys.argv[1]) as file:
+        rows = json.load(file)
+    draw_map(rows, sys.argv[2] + "/stress_map.png")
+    draw_sweep(rows, sys.argv[2] + "/stress_sweep.png")
+
+
+if __name__ == "__main__":
+    main()

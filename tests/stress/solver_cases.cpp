@@ -1,0 +1,173 @@
+// The solver: time steps, budgets, places far from the origin, masses, many steps, repetition.
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <thread>
+
+#include "stress/cases.hpp"
+#include "stress/grasp.hpp"
+#include "stress/hand_events.hpp"
+#include "support/box_mesh.hpp"
+
+namespace softhand::stress {
+namespace {
+
+// Pressed on a block with steps of one length; long enough for rest, and for the first step of a long one, which cannot foresee the contact, to be one of many.
+Findings time_step(double step) {
+  Event event = pressed_on_block(4e-3);
+  event.time_step = [step](int) { return step; };
+  event.seconds = step < 1e-3 ? 0.35 : std::max(0.8, 40 * step);
+  double force = 0;
+  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  findings.demand_at_least("touched", "force on the block at the end", force, 0.5, "N");
+  return findings;
+}
+
+Findings alternating_time_step() {
+  Event event = pressed_on_block(4e-3);
+  event.time_step = [](int n) { return n % 2 == 0 ? kStep : 2 * kStep; };
+  return run(event);
+}
+
+// Steps that must leave every bit of the state alone: none, and what is no time.
+Findings no_step(double step, StepStatus expected) {
+  HandSimulation simulation(shipped_hand(), {}, 1, 1);
+  for (int b = 0; b < kBodyCount; ++b) simulation.set_target(static_cast<Body>(b), Pose{Vector3(0, 0.01, 0), Quaternion::Identity()}, {});
+  for (int i = 0; i < 5; ++i) simulation.step(kStep);
+  const State before = simulation.state();
+  const StepReport report = simulation.step(step);
+  const State& after = simulation.state();
+  bool same = before.node_positions == after.node_positions && before.node_velocities == after.node_velocities;
+  for (std::size_t b = 0; b < before.body_poses.size(); ++b) {
+    same = same && before.body_poses[b].position == after.body_poses[b].position && before.body_poses[b].orientation.coeffs() == after.body_poses[b].orientation.coeffs() &&
+           before.body_velocities[b].linear == after.body_velocities[b].linear && before.body_velocities[b].angular == after.body_velocities[b].angular;
+  }
+  Findings findings;
+  findings.demand("G1", "numbers that are not finite", softhand::all_finite(after) ? 0 : 1, 0, "1", Class::diverged);
+  findings.demand("bitwise no-op", "states that changed", same ? 0 : 1, 0, "1");
+  findings.demand("status", "steps with another status than " + std::string(to_string(expected)), report.status == expected ? 0 : 1, 0, "1");
+  return findings;
+}
+
+Findings no_time(double step) {
+  Findings findings = no_step(step, StepStatus::refused);
+  findings.refusal = "HandSimulation::step reports the status `refused`";
+  findings.refusal_is_right = true;
+  return findings;
+}
+
+Findings with_solver(const std::vector<std::string>& overrides, bool must_flag) {
+  Grasp setting;
+  setting.overrides = overrides;
+  Grasped result = grasp(setting);
+  if (must_flag) result.findings.demand_at_least("flagged", "steps reported as not converged", static_cast<double>(result.unconverged), 1, "1");
+  return result.findings;
+}
+
+// The whole scene elsewhere.
+Findings at(const Vector3& place) {
+  const auto vector = [&place](double x, double y, double z) { return fmt::format("[{},{},{}]", place.x() + x, place.y() + y, place.z() + z); };
+  Grasp setting;
+  setting.overrides = {"objects.table.position=" + vector(0, -0.02, 0), "objects.cube.position=" + vector(0, 0.02, 0), "generator.object_position=" + vector(0, 0.026, 0)};
+  return grasp_findings(setting);
+}
+
+// An object between the hand and a table, as heavy as so many mean nodes of the tissue (0.6 g).
+Findings mass_ratio(double ratio) {
+  const HandModel& hand = shipped_hand();
+  const std::vector<double> masses = testing::lumped_masses(hand);
+  const double tissue = std::accumulate(masses.begin(), masses.end(), 0.0);
+  Event event = pressed_on_block(4e-3);
+  event.object.mass = ratio * tissue / hand.node_count();
+  event.object.on_table = true;
+  double sunk = 0;
+  const double start = event.object.pose.position.y();
+  Findings findings = run(event, [&](const EventStep& now) { sunk = start - now.simulation.slot_pose(now.slot).position.y(); });
+  findings.demand("rests", "object's way down into the table", std::abs(sunk) * 1e3, 1, "mm");
+  return findings;
+}
+
+// A finger that is pressed on a block and then held for so many steps. Rest is a state of its own: neither drifts nor grows.
+Findings many_steps(int steps) {
+  constexpr double kSettle = 3;  // s
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  const Vector3 pad = pad_of(event.hand, Finger::index);
+  event.object.shape = box_shape({0.05, 0.02, 0.05});
+  event.object.pose.position = pad - Vector3(0, 0.022, 0);
+  event.bones = press_down(4e-3, 0.3);
+  event.seconds = steps * kStep;
+  Eigen::Matrix3Xd settled;
+  double settled_energy = 0, energy = 0, drift = 0;
+  int taken = 0;
+  Findings findings = run(event, [&](const EventStep& now) {
+    ++taken;
+    energy = now.report.energy;
+    if (settled.cols() == 0 && now.time >= kSettle) settled = now.simulation.state().node_positions, settled_energy = energy;
+    if (settled.cols() > 0) drift = (now.simulation.state().node_positions - settled).colwise().norm().maxCoeff() / std::max(now.time - kSettle, 1.0);
+  });
+  findings.demand("no growth", "energy over that after 3 s, less one", energy / settled_energy - 1, 1e-6, "1");
+  findings.demand("G6", "drift of the tissue after 3 s", drift * 1e6, 1, "um/s");
+  return findings;
+}
+
+Findings repeated(bool at_once) {
+  Grasp setting;
+  setting.seconds = 1;
+  setting.held = false;
+  std::array<Grasped, 2> results;
+  if (at_once) {
+    Grasp first = setting;
+    first.seconds = 0.05;
+    grasp(first);  // fills what is computed once
+    std::thread other([&] { results[1] = grasp(setting); });
+    results[0] = grasp(setting);
+    other.join();
+  } else {
+    for (Grasped& result : results) result = grasp(setting);
+  }
+  Findings findings = results[0].findings;
+  findings.demand("same bits", "runs whose states differ", results[0].hash == results[1].hash ? 0 : 1, 0, "1");
+  return findings;
+}
+
+}  // namespace
+
+std::vector<Case> solver_cases() {
+  std::vector<Case> cases;
+  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
+    cases.push_back({name, "Solver", statement, {}});
+    return cases.back().rows;
+  };
+  const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+
+  auto* rows = &add("time_step", "the hand pressed 4 mm on a block");
+  for (const double step : {1e-4, 1e-3, 1.0 / 240, 1.0 / 90, 1.0 / 30, 0.1, 1.0}) rows->push_back({named("dt", step, "s"), [step] { return time_step(step); }, {}, step == 0.1});
+  rows->push_back({"dt = 1/90 s, 1/45 s in turn", [] { return alternating_time_step(); }, {}, true});
+  rows = &add("no_time_step", "0 changes no bit; what is no time is refused");
+  rows->push_back({"dt = 0 s", [] { return no_step(0, StepStatus::converged); }, {}, true});
+  for (const double step : {-kStep, nan, infinity}) rows->push_back({named("dt", step, "s"), [step] { return no_time(step); }, {}, true});
+  rows = &add("solver_budget", "the cube is lifted and held; what did not converge says so");
+  for (const int iterations : {1, 2, 3}) {
+    rows->push_back({fmt::format("max_iterations = {}", iterations),
+                     [iterations] { return with_solver({fmt::format("hand.simulation.solver.max_iterations={}", iterations)}, true); },
+                     {}, false, false, fmt::format("{} steps", iterations)});
+  }
+  rows->push_back({"time_budget = 1 ns", [] { return with_solver({"hand.simulation.solver.time_budget=1e-9"}, true); }, {}, true});
+  rows = &add("far_from_origin", "the cube is lifted and held");
+  for (const double distance : {0.0, 10.0, 1000.0}) {
+    rows->push_back({named("distance", distance, "m"), [distance] { return at(distance / std::sqrt(3.0) * Vector3::Ones()); }, {}, distance == 10});
+  }
+  rows = &add("mass_ratio", "an object of so many masses of a mean node between the hand and a table");
+  for (const double ratio : {1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6}) rows->push_back({named("ratio", ratio), [ratio] { return mass_ratio(ratio); }, {}, ratio == 1e6});
+  rows = &add("many_steps", "one finger held on a block: no growth, no drift");
+  rows->push_back({"10 000 steps", [] { return many_steps(10'000); }});
+  rows->push_back({"1 000 000 steps", [] { return many_steps(1'000'000); }});
+  rows = &add("repetition", "every bit of every loop the same");
+  rows->push_back({"twice", [] { return repeated(false); }, {}, true});
+  rows->push_back({"two at once in threads", [] { return repeated(true); }});
+  return cases;
+}
+
+}  // namespace softhand::stress
