@@ -56,8 +56,9 @@ Vector3 rotation_log(const Quaternion& q) {
     if (axis[largest] < 0) axis = -axis;
   }
   const double s = std::sqrt(s2);
-  // atan2(s, w)/s -> 1/w (1 - s^2/(3 w^2)) for small s; w is near 1 there, because q is a unit quaternion.
-  const double k = s < 1e-6 ? 2.0 / w * (1.0 - s2 / (3.0 * w * w)) : 2.0 * std::atan2(s, w) / s;
+  // Below 0.02 rad, the turn of a millisecond, by the series of atan(x)/x to rounding.
+  const double x2 = s2 / (w * w);
+  const double k = s < 0.01 ? 2.0 / w * (1.0 - x2 * (1.0 / 3.0 - x2 * (1.0 / 5.0 - x2 / 7.0))) : 2.0 * std::atan2(s, w) / s;
   return k * axis;
 }
 

@@ -1,8 +1,10 @@
 // What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and one without; the thread's own
-// time of both, and their ratio. `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
+// time of both: medians of the steps, and of the pairs' ratios. `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
+#include <vector>
 
 #include "hand/hand_loop.hpp"
 #include "math/rotation.hpp"
@@ -33,20 +35,26 @@ Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequen
   return skeleton;
 }
 
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // `step(kept, skeleton, now)` for both loops, each first in half of the pairs.
 template <typename Step>
 void compare(const char* name, int pairs, double time_step, const HandModel& hand, Step&& step) {
-  double spent[2] = {0, 0};
+  std::vector<double> spent[2], ratios;
   for (int i = 0; i < pairs; ++i) {
     const Skeleton skeleton = skeleton_of(hand, i * time_step, static_cast<std::uint64_t>(i) + 1);
     for (const int kept : {i % 2, 1 - i % 2}) {
       const double begin = thread_seconds();
       step(kept == 1, skeleton, skeleton.stamp.sample_time);
-      if (i >= pairs / 10) spent[kept] += thread_seconds() - begin;
+      spent[kept].push_back(thread_seconds() - begin);
     }
+    ratios.push_back(spent[1].back() / spent[0].back());
   }
-  const double counted = pairs - pairs / 10;
-  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * spent[0] / counted, 1e6 * spent[1] / counted, 100 * (spent[1] / spent[0] - 1));
+  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * median(spent[0]), 1e6 * median(spent[1]), 100 * (median(ratios) - 1));
 }
 
 }  // namespace

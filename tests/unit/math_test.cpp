@@ -60,6 +60,14 @@ TEST(Rotation, LogTakesTheShortestArcAndIgnoresTheQuaternionsSign) {
   }
 }
 
+// On both sides of where the series ends.
+TEST(Rotation, LogOfASmallTurnIsExactToRounding) {
+  for (const double angle : {1e-9, 1e-5, 1e-3, 0.01, 0.0199, 0.0201, 0.05}) {
+    const Quaternion turn(std::cos(0.5 * angle), 0.6 * std::sin(0.5 * angle), 0, -0.8 * std::sin(0.5 * angle));
+    EXPECT_NEAR((rotation_log(turn) - Vector3(0.6 * angle, 0, -0.8 * angle)).norm() / angle, 0, 4e-16) << angle;
+  }
+}
+
 TEST(Rotation, LogAtExactlyPiHasAFixedAxis) {
   EXPECT_LE((rotation_log(Quaternion(0, 0, -1, 0)) - M_PI * Vector3::UnitY()).norm(), 1e-15);
   const Vector3 axis = Vector3(0.2, -0.9, 0.1).normalized();
