@@ -79,6 +79,9 @@ struct RenderArguments {
 };
 int run_render(const RenderArguments& arguments);
 
+/// `softhand bench`: becomes softhand-bench, a program of its own because it links CHOLMOD's GPL module to compare with. `json`: summary file; empty = none.
+int run_bench(const std::string& json);
+
 /// `softhand reference`: the generated page of options.
 int run_reference();
 /// What it prints: docs/reference.md.

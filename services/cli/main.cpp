@@ -154,6 +154,11 @@ int main(int argc, char** argv) {
   command->add_option("--plot", human.plot, "Where human.png goes (needs python3-matplotlib)")->type_name("DIR");
   command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
+  std::string bench_json;
+  command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); two to three minutes");
+  command->add_option("--json", bench_json, "The figures by name")->type_name("FILE");
+  command->callback([&] { run = [&bench_json] { return run_bench(bench_json); }; });
+
   command = app.add_subcommand("reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });
 

@@ -1,0 +1,93 @@
+// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD supernodal and Eigen's SimplicialLDLT, and against dgemm's rate. The
+// solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
+#pragma once
+
+#include <Eigen/SparseCholesky>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "bench/measure.hpp"
+#include "solver/block_cholesky.hpp"
+#include "solver/cholmod_solver.hpp"
+#include "support/hand_matrix.hpp"
+
+extern "C" void dgemm_(const char*, const char*, const int*, const int*, const int*, const double*, const double*, const int*, const double*, const int*, const double*,
+                       double*, const int*);
+
+namespace softhand::bench {
+
+class FactorTurns {
+ public:
+  /// `size` as in config/hands/right_<size>.hand.json.
+  explicit FactorTurns(int size)
+      : matrix_(testing::hand_matrix(SOFTHAND_SOURCE_DIR "/config/hands/right_" + std::to_string(size) + ".hand.json")),
+        rhs_(VectorX::Ones(3 * matrix_.block_count())), x_(rhs_.size()) {
+    analysis_ = seconds_of([&] { block_.analyze(matrix_); });
+    single_.analyze(matrix_);
+    cholmod_.analyze(matrix_);
+  }
+
+  /// Each solver once, `with_eigen` Eigen's too: it is slow.
+  void turn(bool with_eigen) {
+    time(block_, block_times_);
+    solve_times_.push_back(seconds_of([&] { block_.solve(rhs_, x_); }));
+    time(single_, single_times_);
+    time(cholmod_, cholmod_times_);
+    if (with_eigen) {
+      if (sparse_.size() == 0) {
+        sparse_ = matrix_.dense().sparseView();
+        eigen_.analyzePattern(sparse_);
+      }
+      eigen_times_.push_back(seconds_of([&] {
+        eigen_.factorize(sparse_);
+        x_ = eigen_.solve(rhs_);
+      }));
+    }
+    dgemm_times_.push_back(seconds_of([&] {
+      const double one = 1, zero = 0;
+      dgemm_("N", "N", &kSize, &kSize, &kSize, &one, a_.data(), &kSize, a_.data(), &kSize, &zero, c_.data(), &kSize);
+    }));
+  }
+
+  // Medians of the turns so far; seconds for taking over the values, factorising and one solve.
+  double block() const { return median(block_times_); }
+  double block_solve() const { return median(solve_times_); }
+  double single() const { return median(single_times_); }
+  double cholmod() const { return median(cholmod_times_); }
+  double eigen() const { return median(eigen_times_); }
+  /// The double factor's rate, taking over included, over dgemm's.
+  double fraction_of_peak() const { return block_.floating_point_operations() / (block() - block_solve()) / dgemm_rate(); }
+  double dgemm_rate() const { return 2.0 * kSize * kSize * kSize / median(dgemm_times_); }  ///< floating-point operations a second
+  double operations() const { return block_.floating_point_operations(); }
+  double analysis() const { return analysis_; }
+  std::size_t front_count() const { return block_.front_count(); }
+
+ private:
+  static constexpr int kSize = 384;
+
+  void time(LinearSolver& solver, std::vector<double>& times) {
+    // Twice, the second counts: the solver before has left its own data in the caches.
+    for (int run = 0; run < 2; ++run) {
+      const double taken = seconds_of([&] {
+        solver.load(matrix_);
+        if (!solver.factorize()) throw std::runtime_error("the step's matrix is not positive definite");
+        solver.solve(rhs_, x_);
+      });
+      if (run == 1) times.push_back(taken);
+    }
+  }
+
+  BlockMatrix matrix_;
+  VectorX rhs_, x_;
+  BlockCholesky<double> block_;
+  BlockCholesky<float> single_;
+  CholmodSolver cholmod_;
+  Eigen::SparseMatrix<double> sparse_;
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> eigen_;
+  double analysis_ = 0;
+  std::vector<double> a_ = std::vector<double>(kSize * kSize, 1.0), c_ = std::vector<double>(kSize * kSize);
+  std::vector<double> block_times_, solve_times_, single_times_, cholmod_times_, eigen_times_, dgemm_times_;
+};
+
+}  // namespace softhand::bench

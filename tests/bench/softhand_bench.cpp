@@ -1,0 +1,414 @@
+// softhand-bench: what a step costs and in ratio to what, as a table and as the contract's keys in JSON. `softhand bench` runs it.
+//
+// A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services do not. Times are of the thread's own work, so that they hold on a
+// machine with other load; compare ratios nevertheless. What is compared takes turns in the same run.
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <thread>
+
+#include "bench/factor_turns.hpp"
+#include "bench/tissue_sample.hpp"
+#include "bus/bus.hpp"
+#include "cli/virtual_rig.hpp"
+#include "energies/tissue.hpp"
+#include "messages/convert.hpp"
+#include "support/count_allocations.hpp"
+#include "support/scalar_tissue.hpp"
+#include "trackers/replay/replay_tracker.hpp"
+
+namespace softhand::bench {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the cube is lifted and held
+
+struct Size {
+  int file;  ///< config/hands/right_<file>.hand.json
+  int key;   ///< what the contract calls it
+};
+constexpr Size kSizes[] = {{400, 400}, {750, 750}, {1450, 1450}, {3000, 3080}};
+
+std::string scene_path(const std::string& name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }
+std::string hand_name(int file) { return fmt::format("right_{}.hand.json", file); }
+
+struct GraspCost {
+  int nodes = 0, tetrahedra = 0;
+  std::vector<double> steps;  ///< s, default mode, while holding
+  std::vector<double> whole;  ///< s, default mode, the whole run but its first tenth of a second
+  std::vector<double> fast;   ///< s, the method's fast mode: one iteration, from the same states
+  std::vector<double> own;    ///< s by the wall's clock, the rig's own steps in default mode while holding
+  int touching = 0;           ///< least contacts of a measured step
+};
+
+// A loop of the rig's hand with other options, that steps from where the rig's loop stands.
+class Follower {
+ public:
+  Follower(const Scene& scene, const HandModel& hand, const HandOptions& options, const VirtualRig& rig) : loop_(hand, options, hand_key(scene), object_spring(scene.options.world)) {
+    for (const ObjectDescription& description : rig.world().descriptions()) loop_.describe_object(description);
+  }
+  /// Seconds of a step to `time` from the rig's state.
+  double step(const VirtualRig& rig, Nanoseconds time) {
+    loop_.take_state(rig.hand());
+    return seconds_of([&] { loop_.step(time, {}, {false, false, false}); });
+  }
+
+ private:
+  HandLoop loop_;
+};
+
+GraspCost measure_grasp(const Size& size) {
+  const Scene scene = read_scene(scene_path("pinch_lift.toml"), {"hand.model=" + hand_name(size.file)});
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  HandOptions fast_options = scene.options.hand;
+  fast_options.simulation.solver.max_iterations = 1;
+  fast_options.simulation.solver.measure_result = false;
+  Follower usual(scene, hand, scene.options.hand, rig), fast(scene, hand, fast_options, rig);
+
+  GraspCost cost;
+  cost.nodes = hand.node_count();
+  cost.tetrahedra = static_cast<int>(hand.tetrahedra.size());
+  cost.touching = std::numeric_limits<int>::max();
+  const auto period = static_cast<Nanoseconds>(1e9 / scene.options.hand.rate_hz);
+  rig.run(kGraspTo, [&](const HandStepView& view) {
+    const double time = static_cast<double>(view.time - VirtualRig::kStart) * 1e-9;
+    if (time < 0.1 || (time < kGraspFrom && size.key != 1450)) return;
+    cost.whole.push_back(usual.step(rig, view.time + period));
+    if (time < kGraspFrom) return;
+    cost.steps.push_back(cost.whole.back());
+    cost.own.push_back(view.output->report.timing.total());
+    cost.fast.push_back(fast.step(rig, view.time + period));
+    cost.touching = std::min(cost.touching, static_cast<int>(view.output->contacts.contacts.size()));
+  });
+  return cost;
+}
+
+// Steps of a hand in free motion, s by the wall's clock: the rig's own, because a step after another loop's state cannot keep its factor.
+std::vector<double> measure_free_motion(const Size& size) {
+  const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/tests/bench/free_motion.toml", {"hand.model=" + std::string(SOFTHAND_SOURCE_DIR "/config/hands/") + hand_name(size.file)});
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  std::vector<double> steps;
+  rig.run(3, [&](const HandStepView& view) {
+    if (view.time - VirtualRig::kStart > 500'000'000) steps.push_back(view.output->report.timing.total());
+  });
+  return steps;
+}
+
+// A resting hand whose five fingertips sink a millimetre into heavy balls, among others that it does not touch.
+class Pressing {
+ public:
+  Pressing(int touched, int untouched) : hand_(load_hand(std::string(SOFTHAND_SOURCE_DIR "/config/hands/") + hand_name(1450))) {
+    HandOptions options;
+    options.mirrored_objects = 8;
+    loop_ = std::make_unique<HandLoop>(hand_, options, HandKey{});
+    constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
+    constexpr double kRadius = 0.01, kDepth = 0.001;
+    Vector3 low = Vector3::Constant(1), high = Vector3::Constant(-1);
+    for (const Vector3& node : hand_.nodes) {
+      low = low.cwiseMin(node);
+      high = high.cwiseMax(node);
+    }
+    for (int k = 0; k < untouched; ++k) {
+      // A grid two centimetres above the hand.
+      const double u = (k % 10 + 0.5) / 10, v = (k / 10 + 0.5) / 10;
+      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + 0.02 + kRadius, low.z() + v * (high.z() - low.z())), kRadius);
+    }
+    for (int k = 0; k < touched; ++k) {
+      const Vector3 tip = hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
+      double bottom = tip.y();
+      for (const Vector3& node : hand_.nodes) {
+        if ((node - tip).norm() < 0.01) bottom = std::min(bottom, node.y());
+      }
+      add(Vector3(tip.x(), bottom - kRadius + kDepth, tip.z()), kRadius);
+    }
+  }
+
+  /// Seconds of one step of the whole loop, inputs to outputs.
+  double step(bool count = false) {
+    now_ += 11'111'111;
+    ++skeleton_->stamp.sequence;
+    skeleton_->stamp.sample_time = world_->stamp.sample_time = now_;
+    const double sway = 5e-4 * std::sin(2 * M_PI * 1e-9 * static_cast<double>(now_));
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const Pose pose = Pose{Vector3(0, sway, 0), Quaternion::Identity()} * hand_.rest_joints[j];
+      skeleton_->joints[j].position = to_wire(pose.position);
+      skeleton_->joints[j].orientation = to_wire(pose.orientation);
+      skeleton_->joints[j].flags = kJointValid | kJointTracked;
+    }
+    const HandInput input{skeleton_.get(), nullptr, world_.get()};
+    counting = count;
+    const double start = thread_seconds();
+    output_ = &loop_->step(now_, input, {true, true, true});
+    const double seconds = thread_seconds() - start;
+    counting = false;
+    return seconds;
+  }
+  int touched_objects() const {
+    std::set<std::uint32_t> objects;
+    for (const Contact& contact : output_->contacts.contacts) objects.insert(contact.object);
+    return static_cast<int>(objects.size());
+  }
+  int contacts() const { return static_cast<int>(output_->contacts.contacts.size()); }
+  double contact_seconds() const { return output_->report.timing.begin + output_->report.timing.end; }
+
+ private:
+  void add(const Vector3& position, double radius) {
+    ObjectDescription description;
+    description.object = ++objects_;
+    description.mass = 1000;  // stays where it is
+    description.inertia = {0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius};
+    description.friction = 0.8;
+    description.shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
+    description.shape.size = {radius, 0, 0};
+    loop_->describe_object(description);
+    ObjectState state;
+    state.object = description.object;
+    state.position = to_wire(position);
+    world_->objects.push_back(state);
+  }
+
+  HandModel hand_;
+  std::unique_ptr<HandLoop> loop_;
+  std::unique_ptr<Skeleton> skeleton_ = std::make_unique<Skeleton>();
+  std::unique_ptr<WorldObjects> world_ = std::make_unique<WorldObjects>();
+  const HandOutput* output_ = nullptr;
+  Nanoseconds now_ = 1'000'000'000;
+  std::uint32_t objects_ = 0;
+};
+
+constexpr int kSettlingSteps = 30;
+
+struct PressingCost {
+  double step = 0, contact = 0;  ///< s, medians
+  int touched = 0, contacts = 0;
+};
+// Several of them in turns, so that other load hits all alike.
+std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>>& objects, int steps) {
+  std::vector<std::unique_ptr<Pressing>> hands;
+  for (const auto& [touched, untouched] : objects) hands.push_back(std::make_unique<Pressing>(touched, untouched));
+  std::vector<std::vector<double>> times(hands.size()), contact(hands.size());
+  for (int i = 0; i < kSettlingSteps + steps; ++i) {
+    for (std::size_t k = 0; k < hands.size(); ++k) {
+      const double seconds = hands[k]->step();
+      if (i < kSettlingSteps) continue;
+      times[k].push_back(seconds);
+      contact[k].push_back(hands[k]->contact_seconds());
+    }
+  }
+  std::vector<PressingCost> costs;
+  for (std::size_t k = 0; k < hands.size(); ++k) costs.push_back({median(times[k]), median(contact[k]), hands[k]->touched_objects(), hands[k]->contacts()});
+  return costs;
+}
+
+double allocations_per_step() {
+#ifdef SOFTHAND_COUNT_MALLOC
+  counting = true;
+  ::operator delete(::operator new(64));
+  counting = false;
+  if (std::exchange(allocations, 0) != 1) return std::nan("");
+  Pressing hand(5, 20);
+  for (int i = 0; i < kSettlingSteps; ++i) hand.step();
+  constexpr int kSteps = 30;
+  for (int i = 0; i < kSteps; ++i) hand.step(true);
+  return hand.touched_objects() > 0 ? static_cast<double>(std::exchange(allocations, 0)) / kSteps : std::nan("");
+#else
+  return std::nan("");
+#endif
+}
+
+// A service of this build as a child process, its output to nowhere. Ends with its handle.
+class Child {
+ public:
+  explicit Child(const std::vector<std::string>& command) {
+    std::vector<char*> argv;
+    for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
+    argv.push_back(nullptr);
+    pid_ = fork();
+    if (pid_ < 0) throw std::runtime_error(std::string("cannot start a process: ") + std::strerror(errno));
+    if (pid_ == 0) {
+      const int null = open("/dev/null", O_RDWR);
+      dup2(null, STDOUT_FILENO);
+      dup2(null, STDERR_FILENO);
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+  }
+  ~Child() {
+    kill(pid_, SIGTERM);
+    waitpid(pid_, nullptr, 0);
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  /// Resident memory, MB; what the service itself locks is resident.
+  double megabytes() const {
+    std::ifstream status(fmt::format("/proc/{}/status", pid_));
+    for (std::string word; status >> word;) {
+      double kilobytes = 0;
+      if (word == "VmRSS:" && status >> kilobytes) return kilobytes / 1024;
+    }
+    return std::nan("");
+  }
+
+ private:
+  pid_t pid_ = 0;
+};
+
+struct ServiceCost {
+  double start_seconds = std::nan("");  ///< from exec to the first simulated skeleton
+  double megabytes = std::nan("");
+};
+ServiceCost measure_service() {
+  setenv("SOFTHAND_DOMAIN", std::to_string(150 + getpid() % 80).c_str(), 1);
+  const std::string programs = fs::read_symlink("/proc/self/exe").parent_path().string();
+  const std::string scene = scene_path("pinch_lift.toml");
+  bus::Participant participant("bench");
+  bus::Reader simulated(participant, bus::topics::simulated_skeleton, HandKey{0, 1});
+  const Child tracker({programs + "/softhand-tracker-replay", "--config", scene, "--module", "tracker"});
+  bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
+  Skeleton skeleton;
+  ServiceCost cost;
+  if (!tracked.wait(std::chrono::seconds(10))) return cost;
+  const auto started = std::chrono::steady_clock::now();
+  const Child hand({programs + "/softhand-hand", "--config", scene, "--module", "hand", "--set", "hand.direct=true"});
+  const auto seconds = [&started] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count(); };
+  while (!simulated.take_latest(skeleton) && seconds() < 20) simulated.wait(std::chrono::milliseconds(100));
+  if (seconds() < 20) cost.start_seconds = seconds();
+  std::this_thread::sleep_for(std::chrono::seconds(2));
+  cost.megabytes = hand.megabytes();
+  return cost;
+}
+
+std::string machine() {
+  std::ifstream info("/proc/cpuinfo");
+  for (std::string line; std::getline(info, line);) {
+    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+  }
+  return "unknown processor";
+}
+
+double kernel_seconds(Energy& term, TissueSample& sample) {
+  sample.bind(term);
+  std::vector<double> times;
+  for (int run = 0; run < 15; ++run) times.push_back(seconds_of([&] { sample.all(term); }));
+  return median(times);
+}
+
+Json run() {
+  Json json;
+  const auto put = [&json](const std::string& key, double value, const char* meaning) {
+    json[key] = std::isfinite(value) ? Json(value) : Json(nullptr);
+    fmt::print("  {:44} {:>10.4g}  {}\n", key, value, meaning);
+    std::fflush(stdout);
+  };
+  json["machine"] = machine();
+  fmt::print("{}; seconds of the thread's own work, medians\n\n", machine());
+
+  fmt::print("factorisation\n");
+  std::vector<std::pair<double, double>> factor_by_nodes;
+  std::map<int, double> saved_by_block;  // s
+  for (const Size& size : kSizes) {
+    FactorTurns turns(size.file);
+    for (int i = 0; i < 15; ++i) turns.turn(false);
+    put(fmt::format("factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.block(), "double against double");
+    put(fmt::format("float_factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.single(), "float against double");
+    put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with taking over the values");
+    put(fmt::format("factor_fraction_of_peak_{}", size.key), turns.fraction_of_peak(), "of dgemm's rate, double");
+    factor_by_nodes.emplace_back(size.key, turns.block());
+    saved_by_block[size.key] = turns.cholmod() - turns.block();
+  }
+
+  fmt::print("tissue\n");
+  TissueSample sample;
+  testing::ScalarTissue scalar(sample.box);
+  Tissue tissue(sample.box);
+  const double scalar_seconds = kernel_seconds(scalar, sample);
+  put("tissue_simd_speedup", scalar_seconds / kernel_seconds(tissue, sample), "energy, gradient and Hessian, double, over scalar");
+
+  fmt::print("step of the hand in a grasp\n");
+  std::map<int, GraspCost> grasps;
+  std::vector<std::pair<double, double>> by_nodes, fast_by_nodes, fast_by_tetrahedra;
+  for (const Size& size : kSizes) {
+    const GraspCost& cost = grasps[size.key] = measure_grasp(size);
+    if (cost.touching == 0) fmt::print("  (size {}: not in a grasp throughout)\n", size.key);
+    put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""), "default mode");
+    put(fmt::format("fast_step_ms_{}", size.key), 1e3 * median(cost.fast), "one iteration, one thread");
+    put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_block.at(size.key)), "with CHOLMOD's factor and solve of above for ours");
+    by_nodes.emplace_back(cost.nodes, median(cost.steps));
+    fast_by_nodes.emplace_back(cost.nodes, median(cost.fast));
+    fast_by_tetrahedra.emplace_back(cost.tetrahedra, median(cost.fast));
+  }
+  const GraspCost& reference = grasps.at(1450);
+  put("step_p99_over_p50", quantile(reference.whole, 0.99) / median(reference.whole), "1,450 nodes, approach to hold");
+  put("allocations_per_step", allocations_per_step(), "five objects touched");
+
+  fmt::print("what a scene does not need\n");
+  put("idle_hand_cost_fraction", median(measure_free_motion({1450, 1450})) / median(reference.own), "free motion over grasp, 1,450 nodes");
+  const auto clutter = measure_pressing({{5, 0}, {5, 95}}, 60);
+  const bool all_touched = clutter[0].touched == 5 && clutter[1].touched == 5;
+  if (!all_touched) fmt::print("  (touched {} and {} of 5 objects)\n", clutter[0].touched, clutter[1].touched);
+  put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""), "100 objects near, 5 touched, over these 5 alone");
+
+  fmt::print("exponents\n");
+  put("factor_exponent_nodes", exponent(factor_by_nodes), "double factor and solve");
+  put("step_exponent_nodes", exponent(by_nodes), "default mode");
+  put("fast_step_exponent_nodes", exponent(fast_by_nodes), "");
+  put("fast_step_exponent_tetrahedra", exponent(fast_by_tetrahedra), "");
+  const auto touching = measure_pressing({{1, 0}, {2, 0}, {3, 0}, {4, 0}, {5, 0}}, 40);
+  std::vector<std::pair<double, double>> by_contacts;
+  for (const PressingCost& cost : touching) {
+    if (cost.contacts > 0) by_contacts.emplace_back(cost.contacts, cost.contact);
+  }
+  put("contact_exponent_contacts", by_contacts.size() > 1 ? exponent(by_contacts) : std::nan(""), "detection and anchors, by touching nodes");
+  const auto crowd = measure_pressing({{0, 12}, {0, 25}, {0, 50}, {0, 100}}, 40);
+  std::vector<std::pair<double, double>> by_objects;
+  for (std::size_t k = 0; k < crowd.size(); ++k) by_objects.emplace_back(std::array{12, 25, 50, 100}[k], crowd[k].step);
+  put("step_exponent_objects", exponent(by_objects), "near, none touched");
+
+  fmt::print("the hand's service\n");
+  const ServiceCost service = measure_service();
+  put("start_to_first_hand_seconds", service.start_seconds, "from exec to the first simulated skeleton, by the wall's clock");
+  put("hand_service_megabytes", service.megabytes, "resident, 1,450 nodes");
+  return json;
+}
+
+}  // namespace
+}  // namespace softhand::bench
+
+int main(int argc, char** argv) {
+  CLI::App app("Measures the hand's step, its parts and its service; about two minutes. Pin it: taskset -c 1 softhand bench", "softhand bench");
+  std::string path;
+  app.add_option("--json", path, "Where the figures go")->type_name("FILE");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    const auto json = softhand::bench::run();
+    if (path.empty()) return 0;
+    std::ofstream out(path);
+    out << json.dump(2) << '\n';
+    out.flush();
+    if (!out) throw std::runtime_error(path + ": cannot be written");
+    return 0;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "softhand bench: {}\n", error.what());
+    return 1;
+  }
+}
