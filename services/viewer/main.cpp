@@ -21,6 +21,8 @@ void run(int argc, char** argv) {
                                        static_cast<std::uint16_t>(options.port),
                                        {},
                                        options.page.empty() ? built_page() : options.page,
+                                       options.certificate,
+                                       options.key,
                                        static_cast<std::size_t>(options.max_pages)};
   std::istringstream hosts(options.hosts);
   for (std::string host; hosts >> host;) server_options.hosts.push_back(host);

@@ -1,4 +1,4 @@
-// HTTP and WebSocket of the gateway, in a thread of its own. Boost.Beast is seen by server.cpp alone.
+// The pages that are open, and what each of them is sent.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +15,7 @@ struct ServerOptions {
   std::uint16_t port = 8080;       ///< where taken, the next free one of the ten that follow; 0 = any
   std::vector<std::string> hosts;  ///< names for this server besides localhost and its address
   std::string page;                ///< folder that is served
+  std::string certificate, key;    ///< PEM files; empty = no TLS
   std::size_t max_pages = 16;
 };
 
@@ -39,8 +40,7 @@ struct ServerCounters {
 };
 
 /// Each page gets what it shows, at most at the rate that it asked for, and never more than it takes: while a message is on its way, newer
-/// frames of a type and instance replace those that wait. A page is believed only where its Origin is the Host that it asked, and that is a
-/// name of this server (so other sites, and other names that lead here, are refused). Thread-safe.
+/// frames of a type and instance replace those that wait. Who is let in: web/web_server.hpp. Thread-safe.
 class Server {
  public:
   /// Listens from here on. Throws std::runtime_error naming address and port where that is refused.

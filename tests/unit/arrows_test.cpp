@@ -133,10 +133,10 @@ TEST(Arrows, EnginesStayInTheirFolder) {
   }
 }
 
-// Beast takes half a minute to compile: one file of the viewer, one of the trackers that listen on sockets.
-TEST(Arrows, BeastStaysInTwoFiles) {
+// Beast takes half a minute to compile.
+TEST(Arrows, BeastStaysInOneFile) {
   for (const auto& [file, list] : includes()) {
-    if (file == "services/viewer/server.cpp" || file == "services/trackers/sockets/inbox.cpp") continue;
+    if (file == "services/web/web_server.cpp") continue;
     for (const std::string& include : list) EXPECT_FALSE(starts_with(include, "boost/")) << file << " includes " << include;
   }
 }

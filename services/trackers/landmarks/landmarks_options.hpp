@@ -8,7 +8,7 @@
 namespace softhand {
 
 struct LandmarksOptions {
-  SocketOptions socket{"127.0.0.1", 8092, ""};
+  SocketOptions socket = local_socket(8092);
   std::array<double, 3> camera_position{0, 0.15, -0.5};
   std::array<double, 4> camera_orientation{0, 1, 0, 0};
   double field_of_view = 1.05;

@@ -91,7 +91,7 @@ void run(int argc, char** argv) {
   bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
   LandmarkTracker tracker(load_scene_hand(scene), options);
   Inbox inbox(options.socket, Transport::websocket_and_udp, kLargest);
-  std::printf("listening at ws://%s:%u and on UDP port %u\n", options.socket.address.c_str(), inbox.port(), inbox.port());
+  std::printf("listening at %s and on UDP port %u\n", inbox.url().c_str(), inbox.port());
   std::fflush(stdout);
 
   std::vector<Arrival> arrivals;

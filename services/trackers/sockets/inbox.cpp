@@ -1,45 +1,32 @@
 #include "trackers/sockets/inbox.hpp"
 
-#include <array>
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include <atomic>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/ip/udp.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
-#include <boost/beast/websocket.hpp>
+#include <cerrno>
+#include <cstring>
 #include <deque>
 #include <mutex>
-#include <set>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 
 #include "runtime/clock.hpp"
+#include "web/web_server.hpp"
 
 namespace softhand {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = beast::http;
-namespace websocket = beast::websocket;
-using tcp = asio::ip::tcp;
-using udp = asio::ip::udp;
-
 constexpr std::size_t kWaiting = 64;
 constexpr std::uint64_t kMaxConnections = 16;
 
-// Of "name:port" or "[::1]:port".
-std::string host_name(const std::string& authority) {
-  const std::size_t colon = authority.rfind(':');
-  const std::size_t bracket = authority.rfind(']');
-  const bool has_port = colon != std::string::npos && (bracket == std::string::npos || colon > bracket);
-  return has_port ? authority.substr(0, colon) : authority;
-}
-
 struct Shared {
-  std::size_t largest = 0;
-  std::set<std::string> hosts;
   std::atomic<std::uint64_t> connections{0}, refused_origin{0}, refused_size{0}, passed_over{0};
   std::uint64_t next_connection = 1;  // the server's thread alone
   std::mutex mutex;
@@ -54,151 +41,126 @@ struct Shared {
   }
 };
 
-class Connection : public std::enable_shared_from_this<Connection> {
+class Sender : public web::Session {
  public:
-  Connection(tcp::socket&& socket, Shared& shared) : stream_(std::move(socket)), shared_(shared) {}
-  ~Connection() {
-    if (open_) --shared_.connections;
-  }
-
-  void start() {
-    beast::get_lowest_layer(stream_).expires_after(std::chrono::seconds(10));
-    http::async_read(stream_.next_layer(), buffer_, request_, [self = shared_from_this()](beast::error_code error, std::size_t) {
-      if (!error) self->answer();
-    });
+  explicit Sender(Shared& shared) : shared_(shared), id_(shared.next_connection++) { ++shared_.connections; }
+  void opened(web::Socket&) override {}
+  void received(std::string_view bytes, bool binary) override { shared_.add({std::string(bytes), now(), id_, binary}); }
+  void sent(std::size_t) override {}
+  void closed(bool too_large) override {
+    --shared_.connections;
+    if (too_large) ++shared_.refused_size;
   }
 
  private:
-  bool is_believed() const {
-    const std::string host = host_name(std::string(request_[http::field::host]));
-    if (shared_.hosts.count(host) == 0) return false;
-    const std::string origin(request_[http::field::origin]);
-    if (origin.empty()) return true;  // no browser leaves it out
-    for (const std::string scheme : {"http://", "https://"}) {
-      if (origin.rfind(scheme, 0) == 0) return host_name(origin.substr(scheme.size())) == host;
-    }
-    return false;
-  }
-
-  void answer() {
-    if (!websocket::is_upgrade(request_) || !is_believed()) {
-      const bool upgrade = websocket::is_upgrade(request_);
-      if (upgrade) ++shared_.refused_origin;
-      auto response = std::make_shared<http::response<http::string_body>>(upgrade ? http::status::forbidden : http::status::upgrade_required,
-                                                                          request_.version());
-      response->body() = upgrade ? "Pages of other sites may not connect.\n" : "A WebSocket is spoken here.\n";
-      response->keep_alive(false);
-      response->prepare_payload();
-      http::async_write(stream_.next_layer(), *response, [self = shared_from_this(), response](beast::error_code, std::size_t) {
-        beast::error_code ignored;
-        self->stream_.next_layer().socket().shutdown(tcp::socket::shutdown_send, ignored);
-      });
-      return;
-    }
-    if (shared_.connections >= kMaxConnections) return;
-    open_ = true;
-    ++shared_.connections;
-    id_ = shared_.next_connection++;
-    beast::get_lowest_layer(stream_).expires_never();
-    stream_.set_option(websocket::stream_base::timeout::suggested(beast::role_type::server));
-    stream_.read_message_max(shared_.largest);
-    stream_.async_accept(request_, [self = shared_from_this()](beast::error_code error) {
-      self->buffer_.clear();
-      if (!error) self->read();
-    });
-  }
-
-  void read() {
-    stream_.async_read(buffer_, [self = shared_from_this()](beast::error_code error, std::size_t) {
-      if (error) {
-        if (error == websocket::error::message_too_big) ++self->shared_.refused_size;
-        return;
-      }
-      self->shared_.add({beast::buffers_to_string(self->buffer_.cdata()), now(), self->id_, self->stream_.got_binary()});
-      self->buffer_.clear();
-      self->read();
-    });
-  }
-
-  websocket::stream<beast::tcp_stream> stream_;
   Shared& shared_;
-  beast::flat_buffer buffer_{1 << 16};
-  http::request<http::empty_body> request_;
-  std::uint64_t id_ = 0;
-  bool open_ = false;
+  std::uint64_t id_;
+};
+
+// Receives datagrams in a thread of its own.
+class Datagrams {
+ public:
+  Datagrams(const std::string& address, std::uint16_t port, std::size_t largest, Shared& shared) : shared_(shared), buffer_(largest + 1, '\0') {
+    sockaddr_storage to{};
+    auto& four = reinterpret_cast<sockaddr_in&>(to);
+    auto& six = reinterpret_cast<sockaddr_in6&>(to);
+    const bool is_six = inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1;
+    if (is_six) {
+      six.sin6_family = AF_INET6;
+      six.sin6_port = htons(port);
+    } else {
+      inet_pton(AF_INET, address.c_str(), &four.sin_addr);
+      four.sin_family = AF_INET;
+      four.sin_port = htons(port);
+    }
+    socket_ = socket(to.ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    wake_ = eventfd(0, EFD_CLOEXEC);
+    if (socket_ < 0 || wake_ < 0 || bind(socket_, reinterpret_cast<const sockaddr*>(&to), is_six ? sizeof six : sizeof four) != 0) {
+      const std::string why = std::strerror(errno);
+      close_all();
+      throw std::runtime_error("cannot listen on UDP " + address + ":" + std::to_string(port) + ": " + why);
+    }
+    thread_ = std::thread([this] { receive(); });
+  }
+  ~Datagrams() {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t told = write(wake_, &one, sizeof one);
+    thread_.join();
+    close_all();
+  }
+
+ private:
+  void close_all() const {
+    for (const int file : {socket_, wake_})
+      if (file >= 0) close(file);
+  }
+
+  void receive() {
+    for (;;) {
+      pollfd files[2] = {{socket_, POLLIN, 0}, {wake_, POLLIN, 0}};
+      if (poll(files, 2, -1) < 0 && errno != EINTR) return;
+      if (files[1].revents != 0) return;
+      if (files[0].revents == 0) continue;
+      const ssize_t size = recv(socket_, buffer_.data(), buffer_.size(), MSG_DONTWAIT);
+      if (size < 0) continue;
+      // A datagram that fills the buffer is longer than allowed: the buffer has a byte to spare.
+      if (static_cast<std::size_t>(size) == buffer_.size()) {
+        ++shared_.refused_size;
+      } else {
+        shared_.add({buffer_.substr(0, static_cast<std::size_t>(size)), now(), 0, false});
+      }
+    }
+  }
+
+  Shared& shared_;
+  std::string buffer_;
+  int socket_ = -1;
+  int wake_ = -1;
+  std::thread thread_;
 };
 
 }  // namespace
 
 class Inbox::Impl {
  public:
-  Impl(const SocketOptions& options, Transport transport, std::size_t largest) : acceptor_(context_), datagrams_(context_) {
-    shared_.largest = largest;
-    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", options.address};
-    std::istringstream hosts(options.hosts);
-    for (std::string host; hosts >> host;) shared_.hosts.insert(host);
-    try {
-      const auto address = asio::ip::make_address(options.address);
-      const tcp::endpoint endpoint(address, static_cast<std::uint16_t>(options.port));
-      acceptor_.open(endpoint.protocol());
-      acceptor_.set_option(asio::socket_base::reuse_address(true));
-      acceptor_.bind(endpoint);
-      acceptor_.listen();
-      port_ = acceptor_.local_endpoint().port();
-      if (transport == Transport::websocket_and_udp) {
-        datagrams_.open(address.is_v6() ? udp::v6() : udp::v4());
-        datagrams_.bind(udp::endpoint(address, port_));
-        datagram_.resize(largest + 1);
-        receive();
-      }
-    } catch (const boost::system::system_error& error) {
-      throw std::runtime_error("cannot listen on " + options.address + ":" + std::to_string(options.port) + ": " + error.what());
-    }
-    accept();
-    thread_ = std::thread([this] { context_.run(); });
-  }
-  ~Impl() {
-    context_.stop();
-    thread_.join();
+  Impl(const SocketOptions& options, Transport transport, std::size_t largest) : web_(listening(options), site(largest)) {
+    if (transport == Transport::websocket_and_udp) datagrams_.emplace(options.address, web_.port(), largest, shared_);
   }
   Shared& shared() { return shared_; }
-  std::uint16_t port() const { return port_; }
+  const web::WebServer& web() const { return web_; }
 
  private:
-  void accept() {
-    acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
-      if (!error) {
-        beast::error_code ignored;
-        socket.set_option(tcp::no_delay(true), ignored);
-        std::make_shared<Connection>(std::move(socket), shared_)->start();
-      }
-      accept();
-    });
+  static web::Listening listening(const SocketOptions& options) {
+    web::Listening listening{options.address, static_cast<std::uint16_t>(options.port), 1, {}, options.certificate, options.key};
+    std::istringstream hosts(options.hosts);
+    for (std::string host; hosts >> host;) listening.hosts.push_back(host);
+    return listening;
   }
 
-  void receive() {
-    datagrams_.async_receive_from(asio::buffer(datagram_), sender_, [this](beast::error_code error, std::size_t size) {
-      // A datagram that fills the buffer is longer than allowed: the buffer has a byte to spare.
-      if (!error && size > shared_.largest) ++shared_.refused_size;
-      if (!error && size <= shared_.largest) shared_.add({datagram_.substr(0, size), now(), 0, false});
-      receive();
-    });
+  web::Site site(std::size_t largest) {
+    web::Site site;
+    site.get = [](const std::string&) { return web::Answer{426, "text/plain", "A WebSocket is spoken here.\n"}; };
+    site.origin = web::Origin::this_host;
+    site.largest_message = largest;
+    site.connect = [this] { return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr; };
+    site.refused = [this] { ++shared_.refused_origin; };
+    return site;
   }
 
-  Shared shared_;  // outlives the connections, which die with the context
-  asio::io_context context_{1};
-  tcp::acceptor acceptor_;
-  udp::socket datagrams_;
-  udp::endpoint sender_;
-  std::string datagram_;
-  std::uint16_t port_ = 0;
-  std::thread thread_;
+  Shared shared_;
+  web::WebServer web_;
+  std::optional<Datagrams> datagrams_;
 };
 
 Inbox::Inbox(const SocketOptions& options, Transport transport, std::size_t largest)
     : impl_(std::make_unique<Impl>(options, transport, largest)) {}
 Inbox::~Inbox() = default;
-std::uint16_t Inbox::port() const { return impl_->port(); }
+std::uint16_t Inbox::port() const { return impl_->web().port(); }
+
+std::string Inbox::url() const {
+  std::string url = impl_->web().url();
+  return url.replace(0, 4, "ws");
+}
 
 void Inbox::take(std::vector<Arrival>& out) {
   out.clear();

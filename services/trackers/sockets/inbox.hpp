@@ -1,5 +1,4 @@
-// Messages from programs and pages that track a hand: WebSocket and UDP, received in a thread of their own. Boost.Beast is seen by
-// inbox.cpp alone.
+// Messages from programs and pages that track a hand: WebSocket and UDP, received in threads of their own.
 #pragma once
 
 #include <cstdint>
@@ -31,6 +30,8 @@ class Inbox {
   ~Inbox();
 
   std::uint16_t port() const;
+  /// Of the WebSocket, e.g. ws://127.0.0.1:8091
+  std::string url() const;
   /// What arrived since the last call, oldest first; at most the newest 64.
   void take(std::vector<Arrival>& out);
 

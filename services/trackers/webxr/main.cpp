@@ -27,7 +27,7 @@ void run(int argc, char** argv) {
   bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, strength);
   bus::Writer head(service.participant(), bus::topics::head_pose);
   Inbox inbox(scene.options.tracker_webxr.socket, Transport::websocket, kWebXrFrameSize);
-  std::printf("listening at ws://%s:%u\n", scene.options.tracker_webxr.socket.address.c_str(), inbox.port());
+  std::printf("listening at %s\n", inbox.url().c_str());
   std::fflush(stdout);
 
   std::vector<Arrival> arrivals;

@@ -6,7 +6,7 @@
 namespace softhand {
 
 struct WebXrOptions {
-  SocketOptions socket{"127.0.0.1", 8091, ""};
+  SocketOptions socket = local_socket(8091);
 };
 
 inline void describe(OptionVisitor& v, WebXrOptions& o) { describe(v, o.socket); }

@@ -1,0 +1,329 @@
+#include "web/web_server.hpp"
+
+#include <algorithm>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/ssl/context.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/ssl.hpp>
+#include <boost/beast/websocket.hpp>
+#include <boost/beast/websocket/ssl.hpp>
+#include <chrono>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <thread>
+#include <type_traits>
+
+namespace softhand::web {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace ssl = asio::ssl;
+namespace websocket = beast::websocket;
+using tcp = asio::ip::tcp;
+using Plain = beast::tcp_stream;
+using Encrypted = beast::ssl_stream<beast::tcp_stream>;
+using Request = http::request<http::string_body>;
+
+constexpr int kSendBuffer = 256 * 1024;       // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
+constexpr std::size_t kLargestRequest = 16384; // bytes, HTTP
+constexpr std::chrono::seconds kPatience{30};  // with a request or a handshake that does not come
+
+std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
+
+// Of "name:port" or "[::1]:port".
+std::string host_name(std::string_view authority) {
+  const std::size_t colon = authority.rfind(':');
+  const std::size_t bracket = authority.rfind(']');
+  if (colon != std::string_view::npos && (bracket == std::string_view::npos || colon > bracket)) authority = authority.substr(0, colon);
+  return std::string(authority);
+}
+
+bool is_local(const std::string& host) { return host == "localhost" || host == "127.0.0.1" || host == "[::1]"; }
+
+struct Shared {
+  Site site;
+  std::set<std::string> hosts;
+  std::optional<ssl::context> tls;
+
+  bool knows(const Request& request) const { return hosts.count(host_name(view(request[http::field::host]))) != 0; }
+
+  bool believes(const Request& request) const {
+    const std::string_view origin = view(request[http::field::origin]);
+    if (origin.empty()) return true;  // no browser leaves it out
+    const std::string_view host = view(request[http::field::host]);
+    for (const std::string_view scheme : {"http://", "https://"}) {
+      if (origin.substr(0, scheme.size()) != scheme) continue;
+      const std::string_view from = origin.substr(scheme.size());
+      return site.origin == Origin::here ? from == host : host_name(from) == host_name(host);
+    }
+    return false;
+  }
+};
+
+template <typename Stream>
+class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Stream>> {
+ public:
+  SocketOf(Stream&& stream, std::shared_ptr<Session> session) : stream_(std::move(stream)), session_(std::move(session)) {}
+
+  void accept(const Request& request, std::size_t largest) {
+    beast::get_lowest_layer(stream_).expires_never();
+    stream_.set_option(websocket::stream_base::timeout::suggested(beast::role_type::server));
+    stream_.read_message_max(largest);
+    stream_.binary(true);
+    stream_.auto_fragment(false);
+    stream_.async_accept(request, [self = this->shared_from_this()](beast::error_code error) {
+      if (error) return self->leave(error);
+      self->session_->opened(*self);
+      self->read();
+    });
+  }
+
+  void send(std::vector<Bytes> parts) override {
+    parts_ = std::move(parts);
+    std::vector<asio::const_buffer> buffers;
+    for (const Bytes& part : parts_) buffers.emplace_back(part->data(), part->size());
+    writing_ = true;
+    stream_.async_write(buffers, [self = this->shared_from_this()](beast::error_code error, std::size_t bytes) {
+      self->writing_ = false;
+      if (error || self->gone_) return self->leave(error);
+      self->session_->sent(bytes);
+      if (self->closing_ && !self->writing_) self->say_goodbye();
+    });
+  }
+
+  void close() override {
+    if (closing_) return;
+    closing_ = true;
+    if (!writing_) say_goodbye();
+  }
+
+ private:
+  void read() {
+    stream_.async_read(buffer_, [self = this->shared_from_this()](beast::error_code error, std::size_t) {
+      if (error) return self->leave(error);
+      const auto data = self->buffer_.cdata();
+      self->session_->received({static_cast<const char*>(data.data()), data.size()}, self->stream_.got_binary());
+      self->buffer_.clear();
+      if (!self->closing_) self->read();
+    });
+  }
+
+  void say_goodbye() {
+    stream_.async_close(websocket::close_code::policy_error, [self = this->shared_from_this()](beast::error_code error) { self->leave(error); });
+  }
+
+  void leave(beast::error_code error) {
+    if (std::exchange(gone_, true)) return;
+    session_->closed(error == websocket::error::message_too_big);
+    beast::get_lowest_layer(stream_).close();
+  }
+
+  websocket::stream<Stream> stream_;
+  std::shared_ptr<Session> session_;
+  beast::flat_buffer buffer_;
+  std::vector<Bytes> parts_;
+  bool writing_ = false;
+  bool closing_ = false;
+  bool gone_ = false;
+};
+
+// One HTTP connection: is answered, or becomes a WebSocket.
+template <typename Stream>
+class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
+ public:
+  Visitor(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
+
+  void start() {
+    if constexpr (std::is_same_v<Stream, Encrypted>) {
+      beast::get_lowest_layer(stream_).expires_after(kPatience);
+      stream_.async_handshake(ssl::stream_base::server, buffer_.data(), [self = this->shared_from_this()](beast::error_code error, std::size_t used) {
+        self->buffer_.consume(used);
+        if (!error) self->read();
+      });
+    } else {
+      read();
+    }
+  }
+
+ private:
+  void read() {
+    request_ = {};
+    beast::get_lowest_layer(stream_).expires_after(kPatience);
+    http::async_read(stream_, buffer_, request_, [self = this->shared_from_this()](beast::error_code error, std::size_t) {
+      if (!error) self->answer();
+    });
+  }
+
+  void answer() {
+    const bool upgrade = websocket::is_upgrade(request_);
+    const std::string host(view(request_[http::field::host]));
+    if (!shared_.knows(request_)) {
+      shared_.site.refused();
+      return respond({403, "text/plain", "This server does not answer to that name (option `hosts`).\n"});
+    }
+    const std::string target(view(request_.target()));
+    if (std::is_same_v<Stream, Plain> && shared_.tls && !is_local(host_name(host)))
+      return respond({301, "text/plain", "https is spoken here.\n"}, "https://" + host + target);
+    const std::string path = target.substr(0, target.find('?'));
+    if (upgrade) return connect(path);
+    if (request_.method() != http::verb::get && request_.method() != http::verb::head) return respond({405, "text/plain", "GET or HEAD.\n"});
+    respond(shared_.site.get(path));
+  }
+
+  void connect(const std::string& path) {
+    if (!shared_.believes(request_)) {
+      shared_.site.refused();
+      return respond({403, "text/plain", "Pages of other sites may not connect.\n"});
+    }
+    if (!shared_.site.socket_path.empty() && path != shared_.site.socket_path) return respond({404, "text/plain", "The WebSocket is elsewhere.\n"});
+    std::shared_ptr<Session> session = shared_.site.connect();
+    if (!session) return respond({503, "text/plain", "Too many are connected.\n"});
+    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))->accept(request_, shared_.site.largest_message);
+  }
+
+  void respond(const Answer& answer, const std::string& elsewhere = "") {
+    auto response = std::make_shared<http::response<http::string_body>>(static_cast<http::status>(answer.status), request_.version());
+    response->set(http::field::content_type, beast::string_view(answer.type.data(), answer.type.size()));
+    response->set(http::field::cache_control, "no-cache");
+    response->set("X-Content-Type-Options", "nosniff");
+    response->set("Content-Security-Policy",
+                  "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+                  "frame-ancestors 'self'");
+    if (!elsewhere.empty()) response->set(http::field::location, elsewhere);
+    response->keep_alive(request_.keep_alive() && elsewhere.empty());
+    if (request_.method() == http::verb::head) {
+      response->content_length(answer.body.size());
+    } else {
+      response->body() = answer.body;
+      response->prepare_payload();
+    }
+    http::async_write(stream_, *response, [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
+      if (!error && response->keep_alive()) return self->read();
+      beast::error_code ignored;
+      beast::get_lowest_layer(self->stream_).socket().shutdown(tcp::socket::shutdown_send, ignored);
+    });
+  }
+
+  Stream stream_;
+  Shared& shared_;
+  beast::flat_buffer buffer_;
+  Request request_;
+};
+
+template <typename Stream>
+void welcome(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
+  std::make_shared<Visitor<Stream>>(std::move(stream), std::move(buffer), shared)->start();
+}
+
+// Finds out which of both a visitor speaks.
+class Door : public std::enable_shared_from_this<Door> {
+ public:
+  Door(Plain&& stream, Shared& shared) : stream_(std::move(stream)), shared_(shared) {}
+  void open() {
+    stream_.expires_after(kPatience);
+    beast::async_detect_ssl(stream_, buffer_, [self = shared_from_this()](beast::error_code error, bool encrypted) {
+      if (error) return;
+      if (encrypted) {
+        welcome(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->buffer_), self->shared_);
+      } else {
+        welcome(std::move(self->stream_), std::move(self->buffer_), self->shared_);
+      }
+    });
+  }
+
+ private:
+  Plain stream_;
+  Shared& shared_;
+  beast::flat_buffer buffer_{kLargestRequest};
+};
+
+ssl::context tls_of(const Listening& listening) {
+  ssl::context context(ssl::context::tls_server);
+  context.set_options(ssl::context::default_workarounds | ssl::context::no_tlsv1 | ssl::context::no_tlsv1_1);
+  beast::error_code error;
+  context.use_certificate_chain_file(listening.certificate, error);
+  if (error) throw std::runtime_error("certificate " + listening.certificate + ": " + error.message());
+  context.use_private_key_file(listening.key, ssl::context::pem, error);
+  if (error) throw std::runtime_error("key " + listening.key + ": " + error.message());
+  return context;
+}
+
+}  // namespace
+
+class WebServer::Impl {
+ public:
+  Impl(const Listening& listening, Site&& site) : acceptor_(context_) {
+    shared_.site = std::move(site);
+    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", listening.address};
+    shared_.hosts.insert(listening.hosts.begin(), listening.hosts.end());
+    if (!listening.certificate.empty()) shared_.tls = tls_of(listening);
+    listen(listening);
+    url_ = (shared_.tls ? "https://" : "http://") + (listening.address == "0.0.0.0" ? std::string("localhost") : listening.address) + ":" +
+           std::to_string(port());
+    accept();
+    thread_ = std::thread([this] { context_.run(); });
+  }
+
+  ~Impl() {
+    context_.stop();
+    thread_.join();
+  }
+
+  std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
+  const std::string& url() const { return url_; }
+  void post(std::function<void()>&& work) { asio::post(context_, std::move(work)); }
+
+ private:
+  void listen(const Listening& listening) {
+    beast::error_code error;
+    const auto address = asio::ip::make_address(listening.address, error);
+    if (error) throw std::runtime_error("address: expected an IP address, not '" + listening.address + "'");
+    const int last = listening.port == 0 ? 0 : std::min(65535, listening.port + listening.ports - 1);
+    for (int port = listening.port; port <= last; ++port) {
+      const tcp::endpoint endpoint(address, static_cast<std::uint16_t>(port));
+      acceptor_.open(endpoint.protocol(), error);
+      if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
+      if (!error) acceptor_.bind(endpoint, error);
+      if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
+      if (!error) return;
+      acceptor_.close();
+      if (error != asio::error::address_in_use) break;
+    }
+    throw std::runtime_error("cannot listen on " + listening.address + ":" + std::to_string(listening.port) + ": " + error.message());
+  }
+
+  void accept() {
+    acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
+      if (!error) {
+        beast::error_code ignored;
+        socket.set_option(tcp::no_delay(true), ignored);
+        socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
+        if (shared_.tls) {
+          std::make_shared<Door>(Plain(std::move(socket)), shared_)->open();
+        } else {
+          welcome(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
+        }
+      }
+      accept();
+    });
+  }
+
+  Shared shared_;  // outlives the connections, which die with the context
+  asio::io_context context_{1};
+  tcp::acceptor acceptor_;
+  std::string url_;
+  std::thread thread_;
+};
+
+WebServer::WebServer(const Listening& listening, Site site) : impl_(std::make_unique<Impl>(listening, std::move(site))) {}
+WebServer::~WebServer() = default;
+std::uint16_t WebServer::port() const { return impl_->port(); }
+const std::string& WebServer::url() const { return impl_->url(); }
+void WebServer::post(std::function<void()> work) { impl_->post(std::move(work)); }
+
+}  // namespace softhand::web
