@@ -25,6 +25,7 @@ struct Row {
   Press press;
   bool compared = false;
   double force_error() const { return std::abs(std::log(press.force / measured_force(press.indentation))); }
+  const char* status() const { return !compared ? "not compared" : passed() ? "pass" : "fail"; }
   bool passed() const { return !compared || force_error() <= std::log(kForceSpread); }
 };
 
@@ -79,7 +80,7 @@ nlohmann::ordered_json to_json(const std::vector<Row>& rows) {
                     {"area_reference", area},
                     {"area_spread", kAreaSpread},
                     {"compared", row.compared},
-                    {"status", row.passed() ? "pass" : "fail"}});
+                    {"status", row.status()}});
   }
   return list;
 }
@@ -89,7 +90,7 @@ std::string to_csv(const std::vector<Row>& rows) {
   for (const Row& row : rows) {
     text += fmt::format("{},{:.6g},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", report::in_quotes(row.hand), row.press.indentation,
                         row.press.force, measured_force(row.press.indentation), row.press.area, measured_area(row.press.force),
-                        row.compared, row.passed() ? "pass" : "fail");
+                        row.compared, row.status());
   }
   return text;
 }
@@ -98,7 +99,9 @@ std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResu
   const report::Provenance from = report::provenance();
   std::string text =
       fmt::format("## A fingertip beside people's\n\n`{}` on {}, {}, commit {}.\n\n", command, from.processor, from.compiler, from.commit);
-  text += "Force in N at an indentation; in brackets the contact area in mm^2.\n\n| hand |";
+  text += "![Force over indentation and contact area over force](images/human.png)\n\n";
+  text += "Force in N at an indentation; in brackets the contact area in mm^2 (of people: under their force). residual: RMS of log(force / people's). "
+          "How well people's is known, the fit of the pulp, and what neither elastic tissue nor a constant coefficient of friction can show: docs/human-data.md.\n\n| hand |";
   for (const double d : kShown) text += fmt::format(" {:.2f} mm |", d * 1e3);
   text += " residual |\n| --- |";
   for (std::size_t i = 0; i <= std::size(kShown); ++i) text += " --- |";
@@ -111,8 +114,8 @@ std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResu
   for (const HandResult& hand : hands) {
     text += "| " + hand.name + " |";
     for (const Row& row : rows) {
-      if (row.hand == hand.name)
-        text += fmt::format(" {}{:.2f} ({:.0f}) |", row.passed() ? "" : "**fail** ", row.press.force, row.press.area * 1e6);
+      if (row.hand != hand.name) continue;
+      text += fmt::format(" {}{:.2f} ({:.0f}) |", row.passed() ? "" : "**fail** ", row.press.force, row.press.area * 1e6);
     }
     text += fmt::format(" {:.3f} |\n", hand.residual);
   }
