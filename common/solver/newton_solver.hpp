@@ -23,7 +23,7 @@
 namespace softhand {
 
 struct SolverOptions {
-  std::int64_t max_iterations = 12;
+  std::int64_t max_iterations = 60;
   double residual_tolerance = 1e-3;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
