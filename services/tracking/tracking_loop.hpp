@@ -9,6 +9,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 #include <string>
 
 #include "device/tracked_input.hpp"
@@ -116,7 +117,7 @@ class TrackingLoop {
   bool reposition_asked_ = false;
   EnergyLedger ledger_;
   double coupling_stretch_ = 0;          // m, longest now, to the tracked skeleton
-  Nanoseconds reset_time_ = -1;  // what was sampled until then is not used
+  Nanoseconds reset_time_ = std::numeric_limits<Nanoseconds>::min();  // what was sampled until then is not used
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values
   TrackingOutput output_;

@@ -166,6 +166,7 @@ Grasped grasp(const Grasp& setting) {
   std::unique_ptr<VirtualRig> rig;
   HandWatch watch;
   watch.count_anchoring_as_work(setting.overlaps);
+  watch.exempt_penetration(setting.overlaps);
   Witness witness(setting, result, watch);
   try {
     const Scene scene = read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch_lift.toml", scene_overrides(setting.overrides));

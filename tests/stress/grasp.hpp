@@ -28,7 +28,7 @@ struct Grasp {
   std::function<double(RigLoop, double)> delay;  ///< s more than usual; negative: lost
   std::function<void(VirtualRig&, double)> at_step;  ///< after each step of the hand
   double slow = 0.5;  ///< m/s, as in HandWatch::judge
-  bool overlaps = false;  ///< the event itself makes the hand and an object overlap: G2 takes the overlap for work in
+  bool overlaps = false;  ///< the event itself makes the hand and an object overlap: G2 takes it for work in, G5 does not count
   bool held = true;   ///< demand that the cube is lifted and still held at the end
 };
 

@@ -181,7 +181,7 @@ std::vector<Case> material_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
   const Known kLocks{Class::violated, "linear tetrahedra lock next to incompressibility: the fingers are too stiff to close on the cube"};
-  const Known kStiffAround{Class::violated, "tissue around the pads no longer yields, fewer nodes carry the grip, and the p95 is a tenth over the limit"};
+  const Known kTwisted{Class::violated, "a twisted minimum of the tissue's energy without inverted tetrahedra, which nothing tells from a load"};
   const Known kUnlimited{Class::inverted, "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
@@ -195,7 +195,7 @@ std::vector<Case> material_cases() {
                      nu == 0.4999 ? kLocks : Known{}, nu == 0.499});
   }
   rows = &add("stiffness_ratio", "palm and back so much stiffer than the softest tissue");
-  for (const double ratio : {1e2, 1e4, 1e8}) rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, ratio == 1e8 ? kStiffAround : Known{}, ratio == 1e4});
+  for (const double ratio : {1e2, 1e4, 1e8}) rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
   rows = &add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
   for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6}) rows->push_back({named("c", c), [c] { return strain_limit(c); }, c == 0 ? kUnlimited : Known{}, c == 1e6});
   rows = &add("strain_limit_energy", "0, less and not-a-number are refused");
@@ -210,7 +210,8 @@ std::vector<Case> material_cases() {
   rows = &add("collapsed", "the whole tissue; recovers");
   for (const double noise : {0.0, 1e-12}) {
     rows->push_back({fmt::format("to a plane, +{:g} m", noise), [noise] { return mapped(diagonal(1, 0, 1), noise); }, {}, noise == 0});
-    rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); }});
+    rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); },
+                     noise > 0 ? kTwisted : Known{}});
     rows->push_back({fmt::format("to a point, +{:g} m", noise), [noise] { return mapped(Matrix3::Zero(), noise); }});
   }
   rows = &add("random_nodes", "in a box twice the size; recovers");

@@ -109,8 +109,9 @@ def draw_sweep(rows, path):
                 axes.set_ylim(-3, 103)
                 axes.set_title("% Pass", fontsize=9)
             else:
-                for values, which in sorted(points["sweep" if i > j else "sweep_one_step"], key=lambda point: order.index(point[1])):
-                    axes.scatter(values[column_name], values[row_name], s=16, color=COLOURS[which], edgecolor="#555555", linewidth=0.3)
+                for which in order:
+                    chosen = [values for values, c in points["sweep" if i > j else "sweep_one_step"] if c == which]
+                    axes.scatter([v[column_name] for v in chosen], [v[row_name] for v in chosen], s=16, color=COLOURS[which], edgecolor="#555555", linewidth=0.3)
                 axes.set_xscale(column_scale)
                 axes.set_yscale(row_scale)
             if i == count - 1:

@@ -247,7 +247,8 @@ std::vector<Case> tracker_cases() {
     return cases.back().rows;
   };
   auto* rows = &add("teleport", "by 10 m and back after 0.7 s; the cube stays below 5 m/s");
-  rows->push_back({"free", [] { return teleport(false); }});
+  rows->push_back({"free", [] { return teleport(false); },
+                   {Class::violated, "a hundredth of a millimetre over the limit, in the grip that closes in full motion after the hand is back"}});
   rows->push_back({"with the cube held", [] { return teleport(true); }, {}, true});
   rows = &add("half_turn", "the tracked hand is turned at one sample; the simulated one comes after it");
   const std::array<std::pair<const char*, Vector3>, 3> axes{{{"x", Vector3::UnitX()}, {"y", Vector3::UnitY()}, {"z", Vector3::UnitZ()}}};

@@ -145,7 +145,7 @@ Findings owner(double factor, double world_rate) {
   return stable_or_refused(setting, [](const std::string& reason, Grasp& offered) {
     double value = 0;
     if (!number_after(reason, "nearest value that works: ", value) && !number_after(reason, "expected number in [0.001, ", value)) return false;
-    offered.overrides.push_back(fmt::format("world.follow_stiffness={}", value));
+    offered.overrides.back() = fmt::format("world.follow_stiffness={}", value);  // what is out of range would be refused before what comes after it
     return true;
   });
 }
