@@ -102,6 +102,7 @@ int main(int argc, char** argv) {
   report->require_subcommand(0, 1);
   report::ReportArguments all_parts;
   report->add_flag("--quick", all_parts.quick, "Under five minutes: each part's --quick");
+  report->add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
   report->add_option("--out", all_parts.out, "Folder of report.md, images/ and report_data/")->capture_default_str()->type_name("DIR");
   report->callback([&] {
     if (report->get_subcommands().empty()) run = [&all_parts] { return report::run_report(all_parts); };

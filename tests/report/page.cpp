@@ -98,11 +98,10 @@ int run_report(const ReportArguments& arguments) {
   const auto file = [&data](const char* part, const char* kind) { return (data / (std::string(part) + "." + kind)).string(); };
   bool good = true;
   std::vector<Part> parts;
-  const auto add = [&](const char* part, const char* command, int code, std::string (*in_a_line)(const Json&)) {
-    good = good && code == 0;
-    const fs::path markdown = file(part, "md");
-    parts.push_back({fmt::format("softhand report {}{}", command, quick), in_a_line(Json::parse(read_file(file(part, "json")))), read_file(markdown)});
-    fs::remove(markdown);
+  const auto add = [&](const char* part, const char* command, const auto& run, std::string (*in_a_line)(const Json&)) {
+    const std::string json = file(part, "json"), markdown = file(part, "md");
+    if (!arguments.resume || !fs::exists(json) || !fs::exists(markdown)) good = run() == 0 && good;
+    parts.push_back({fmt::format("softhand report {}{}", command, quick), in_a_line(Json::parse(read_file(json))), read_file(markdown)});
   };
 
   error_runtime::ErrorRuntimeArguments error_runtime;
@@ -111,7 +110,7 @@ int run_report(const ReportArguments& arguments) {
   error_runtime.csv = file("error_runtime", "csv");
   error_runtime.markdown = file("error_runtime", "md");
   error_runtime.plot = images.string();
-  add("error_runtime", "error-runtime", run_error_runtime(error_runtime), error_runtime_in_a_line);
+  add("error_runtime", "error-runtime", [&] { return run_error_runtime(error_runtime); }, error_runtime_in_a_line);
 
   stress::StressArguments stress;
   stress.quick = arguments.quick;
@@ -119,21 +118,21 @@ int run_report(const ReportArguments& arguments) {
   stress.csv = file("stress", "csv");
   stress.markdown = file("stress", "md");
   stress.plot = images.string();
-  add("stress", "stress", run_stress(stress), [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
+  add("stress", "stress", [&] { return run_stress(stress); }, [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
 
   verification::VerifyArguments verify;
   verify.quick = arguments.quick;
   verify.json = file("verify", "json");
   verify.csv = file("verify", "csv");
   verify.markdown = file("verify", "md");
-  add("verify", "verify", run_verify(verify), known_answers_in_a_line);
+  add("verify", "verify", [&] { return run_verify(verify); }, known_answers_in_a_line);
 
   human::HumanArguments human;
   human.json = file("human", "json");
   human.csv = file("human", "csv");
   human.markdown = file("human", "md");
   human.plot = images.string();
-  add("human", "human", run_human(human), [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
+  add("human", "human", [&] { return run_human(human); }, [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
 
   const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
   write_file((out / "report.md").string(), assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));

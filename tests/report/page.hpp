@@ -7,12 +7,13 @@
 
 namespace softhand::report {
 
-/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv} into `out`, which is made where it is not there.
+/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`, which is made where it is not there.
 struct ReportArguments {
-  bool quick = false;  ///< each part's own --quick: under five minutes together
+  bool quick = false;   ///< each part's own --quick: under five minutes together
+  bool resume = false;  ///< parts whose files lie in report_data stay as they are
   std::string out = "report";
 };
-/// Returns 0 where every part did, else 1.
+/// Returns 0 where every part that was computed did, else 1.
 int run_report(const ReportArguments& arguments);
 
 /// A part of the page: its markdown begins with a "## " heading.
