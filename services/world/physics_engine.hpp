@@ -42,6 +42,9 @@ class PhysicsEngine {
   virtual void apply(std::size_t slot, const Wrench& wrench) = 0;
   /// One step of `dt` seconds, no sub-steps.
   virtual void step(double dt) = 0;
+  /// True while the engine leaves the body out of its steps, since it rests. It must not leave out what creeps at 0.1 mm/s, and must wake a body in the step in
+  /// which `apply` pushes it, something hits it or what carries it goes away.
+  virtual bool asleep(std::size_t slot) const = 0;
   virtual Pose pose(std::size_t slot) const = 0;
   virtual Twist velocity(std::size_t slot) const = 0;
   /// Unit direction from body `other` to body `slot` between their closest points, or along which they part soonest when they overlap. False when

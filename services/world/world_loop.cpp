@@ -381,6 +381,10 @@ void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "stalls", static_cast<double>(counters_.stalls));
   add_counter(status, "vanished", static_cast<double>(counters_.vanished));
   add_counter(status, "repaired", static_cast<double>(counters_.repaired));
+  std::size_t asleep = 0;
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    if (objects_[slot].present && objects_[slot].dynamic && engine_->asleep(slot)) ++asleep;
+  add_counter(status, "asleep", static_cast<double>(asleep));
 }
 
 double WorldLoop::energy() const {

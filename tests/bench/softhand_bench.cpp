@@ -306,6 +306,31 @@ std::string machine() {
   return "unknown processor";
 }
 
+/// Over the same step while they still settle: a world's step once its hundred boxes on a table have come to rest.
+double settled_world_cost_ratio() {
+  std::vector<ObjectOptions> objects(101);
+  objects[0].half_extents = {0.5, 0.02, 0.5};
+  objects[0].position = {0, -0.02, 0};
+  for (int i = 0; i < 100; ++i) {
+    ObjectOptions& box = objects[static_cast<std::size_t>(i) + 1];
+    box.name = fmt::format("box{}", i);
+    box.half_extents = {0.012, 0.012, 0.012};
+    box.mass = 0.05;
+    box.position = {-0.3 + 0.06 * (i % 10), 0.0121, -0.3 + 0.06 * (i / 10)};
+  }
+  const WorldOptions options;
+  WorldLoop world(options, objects, 1.0 / 90);
+  const WorldInput nobody;
+  const double step = 1 / options.rate_hz;
+  std::vector<double> settling, settled;
+  for (int k = 0; k * step < 5; ++k) {
+    const double seconds = seconds_of([&] { world.step(std::llround(1e9 * step * (k + 1)), nobody); });
+    if (k * step > 0.5 && k * step < 1.5) settling.push_back(seconds);
+    if (k * step > 4) settled.push_back(seconds);
+  }
+  return median(settled) / median(settling);
+}
+
 double kernel_seconds(Energy& term, TissueSample& sample) {
   sample.bind(term);
   std::vector<double> times;
@@ -367,6 +392,7 @@ Json run() {
   const bool all_touched = clutter[0].touched == 5 && clutter[1].touched == 5;
   if (!all_touched) fmt::print("  (touched {} and {} of 5 objects)\n", clutter[0].touched, clutter[1].touched);
   put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""), "100 objects near, 5 touched, over these 5 alone");
+  put("settled_world_cost_ratio", settled_world_cost_ratio(), "100 boxes asleep on a table, over the same while they settle");
 
   fmt::print("exponents\n");
   put("factor_exponent_nodes", exponent(factor_by_nodes), "double factor and solve");

@@ -19,6 +19,8 @@ namespace {
 constexpr double kScale = 20;
 constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
+// Slower than this for Bullet's two seconds, an object sleeps. A creep of 0.1 mm/s must not (VALIDATION section 5).
+constexpr double kSleepingSpeed = 2e-5;  // m/s
 
 btVector3 to_bullet(const Vector3& v, double scale) {
   return {static_cast<float>(v.x() * scale), static_cast<float>(v.y() * scale), static_cast<float>(v.z() * scale)};
@@ -89,17 +91,19 @@ class BulletEngine final : public PhysicsEngine {
     info.m_restitution = 0;
     auto body = std::make_unique<btRigidBody>(info);
     body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
-    // A slow creep must not freeze, and a hand may touch at any time.
-    body->setActivationState(DISABLE_DEACTIVATION);
     if (object.mass > 0) {
       btVector3 low, high;
       shapes_[slot]->getAabb(btTransform::getIdentity(), low, high);
+      // The speed of a turning corner counts like that of the centre.
+      body->setSleepingThresholds(static_cast<float>(kSleepingSpeed * kScale),
+                                  static_cast<float>(kSleepingSpeed * kScale) / (0.5f * (high - low).length()));
       const float thinnest = 0.5f * std::min({high.x() - low.x(), high.y() - low.y(), high.z() - low.z()});
       body->setCcdMotionThreshold(thinnest);
       body->setCcdSweptSphereRadius(0.5f * thinnest);
     }
     world_.addRigidBody(body.get());
     bodies_[slot] = std::move(body);
+    wake_all();
   }
 
   void remove(std::size_t slot) override {
@@ -107,6 +111,7 @@ class BulletEngine final : public PhysicsEngine {
     world_.removeRigidBody(bodies_[slot].get());
     bodies_[slot].reset();
     shapes_[slot].reset();
+    wake_all();
   }
 
   void place(std::size_t slot, const Pose& pose, const Twist& velocity) override {
@@ -118,11 +123,16 @@ class BulletEngine final : public PhysicsEngine {
     body.updateInertiaTensor();
     world_.updateSingleAabb(&body);
     world_.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(), &dispatcher_);
+    wake_all();
   }
 
-  void set_gravity(std::size_t slot, const Vector3& gravity) override { bodies_[slot]->setGravity(to_bullet(gravity, kScale)); }
+  void set_gravity(std::size_t slot, const Vector3& gravity) override {
+    bodies_[slot]->setGravity(to_bullet(gravity, kScale));
+    bodies_[slot]->activate();
+  }
 
   void apply(std::size_t slot, const Wrench& wrench) override {
+    bodies_[slot]->activate();  // and, through Bullet's islands, what it touches
     bodies_[slot]->applyCentralForce(to_bullet(wrench.force, kScale));
     bodies_[slot]->applyTorque(to_bullet(wrench.torque, kScale * kScale));
   }
@@ -134,6 +144,8 @@ class BulletEngine final : public PhysicsEngine {
     const btQuaternion q = transform.getRotation();
     return {from_bullet(transform.getOrigin(), kScale), Quaternion(q.w(), q.x(), q.y(), q.z()).normalized()};
   }
+
+  bool asleep(std::size_t slot) const override { return !bodies_[slot]->isActive(); }
 
   Twist velocity(std::size_t slot) const override {
     return {from_bullet(bodies_[slot]->getLinearVelocity(), kScale), from_bullet(bodies_[slot]->getAngularVelocity(), 1)};
@@ -171,6 +183,12 @@ class BulletEngine final : public PhysicsEngine {
   }
 
  private:
+  /// Bullet does not notice that what carried a sleeper is gone, or has come to lie on it.
+  void wake_all() {
+    for (const auto& body : bodies_)
+      if (body && !body->isStaticObject()) body->activate();
+  }
+
   btDefaultCollisionConfiguration configuration_;
   btCollisionDispatcher dispatcher_{&configuration_};
   btDbvtBroadphase broadphase_;
