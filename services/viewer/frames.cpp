@@ -236,15 +236,18 @@ Frame encode(const BoneWrench& wrench) {
 }
 
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
-  Packer out(FrameType::loop_status, slot, 200 + 40 * (status.energies.size() + status.counters.size()));
+  Packer out(FrameType::loop_status, slot, 240 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
   out.stamp(status.stamp);
-  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.input_age_ms,
-                             status.residual, static_cast<double>(status.steps), static_cast<double>(status.deadline_misses)}) {
+  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.step_ms_p999, status.input_age_ms,
+                             static_cast<double>(status.input_drops), static_cast<double>(status.steps), static_cast<double>(status.deadline_misses),
+                             status.residual, status.penetration, status.coupling_stretch, status.passivity_energy}) {
     out.put(value);
   }
-  for (const std::uint32_t value : {status.process_id, status.iterations, status.solver_status, status.contact_count}) out.integer(value);
+  for (const std::uint32_t value : {status.process_id, status.iterations, status.solver_status, status.contact_count, status.inverted_elements, 0u})
+    out.integer(value);
   out.text(status.module);
   put_named(out, status.energies);
+  put_named(out, status.ledger);
   put_named(out, status.counters);
   return out.finish();
 }

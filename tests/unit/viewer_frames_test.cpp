@@ -133,21 +133,44 @@ TEST(ViewerFrames, StatusKeepsItsFigures) {
   set_text(in.module, "hand");
   in.rate_hz = 89.5;
   in.step_ms_p99 = 8.25;
+  in.step_ms_p999 = 9.5;
+  in.input_drops = 3;
   in.deadline_misses = 12;
+  in.penetration = 4e-4;
+  in.coupling_stretch = 2e-3;
+  in.passivity_energy = -0.25;
   in.contact_count = 9;
-  NamedValue energy;
-  set_text(energy.name, "tissue");
-  energy.value = 0.5;
-  in.energies.push_back(energy);
+  in.inverted_elements = 2;
+  const auto named = [](const char* name, double value) {
+    NamedValue out;
+    set_text(out.name, name);
+    out.value = value;
+    return out;
+  };
+  in.energies.push_back(named("tissue", 0.5));
+  in.ledger.push_back(named("work", 0.75));
+  add_counter(in, "chord_steps", 7);
   const Frame frame = encode(in, 4);
   expect_header(frame, FrameType::loop_status, 4);
-  EXPECT_EQ(at<double>(frame, 24), 89.5);
-  EXPECT_EQ(at<double>(frame, 24 + 3 * 8), 8.25);
-  EXPECT_EQ(at<double>(frame, 24 + 7 * 8), 12);
-  EXPECT_EQ(at<std::uint32_t>(frame, 24 + 64 + 12), 9u);
-  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + 104), "hand");
-  EXPECT_EQ(at<std::uint32_t>(frame, 168), 1u);
-  EXPECT_EQ(at<double>(frame, 176 + 32), 0.5);
+  const auto real = [&frame](std::size_t index) { return at<double>(frame, 24 + 8 * index); };
+  EXPECT_EQ(real(0), 89.5);
+  EXPECT_EQ(real(3), 8.25);
+  EXPECT_EQ(real(4), 9.5);
+  EXPECT_EQ(real(6), 3);
+  EXPECT_EQ(real(8), 12);
+  EXPECT_EQ(real(10), 4e-4);
+  EXPECT_EQ(real(11), 2e-3);
+  EXPECT_EQ(real(12), -0.25);
+  constexpr std::size_t integers = 24 + 13 * 8;
+  EXPECT_EQ(at<std::uint32_t>(frame, integers + 12), 9u);
+  EXPECT_EQ(at<std::uint32_t>(frame, integers + 16), 2u);
+  constexpr std::size_t texts = integers + 24;
+  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + texts), "hand");
+  for (std::size_t list = 0; list < 3; ++list) {
+    const std::size_t begin = texts + 64 + list * 48;
+    EXPECT_EQ(at<std::uint32_t>(frame, begin), 1u);
+    EXPECT_EQ(at<double>(frame, begin + 8 + 32), (std::array{0.5, 0.75, 7.0}[list]));
+  }
 }
 
 TEST(ViewerFrames, EveryTopicFitsItsHeader) {

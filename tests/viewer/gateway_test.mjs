@@ -107,7 +107,7 @@ test("bad frames are refused, counted, and do no harm", async () => {
   const bad = {
     size: [Buffer.alloc(3), Buffer.alloc(0), frame(SHOW, Buffer.alloc(4)), frame(SHOW, Buffer.alloc(8), { length: 4000000000 })],
     magic: [frame(SHOW, Buffer.alloc(8), { magic: 1 })],
-    version: [frame(SHOW, Buffer.alloc(8), { version: 2 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
+    version: [frame(SHOW, Buffer.alloc(8), { version: 1 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
     type: [frame(2, Buffer.alloc(8)), frame(65535, Buffer.alloc(0)), "text"],
     content: [
       frame(SHOW, nan),

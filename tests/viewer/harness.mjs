@@ -28,6 +28,9 @@ export const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 /** A process whose output is kept by line; ends with the test at the latest. */
 export class Process {
   static all = new Set();
+  static {
+    process.on("exit", () => Process.all.forEach(({ child }) => child.kill("SIGKILL")));
+  }
   output = "";
   constructor(program, ...args) {
     this.child = spawn(program, args, { stdio: ["ignore", "pipe", "pipe"] });
@@ -68,7 +71,7 @@ export async function browser() {
 
 export const SHOW = 32;
 export const MESSAGE = 33;
-export function frame(type, payload, { magic = 0x46564853, version = 1, length = payload.length } = {}) {
+export function frame(type, payload, { magic = 0x46564853, version = 2, length = payload.length } = {}) {
   const header = Buffer.alloc(16);
   header.writeUInt32LE(magic, 0);
   header.writeUInt16LE(version, 4);

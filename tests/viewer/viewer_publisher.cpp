@@ -138,30 +138,36 @@ void run(const std::string& hand_file) {
       status.nominal_rate_hz = 90;
       status.step_ms_p50 = 2.75;
       status.step_ms_p99 = 8.25;
+      status.step_ms_p999 = 9.75;
+      status.input_drops = 4;
       status.deadline_misses = step;  // differs from status to status, so that the page must show the very same one
       status.input_age_ms = 12.5;
       status.residual = 0.0125;
       status.iterations = 3;
       status.contact_count = 1;
+      status.inverted_elements = 2;
+      status.penetration = 0.0004;
+      status.coupling_stretch = 0.00175;
       status.steps = step;
       status.energies.clear();
-      for (const auto& [name, joules] : {std::pair{"tissue", 0.012}, std::pair{"contact", 0.003}}) {
-        NamedValue energy;
-        set_text(energy.name, name);
-        energy.value = joules;
-        status.energies.push_back(energy);
-      }
+      add_named(status.energies, "tissue", 0.012);
+      add_named(status.energies, "contact", 0.003);
+      status.ledger.clear();
+      add_named(status.ledger, "work", 1.25);
+      add_named(status.ledger, "residual", 2e-9);
       status.counters.clear();
+      add_counter(status, "chord_steps", 17);
       add_counter(status, "pace", pace);
       statuses.write(status);
       // Those that the page chooses from and switches.
       LoopStatus rig;
       set_text(rig.module, "rig");
-      for (const char* scene : {"demo", "pinch_lift"}) add_counter(rig, std::string("scene ") + scene, chosen == scene ? 1 : 0);
+      for (const std::string_view offer : {"scene demo", "scene pinch_lift"}) add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
       statuses.write(rig);
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
       haptic.nominal_rate_hz = 1000;
+      haptic.passivity_energy = -0.25;
       add_counter(haptic, "motors", motors ? 1 : 0);
       statuses.write(haptic);
     }

@@ -12,6 +12,71 @@ const energy = (joules: number): string =>
   Math.abs(joules) >= 1
     ? `${joules.toFixed(2)} J`
     : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
+/** Of a field of the books, which may be small beside the others. */
+const booked = (joules: number): string => (joules !== 0 && Math.abs(joules) < 5e-6 ? `${joules.toExponential(0)} J` : energy(joules));
+const millimetres = (metres: number, digits: number): string => `${fixed(1000 * metres, digits)} mm`;
+const words = (name: string): string => name.replaceAll("_", " ");
+
+/** A tag with a text, and the name of what it shows where it is a figure of a status. */
+function tag(name: string, text: string, field?: string): HTMLElement {
+  const made = Object.assign(document.createElement(name), { textContent: text });
+  if (field !== undefined) made.dataset.field = field;
+  return made;
+}
+
+/** What a loop of physics knows beyond its times: `softhand status` shows the same. Folded out where it solves. */
+class Physics {
+  private readonly figures = document.createElement("dl");
+  private readonly energies = document.createElement("div");
+  private readonly ledger = document.createElement("dl");
+  private readonly books = document.createElement("h4");
+  private energyTop = 1e-6;
+
+  constructor({ module, iterations }: Status) {
+    const details = document.createElement("details");
+    details.open = iterations > 0;
+    details.dataset.module = module;
+    this.energies.setAttribute("role", "img");
+    this.energies.setAttribute("aria-label", "Stored energy by term");
+    this.books.textContent = "Energy since its start";
+    this.books.title = "stored = initial + work + anchoring - friction - damping - integrator + residual";
+    details.append(tag("summary", iterations > 0 ? `${words(module)}: solver and energy` : words(module)), this.figures, this.energies, this.books, this.ledger);
+    element("physics").append(details);
+  }
+
+  show(status: Status): void {
+    const figures: [string, string][] = [];
+    if (status.iterations > 0)
+      figures.push(
+        ["residual", `${status.residual < 1e-3 ? status.residual.toExponential(1) : status.residual.toPrecision(3)} N`],
+        ["iterations", String(status.iterations)],
+        ["contacts", String(status.contactCount)],
+        ["penetration", millimetres(status.penetration, 3)],
+        ["inverted", String(status.inverted)],
+        ["steps", String(status.steps)],
+      );
+    if (status.couplingStretch > 0) figures.push(["coupling stretch", millimetres(status.couplingStretch, 2)]);
+    if (status.passivity !== 0) figures.push(["passivity", energy(status.passivity)]);
+    // Those that tell something: none is zero.
+    for (const { name, value } of status.counters)
+      if (value !== 0 && !(name === "pace" && value === 1)) figures.push([words(name), String(Number(value.toPrecision(10)))]);
+    this.figures.replaceChildren(...figures.flatMap(([name, text]) => [tag("dt", name), tag("dd", text, name)]));
+
+    this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...status.energies.map(({ value }) => Math.abs(value)));
+    this.energies.replaceChildren(
+      ...status.energies.map(({ name, value }) => {
+        const bar = Object.assign(document.createElement("div"), { className: "bar", title: words(name) });
+        const fill = document.createElement("i");
+        // Square root: the small terms show beside the large.
+        fill.style.width = `${100 * Math.sqrt(Math.min(1, Math.abs(value) / this.energyTop))}%`;
+        bar.append(tag("span", words(name)), fill, tag("span", energy(value), name));
+        return bar;
+      }),
+    );
+    this.books.hidden = status.ledger.length === 0;
+    this.ledger.replaceChildren(...status.ledger.flatMap(({ name, value }) => [tag("dt", words(name)), tag("dd", booked(value), `ledger ${name}`)]));
+  }
+}
 
 class Plot {
   private readonly samples: { time: number; values: number[] }[] = [];
@@ -64,7 +129,7 @@ export class Panel {
   private readonly modules = new Map<string, { row: HTMLTableRowElement; seen: number }>();
   private readonly force: Plot;
   private readonly penetration: Plot;
-  private energyTop = 1e-6;
+  private readonly physics = new Map<string, Physics>();
 
   constructor() {
     this.force = new Plot(element("plot-force"), FINGER_COLOURS, 0.5);
@@ -89,7 +154,7 @@ export class Panel {
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
       row.dataset.module = status.module;
-      for (const field of ["module", "rate", "p50", "p99", "misses", "age"]) row.insertCell().dataset.field = field;
+      for (const field of ["module", "rate", "p50", "p99", "p999", "misses", "drops", "age"]) row.insertCell().dataset.field = field;
       known = { row, seen: now };
       this.modules.set(status.module, known);
       const option = document.createElement("option");
@@ -104,13 +169,20 @@ export class Panel {
       `${status.rate.toFixed(0)}/${status.nominalRate.toFixed(0)}`,
       fixed(status.p50, 2),
       fixed(status.p99, 2),
+      fixed(status.p999, 2),
       String(status.misses),
+      String(status.inputDrops),
       status.inputAge < 0 ? "–" : fixed(status.inputAge, 1),
     ];
     const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
     texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
     known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * pace * status.nominalRate);
-    if (status.energies.length > 1) this.solver(status);
+    const { iterations, couplingStretch, passivity, energies, ledger } = status;
+    if (!this.physics.has(status.module)) {
+      if (iterations === 0 && couplingStretch === 0 && passivity === 0 && energies.length === 0 && ledger.length === 0) return;
+      this.physics.set(status.module, new Physics(status));
+    }
+    this.physics.get(status.module)!.show(status);
   }
 
   contacts(contacts: Contacts): void {
@@ -141,36 +213,5 @@ export class Panel {
     this.force.draw();
     this.penetration.draw();
     for (const { row, seen } of this.modules.values()) if (now - seen > 1500) row.className = "silent";
-  }
-
-  private solver(status: Status): void {
-    const figures: [string, string][] = [
-      ["residual", `${status.residual < 1e-3 ? status.residual.toExponential(1) : status.residual.toPrecision(3)} N`],
-      ["iterations", String(status.iterations)],
-      ["contacts", String(status.contactCount)],
-      ["steps", String(status.steps)],
-    ];
-    element("solver").replaceChildren(
-      ...figures.flatMap(([name, value]) => {
-        const dd = Object.assign(document.createElement("dd"), { textContent: value });
-        dd.dataset.field = name;
-        return [Object.assign(document.createElement("dt"), { textContent: name }), dd];
-      }),
-    );
-    this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...status.energies.map(({ value }) => Math.abs(value)));
-    element("energies").replaceChildren(
-      ...status.energies.map(({ name, value }) => {
-        const bar = Object.assign(document.createElement("div"), { className: "bar", title: name });
-        const fill = document.createElement("i");
-        // Square root: the small terms show beside the large.
-        fill.style.width = `${100 * Math.sqrt(Math.min(1, Math.abs(value) / this.energyTop))}%`;
-        bar.append(
-          Object.assign(document.createElement("span"), { textContent: name.replaceAll("_", " ") }),
-          fill,
-          Object.assign(document.createElement("span"), { textContent: energy(value) }),
-        );
-        return bar;
-      }),
-    );
   }
 }

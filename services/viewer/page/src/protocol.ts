@@ -1,7 +1,7 @@
 // The binary frames of softhand-viewer; layouts as in ../../frames.hpp and docs/viewer.md. Anything that does not fit is refused with a reason.
 
 export const MAGIC = 0x46564853;
-export const VERSION = 1;
+export const VERSION = 2;
 const HEADER = 16;
 export const JOINTS = 26;
 export const BONES = 21;
@@ -285,19 +285,27 @@ export interface Named {
 }
 export interface Status {
   stamp: Stamp;
-  rate: number;
+  rate: number; // Hz
   nominalRate: number;
-  p50: number;
+  p50: number; // ms
   p99: number;
-  inputAge: number;
-  residual: number;
+  p999: number;
+  inputAge: number; // ms; negative: none yet
+  inputDrops: number;
   steps: number;
   misses: number;
+  residual: number; // N
+  penetration: number; // m
+  couplingStretch: number; // m
+  passivity: number; // J
   processId: number;
   iterations: number;
+  solverStatus: number;
   contactCount: number;
+  inverted: number;
   module: string;
-  energies: Named[];
+  energies: Named[]; // J
+  ledger: Named[]; // J
   counters: Named[];
 }
 export function status(payload: DataView): Status {
@@ -307,39 +315,30 @@ export function status(payload: DataView): Status {
     r.at += 4;
     return Array.from({ length: count }, () => ({ name: r.text(32), value: r.f64() }));
   };
-  const stamp = r.stamp();
-  const [rate, nominalRate, p50, p99, inputAge, residual, steps, misses] = Array.from({ length: 8 }, () => r.f64()) as [
-    number,
-    number,
-    number,
-    number,
-    number,
-    number,
-    number,
-    number,
-  ];
-  const processId = r.u32();
-  const iterations = r.u32();
-  r.at += 4; // solver status
-  const contactCount = r.u32();
-  const module = r.text(64);
-  return {
-    stamp,
-    rate,
-    nominalRate,
-    p50,
-    p99,
-    inputAge,
-    residual,
-    steps,
-    misses,
-    processId,
-    iterations,
-    contactCount,
-    module,
-    energies: named(),
-    counters: named(),
+  // In the order of the frame.
+  const head = {
+    stamp: r.stamp(),
+    rate: r.f64(),
+    nominalRate: r.f64(),
+    p50: r.f64(),
+    p99: r.f64(),
+    p999: r.f64(),
+    inputAge: r.f64(),
+    inputDrops: r.f64(),
+    steps: r.f64(),
+    misses: r.f64(),
+    residual: r.f64(),
+    penetration: r.f64(),
+    couplingStretch: r.f64(),
+    passivity: r.f64(),
+    processId: r.u32(),
+    iterations: r.u32(),
+    solverStatus: r.u32(),
+    contactCount: r.u32(),
+    inverted: r.u32(),
   };
+  r.at += 4;
+  return { ...head, module: r.text(64), energies: named(), ledger: named(), counters: named() };
 }
 
 export interface Reply {
