@@ -2,6 +2,8 @@
 #include <cstdio>
 #include <filesystem>
 #include <sstream>
+#include <string>
+#include <vector>
 
 #include "device/answer.hpp"
 #include "scene_file.hpp"
@@ -31,7 +33,13 @@ void run(int argc, char** argv) {
   viewer::Server server(server_options);
   viewer::Gateway gateway(service.participant(), server, load_scene_hand(scene), hand_key(scene), options.node_encoding == "int16",
                           options.rate_hz);
-  std::printf("see it at %s\n", server.url().c_str());
+  const std::string& url = server.url();
+  std::printf("see it at %s\n", url.c_str());
+  // By the port that it got, which need not be the one asked for.
+  const std::size_t host_begin = url.find("//") + 2;
+  const std::size_t port_begin = url.rfind(':');
+  for (const std::string& host : options.address == "0.0.0.0" ? server_options.hosts : std::vector<std::string>{})
+    std::printf("elsewhere at %s%s%s\n", url.substr(0, host_begin).c_str(), host.c_str(), url.substr(port_begin).c_str());
   std::fflush(stdout);
   service.run({[&](Nanoseconds now) { gateway.step(now); },
                [&](const Message& message) {

@@ -63,6 +63,13 @@ test("localhost gets http on the same port, others are sent to https", async () 
   assert.equal((await get("elsewhere.test")).status, 403);
 });
 
+test("its addresses are told with the port that it got", async () => {
+  const other = await gateway(viewer.port, ...tls("viewer"));
+  assert.notEqual(other.port, viewer.port);
+  await other.process.line(new RegExp(`elsewhere at https://${NAME.replace(".", "\\.")}:${other.port}\n`));
+  await other.process.end();
+});
+
 test("the stream asks for the right origin over wss, too", async () => {
   const url = `https://127.0.0.1:${viewer.port}`;
   const own = new Client(url, { ...trusted, origin: url });
