@@ -31,7 +31,12 @@ class Energy {
   virtual double value(const State& state) const = 0;
   virtual void add_gradient(const State& state, VectorX& gradient) const = 0;
   virtual void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const = 0;
-  /// All three at one state, for terms that share work between them; returns the value.
+  /// Both at one state, for terms that share work between them; returns the value.
+  virtual double add_value_and_gradient(const State& state, VectorX& gradient) const {
+    add_gradient(state, gradient);
+    return value(state);
+  }
+  /// All three at one state, likewise.
   virtual double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
     add_gradient(state, gradient);
     add_hessian(state, hessian, curvature);

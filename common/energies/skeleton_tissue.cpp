@@ -172,6 +172,10 @@ void SkeletonTissue::add_hessian(const State& state, BlockMatrix& hessian, Curva
   evaluate(state, nullptr, &hessian, curvature);
 }
 
+double SkeletonTissue::add_value_and_gradient(const State& state, VectorX& gradient) const {
+  return evaluate(state, &gradient, nullptr, Curvature::projected);
+}
+
 double SkeletonTissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
   return evaluate(state, &gradient, &hessian, curvature);
 }

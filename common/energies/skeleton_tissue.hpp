@@ -34,6 +34,7 @@ class SkeletonTissue final : public Energy {
   double value(const State& state) const override;
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  double add_value_and_gradient(const State& state, VectorX& gradient) const override;
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:

@@ -111,8 +111,15 @@ void Tissue::add_hessian(const State& state, BlockMatrix& hessian, Curvature cur
   evaluate(state, {.blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
 }
 
+double Tissue::add_value_and_gradient(const State& state, VectorX& gradient) const {
+  return evaluate(state, {.gradient = gradient.data()});
+}
+
 double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
-  return evaluate(state, {.gradient = gradient.data(), .blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
+  return evaluate(state, {.gradient = gradient.data(),
+                          .blocks = hessian.values().data(),
+                          .projected = curvature == Curvature::projected,
+                          .single_blocks = single_hessian_});
 }
 
 int Tissue::inverted_elements(const State& state) const {

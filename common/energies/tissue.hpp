@@ -25,6 +25,8 @@ class Tissue final : public Energy {
   /// Uses nodes, tetrahedra, their materials. std::invalid_argument, naming the element, where a tetrahedron has no volume or a node, material or
   /// constant is out of range. `set` must be supported by the processor.
   explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
+  /// From here on `add_all` computes the Hessian's products in float: for a solver that factorises it in float. Energy and gradient stay what they are.
+  void use_single_hessian() { single_hessian_ = true; }
 
   int element_count() const { return element_count_; }
   /// Energies, gradients or Hessians of a tetrahedron, in any combination at one state, since construction.
@@ -42,6 +44,7 @@ class Tissue final : public Energy {
   double value(const State& state) const override;
   void add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  double add_value_and_gradient(const State& state, VectorX& gradient) const override;
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
@@ -50,6 +53,7 @@ class Tissue final : public Energy {
   CorotationalMaterial material(int element) const;
 
   TissueKernel kernel_;
+  bool single_hessian_ = false;
   int element_count_ = 0;
   mutable std::uint64_t evaluated_elements_ = 0;
   std::vector<TissueBatch> batches_;  // element e is lane e mod kTissueBatch of batch e / kTissueBatch

@@ -137,16 +137,27 @@ SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std:
   return result;
 }
 
-// What the lanes of a batch leave to be added.
-struct alignas(64) BatchResult {
+// What the lanes of a batch leave to be added. The Hessian is made of rows of type `Row`: Lanes, or Singles where half the digits will do.
+template <typename Row>
+struct alignas(64) BatchResult;
+template <>
+struct alignas(64) BatchResult<Lanes> {
+  using Scalar = double;
   double energy[kTissueBatch];
-  double force[12][kTissueBatch];   // gradient, node by node
+  double force[12][kTissueBatch];     // gradient, node by node
   double block[10][9][kTissueBatch];  // as TissueBatch::slot, column-major
+};
+template <>
+struct alignas(64) BatchResult<Singles> {
+  using Scalar = float;
+  double energy[kTissueBatch];
+  double force[12][kTissueBatch];
+  float block[10][9][kTissueBatch];
 };
 
 // w_l for a block's row of three: entry (i, l) of the sum over k of left_k right_k^T.
-template <std::size_t kTerms>
-SOFTHAND_INLINE void add_products(const Lanes3 (&left)[kTerms], const Lanes3 (&right)[kTerms], Lanes3 (&column)[3]) {
+template <typename Row, std::size_t kTerms>
+SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Row> (&right)[kTerms], Row3<Row> (&column)[3]) {
 #pragma GCC unroll 5
   for (std::size_t k = 0; k < kTerms; ++k) {
     column[0] = column[0] + right[k].x * left[k];
@@ -155,8 +166,8 @@ SOFTHAND_INLINE void add_products(const Lanes3 (&left)[kTerms], const Lanes3 (&r
   }
 }
 
-template <bool kGradient, bool kHessian>
-SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions, bool projected, BatchResult& result) {
+template <typename Row, bool kGradient, bool kHessian>
+SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions, bool projected, BatchResult<Row>& result) {
   const auto row = [first](const double (&values)[kTissueBatch]) { return load_lanes(values + first); };
   Lanes3 f[3];
   Lanes3 shape[3];
@@ -233,8 +244,18 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   };
   const Lanes terms[5] = {weight * lambda, twist(0, 1), twist(0, 2), twist(1, 2),
                           select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0))};
-  const Lanes isotropic = weight * stiffness;
-  const auto put = [&](std::size_t slot, const Lanes3 (&column)[3]) {
+  Row term[5];
+#pragma GCC unroll 5
+  for (std::size_t k = 0; k < 5; ++k) term[k] = rounded<Row>(terms[k]);
+  Row3<Row> factor_of[3][5], gradient_of[3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) {
+#pragma GCC unroll 5
+    for (std::size_t k = 0; k < 5; ++k) factor_of[n][k] = rounded<Row>(direction[n][k]);
+    gradient_of[n] = rounded<Row>(shape[n]);
+  }
+  const Row isotropic = rounded<Row>(weight * stiffness), none = isotropic - isotropic, half_row = rounded<Row>(splat(0.5));
+  const auto put = [&](std::size_t slot, const Row3<Row> (&column)[3]) {
 #pragma GCC unroll 3
     for (std::size_t l = 0; l < 3; ++l) {
       store(result.block[slot][3 * l] + first, column[l].x);
@@ -243,41 +264,41 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     }
   };
   // Rows of the element's Hessian sum to zero: block (n, 0) = -sum of (n, 1) to (n, 3), and the corner likewise.
-  Lanes3 to_first[3][3];
+  Row3<Row> to_first[3][3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
-    Lanes3 scaled[5];
+    Row3<Row> scaled[5];
 #pragma GCC unroll 5
-    for (std::size_t k = 0; k < 5; ++k) scaled[k] = terms[k] * direction[n][k];
+    for (std::size_t k = 0; k < 5; ++k) scaled[k] = term[k] * factor_of[n][k];
 #pragma GCC unroll 3
     for (std::size_t m = 0; m <= n; ++m) {
-      const Lanes same = isotropic * dot(shape[n], shape[m]);
-      const Lanes none = splat(0.0);
-      Lanes3 column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
-      add_products(scaled, direction[m], column);
+      const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
+      Row3<Row> column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
+      add_products(scaled, factor_of[m], column);
       put(tissue_slot(n + 1, m + 1), column);
 #pragma GCC unroll 3
       for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
       if (m < n) {
-        to_first[m][0] = to_first[m][0] - Lanes3{column[0].x, column[1].x, column[2].x};
-        to_first[m][1] = to_first[m][1] - Lanes3{column[0].y, column[1].y, column[2].y};
-        to_first[m][2] = to_first[m][2] - Lanes3{column[0].z, column[1].z, column[2].z};
+        to_first[m][0] = to_first[m][0] - Row3<Row>{column[0].x, column[1].x, column[2].x};
+        to_first[m][1] = to_first[m][1] - Row3<Row>{column[0].y, column[1].y, column[2].y};
+        to_first[m][2] = to_first[m][2] - Row3<Row>{column[0].z, column[1].z, column[2].z};
       }
     }
   }
-  Lanes3 corner[3];
+  Row3<Row> corner[3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) put(tissue_slot(n + 1, 0), to_first[n]);
 #pragma GCC unroll 3
   for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
   // Symmetric in exact arithmetic; half of it and its transpose is in floating point too.
-  const Lanes xy = 0.5 * (corner[0].y + corner[1].x), xz = 0.5 * (corner[0].z + corner[2].x), yz = 0.5 * (corner[1].z + corner[2].y);
-  const Lanes3 symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
+  const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x), yz = half_row * (corner[1].z + corner[2].y);
+  const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
   put(tissue_slot(0, 0), symmetric);
 }
 
 // Adds the blocks of a batch: block by block, and within it element by element, so that the order does not depend on the vectors' width.
-SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult& result, double* blocks) {
+template <typename Row>
+SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<Row>& result, double* blocks) {
   for (std::size_t slot = 0; slot < 10; ++slot) {
     const std::int32_t* index = batch.slot[slot];
     const auto& entries = result.block[slot];
@@ -301,13 +322,13 @@ SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult&
   }
 }
 
-template <bool kGradient, bool kHessian>
+template <typename Row, bool kGradient, bool kHessian>
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
   double energy = 0;
-  BatchResult result;
+  BatchResult<Row> result;
   for (const TissueBatch* batch = batches; batch != batches + count; ++batch) {
     for (std::size_t first = 0; first < batch->count; first += kLanes) {
-      evaluate_lanes<kGradient, kHessian>(*batch, first, positions, output.projected, result);
+      evaluate_lanes<Row, kGradient, kHessian>(*batch, first, positions, output.projected, result);
     }
     for (std::size_t lane = 0; lane < batch->count; ++lane) energy += result.energy[lane];
     if constexpr (kGradient) {
@@ -324,10 +345,13 @@ double tissue_energy(const TissueBatch* batches, std::size_t count, const double
 }
 
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
-  if (output.blocks != nullptr) {
-    return output.gradient != nullptr ? tissue_energy<true, true>(batches, count, positions, output) : tissue_energy<false, true>(batches, count, positions, output);
+  if (output.blocks == nullptr) {
+    return output.gradient != nullptr ? tissue_energy<Lanes, true, false>(batches, count, positions, output)
+                                      : tissue_energy<Lanes, false, false>(batches, count, positions, output);
   }
-  return output.gradient != nullptr ? tissue_energy<true, false>(batches, count, positions, output) : tissue_energy<false, false>(batches, count, positions, output);
+  if (output.gradient == nullptr) return tissue_energy<Lanes, false, true>(batches, count, positions, output);
+  return output.single_blocks ? tissue_energy<Singles, true, true>(batches, count, positions, output)
+                              : tissue_energy<Lanes, true, true>(batches, count, positions, output);
 }
 
 }  // namespace

@@ -139,21 +139,72 @@ SOFTHAND_INLINE bool any(const Choice& choice) {
   return any(all);
 }
 
-/// Three lanes to a point or direction.
-struct Lanes3 {
-  Lanes x, y, z;
-};
+/// Numbers of half the size side by side, as many as in `Lanes`, in one machine vector.
+typedef float Singles __attribute__((vector_size(4 * kLanes)));
+typedef float UnalignedSingles __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
+typedef float SinglesPart __attribute__((vector_size(4 * kVectorWidth)));
+typedef float UnalignedSinglesPart __attribute__((vector_size(4 * kVectorWidth), aligned(4), may_alias));
 
-SOFTHAND_INLINE Lanes3 operator+(const Lanes3& a, const Lanes3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-SOFTHAND_INLINE Lanes3 operator-(const Lanes3& a, const Lanes3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-SOFTHAND_INLINE Lanes3 operator-(const Lanes3& a) { return {-a.x, -a.y, -a.z}; }
-SOFTHAND_INLINE Lanes3 operator*(const Lanes& a, const Lanes3& b) { return {a * b.x, a * b.y, a * b.z}; }
-SOFTHAND_INLINE Lanes dot(const Lanes3& a, const Lanes3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+SOFTHAND_INLINE void store(float* to, Singles value) { *reinterpret_cast<UnalignedSingles*>(to) = value; }
+/// As many as a vector of doubles holds, widened.
+SOFTHAND_INLINE Vector load(const float* from) { return __builtin_convertvector(SinglesPart(*reinterpret_cast<const UnalignedSinglesPart*>(from)), Vector); }
+
+/// Row of numbers of type `Row`, rounded where it is narrower.
+template <typename Row>
+SOFTHAND_INLINE Row rounded(const Lanes& a);
+template <>
+SOFTHAND_INLINE Lanes rounded<Lanes>(const Lanes& a) {
+  return a;
+}
+template <>
+SOFTHAND_INLINE Singles rounded<Singles>(const Lanes& a) {
+  static_assert(kVectorsPerLanes == 2);
+  const SinglesPart low = __builtin_convertvector(a.part[0], SinglesPart), high = __builtin_convertvector(a.part[1], SinglesPart);
+#if defined(__AVX512F__)
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif defined(__AVX2__)
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+#else
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+#endif
+}
+
+/// Three rows to a point or direction.
+template <typename Row>
+struct Row3 {
+  Row x, y, z;
+};
+using Lanes3 = Row3<Lanes>;
+
+template <typename Row>
+SOFTHAND_INLINE Row3<Row> operator+(const Row3<Row>& a, const Row3<Row>& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <typename Row>
+SOFTHAND_INLINE Row3<Row> operator-(const Row3<Row>& a, const Row3<Row>& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <typename Row>
+SOFTHAND_INLINE Row3<Row> operator-(const Row3<Row>& a) {
+  return {-a.x, -a.y, -a.z};
+}
+template <typename Row>
+SOFTHAND_INLINE Row3<Row> operator*(const Row& a, const Row3<Row>& b) {
+  return {a * b.x, a * b.y, a * b.z};
+}
+template <typename Row>
+SOFTHAND_INLINE Row dot(const Row3<Row>& a, const Row3<Row>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 SOFTHAND_INLINE Lanes3 cross(const Lanes3& a, const Lanes3& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 SOFTHAND_INLINE Lanes3 select(const Choice& choice, const Lanes3& yes, const Lanes3& no) {
   return {select(choice, yes.x, no.x), select(choice, yes.y, no.y), select(choice, yes.z, no.z)};
+}
+template <typename Row>
+SOFTHAND_INLINE Row3<Row> rounded(const Lanes3& a) {
+  return {rounded<Row>(a.x), rounded<Row>(a.y), rounded<Row>(a.z)};
 }
 
 #undef SOFTHAND_EACH

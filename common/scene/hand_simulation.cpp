@@ -83,6 +83,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   if (!hand_.tetrahedra.empty()) {
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
+    if (options.solver.factor == "float") tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
     auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
     attachments_ = attachments.get();

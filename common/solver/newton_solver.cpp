@@ -19,6 +19,8 @@ constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;
+constexpr double kNear = 100;  // of the residual's tolerance: within it an old factor still leads on
+constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
 
 double steady_seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
@@ -42,18 +44,27 @@ std::string_view to_string(StepStatus status) {
   return names[static_cast<std::size_t>(status)];
 }
 
-NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options, std::unique_ptr<LinearSolver> linear_solver,
-                           std::function<double()> clock)
+NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options)
     : terms_(std::move(terms)),
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
-      linear_solver_(linear_solver ? std::move(linear_solver) : std::make_unique<BlockCholesky<double>>()),
-      clock_(clock ? std::move(clock) : steady_seconds) {
+      clock_(options.clock ? options.clock : steady_seconds) {
   if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
   if (options_.max_iterations < 1) throw std::invalid_argument("NewtonSolver: max_iterations must be at least 1");
   if (options_.curvature != "exact" && options_.curvature != "projected") {
     throw std::invalid_argument("NewtonSolver: curvature must be projected or exact, got " + options_.curvature);
+  }
+  if (options_.factor != "float" && options_.factor != "double") {
+    throw std::invalid_argument("NewtonSolver: factor must be float or double, got " + options_.factor);
+  }
+  if (options_.linear_solver) {
+    linear_solver_ = options_.linear_solver();
+  } else if (options_.factor == "float") {
+    linear_solver_ = std::make_unique<BlockCholesky<float>>();
+    precise_solver_ = std::make_unique<BlockCholesky<double>>();
+  } else {
+    linear_solver_ = std::make_unique<BlockCholesky<double>>();
   }
   BlockPattern pattern(layout_.block_count());
   for (const Energy* term : terms_) term->add_pattern(pattern);
@@ -61,6 +72,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   for (Energy* term : terms_) term->bind(hessian_);
   for (int block = 0; block < layout_.block_count(); ++block) diagonal_.push_back(hessian_.find(block, block).index);
   linear_solver_->analyze(hessian_);
+  if (precise_solver_) precise_solver_->analyze(hessian_);
+  factor_ = linear_solver_.get();
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
 }
@@ -90,13 +103,8 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   if (measures_work_) measure_displacement(state);
   double taken = 0;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
-    double energy = 0;
-    if (with_hessian) {
-      energy = terms_[t]->add_all(state, gradient_, hessian_, curvature_);
-    } else {
-      energy = terms_[t]->value(state);
-      terms_[t]->add_gradient(state, gradient_);
-    }
+    const double energy =
+        with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_value_and_gradient(state, gradient_);
     const double taken_so_far = measures_work_ ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;
@@ -109,64 +117,74 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   return std::isfinite(report.energy) && gradient_.allFinite();
 }
 
-double NewtonSolver::energy_at(const State& state) const {
+double NewtonSolver::energy_at(const State& state, StepReport& report) const {
+  const double time = clock_();
   double energy = 0;
   for (const Energy* term : terms_) energy += term->value(state);
+  report.timing.energies += clock_() - time;
   return energy;
 }
 
 bool NewtonSolver::factorize(StepReport& report) {
+  ++report.factorisations;
   double shift = 0;
-  for (int attempt = 0; attempt <= kMaxShifts; ++attempt) {
+  factor_ = linear_solver_.get();
+  for (int attempt = 0; attempt <= kMaxShifts;) {
     double time = clock_();
-    if (attempt > 0) {
-      // Each entry by its own size: metres and radians differ by orders of magnitude.
-      const double next = attempt == 1 ? kFirstShift : 10.0 * shift;
-      double largest = 0;
-      const auto entry = [this](std::int32_t block, int k) -> double& { return hessian_.values()[static_cast<std::size_t>(9 * block + 4 * k)]; };
-      for (const std::int32_t block : diagonal_) {
-        for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(entry(block, k)));
-      }
-      for (const std::int32_t block : diagonal_) {
-        for (int k = 0; k < 3; ++k) entry(block, k) += (next - shift) * std::max(std::abs(entry(block, k)), 1e-9 * largest);
-      }
-      shift = next;
-      ++report.shifts;
-    }
-    linear_solver_->load(hessian_);
+    factor_->load(hessian_);
     double now = clock_();
     report.timing.assembly += now - time;
     time = now;
-    const bool positive = linear_solver_->factorize();
-    report.timing.factorisation += clock_() - time;
+    const bool positive = factor_->factorize();
+    now = clock_();
+    report.timing.factorisation += now - time;
     if (positive) return true;
+    if (precise_solver_ && factor_ != precise_solver_.get()) {
+      // Not positive definite in float says little.
+      factor_ = precise_solver_.get();
+      continue;
+    }
+    // Each entry by its own size: metres and radians differ by orders of magnitude.
+    const double next = attempt++ == 0 ? kFirstShift : 10.0 * shift;
+    double largest = 0;
+    const auto entry = [this](std::int32_t block, int k) -> double& { return hessian_.values()[static_cast<std::size_t>(9 * block + 4 * k)]; };
+    for (const std::int32_t block : diagonal_) {
+      for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(entry(block, k)));
+    }
+    for (const std::int32_t block : diagonal_) {
+      for (int k = 0; k < 3; ++k) entry(block, k) += (next - shift) * std::max(std::abs(entry(block, k)), 1e-9 * largest);
+    }
+    shift = next;
+    ++report.shifts;
+    report.timing.assembly += clock_() - now;
   }
   return false;
 }
 
-// Backtracks along the direction until Armijo's rule holds; false where E does not fall in floating point (then `state` is unchanged).
-bool NewtonSolver::search(State& state, StepReport& report) {
-  const double time = clock_();
+// Backtracks along the direction until Armijo's rule holds, and evaluates there. Returns the part of the step that was taken; 0 where E does not fall in floating point
+// (then `state` and `report` are unchanged). The full step nearly always holds, so it is evaluated at once with its derivatives.
+double NewtonSolver::search(State& state, StepReport& report, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   double rounding = 0;
   for (std::size_t t = 0; t < report.term_count; ++t) rounding += std::abs(report.terms[t].joules);
   rounding *= 1e-14;
+  const StepReport before = report;
   base_ = state;
   double scale = 1.0;
-  bool accepted = false;
-  for (int halving = 0; halving <= kMaxHalvings && !accepted; ++halving) {
+  for (int halving = 0; halving <= kMaxHalvings; ++halving, scale *= 0.5) {
     apply_increment(state, direction_, scale);
-    const double energy = energy_at(state);
     // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
-    accepted = std::isfinite(energy) && energy <= report.energy + kArmijo * scale * slope + rounding;
-    if (!accepted) {
-      state = base_;
-      scale *= 0.5;
+    const double bound = before.energy + kArmijo * scale * slope + rounding;
+    if ((halving == 0 || energy_at(state, report) <= bound) && evaluate(state, report, with_hessian) && report.energy <= bound) {
+      report.increment *= scale;
+      return scale;
     }
+    state = base_;
   }
-  report.timing.energies += clock_() - time;
-  if (accepted) report.increment *= scale;
-  return accepted;
+  const StepTiming timing = report.timing;
+  report = before;
+  report.timing = timing;
+  return 0;
 }
 
 StepReport NewtonSolver::step(State& state, double time_step) {
@@ -196,16 +214,15 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   }
   kept_time_step_ = 0;
   bool have_best = false;
-  bool evaluated = false;  // the report's energy and residual are those of `state`
+  bool evaluated = true;   // the report's energy and residual, and `gradient_`, are those of `state`
+  bool linearised = true;  // so is `hessian_`
+  bool keeps = false;      // the last factor leads on
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
+  if (!evaluate(state, report, true)) return give_up();
+  for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     const double iteration_begin = clock_();
-    if (!evaluate(state, report, true)) return give_up();
-    evaluated = true;
-    if (iteration == 0) {
-      for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
-    }
     // The fast mode always takes its one step, so that nothing sticks below a tolerance.
     if (report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
       report.status = StepStatus::converged;
@@ -218,30 +235,42 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    if (!factorize(report)) {
-      report.status = StepStatus::failed_factorisation;
-      break;
+    const bool renews = !keeps || report.factorisations < options_.max_factorisations;
+    if (renews) {
+      if (!linearised) evaluate(state, report, true);
+      if (!factorize(report)) {
+        report.status = StepStatus::failed_factorisation;
+        break;
+      }
     }
     const double solve_begin = clock_();
     gradient_ = -gradient_;
-    linear_solver_->solve(gradient_, direction_);
+    factor_->solve(gradient_, direction_);
     gradient_ = -gradient_;
     report.timing.solve += clock_() - solve_begin;
     if (!direction_.allFinite()) return give_up();
     report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
+    const bool last = iteration + 1 == options_.max_iterations;
+    linearised = !last && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
+    double scale = 0;
     if (options_.line_search) {
-      if (!search(state, report)) {
-        if (iteration > 0) {
-          report.increment = 0;
-          break;
-        }
-        // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
-        apply_increment(state, direction_);
+      scale = search(state, report, linearised);
+      if (scale == 0 && !renews) {
+        keeps = linearised = false;
+        continue;
       }
-    } else {
-      apply_increment(state, direction_);
+      if (scale == 0 && iteration > 0) {
+        report.increment = 0;
+        break;
+      }
+      // Otherwise a kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
     }
-    evaluated = false;
+    if (scale == 0) {
+      apply_increment(state, direction_);
+      evaluated = !last || options_.measure_result || have_best;
+      if (evaluated && !evaluate(state, report, linearised)) return give_up();
+    }
+    keeps = scale == 1 && report.residual <= kNear * options_.residual_tolerance;
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
@@ -253,10 +282,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       break;
     }
   }
-  if (report.iterations > 0 && !evaluated && (options_.measure_result || have_best)) {
-    if (!evaluate(state, report, false)) return give_up();
-    evaluated = true;
-    if (report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance) report.status = StepStatus::converged;
+  if (evaluated && report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
+    report.status = StepStatus::converged;
   }
   if (have_best && best_energy < report.energy) {
     // A line search only descends, so this is the path without one.
@@ -303,7 +330,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     gradient_ = -gradient_;
     linkage_.turn(state);
     linkage_.to_then(gradient_);
-    linear_solver_->solve(gradient_, direction_);
+    factor_->solve(gradient_, direction_);
     linkage_.to_now(direction_);
     report.timing.solve += clock_() - begin;
     if (!direction_.allFinite()) return false;

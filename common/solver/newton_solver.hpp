@@ -24,6 +24,7 @@ namespace softhand {
 
 struct SolverOptions {
   std::int64_t max_iterations = 60;
+  std::int64_t max_factorisations = 2;
   double residual_tolerance = 1e-3;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
@@ -31,10 +32,16 @@ struct SolverOptions {
   bool line_search = true;
   bool measure_result = true;
   std::string curvature = "projected";
+  std::string factor = "float";
+  // What a program sets, not a file.
+  std::function<std::unique_ptr<LinearSolver>()> linear_solver;  ///< makes what solves the systems; empty: the block factorisation, as `factor` says
+  std::function<double()> clock;                                 ///< seconds from any origin; empty: a steady clock
 };
 
 inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles where the tracker is noisy.");
+  v.integer("max_factorisations", o.max_factorisations, "", {1, 10000},
+            "Of them, how many compute a new Hessian and factor in any case; the others keep the last near the minimum, and cost a quarter.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
@@ -46,6 +53,8 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},
            "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");
+  v.choice("factor", o.factor, {"float", "double"},
+           "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are double either way, so that float costs convergence at most; where a float factor fails, double is taken.");
 }
 
 enum class StepStatus : std::uint8_t {
@@ -81,6 +90,7 @@ struct TermEnergy {
 struct StepReport {
   StepStatus status = StepStatus::refused;
   int iterations = 0;      ///< Newton steps taken
+  int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
   double energy = 0;       ///< E, J
@@ -96,9 +106,8 @@ struct StepReport {
 class NewtonSolver {
  public:
   /// Builds the pattern of the terms, binds them, analyses once. The terms outlive the solver; their order is the order of summation.
-  /// `clock` gives seconds from any origin. std::invalid_argument for more than kMaxTerms terms or options out of range.
-  NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options, std::unique_ptr<LinearSolver> linear_solver = nullptr,
-               std::function<double()> clock = {});
+  /// std::invalid_argument for more than kMaxTerms terms or options out of range.
+  NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options);
 
   /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing; never leaves a number in `state` that is not finite.
   /// Allocates nothing outside the linear solver.
@@ -116,10 +125,10 @@ class NewtonSolver {
  private:
   bool evaluate(const State& state, StepReport& report, bool with_hessian);
   void measure_displacement(const State& state);
-  double energy_at(const State& state) const;
+  double energy_at(const State& state, StepReport& report) const;
   bool factorize(StepReport& report);
-  bool search(State& state, StepReport& report);
   bool chord_step(State& state, double time_step, StepReport& report);
+  double search(State& state, StepReport& report, bool with_hessian);
 
   std::vector<Energy*> terms_;
   DofLayout layout_;
@@ -131,6 +140,8 @@ class NewtonSolver {
   std::function<bool()> quiet_;
   double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
   bool tired_ = false;         // the factor contracted slowly when last used
+  std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor fails; null without one
+  LinearSolver* factor_ = nullptr;                // which of the two holds the last factor
   std::function<double()> clock_;
   BlockMatrix hessian_;
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block

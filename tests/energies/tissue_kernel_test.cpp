@@ -220,6 +220,33 @@ TEST(TissueKernel, EachInstructionSetGivesTheSameBits) {
   }
 }
 
+TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
+  const HandModel box = testing::box_mesh({3, 3, 3}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, 0.45, 500, 500});
+  for (const double amount : {2e-4, 0.004}) {
+    Random random(5);
+    State state = testing::rest_state(box);
+    for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += amount * random.vector();
+    Tissue exact(box, InstructionSet::baseline), baseline(box, InstructionSet::baseline);
+    baseline.use_single_hessian();
+    const Outcome expected = evaluate(exact, state), in_float = evaluate(baseline, state);
+    double largest = 0, difference = 0;
+    for (std::size_t k = 0; k < expected.hessian.values().size(); ++k) {
+      largest = std::max(largest, std::abs(expected.hessian.values()[k]));
+      difference = std::max(difference, std::abs(in_float.hessian.values()[k] - expected.hessian.values()[k]));
+    }
+    EXPECT_LE(difference, 1e-6 * largest);
+    EXPECT_GT(difference, 0) << "that was double";
+    EXPECT_EQ(in_float.value, expected.value);
+    expect_same(numbers(in_float.gradient), numbers(expected.gradient), "gradient");
+    for (const InstructionSet set : supported_sets()) {
+      SCOPED_TRACE(std::string(to_string(set)));
+      Tissue tissue(box, set);
+      tissue.use_single_hessian();
+      expect_same(evaluate(tissue, state), in_float);
+    }
+  }
+}
+
 TEST(TissueKernel, NotANumberStaysInItsElement) {
   Random random(4);
   const int count = 40, bad = 21;
