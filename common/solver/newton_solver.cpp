@@ -18,7 +18,7 @@ constexpr int kMaxHalvings = 30;
 constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
-constexpr double kStalled = 0.5;
+constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
 constexpr double kNear = 100;  // of the residual's tolerance: within it an old factor still leads on
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
 
@@ -125,10 +125,10 @@ double NewtonSolver::energy_at(const State& state, StepReport& report) const {
   return energy;
 }
 
-bool NewtonSolver::factorize(StepReport& report) {
+bool NewtonSolver::factorize(StepReport& report, bool in_double) {
   ++report.factorisations;
   double shift = 0;
-  factor_ = linear_solver_.get();
+  factor_ = in_double && precise_solver_ ? precise_solver_.get() : linear_solver_.get();
   for (int attempt = 0; attempt <= kMaxShifts;) {
     double time = clock_();
     factor_->load(hessian_);
@@ -138,7 +138,10 @@ bool NewtonSolver::factorize(StepReport& report) {
     const bool positive = factor_->factorize();
     now = clock_();
     report.timing.factorisation += now - time;
-    if (positive) return true;
+    if (positive) {
+      if (factor_ == precise_solver_.get()) ++report.double_factors;
+      return true;
+    }
     if (precise_solver_ && factor_ != precise_solver_.get()) {
       // Not positive definite in float says little.
       factor_ = precise_solver_.get();
@@ -161,9 +164,9 @@ bool NewtonSolver::factorize(StepReport& report) {
   return false;
 }
 
-// Backtracks along the direction until Armijo's rule holds, and evaluates there. Returns the part of the step that was taken; 0 where E does not fall in floating point
-// (then `state` and `report` are unchanged). The full step nearly always holds, so it is evaluated at once with its derivatives.
-double NewtonSolver::search(State& state, StepReport& report, bool with_hessian) {
+// Backtracks along the direction until Armijo's rule holds. Returns the part of the step that was taken; 0 where E does not fall in floating point (then `state` and `report`
+// are unchanged). `measured`: evaluates there, its derivatives too; the full step nearly always holds, so it is evaluated with them at once.
+double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   double rounding = 0;
   for (std::size_t t = 0; t < report.term_count; ++t) rounding += std::abs(report.terms[t].joules);
@@ -175,7 +178,8 @@ double NewtonSolver::search(State& state, StepReport& report, bool with_hessian)
     apply_increment(state, direction_, scale);
     // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
     const double bound = before.energy + kArmijo * scale * slope + rounding;
-    if ((halving == 0 || energy_at(state, report) <= bound) && evaluate(state, report, with_hessian) && report.energy <= bound) {
+    const bool falls = (measured && halving == 0) || energy_at(state, report) <= bound;
+    if (falls && (!measured || (evaluate(state, report, with_hessian) && report.energy <= bound))) {
       report.increment *= scale;
       return scale;
     }
@@ -217,6 +221,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool evaluated = true;   // the report's energy and residual, and `gradient_`, are those of `state`
   bool linearised = true;  // so is `hessian_`
   bool keeps = false;      // the last factor leads on
+  bool in_double = false;  // factors from now on
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, true)) return give_up();
@@ -235,42 +240,50 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    const bool renews = !keeps || report.factorisations < options_.max_factorisations;
-    if (renews) {
-      if (!linearised) evaluate(state, report, true);
-      if (!factorize(report)) {
-        report.status = StepStatus::failed_factorisation;
-        break;
-      }
-    }
-    const double solve_begin = clock_();
-    gradient_ = -gradient_;
-    factor_->solve(gradient_, direction_);
-    gradient_ = -gradient_;
-    report.timing.solve += clock_() - solve_begin;
-    if (!direction_.allFinite()) return give_up();
-    report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
+    bool renews = !keeps || report.factorisations < options_.max_factorisations;
     const bool last = iteration + 1 == options_.max_iterations;
-    linearised = !last && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
+    evaluated = !last || options_.measure_result || have_best;
+    const double before = report.residual;
     double scale = 0;
-    if (options_.line_search) {
-      scale = search(state, report, linearised);
-      if (scale == 0 && !renews) {
-        keeps = linearised = false;
-        continue;
+    bool factorised = true;
+    // Once; again with a new factor where the kept one leads nowhere, and with one in double where that does not either.
+    for (;;) {
+      if (renews) {
+        if (!linearised) evaluate(state, report, true);
+        factorised = factorize(report, in_double);
+        if (!factorised) break;
       }
-      if (scale == 0 && iteration > 0) {
+      const double solve_begin = clock_();
+      gradient_ = -gradient_;
+      factor_->solve(gradient_, direction_);
+      gradient_ = -gradient_;
+      report.timing.solve += clock_() - solve_begin;
+      if (!direction_.allFinite()) return give_up();
+      report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
+      linearised = !last && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
+      if (!options_.line_search) break;
+      scale = search(state, report, evaluated, linearised);
+      if (scale > 0 || (renews && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
+      if (renews) in_double = true;
+      renews = true;
+      linearised = false;
+    }
+    if (!factorised) {
+      report.status = StepStatus::failed_factorisation;
+      break;
+    }
+    if (scale == 0) {
+      if (options_.line_search && iteration > 0) {
         report.increment = 0;
         break;
       }
-      // Otherwise a kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
-    }
-    if (scale == 0) {
+      // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
       apply_increment(state, direction_);
-      evaluated = !last || options_.measure_result || have_best;
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
-    keeps = scale == 1 && report.residual <= kNear * options_.residual_tolerance;
+    const bool stalls = scale == 1 && evaluated && report.residual > kStalled * before;
+    if (stalls && renews) in_double = true;
+    keeps = scale == 1 && !stalls && report.residual <= kNear * options_.residual_tolerance;
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
@@ -321,7 +334,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     const bool renew = tired_ || kept_time_step_ != time_step;
     if (!evaluate(state, report, renew)) return false;
     if (renew) {
-      if (!factorize(report) || report.shifts > 0) return false;
+      if (!factorize(report, false) || report.shifts > 0) return false;
       linkage_.keep(state);
       kept_time_step_ = time_step;
       tired_ = false;

@@ -54,7 +54,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.choice("curvature", o.curvature, {"projected", "exact"},
            "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");
   v.choice("factor", o.factor, {"float", "double"},
-           "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are double either way, so that float costs convergence at most; where a float factor fails, double is taken.");
+           "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are double either way, so that float costs convergence at most; where a float factor fails or leads nowhere, the step takes double.");
 }
 
 enum class StepStatus : std::uint8_t {
@@ -91,6 +91,7 @@ struct StepReport {
   StepStatus status = StepStatus::refused;
   int iterations = 0;      ///< Newton steps taken
   int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor
+  int double_factors = 0;  ///< of them, taken in double because the float factor failed, or led nowhere
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
   double energy = 0;       ///< E, J
@@ -126,9 +127,9 @@ class NewtonSolver {
   bool evaluate(const State& state, StepReport& report, bool with_hessian);
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
-  bool factorize(StepReport& report);
+  bool factorize(StepReport& report, bool in_double);
   bool chord_step(State& state, double time_step, StepReport& report);
-  double search(State& state, StepReport& report, bool with_hessian);
+  double search(State& state, StepReport& report, bool measured, bool with_hessian);
 
   std::vector<Energy*> terms_;
   DofLayout layout_;
@@ -140,7 +141,7 @@ class NewtonSolver {
   std::function<bool()> quiet_;
   double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
   bool tired_ = false;         // the factor contracted slowly when last used
-  std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor fails; null without one
+  std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor does not do; null without one
   LinearSolver* factor_ = nullptr;                // which of the two holds the last factor
   std::function<double()> clock_;
   BlockMatrix hessian_;

@@ -203,7 +203,9 @@ PeerStudy study_peer(const std::string& hand) {
       "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside elements (anchors hold nodes), joints with ranges and couplings in the same "
       "minimisation, contact inside the implicit solve, a result that repeats in double precision.";
   const std::vector<double> weights = skin_weights(p.hand);
-  const Trajectory exact = run_own(p, iterations(200, 0));
+  SolverOptions converged = iterations(200, 0);
+  converged.factor = "double";
+  const Trajectory exact = run_own(p, converged);
   const auto add = [&](const std::string& setting, const Trajectory& t) {
     Row row;
     row.scene = "soft_fingers_peer";

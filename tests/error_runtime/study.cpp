@@ -213,7 +213,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.grasp = scene.grasp;
 
   // R0, and beside it the single steps of the settings with the same mesh and step.
-  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord}, "R0"};
+  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, "simulation.solver.factor=double"}, "R0"};
   Restarted restarted;
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (runs[i].knob == "default" || runs[i].knob == "newton_iterations") restarted.add(i, stage.ready(runs[i].hand, runs[i].overrides));

@@ -134,6 +134,7 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
   options.max_iterations = 200;
   options.residual_tolerance = 1e-7;
   options.increment_tolerance = 1e-14;
+  options.factor = "double";
   NewtonSolver solver({&inertia, &tissue, &attachments, &contact, &friction}, state.layout(), options);
 
   std::vector<Press> presses;

@@ -2,6 +2,7 @@
 // tracker misbehaves. The smallest shipped hand, for time; `softhand simulate` runs the same scenes with the default one.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -96,16 +97,28 @@ TEST(PinchLift, MeetsItsAcceptance) {
 }
 
 // Few iterations: less exact, but nothing is hurled. With one, the text's fast mode, the cube trembles with the tracker's noise, and the force on a
-// trembling cube is not its weight; with two it was 0.980 and 1.010 of it on two orders of summation.
+// trembling cube is not its weight. Chaotic with two: one noise may end 2 % from the weight, or half a millimetre deep, on one order of summation; so the median of three.
 TEST(PinchLift, HoldsWithOneIterationAndWithTwo) {
   for (const char* iterations : {"1", "2"}) {
-    const Result result = run("pinch_lift.toml", {std::string("hand.simulation.solver.max_iterations=") + iterations});
-    EXPECT_LT(number(result, "held_slip_mm"), 1) << iterations;
-    EXPECT_NEAR(number(result, "carried_weight_ratio"), 1, iterations[0] == '1' ? 0.3 : 0.05) << iterations;
-    EXPECT_NEAR(number(result, "lifted_mm"), 150, 5) << iterations;
-    EXPECT_LE(number(result, "penetration_p95_mm"), 0.5) << iterations;
-    EXPECT_TRUE(result.summary["released"].get<bool>()) << iterations;
-    EXPECT_EQ(result.summary["nonfinite_published"], 0) << iterations;
+    std::vector<double> weights, penetrations;
+    for (const char* seed : {"1", "2", "3"}) {
+      SCOPED_TRACE(std::string(iterations) + " iterations, noise " + seed);
+      const Result result = run("pinch_lift.toml", {std::string("hand.simulation.solver.max_iterations=") + iterations, std::string("tracker.seed=") + seed});
+      EXPECT_LT(number(result, "held_slip_mm"), 1);
+      EXPECT_NEAR(number(result, "carried_weight_ratio"), 1, iterations[0] == '1' ? 0.3 : 0.05);
+      EXPECT_NEAR(number(result, "lifted_mm"), 150, 5);
+      EXPECT_LE(number(result, "penetration_p95_mm"), 0.6);
+      EXPECT_TRUE(result.summary["released"].get<bool>());
+      EXPECT_EQ(result.summary["nonfinite_published"], 0);
+      weights.push_back(number(result, "carried_weight_ratio"));
+      penetrations.push_back(number(result, "penetration_p95_mm"));
+    }
+    const auto middle = [](std::vector<double>& values) {
+      std::nth_element(values.begin(), values.begin() + 1, values.end());
+      return values[1];
+    };
+    EXPECT_NEAR(middle(weights), 1, iterations[0] == '1' ? 0.3 : 0.02) << iterations;
+    EXPECT_LE(middle(penetrations), 0.5) << iterations;
   }
 }
 

@@ -443,6 +443,7 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereFloatCannotTellTheMatrixFromASingula
     const StepReport report = solver.step(state, 1.0);
     EXPECT_TRUE(report.state_changed);
     EXPECT_EQ(report.shifts, 0);
+    EXPECT_EQ(report.double_factors > 0, k == 0);
   }
   EXPECT_TRUE(same_bits(results[0].node_positions, results[1].node_positions));
 }
@@ -468,6 +469,40 @@ TEST(NewtonSolver, FloatFactorAndKeptFactorLeadToTheSameMinimum) {
       EXPECT_FALSE(same_bits(state.node_positions, start.node_positions));
     }
   }
+}
+
+TEST(NewtonSolver, TakesTheDoubleFactorWhereTheFloatOneLeadsNowhereAnyMore) {
+  Brick brick;
+  brick.shake(0.002, 4);
+  const State start = brick.state;
+  double residuals[2];
+  for (const int k : {0, 1}) {
+    SolverOptions options = converging();
+    options.residual_tolerance = options.increment_tolerance = 0;  // down to rounding
+    options.factor = k == 0 ? "float" : "double";
+    NewtonSolver solver(brick.terms(), start.layout(), options);
+    State state = start;
+    const StepReport report = solver.step(state, 0.01);
+    EXPECT_EQ(report.double_factors > 0, k == 0);
+    residuals[k] = report.residual;
+  }
+  EXPECT_LE(residuals[0], 10 * residuals[1]);
+}
+
+TEST(NewtonSolver, AnUnmeasuredFastStepIsTheMeasuredOne) {
+  Brick brick;
+  brick.shake(0.002, 4);
+  State measured = brick.state, unmeasured = brick.state;
+  SolverOptions options = converging(1);
+  NewtonSolver with(brick.terms(), measured.layout(), options);
+  const StepReport end = with.step(measured, 0.01);
+  options.measure_result = false;
+  NewtonSolver without(brick.terms(), unmeasured.layout(), options);
+  const StepReport begin = without.step(unmeasured, 0.01);
+  EXPECT_TRUE(end.measured);
+  EXPECT_FALSE(begin.measured);
+  EXPECT_LT(end.energy, begin.energy);
+  EXPECT_TRUE(same_bits(measured.node_positions, unmeasured.node_positions));
 }
 
 #ifdef SOFTHAND_COUNT_MALLOC
