@@ -20,10 +20,10 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <thread>
 
 #include "bench/factor_turns.hpp"
+#include "bench/pressing.hpp"
 #include "bench/tissue_sample.hpp"
 #include "bus/bus.hpp"
 #include "cli/virtual_rig.hpp"
@@ -114,90 +114,6 @@ std::vector<double> measure_free_motion(const Size& size) {
   return steps;
 }
 
-// A resting hand whose five fingertips sink a millimetre into heavy balls, among others that it does not touch.
-class Pressing {
- public:
-  Pressing(int touched, int untouched) : hand_(load_hand(std::string(SOFTHAND_SOURCE_DIR "/config/hands/") + hand_name(1450))) {
-    HandOptions options;
-    options.mirrored_objects = 8;
-    loop_ = std::make_unique<HandLoop>(hand_, options, HandKey{});
-    constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
-    constexpr double kRadius = 0.01, kDepth = 0.001;
-    Vector3 low = Vector3::Constant(1), high = Vector3::Constant(-1);
-    for (const Vector3& node : hand_.nodes) {
-      low = low.cwiseMin(node);
-      high = high.cwiseMax(node);
-    }
-    for (int k = 0; k < untouched; ++k) {
-      // A grid two centimetres above the hand.
-      const double u = (k % 10 + 0.5) / 10, v = (k / 10 + 0.5) / 10;
-      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + 0.02 + kRadius, low.z() + v * (high.z() - low.z())), kRadius);
-    }
-    for (int k = 0; k < touched; ++k) {
-      const Vector3 tip = hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
-      double bottom = tip.y();
-      for (const Vector3& node : hand_.nodes) {
-        if ((node - tip).norm() < 0.01) bottom = std::min(bottom, node.y());
-      }
-      add(Vector3(tip.x(), bottom - kRadius + kDepth, tip.z()), kRadius);
-    }
-  }
-
-  /// Seconds of one step of the whole loop, inputs to outputs.
-  double step(bool count = false) {
-    now_ += 11'111'111;
-    ++skeleton_->stamp.sequence;
-    skeleton_->stamp.sample_time = world_->stamp.sample_time = now_;
-    const double sway = 5e-4 * std::sin(2 * M_PI * 1e-9 * static_cast<double>(now_));
-    for (std::size_t j = 0; j < kJointCount; ++j) {
-      const Pose pose = Pose{Vector3(0, sway, 0), Quaternion::Identity()} * hand_.rest_joints[j];
-      skeleton_->joints[j].position = to_wire(pose.position);
-      skeleton_->joints[j].orientation = to_wire(pose.orientation);
-      skeleton_->joints[j].flags = kJointValid | kJointTracked;
-    }
-    const HandInput input{skeleton_.get(), nullptr, world_.get()};
-    counting = count;
-    const double start = thread_seconds();
-    output_ = &loop_->step(now_, input, {true, true, true});
-    const double seconds = thread_seconds() - start;
-    counting = false;
-    return seconds;
-  }
-  int touched_objects() const {
-    std::set<std::uint32_t> objects;
-    for (const Contact& contact : output_->contacts.contacts) objects.insert(contact.object);
-    return static_cast<int>(objects.size());
-  }
-  int contacts() const { return static_cast<int>(output_->contacts.contacts.size()); }
-  double contact_seconds() const { return output_->report.timing.begin + output_->report.timing.end; }
-
- private:
-  void add(const Vector3& position, double radius) {
-    ObjectDescription description;
-    description.object = ++objects_;
-    description.mass = 1000;  // stays where it is
-    description.inertia = {0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius};
-    description.friction = 0.8;
-    description.shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
-    description.shape.size = {radius, 0, 0};
-    loop_->describe_object(description);
-    ObjectState state;
-    state.object = description.object;
-    state.position = to_wire(position);
-    world_->objects.push_back(state);
-  }
-
-  HandModel hand_;
-  std::unique_ptr<HandLoop> loop_;
-  std::unique_ptr<Skeleton> skeleton_ = std::make_unique<Skeleton>();
-  std::unique_ptr<WorldObjects> world_ = std::make_unique<WorldObjects>();
-  const HandOutput* output_ = nullptr;
-  Nanoseconds now_ = 1'000'000'000;
-  std::uint32_t objects_ = 0;
-};
-
-constexpr int kSettlingSteps = 30;
-
 struct PressingCost {
   double step = 0, contact = 0;  ///< s, medians
   int touched = 0, contacts = 0;
@@ -207,11 +123,10 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
   std::vector<std::unique_ptr<Pressing>> hands;
   for (const auto& [touched, untouched] : objects) hands.push_back(std::make_unique<Pressing>(touched, untouched));
   std::vector<std::vector<double>> times(hands.size()), contact(hands.size());
-  for (int i = 0; i < kSettlingSteps + steps; ++i) {
+  for (const auto& hand : hands) hand->settle();
+  for (int i = 0; i < steps; ++i) {
     for (std::size_t k = 0; k < hands.size(); ++k) {
-      const double seconds = hands[k]->step();
-      if (i < kSettlingSteps) continue;
-      times[k].push_back(seconds);
+      times[k].push_back(hands[k]->step([](auto&& work) { return seconds_of(work); }));
       contact[k].push_back(hands[k]->contact_seconds());
     }
   }
@@ -227,9 +142,15 @@ double allocations_per_step() {
   counting = false;
   if (std::exchange(allocations, 0) != 1) return std::nan("");
   Pressing hand(5, 20);
-  for (int i = 0; i < kSettlingSteps; ++i) hand.step();
+  hand.settle();
   constexpr int kSteps = 30;
-  for (int i = 0; i < kSteps; ++i) hand.step(true);
+  for (int i = 0; i < kSteps; ++i) {
+    hand.step([](auto&& work) {
+      counting = true;
+      work();
+      counting = false;
+    });
+  }
   return hand.touched_objects() > 0 ? static_cast<double>(std::exchange(allocations, 0)) / kSteps : std::nan("");
 #else
   return std::nan("");
@@ -350,7 +271,7 @@ Json run() {
 
   fmt::print("factorisation\n");
   std::vector<std::pair<double, double>> factor_by_nodes;
-  std::map<int, double> saved_by_block;  // s
+  std::map<int, double> saved_by_factor;  // s, the default's float against CHOLMOD
   for (const Size& size : kSizes) {
     FactorTurns turns(size.file);
     for (int i = 0; i < 15; ++i) turns.turn(false);
@@ -359,7 +280,7 @@ Json run() {
     put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with taking over the values");
     put(fmt::format("factor_fraction_of_peak_{}", size.key), turns.fraction_of_peak(), "of dgemm's rate, double");
     factor_by_nodes.emplace_back(size.key, turns.block());
-    saved_by_block[size.key] = turns.cholmod() - turns.block();
+    saved_by_factor[size.key] = turns.cholmod() - turns.single();
   }
 
   fmt::print("tissue\n");
@@ -368,6 +289,8 @@ Json run() {
   Tissue tissue(sample.box);
   const double scalar_seconds = kernel_seconds(scalar, sample);
   put("tissue_simd_speedup", scalar_seconds / kernel_seconds(tissue, sample), "energy, gradient and Hessian, double, over scalar");
+  tissue.use_single_hessian();
+  put("tissue_simd_float_speedup", scalar_seconds / kernel_seconds(tissue, sample), "the same with the Hessian's products in float");
 
   fmt::print("step of the hand in a grasp\n");
   std::map<int, GraspCost> grasps;
@@ -377,7 +300,7 @@ Json run() {
     if (cost.touching == 0) fmt::print("  (size {}: not in a grasp throughout)\n", size.key);
     put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""), "default mode");
     put(fmt::format("fast_step_ms_{}", size.key), 1e3 * median(cost.fast), "one iteration, one thread");
-    put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_block.at(size.key)), "with CHOLMOD's factor and solve of above for ours");
+    put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_factor.at(size.key)), "with CHOLMOD's factor and solve of above for ours");
     by_nodes.emplace_back(cost.nodes, median(cost.steps));
     fast_by_nodes.emplace_back(cost.nodes, median(cost.fast));
     fast_by_tetrahedra.emplace_back(cost.tetrahedra, median(cost.fast));
