@@ -14,6 +14,8 @@
 namespace softhand {
 namespace {
 
+constexpr std::size_t kThreadStack = std::size_t{1} << 20;
+
 Nanoseconds period_of(double rate_hz) {
   if (!(rate_hz >= 0.1 && rate_hz <= 100'000))
     throw std::invalid_argument("loop rate: expected 0.1 to 100000 Hz, got " + std::to_string(rate_hz));
@@ -44,6 +46,16 @@ void PeriodicLoop::fill(LoopStatus& status) const {
 
 std::vector<std::string> request_real_time(int priority) {
   std::vector<std::string> warnings;
+#if defined(__GLIBC__)
+  // Locked memory is resident, stacks too: at glibc's 8 MB each those of a DDS participant's threads are half of a service's memory.
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, kThreadStack);
+  if (const int error = pthread_setattr_default_np(&attributes); error != 0) {
+    warnings.push_back(std::string("stacks stay large (") + std::strerror(error) + ")");
+  }
+  pthread_attr_destroy(&attributes);
+#endif
   if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
     warnings.push_back(std::string("memory is not locked (") + std::strerror(errno) + "): steps may wait for pages");
   }

@@ -91,7 +91,8 @@ class PeriodicLoop {
 };
 
 /// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each that the system
-/// refused, with the reason: the loop then runs all the same, with less certain times. Threads started later inherit the priority.
+/// refused, with the reason: the loop then runs all the same, with less certain times. Threads started later inherit the priority, and have
+/// stacks of a megabyte.
 std::vector<std::string> request_real_time(int priority);
 
 }  // namespace softhand
