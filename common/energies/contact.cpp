@@ -18,6 +18,7 @@ constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
+constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees, of the surface under a node since the last step: beyond it the old plane is no plane for it
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
   std::vector<std::int32_t> nodes;
@@ -206,8 +207,11 @@ void ContactSet::find_candidates(int slot, const State& state) {
     if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
     if (s.jumped) {
       if (const auto crossing = s.geometry->first_crossing(before, now)) {
-        create(slot, node, crossing->point, crossing->normal);
-        return;
+        // Of an object that turned under it a node that stays outside only grazes the chord of its way; one that is behind it now was passed.
+        if (nearest.distance < 0 || !same_side(s, crossing->normal, nearest.normal)) {
+          create(slot, node, crossing->point, crossing->normal);
+          return;
+        }
       }
     }
     if (nearest.distance < 0) {
@@ -231,6 +235,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   const Slot& s = at(anchor.slot);
   const Vector3 position = state.node_positions.col(anchor.node);
   const Vector3 velocity = state.node_velocities.col(anchor.node);
+  const bool swept = sweep(anchor, position);
   const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
   const Vector3 now = to_local(s.start_pose, position) - anchor.anchor;
   const Vector3 next = to_local(s.predicted_pose, position + time_step_ * velocity) - anchor.anchor;
@@ -263,10 +268,32 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   }
   anchor.stretch_start = stretch - anchor.stretch_origin;
   // Relative to where the object was when the last step ended: its own move since then is a movement like those of the step.
-  const Vector3 left = (anchor.known && s.jumped ? to_local(s.last_pose, position) : to_local(s.start_pose, position)) - anchor.anchor;
+  const Vector3 left = (anchor.known && s.jumped && !swept ? to_local(s.last_pose, position) : to_local(s.start_pose, position)) - anchor.anchor;
   anchor.start_energy = normal_energy(anchor, anchor.normal.dot(left));
   const double held = anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
-  anchor.start_excess = std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
+  anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
+}
+
+// Whether the surface with normal `now` has come to where that with `before` was when the object was moved from outside, and not the far side of the object. Object's frame.
+bool ContactSet::same_side(const Slot& s, const Vector3& before, const Vector3& now) {
+  return (s.last_pose.orientation * before).dot(s.start_pose.orientation * now) > 0;
+}
+
+// An object that was moved from outside may have carried anchor and plane away from under the node: a drum that turns by 64 degrees in a step. Such a contact slides: it
+// goes on in the plane of the surface under the node, stretched by as much of the surface as went past. False: it sticks, or its plane will do.
+bool ContactSet::sweep(Anchor& anchor, const Vector3& position) {
+  const Slot& s = at(anchor.slot);
+  if (!s.jumped || anchor.fresh || anchor.recess > 0) return false;
+  const Vector3 now = to_local(s.start_pose, position);
+  ++queries_;
+  const SurfacePoint nearest = s.geometry->closest(now);
+  if (nearest.normal.dot(anchor.normal) > kSweptTurn || !same_side(s, anchor.normal, nearest.normal)) return false;
+  const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -nearest.distance);
+  if (anchor.friction_stiffness * (nearest.point - anchor.anchor).norm() <= limit) return false;
+  const Vector3 moved = now - to_local(s.last_pose, position);
+  anchor.anchor = nearest.point - (moved - nearest.normal.dot(moved) * nearest.normal);
+  anchor.normal = nearest.normal;
+  return true;
 }
 
 void ContactSet::end_step(const State& state) {

@@ -156,6 +156,8 @@ class ContactSet {
   template <typename Ends>
   void remove_if(Ends&& ends);
   void begin_anchor(Anchor& anchor, const State& state);
+  bool sweep(Anchor& anchor, const Vector3& position);
+  static bool same_side(const Slot& slot, const Vector3& before, const Vector3& now);
   void find_candidates(int slot, const State& state);
   void find_missed(int slot, const State& state);
   void slide(Anchor& anchor, double drag, const State& state);

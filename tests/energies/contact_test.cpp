@@ -296,6 +296,29 @@ TEST(Contact, KinematicPlateSweepsNodesAlong) {
   EXPECT_GT(rig.state.node_positions(1, 0), 0.15);
 }
 
+// A drum that turns by 64 degrees between two steps slides under what lies on it: the nodes keep their weight, and friction pulls with mu times it.
+TEST(Contact, DrumSlidesUnderNodes) {
+  constexpr double kMass = 1e-3, kStiffness = 50, kRadius = 0.02, kFriction = 0.5, kTimeStep = 1.0 / 90, kTurn = 100 * kTimeStep;
+  const ShapeGeometry drum(make(ShapeKind::cylinder, {kRadius, 0.5, 0}));
+  Rig rig(1, kStiffness, kMass);
+  rig.contacts.set_object(0, &drum, kFriction, 1, ContactObject::fixed);
+  rig.inertia.hold(0);
+  rig.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
+  const Quaternion lying(Eigen::AngleAxisd(M_PI / 2, Vector3::UnitX()));
+  for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = Vector3(0, kRadius - kMass * kGravity / kStiffness, 0.01 * n);
+  testing::DenseStepper stepper = rig.stepper();
+  for (int i = 0; i < 3; ++i) {
+    rig.state.body_poses[0].orientation = Quaternion(Eigen::AngleAxisd(-i * kTurn, Vector3::UnitZ())) * lying;
+    stepper.step(rig.state, kTimeStep);
+    ASSERT_EQ(rig.contacts.count(), 3) << i;
+    const Vector3 force = -rig.contacts.wrench(0).force;
+    EXPECT_NEAR(force.y(), 3 * kMass * kGravity, 0.1 * 3 * kMass * kGravity) << i;
+    if (i > 0) {
+      EXPECT_NEAR(force.x(), kFriction * force.y(), 0.1 * force.y()) << i;
+    }
+  }
+}
+
 TEST(Contact, StartsInsideAndComesOutAtOneMetrePerSecond) {
   const ShapeGeometry box(make(ShapeKind::box, {0.04, 0.04, 0.04}));
   for (const double dt : {1.0 / 90, 1.0 / 1000}) {
