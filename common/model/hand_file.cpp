@@ -339,6 +339,7 @@ HandModel load_hand(const std::string& path) {
   }
   read_indices("skin_triangles", hand.skin_triangles);
   try {
+    drop_loose_nodes(hand);
     validate(hand, path);
   } catch (const std::invalid_argument& error) {
     throw std::runtime_error(error.what());

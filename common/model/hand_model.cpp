@@ -201,6 +201,38 @@ void validate(const HandModel& hand, const std::string& where) {
   validate_embedding(hand, check);
 }
 
+void drop_loose_nodes(HandModel& hand) {
+  const std::size_t count = hand.nodes.size();
+  if (hand.node_body.size() != count) return;  // what `validate` refuses
+  std::vector<std::int32_t> renumbered(count, -1);
+  const auto keep = [&renumbered](const auto& nodes) {
+    for (const std::int32_t node : nodes) {
+      if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size()) renumbered[static_cast<std::size_t>(node)] = 0;
+    }
+  };
+  for (const auto& tetrahedron : hand.tetrahedra) keep(tetrahedron);
+  for (const auto& triangle : hand.surface) keep(triangle);
+  std::int32_t kept = 0;
+  for (std::size_t n = 0; n < count; ++n) {
+    if (renumbered[n] < 0) continue;
+    hand.nodes[static_cast<std::size_t>(kept)] = hand.nodes[n];
+    hand.node_body[static_cast<std::size_t>(kept)] = hand.node_body[n];
+    renumbered[n] = kept++;
+  }
+  if (static_cast<std::size_t>(kept) == count) return;
+  hand.nodes.resize(static_cast<std::size_t>(kept));
+  hand.node_body.resize(static_cast<std::size_t>(kept));
+  const auto renumber = [&renumbered](auto& list) {
+    for (auto& nodes : list) {
+      for (std::int32_t& node : nodes) {
+        if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size()) node = renumbered[static_cast<std::size_t>(node)];
+      }
+    }
+  };
+  renumber(hand.tetrahedra);
+  renumber(hand.surface);
+}
+
 HandModel mirrored(const HandModel& hand) {
   HandModel out = hand;
   out.side = hand.side == Side::left ? Side::right : Side::left;

@@ -103,7 +103,10 @@ struct HandModel {
 /// tetrahedra, symmetric positive inertia, caps). `where` (a file name) leads the message.
 void validate(const HandModel& hand, const std::string& where);
 
-/// Reads a hand file (docs/hand-file.md; JSON, version 1) and validates it. Throws std::runtime_error naming file and field.
+/// Takes out nodes that neither a tetrahedron nor a triangle of the surface has: some meshers leave them, and they have no mass. Those behind them get lower numbers.
+void drop_loose_nodes(HandModel& hand);
+
+/// Reads a hand file (docs/hand-file.md; JSON, version 1), drops its loose nodes and validates it. Throws std::runtime_error naming file and field.
 HandModel load_hand(const std::string& path);
 void save_hand(const HandModel& hand, const std::string& path);
 

@@ -1,6 +1,9 @@
 // Tissue: materials up to incompressible, stiff and strain-limited, and meshes let go from states that no hand is ever in.
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
 #include "stress/cases.hpp"
@@ -166,13 +169,25 @@ Findings bad_element(const std::array<Vector3, 4>& corners) {
   return refused(setting);
 }
 
+// In the hand's file, as a mesher may leave it there.
 Findings unreferenced_node() {
-  Grasp setting;
-  setting.hand = [](HandModel& hand) {
-    hand.nodes.push_back(hand.nodes[0]);
-    hand.node_body.push_back(0);
+  const std::string path = (std::filesystem::temp_directory_path() / fmt::format("softhand_stress_{}.hand.json", getpid())).string();
+  HandModel loose = shipped_hand();
+  loose.nodes.insert(loose.nodes.begin(), loose.nodes[0]);
+  loose.node_body.insert(loose.node_body.begin(), std::uint8_t{0});
+  const auto shift = [](auto& list) {
+    for (auto& nodes : list) {
+      for (std::int32_t& node : nodes) ++node;
+    }
   };
-  return grasp_findings(setting);
+  shift(loose.tetrahedra);
+  shift(loose.surface);
+  save_hand(loose, path);
+  Grasp setting;
+  setting.hand = [&path](HandModel& hand) { hand = load_hand(path); };
+  Findings findings = grasp_findings(setting);
+  std::filesystem::remove(path);
+  return findings;
 }
 
 }  // namespace
@@ -225,14 +240,13 @@ std::vector<Case> material_cases() {
   rows->push_back({"x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1)); }});
   rows->push_back({"twisted by 720 degrees", [] { return twisted(720 * kDegree); }});
 
-  rows = &add("elements", "what no simulation can use is refused");
+  rows = &add("elements", "what no simulation can use is refused; a node that none has is left out");
   constexpr double a = 5e-3;  // m
   const auto flat = [a](double angle) { return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a), Vector3(a, -a * std::tan(angle), a)}; };
   rows->push_back({"dihedral 0.1 degrees", [flat] { return bad_element(flat(0.1 * kDegree)); }, {}, true});
   rows->push_back({"edge ratio 1e4", [] { return bad_element({Vector3(0, 0, 0), Vector3(0, 0, 1e-6), Vector3(1e-2, 0, 0), Vector3(0, 1e-2, 0)}); }, {}, true});
   rows->push_back({"zero volume", [flat] { return bad_element(flat(0)); }, {}, true});
-  rows->push_back({"a node that no tetrahedron uses", [] { return unreferenced_node(); },
-                   {Class::refused, "refused at load by the hand file's checks, which the page of cases does not ask for"}, true});
+  rows->push_back({"a node that no tetrahedron uses", [] { return unreferenced_node(); }, {}, true});
   return cases;
 }
 

@@ -131,6 +131,30 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
   EXPECT_THROW(load_hand("/nonexistent/x.hand.json"), std::runtime_error);
 }
 
+TEST(HandFile, NodesThatNothingHoldsAreDropped) {
+  const std::string path = temporary("loose.hand.json");
+  const HandModel good = block_hand();
+  HandModel loose = good;
+  loose.nodes.insert(loose.nodes.begin() + 7, Vector3(0.01, 0.02, 0.03));
+  loose.node_body.insert(loose.node_body.begin() + 7, std::uint8_t{3});
+  loose.nodes.emplace_back(0, 0, 0);
+  loose.node_body.push_back(0);
+  const auto shift = [](auto& list) {
+    for (auto& nodes : list) {
+      for (std::int32_t& node : nodes) node += node >= 7 ? 1 : 0;
+    }
+  };
+  shift(loose.tetrahedra);
+  shift(loose.surface);
+  save_hand(loose, path);
+  const HandModel read = load_hand(path);
+  EXPECT_EQ(read.tetrahedra, good.tetrahedra);
+  EXPECT_EQ(read.surface, good.surface);
+  EXPECT_EQ(read.node_body, good.node_body);
+  ASSERT_EQ(read.nodes.size(), good.nodes.size());
+  for (std::size_t n = 0; n < good.nodes.size(); ++n) EXPECT_LE((read.nodes[n] - good.nodes[n]).norm(), 1e-9) << n;
+}
+
 TEST(Mirrored, TwiceIsTheSameAndOnceIsValid) {
   const HandModel hand = block_hand();
   const HandModel left = mirrored(hand);
