@@ -335,7 +335,13 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
   Stamp stamp;
   stamp.sequence = output_.simulated.stamp.sequence + 1;
   stamp.sample_time = now;
-  stamp.chain = options_.direct ? tracked_.stamp().chain : skeleton_.stamp.chain;
+  stamp.chain = skeleton_.stamp.chain;
+  if (options_.direct) {
+    const Stamp& tracked = tracked_.stamp();
+    stamp.chain = tracked.chain;
+    if (stamp.chain.tracker_sample == 0) stamp.chain.tracker_sample = tracked.sample_time;
+    stamp.chain.tracked_published = tracked.publish_time;
+  }
 
   Skeleton& simulated = output_.simulated;
   simulated.stamp = stamp;
@@ -383,6 +389,7 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
   if (wants.bone_wrench && options_.direct) {
     BoneWrench& wrench = output_.bone_wrench;
     wrench.stamp = stamp;
+    wrench.stamp.chain.simulated_published = wrench.stamp.chain.wrench_published = now;
     wrench.simulated_valid = 1;
     const auto& targets = tracked_.targets(now);
     for (std::size_t b = 0; b < kBodyCount; ++b) {

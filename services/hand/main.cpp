@@ -1,6 +1,8 @@
 // softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of every topic.
 #include <spdlog/spdlog.h>
 
+#include <type_traits>
+
 #include "hand/hand_loop.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
@@ -45,6 +47,7 @@ void run(int argc, char** argv) {
     if (!writer.has_readers()) return;
     service.stamp(message.stamp);
     message.stamp.chain.simulated_published = message.stamp.publish_time;
+    if constexpr (std::is_same_v<decltype(message), BoneWrench&>) message.stamp.chain.wrench_published = message.stamp.publish_time;
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {

@@ -566,6 +566,23 @@ TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
   EXPECT_EQ(output.bone_wrench.simulated_valid, 1u);
 }
 
+// What latencies are made of: without it no glove's chain would ever count as complete.
+TEST(HandLoop, WithoutTheIntermediateLayerTheChainIsCompleteToo) {
+  HandOptions o = loop_options();
+  o.direct = true;
+  const HandModel model = hand();
+  HandLoop loop(model, o, {});
+  Skeleton sample = skeleton_at(model, {}, kSecond, 1);
+  sample.stamp.publish_time = kSecond + 1'000'000;
+  const HandOutput& output = loop.step(kSecond + 5'000'000, {&sample}, {});
+  const Chain& chain = output.bone_wrench.stamp.chain;
+  EXPECT_EQ(chain.tracker_sample, kSecond);
+  EXPECT_EQ(chain.tracked_published, kSecond + 1'000'000);
+  EXPECT_EQ(chain.intermediate_published, 0);
+  EXPECT_EQ(chain.wrench_published, kSecond + 5'000'000);
+  EXPECT_EQ(output.simulated.stamp.chain.tracker_sample, kSecond);
+}
+
 TEST(HandLoop, UnwantedOutputsAreNotComputed) {
   HandLoop loop(hand(), loop_options(), {});
   const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
