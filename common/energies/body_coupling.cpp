@@ -9,6 +9,8 @@
 namespace softhand {
 namespace {
 
+constexpr double kLeap = 1.0;  // rad, of a target in a step: twice as fast as a finger can flick at 90 Hz
+
 // A spring of stiffness k whose force is capped; d is the length of its stretch.
 struct CappedSpring {
   double energy;
@@ -88,8 +90,10 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     s.pulls = s.active;
     if (!s.pulls) continue;
     s.start = state.body_poses[static_cast<std::size_t>(s.body)];
-    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does work on the way.
-    const bool goes_on = s.pulled && s.start.position == s.end.position && s.start.orientation.coeffs() == s.end.orientation.coeffs();
+    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does work on the way. A target that leapt has no way either,
+    // along which a force could be told: it worked what the springs hold where it is now.
+    const bool goes_on = s.pulled && s.start.position == s.end.position && s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
+                         rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kLeap;
     if (!goes_on) s.end_target = s.target;
     s.start_energy = spring_energy(s, s.start, s.end_target);
     const Pose start = s.start * s.body_from_frame;

@@ -177,6 +177,27 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
   }
 }
 
+// A target that a tracker turned by more than there is time for: it pulls the other way round now, and the work is what its spring then holds.
+TEST(EnergyLedger, ALeapingTargetWorksWhatItsSpringHoldsAfterwards) {
+  State state = state_of(1, 1);
+  Inertia inertia({1.0}, 1);
+  inertia.set_dynamic(0, 1, Matrix3::Identity(), Vector3::Zero());  // hardly turns
+  const double stiffness = 0.1;
+  BodyCoupling coupling("coupling", {{0, Pose{}, {.angular_stiffness = stiffness}}}, state.layout());
+  Books books({&inertia, &coupling}, state);
+  const auto turned = [](double angle) { return Pose{Vector3::Zero(), rotation_exp(Vector3(0, angle, 0))}; };
+  coupling.set_target(0, turned(0.3), {});
+  books.run(state, 3, 1e-3);
+  const double before = books.ledger.total().work;
+  coupling.set_target(0, turned(3.4), {});
+  books.step(state, 1e-3);
+  ASSERT_LT(coupling.wrench(0, state).torque.y(), 0) << "the shorter way is back";
+  const double held = 0.5 * stiffness * (std::pow(2 * M_PI - 3.4, 2) - 0.3 * 0.3);
+  EXPECT_NEAR(books.ledger.total().work - before, held, 1e-3 * held);
+  EXPECT_LT(books.ledger.excess(), 1e-3);
+  books.expect_closed(books.ledger.scale());
+}
+
 struct Skin {
   Skin(double mu, double stiffness, double mass, ContactObject kind)
       : plane(make(ShapeKind::plane)), contacts(hand(), std::vector<double>(3, mass), stiffness, 0, 1, 1), contact(contacts), friction(contacts),
