@@ -127,6 +127,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     terms_.push_back(std::move(objects));
   }
 
+  if (tissue_ != nullptr) tissue_energy_ = [this](const State& state) { return tissue_->value(state) + attachments_->value(state); };
+
   std::vector<Energy*> list;
   for (const auto& term : terms_) list.push_back(term.get());
   solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, options.solver);
@@ -269,7 +271,7 @@ void HandSimulation::untangle(double time_step) {
   if (contacts_) {
     for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
   }
-  const int moved = untangler_.after_step(state_, time_step, touching_);
+  const int moved = untangler_.after_step(state_, time_step, touching_, kinetic_energy(), tissue_energy_);
   if (moved == 0) return;
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;

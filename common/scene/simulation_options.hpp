@@ -20,7 +20,7 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("contact_stiffness", o.contact_stiffness, "N/m", {1, 1e8}, "k_c of eqs. 32 and 33, for a node of mean skin area.");
   v.flag("gravity", o.gravity, "Weight of the hand itself; off, because the user's arm carries it.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
-           "Tissue that is inside out, touching nothing, in two looks so far apart is put back to where its bones carry it; 0 = never.");
+           "Tissue that is inside out or wound round its bones, touching nothing, in two looks so far apart is put back to where its bones carry it; 0 = never.");
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
 

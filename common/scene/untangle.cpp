@@ -1,10 +1,13 @@
 #include "scene/untangle.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace softhand {
 namespace {
 
+constexpr double kTwistedEnergy = 20e-3;  // J; a hand's tissue under its own weight holds 1 mJ
+constexpr double kAtRest = 0.1;           // of it may be motion
 constexpr std::array<int, 3> kRings{1, 3, 1000};  // of neighbours that go along, by attempt; the last: everything that hangs together
 
 }  // namespace
@@ -16,6 +19,7 @@ Untangler::Untangler(const HandModel& hand, double patience)
       inverted_(hand.tetrahedra.size(), 0),
       move_(hand.nodes.size(), 0),
       more_(hand.nodes.size(), 0) {
+  carried_.node_positions = carried_.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     const BodyModel& body = hand.bodies[node_body_[n]];
     const Pose rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(node_body_[n]))))] * body.joint_from_body;
@@ -23,7 +27,32 @@ Untangler::Untangler(const HandModel& hand, double patience)
   }
 }
 
-int Untangler::after_step(State& state, double time_step, std::span<const std::uint8_t> touching) {
+void Untangler::put_back(State& state, std::size_t node) const {
+  const Pose& body = state.body_poses[node_body_[node]];
+  const Twist& velocity = state.body_velocities[node_body_[node]];
+  const Vector3 lever = body.orientation * rest_in_body_[node];
+  state.node_positions.col(static_cast<Eigen::Index>(node)) = body.position + lever;
+  state.node_velocities.col(static_cast<Eigen::Index>(node)) = velocity.linear + velocity.angular.cross(lever);
+}
+
+// Tissue that rests, touching nothing, goes to where the bones carry it or below that in energy: it would, from there. What holds more is caught in another minimum.
+int Untangler::untwist(State& state, double kinetic_energy, const std::function<double(const State&)>& energy) {
+  const double held = energy(state);
+  carried_.node_positions = state.node_positions;
+  carried_.node_velocities = state.node_velocities;
+  for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(state, n);
+  const double excess = held - energy(state);
+  const bool stays = std::exchange(twisted_, excess > kTwistedEnergy && kinetic_energy < kAtRest * excess);
+  if (twisted_ && stays) {
+    twisted_ = false;
+    return static_cast<int>(node_body_.size());
+  }
+  state.node_positions.swap(carried_.node_positions);
+  state.node_velocities.swap(carried_.node_velocities);
+  return 0;
+}
+
+int Untangler::after_step(State& state, double time_step, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
   if (patience_ <= 0) return 0;
   waited_ += time_step;
   if (waited_ < patience_) return 0;
@@ -44,6 +73,7 @@ int Untangler::after_step(State& state, double time_step, std::span<const std::u
     for (const std::int32_t n : nodes) move_[static_cast<std::size_t>(n)] = 1;
   }
   if (!any_free) attempts_ = 0;
+  if (!any_free && energy && std::find(touching.begin(), touching.end(), 1) == touching.end()) return untwist(state, kinetic_energy, energy);
   if (!tangled || attempts_ >= static_cast<int>(kRings.size())) return 0;
   for (int ring = 0, grown = 1; ring < kRings[static_cast<std::size_t>(attempts_)] && grown > 0; ++ring) {
     more_ = move_;
@@ -62,11 +92,7 @@ int Untangler::after_step(State& state, double time_step, std::span<const std::u
   int moved = 0;
   for (std::size_t n = 0; n < move_.size(); ++n) {
     if (move_[n] == 0) continue;
-    const Pose& body = state.body_poses[node_body_[n]];
-    const Twist& velocity = state.body_velocities[node_body_[n]];
-    const Vector3 lever = body.orientation * rest_in_body_[n];
-    state.node_positions.col(static_cast<Eigen::Index>(n)) = body.position + lever;
-    state.node_velocities.col(static_cast<Eigen::Index>(n)) = velocity.linear + velocity.angular.cross(lever);
+    put_back(state, n);
     ++moved;
   }
   // What was inverted before the stroke says nothing about after it.

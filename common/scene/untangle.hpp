@@ -1,12 +1,13 @@
-// Puts tissue back that has turned inside out for good.
+// Puts tissue back that has turned inside out, or twisted, for good.
 //
 // The energy of inverted tetrahedra pushes them back (corotational.hpp), but a tangle of them can be a minimum of its own: after a tracker that turned the hand by
 // 180 degrees in one sample, or bones that passed through each other, the tissue would stay so for ever. Such nodes go to where the nearest bone carries them at
-// rest, at one stroke, as a repositioned hand does. Not in the source.
+// rest, at one stroke, as a repositioned hand does. So does tissue that was wound round its bones, which no inverted tetrahedron gives away, but its energy. Not in the source.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -21,11 +22,18 @@ class Untangler {
   Untangler(const HandModel& hand, double patience);
 
   /// After a step of `time_step` seconds. Tetrahedra with a node that touches something stay: what is pressed flat is not tangled. Where what was put back is inverted
-  /// again at the next look, more of its surroundings are put back with it, three times at most. Returns how many nodes were moved. Allocates nothing.
-  int after_step(State& state, double time_step, std::span<const std::uint8_t> touching);
+  /// again at the next look, more of its surroundings are put back with it, three times at most. Where nothing touches and nothing is inverted all of the tissue is put back that
+  /// rests (`kinetic_energy` of the hand, J) in two looks and holds more of `energy` (J, of tissue and attachments) than it would there; null: never. Returns how many nodes were
+  /// moved. Allocates nothing.
+  int after_step(State& state, double time_step, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy);
 
  private:
+  void put_back(State& state, std::size_t node) const;
+  int untwist(State& state, double kinetic_energy, const std::function<double(const State&)>& energy);
+
   double patience_;
+  bool twisted_ = false;  // at the last look
+  State carried_;         // its nodes: put back
   double waited_ = 0;
   int attempts_ = 0;
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;

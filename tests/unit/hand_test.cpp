@@ -111,6 +111,33 @@ TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
   EXPECT_GT(untangled, 0u);
 }
 
+TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
+  // Collapsed to a line it is wound about its bones when it comes out again, and none of it is inside out.
+  const HandModel shipped = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  const auto distance_after = [&shipped](double patience, std::uint64_t& untangled) {
+    SimulationOptions o;
+    o.untangle_patience = patience;
+    HandSimulation simulation(shipped, o, 0, 0);
+    for (int b = 0; b < kBodyCount; ++b) simulation.set_target(static_cast<Body>(b), shipped.rest_joints[index(joint_of(static_cast<Body>(b)))], {});
+    const State rest = simulation.state();
+    State state = rest;
+    const Vector3 middle = state.node_positions.rowwise().mean();
+    testing::Random random(7);
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      state.node_positions.col(n) = middle + Vector3(0, 0, state.node_positions(2, n) - middle.z()) + 1e-12 * random.vector();
+    }
+    simulation.restore(state);
+    for (int i = 0; i < 200; ++i) simulation.step(kStep);
+    untangled = simulation.untangled_nodes();
+    return std::sqrt((simulation.state().node_positions - rest.node_positions).squaredNorm() / shipped.node_count());
+  };
+  std::uint64_t untangled = 0;
+  EXPECT_GT(distance_after(0, untangled), 1e-3) << "it came back by itself: this shows nothing";
+  EXPECT_EQ(untangled, 0u);
+  EXPECT_LT(distance_after(SimulationOptions{}.untangle_patience, untangled), 1e-4);
+  EXPECT_GT(untangled, 0u);
+}
+
 TEST(HandSimulation, NoSlotsNoObjectTerms) {
   HandSimulation simulation(hand(), options(), 0, 0);
   set_rest_targets(simulation, {});
