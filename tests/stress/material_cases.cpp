@@ -195,7 +195,6 @@ Findings unreferenced_node() {
 std::vector<Case> material_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
-  const Known kLocks{Class::violated, "linear tetrahedra lock next to incompressibility: the fingers are too stiff to close on the cube"};
   const Known kUnlimited{Class::inverted, "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
@@ -203,10 +202,9 @@ std::vector<Case> material_cases() {
     return cases.back().rows;
   };
 
-  auto* rows = &add("poisson_ratio", "the cube is lifted and held");
+  auto* rows = &add("poisson_ratio", "the cube is lifted and held, but at 0.4999: linear tetrahedra lock there, and the fingers are too stiff to close on it");
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
-    rows->push_back({named("nu", nu), [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }); },
-                     nu == 0.4999 ? kLocks : Known{}, nu == 0.499});
+    rows->push_back({named("nu", nu), [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }, nu < 0.4999); }, {}, nu == 0.499});
   }
   rows = &add("stiffness_ratio", "palm and back so much stiffer than the softest tissue");
   for (const double ratio : {1e2, 1e4, 1e8}) rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
