@@ -22,10 +22,15 @@ constexpr double kPeriod = 1.0 / 90;                                // s, of the
 
 double milliseconds(Nanoseconds from, Nanoseconds to) { return static_cast<double>(to - from) * 1e-6; }
 
+/// Chosen before anything listens or is started.
+struct OwnDomain {
+  OwnDomain() { rig::use_own_domain(); }
+};
+
 /// A running rig whose hand touches the post and follows its tracker.
-class RunningRig {
+class RunningRig : OwnDomain {
  public:
-  RunningRig() : up_((rig::use_own_domain(), kTouch), {}) {
+  RunningRig() : up_(kTouch, {}) {
     const bool runs = ears.wait(30s, [&] {
       return std::all_of(kModules.begin(), kModules.end(), [&](const char* module) { return ears.process_id(module) > 0; }) && follows(0) && ears.device_is_on(1);
     });
