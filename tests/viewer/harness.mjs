@@ -30,6 +30,7 @@ export class Process {
   static all = new Set();
   static {
     process.on("exit", () => Process.all.forEach(({ child }) => child.kill("SIGKILL")));
+    for (const signal of ["SIGINT", "SIGTERM"]) process.on(signal, () => process.exit(1));
   }
   output = "";
   constructor(program, ...args) {

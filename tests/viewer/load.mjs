@@ -1,34 +1,71 @@
-// node load.mjs HAND_FILE CLIENTS SECONDS: what the gateway costs with so many pages that show the skin, contacts, objects and status. Prints JSON.
-// Environment as for the tests (harness.mjs).
+// node load.mjs [SECONDS]: what the gateway costs with 0, 1 and 3 pages that show skin, contacts, objects and status, for hands of many nodes; and how many
+// pictures a second Chromium draws of one with 10,000 vertices of skin. Each figure takes SECONDS (8). Prints JSON. Environment as for the tests
+// (harness.mjs).
 import { readFileSync } from "node:fs";
-import { Client, Process, gateway, pause, show, source, build, until } from "./harness.mjs";
+import { Client, Process, browser, build, gateway, pause, show, source, until } from "./harness.mjs";
 
-const [hand = `${source}/config/hands/right_1450.hand.json`, clients = 3, seconds = 10] = process.argv.slice(2);
-const cpu = (one) =>
-  readFileSync(`/proc/${one.child.pid}/stat`, "latin1")
-    .split(") ")[1]
-    .split(" ")
-    .slice(11, 13)
-    .reduce((sum, ticks) => sum + Number(ticks), 0) / 100;
+const [seconds = 8] = process.argv.slice(2).map(Number);
+const TICKS = 100; // a second, of /proc
+const SHOWN = (1 << 1) | (1 << 2) | (1 << 6) | (1 << 7) | (1 << 8) | (1 << 10);
+const loads = [["right_1450"], ["right_6000", 10000]];
 
-const publisher = new Process(`${build}/tests/viewer/viewer_publisher`, hand);
-const viewer = await gateway();
-const pages = Array.from({ length: Number(clients) }, () => new Client(viewer.url));
-await Promise.all(pages.map((page) => page.opened));
-for (const page of pages) page.socket.send(show((1 << 1) | (1 << 2) | (1 << 6) | (1 << 7) | (1 << 8) | (1 << 10)));
-await until("nodes", () => pages.every((page) => page.count.get(2) > 10));
-const before = { cpu: cpu(viewer.process), nodes: pages.map((page) => page.count.get(2)), bytes: pages.map((page) => page.bytes) };
-await pause(1000 * seconds);
-const result = {
-  hand,
-  nodes: pages[0].frames.get(2).readUInt32LE(36),
-  skin_vertices: pages[0].frames.get(1).readUInt32LE(4),
-  pages: pages.length,
-  node_frames_per_second: pages.map((page, i) => (page.count.get(2) - before.nodes[i]) / seconds),
-  kilobytes_per_second_and_page: pages.map((page, i) => Math.round((page.bytes - before.bytes[i]) / seconds / 1000)),
-  gateway_cpu_percent: (100 * (cpu(viewer.process) - before.cpu)) / seconds,
+/** Processor time that a process has used, s. */
+const used = ({ child }) => {
+  const fields = readFileSync(`/proc/${child.pid}/stat`, "latin1").split(") ")[1].split(" ");
+  return (Number(fields[11]) + Number(fields[12])) / TICKS;
 };
-console.log(JSON.stringify(result, null, 1));
-for (const page of pages) page.socket.terminate();
-await Promise.all([publisher.end(), viewer.process.end()]);
+
+async function gatewayLoad(viewer, count) {
+  const pages = Array.from({ length: count }, () => new Client(viewer.url));
+  await Promise.all(pages.map((page) => page.opened));
+  for (const page of pages) page.socket.send(show(SHOWN));
+  await until("nodes", () => pages.every((page) => page.count.get(2) > 10));
+  await pause(1000);
+  const before = { used: used(viewer.process), nodes: pages.map((page) => page.count.get(2)), bytes: pages.map((page) => page.bytes) };
+  await pause(1000 * seconds);
+  const of = (now, then) => pages.map((page, i) => Number(((now(page) - then[i]) / seconds).toFixed(1)));
+  const result = {
+    pages: count,
+    node_frames_per_second: of((page) => page.count.get(2), before.nodes),
+    kilobytes_per_second: of((page) => page.bytes / 1000, before.bytes.map((bytes) => bytes / 1000)),
+    gateway_cpu_percent: Number(((100 * (used(viewer.process) - before.used)) / seconds).toFixed(1)),
+  };
+  const nodes = pages[0]?.frames.get(2).readUInt32LE(36);
+  const skin = pages[0]?.frames.get(1).readUInt32LE(4);
+  for (const page of pages) page.socket.terminate();
+  await pause(1000);
+  return { nodes, skin, result };
+}
+
+const out = [];
+for (const [hand, ...vertices] of loads) {
+  const publisher = new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/${hand}.hand.json`, ...vertices.map(String));
+  const viewer = await gateway();
+  const runs = [];
+  for (const count of [0, 1, 3]) runs.push(await gatewayLoad(viewer, count));
+  const load = { hand, nodes: runs[1].nodes, skin_vertices: runs[1].skin, gateway: runs.map(({ result }) => result) };
+  out.push(load);
+  if (vertices.length > 0) {
+    const chromium = await browser();
+    load.chromium = [];
+    for (const [width, height] of [
+      [1280, 800],
+      [320, 200],
+    ]) {
+      const page = await chromium.newPage({ viewport: { width, height } });
+      await page.goto(`${viewer.url}?plain`);
+      const counts = () => page.evaluate(() => ({ ...window.softhand?.counts, at: performance.now() }));
+      await until("pictures", async () => (await counts()).drawn > 5, 120);
+      const first = await counts();
+      await pause(1000 * seconds);
+      const last = await counts();
+      const rate = (name) => Number(((1000 * (last[name] - first[name])) / (last.at - first.at)).toFixed(1));
+      load.chromium.push({ width, height, pictures_per_second: rate("drawn"), node_frames_shown_per_second: rate("nodes") });
+      await page.close();
+    }
+    await chromium.close();
+  }
+  await Promise.all([publisher.end(), viewer.process.end()]);
+}
+console.log(JSON.stringify(out, null, 1));
 process.exit(0);

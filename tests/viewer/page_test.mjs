@@ -195,7 +195,7 @@ test("a killed gateway is reported and recovered from", async () => {
   viewer = await gateway(viewer.port);
   await until("connected again", async () => (await state()) === "open");
   const nodes = await page.evaluate(() => window.softhand.counts.nodes);
-  await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes));
+  await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes), 60);
 });
 
 test("nothing went wrong on the way", async () => {

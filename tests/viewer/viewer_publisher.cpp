@@ -1,13 +1,15 @@
-// viewer_publisher HAND_FILE: a hand, objects, contacts and a module's status on this process's domain, with figures that a test knows by
-// heart: the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when tissue_surface gets or loses its readers,
-// and each message that arrives.
+// viewer_publisher HAND_FILE [VERTICES]: a hand, its skin refined to so many vertices, objects, contacts and a module's status on this process's
+// domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when
+// tissue_surface gets or loses its readers, and each message that arrives.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <numbers>
 #include <string>
+#include <string_view>
 #include <thread>
+#include <vector>
 
 #include "bus/bus.hpp"
 #include "messages/convert.hpp"
@@ -17,6 +19,53 @@
 
 namespace {
 using namespace softhand;
+
+/// Splits the skin's longest edges in two, over and over, until it has so many vertices. A new one is carried by the tetrahedron of an end of its edge.
+void refine_skin(HandModel& hand, std::size_t vertices) {
+  const auto corners = [&hand](const SkinVertex& vertex) {
+    const auto& nodes = hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)];
+    Eigen::Matrix4d out;
+    for (int k = 0; k < 4; ++k) out.col(k) << hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(k)])], 1.0;
+    return out;
+  };
+  std::vector<Eigen::Vector4d> places;  // homogeneous, m
+  for (const SkinVertex& vertex : hand.skin_vertices) {
+    const auto& w = vertex.weights;
+    places.emplace_back(corners(vertex) * Eigen::Vector4f(w[0], w[1], w[2], w[3]).cast<double>());
+  }
+  while (hand.skin_vertices.size() < vertices) {
+    double longest = 0;
+    std::array<std::size_t, 2> edge{};
+    for (const auto& triangle : hand.skin_triangles) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::array<std::size_t, 2> ends{static_cast<std::size_t>(triangle[k]), static_cast<std::size_t>(triangle[(k + 1) % 3])};
+        const double length = (places[ends[0]] - places[ends[1]]).squaredNorm();
+        if (length <= longest) continue;
+        longest = length;
+        edge = ends;
+      }
+    }
+    const std::size_t middle = places.size();
+    places.emplace_back((places[edge[0]] + places[edge[1]]) / 2);
+    SkinVertex vertex = hand.skin_vertices[edge[0]];
+    const Eigen::Vector4d weights = corners(vertex).fullPivLu().solve(places[middle]);
+    for (std::size_t k = 0; k < 4; ++k) vertex.weights[k] = static_cast<float>(weights(static_cast<Eigen::Index>(k)));
+    hand.skin_vertices.push_back(vertex);
+    const std::size_t triangles = hand.skin_triangles.size();
+    for (std::size_t t = 0; t < triangles; ++t) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        auto& triangle = hand.skin_triangles[t];
+        const auto a = static_cast<std::size_t>(triangle[k]);
+        const auto b = static_cast<std::size_t>(triangle[(k + 1) % 3]);
+        if (!(a == edge[0] && b == edge[1]) && !(a == edge[1] && b == edge[0])) continue;
+        auto half = triangle;
+        triangle[(k + 1) % 3] = half[k] = static_cast<std::int32_t>(middle);
+        hand.skin_triangles.push_back(half);
+        break;
+      }
+    }
+  }
+}
 
 std::unique_ptr<HandDescription> description_of(const HandModel& hand) {
   auto out = std::make_unique<HandDescription>();
@@ -45,8 +94,9 @@ ObjectDescription box(std::uint32_t id, const char* name, const Vec3& half_exten
   return out;
 }
 
-void run(const std::string& hand_file) {
-  const HandModel hand = load_hand(hand_file);
+void run(const std::string& hand_file, std::size_t vertices) {
+  HandModel hand = load_hand(hand_file);
+  refine_skin(hand, vertices);
   const bus::Participant participant("viewer_publisher");
   bus::Writer descriptions(participant, bus::topics::hand_description);
   bus::Writer object_descriptions(participant, bus::topics::object_description);
@@ -195,6 +245,6 @@ void run(const std::string& hand_file) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 2) return 2;
-  run(argv[1]);
+  if (argc != 2 && argc != 3) return 2;
+  run(argv[1], argc == 3 ? std::stoul(argv[2]) : 0);
 }
