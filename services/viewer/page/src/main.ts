@@ -55,7 +55,7 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.contacts]: (payload, instance) => {
     const contacts = protocol.contacts(payload);
     stage.touch(instance, contacts);
-    panel.contacts(contacts);
+    panel.forces(contacts);
   },
   [Type.objects]: (payload) => stage.place(protocol.objects(payload).objects),
   [Type.objectDescription]: (payload, instance) => stage.describeObject(instance, protocol.objectDescription(payload)),
@@ -72,8 +72,15 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.gateway]: (payload) => panel.gateway(protocol.gateway(payload)),
 };
 function applyFrame(frame: Frame): void {
+  checked(() => apply[frame.type]?.(frame.payload, frame.instance));
+}
+/** Plots have every sample, however seldom the picture is drawn. */
+function passFrame(frame: Frame): void {
+  if (frame.type === Type.contacts && panelOpen) checked(() => panel.plot(protocol.contacts(frame.payload)));
+}
+function checked(run: () => void): void {
   try {
-    apply[frame.type]?.(frame.payload, frame.instance);
+    run();
   } catch (error) {
     bad(String(error));
   }
@@ -83,7 +90,7 @@ function bad(why: string): void {
   console.warn("frame refused:", why);
 }
 
-const timeline = new Timeline(applyFrame);
+const timeline = new Timeline(applyFrame, passFrame);
 const connection = new Connection(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`, {
   frame: (frame) => {
     ++counts.frames;
@@ -193,9 +200,9 @@ function drawLegend(): void {
   if (colouring === "skin") return;
   element("legend-high").textContent =
     colouring === "pressure"
-      ? `${stage.full / 1000} kPa`
+      ? `≥ ${stage.full / 1000} kPa`
       : stage.knowsStrain
-        ? `${(100 * stage.full).toFixed(0)} %`
+        ? `≥ ${(100 * stage.full).toFixed(0)} %`
         : "unknown for this hand";
   const canvas = element<HTMLCanvasElement>("legend-bar");
   const context = canvas.getContext("2d")!;
@@ -210,8 +217,20 @@ function setPanel(open: boolean): void {
   panelOpen = open;
   root.dataset.panel = open ? "on" : "off";
   press(element("panel-button"), open);
+  layOut();
   subscribe();
 }
+/** Tells the stage what the page's parts leave free of it. */
+function layOut(): void {
+  if (query.has("plain")) return;
+  const rectangle = (id: string): DOMRect => element(id).getBoundingClientRect();
+  const wide = window.innerWidth > 760;
+  const [nav, side, time] = [rectangle("toggles"), rectangle("panel"), rectangle("time")];
+  const bottom = panelOpen && !wide ? side.top : time.top;
+  if (wide) stage.setFree(nav.right, nav.top, panelOpen ? window.innerWidth - side.left : 0, window.innerHeight - bottom);
+  else stage.setFree(0, nav.bottom, 0, window.innerHeight - bottom);
+}
+window.addEventListener("resize", layOut);
 function setTheme(to: boolean): void {
   dark = to;
   root.dataset.theme = dark ? "dark" : "light";

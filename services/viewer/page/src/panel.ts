@@ -40,8 +40,10 @@ class Physics {
     this.energies.setAttribute("aria-label", "Stored energy by term");
     this.books.textContent = "Energy since its start";
     this.books.title = "stored = initial + work + anchoring - friction - damping - integrator + residual";
-    details.append(tag("summary", iterations > 0 ? `${words(module)}: solver and energy` : words(module)), this.figures, this.energies, this.books, this.ledger);
-    element("physics").append(details);
+    const title = iterations > 0 ? `${words(module)}: solver and energy` : words(module);
+    details.append(tag("summary", title), this.figures, this.energies, this.books, this.ledger);
+    if (iterations > 0) element("physics").prepend(details);
+    else element("physics").append(details);
   }
 
   show(status: Status): void {
@@ -77,6 +79,8 @@ class Physics {
     this.ledger.replaceChildren(...status.ledger.flatMap(({ name, value }) => [tag("dt", words(name)), tag("dd", booked(value), `ledger ${name}`)]));
   }
 }
+
+const forcesOf = (fingers: Contacts["fingers"]): number[] => fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
 
 class Plot {
   private readonly samples: { time: number; values: number[] }[] = [];
@@ -185,13 +189,15 @@ export class Panel {
     this.physics.get(status.module)!.show(status);
   }
 
-  contacts(contacts: Contacts): void {
-    const forces = contacts.fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
-    forces.forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
-    this.force.add(contacts.stamp.sample, forces);
-    this.penetration.add(contacts.stamp.sample, [
-      1000 * contacts.contacts.reduce((deepest, contact) => Math.max(deepest, contact.penetration), 0),
-    ]);
+  /** Of the picture that is shown. */
+  forces({ fingers }: Contacts): void {
+    forcesOf(fingers).forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
+  }
+
+  /** Of each sample, in the order of their times. */
+  plot({ stamp, fingers, contacts }: Contacts): void {
+    this.force.add(stamp.sample, forcesOf(fingers));
+    this.penetration.add(stamp.sample, [1000 * contacts.reduce((deepest, { penetration }) => Math.max(deepest, penetration), 0)]);
   }
 
   reply(reply: Reply): void {

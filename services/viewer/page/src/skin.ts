@@ -6,22 +6,25 @@ import type { Contacts, HandDescription, Nodes } from "./protocol";
 export type Colouring = "skin" | "pressure" | "strain";
 const SKIN = new THREE.Color(0xd3a488);
 
-/** Perceptually even, dark blue to yellow; t in 0..1. Fitted to viridis within 2 %. */
+// From pale skin by orange and red to violet, ever darker: after magma, turned round.
+const MAP = [0xf1dcc4, 0xfdc58b, 0xfb9b62, 0xf0645c, 0xcf4070, 0x9c2e7f, 0x5f187f].map((hex) => new THREE.Color(hex));
+
+/** Colour of a value, t in 0..1 of the map's end. */
 export function colourMap(t: number, out: THREE.Color): THREE.Color {
-  const poly = (a: number, b: number, c: number, d: number, e: number, f: number, g: number): number =>
-    a + t * (b + t * (c + t * (d + t * (e + t * (f + t * g)))));
-  return out.setRGB(
-    Math.max(0, poly(0.2777, 0.105, -0.3309, -4.6342, 6.2283, 4.7764, -5.4355)),
-    Math.max(0, poly(0.0054, 1.4046, 0.2148, -5.7991, 14.1799, -13.7451, 4.6459)),
-    Math.max(0, poly(0.3341, 1.3846, 0.0951, -19.3324, 56.6906, -65.353, 26.3124)),
-    THREE.SRGBColorSpace,
-  );
+  const at = Math.min(1, Math.max(0, t)) * (MAP.length - 1);
+  const low = Math.min(MAP.length - 2, Math.floor(at));
+  return out.lerpColors(MAP[low]!, MAP[low + 1]!, at - low);
+}
+
+function largeOf(values: Float32Array): number {
+  const some = values.filter((value) => value > 0).sort();
+  return some[Math.floor(0.98 * (some.length - 1))] ?? 0;
 }
 
 export class Skin {
   readonly mesh: THREE.Mesh<THREE.BufferGeometry, THREE.MeshStandardMaterial>;
-  /** Largest value on the skin now: Pa or 1. */
-  largest = 0;
+  /** Of the values on the skin that are above zero 98 % are no larger now: Pa or 1. A few stand far out. */
+  large = 0;
   private readonly positions: Float32Array;
   private readonly colours: Float32Array;
   private readonly values: Float32Array;
@@ -92,20 +95,19 @@ export class Skin {
     }
   }
 
-  /** Colours the skin; a value of `full` gets the map's last colour. */
-  paint(colouring: Colouring, full: number): void {
+  /** What is shown as colour, at every vertex: Pa or 1; nothing of plain skin. Sets `large`. */
+  measure(colouring: Colouring): void {
     if (colouring === "pressure") this.spreadPressure();
     else if (colouring === "strain" && this.restEdges) this.measureStrain(this.restEdges);
     else this.values.fill(0);
-    this.largest = 0;
-    const colour = new THREE.Color();
-    const plain = colouring === "skin";
+    this.large = largeOf(this.values);
+  }
+
+  /** Colours the skin by what was measured; values from `full` on get the map's last colour. */
+  paint(colouring: Colouring, full: number): void {
+    const colour = new THREE.Color().copy(SKIN);
     for (let v = 0; v < this.values.length; ++v) {
-      const value = this.values[v]!;
-      if (value > this.largest) this.largest = value;
-      const t = Math.min(1, value / full);
-      if (plain || t < 0.01) colour.copy(SKIN);
-      else colour.lerpColors(SKIN, colourMap(t, colour), Math.min(1, 6 * t));
+      if (colouring !== "skin") colourMap(this.values[v]! / full, colour);
       this.colours[3 * v] = colour.r;
       this.colours[3 * v + 1] = colour.g;
       this.colours[3 * v + 2] = colour.b;

@@ -22,6 +22,7 @@ export const SKELETON_COLOURS: Record<SkeletonKind, number> = { tracked: 0xe69f0
 export const FORCE_COLOUR = 0xe0402a;
 export const COUPLING_COLOUR = 0x2f7de1;
 const OBJECT_COLOURS = [0x4f86c6, 0xe0a030, 0x5aa469, 0xb565a7, 0xd1603d, 0x3fa7a0];
+const STATIC_COLOURS = { light: 0x9aa7b4, dark: 0x39424d }; // cool, that the hand stands out
 export const METRES_PER_NEWTON = 0.025;
 const LONGEST_ARROW = 0.15;
 
@@ -195,6 +196,7 @@ export class Stage {
   private shown: Shown;
   private readonly beside = new THREE.Vector3(1, 0, 0); // to the right on the screen, level
   private framed = false;
+  private free = { left: 0, top: 0, right: 0, bottom: 0 };
   private scale = 1; // of the resolution, less where drawing takes too long
   private drawTime = 16; // ms, smoothed
   colouring: Colouring = "skin";
@@ -256,6 +258,8 @@ export class Stage {
     (this.floor.material as THREE.MeshStandardMaterial).color.set(dark ? 0x23282f : 0xd9dee3);
     this.scene.environmentIntensity = dark ? 0.35 : 0.55;
     this.sky.intensity = dark ? 0.8 : 1.5;
+    for (const { mesh, description } of this.objects.values())
+      if (description.isStatic) (mesh.material as THREE.MeshStandardMaterial).color.set(this.staticColour);
   }
 
   /** Without background and floor, for a headset that shows the room. */
@@ -269,12 +273,13 @@ export class Stage {
     this.findBeside();
     this.shown = shown;
     this.applyShown();
+    this.fit();
   }
 
   lookAtDefault(): void {
     this.framed = false;
-    this.controls.target.set(0, 0.07, 0);
-    this.camera.position.set(-0.34, 0.25, -0.3);
+    this.controls.target.set(0, 0.11, 0);
+    this.camera.position.set(-0.38, 0.29, -0.33);
     this.controls.update();
     this.findBeside();
   }
@@ -304,7 +309,10 @@ export class Stage {
     hand.nodes = nodes;
     if (!hand.skin?.deform(nodes)) return;
     hand.skin.mesh.visible = this.shown.hand;
-    if (this.colouring !== "skin") hand.skin.paint(this.colouring, this.full);
+    if (this.colouring !== "skin") {
+      hand.skin.measure(this.colouring);
+      hand.skin.paint(this.colouring, this.full);
+    }
     if (!this.framed) this.frame(hand.skin.mesh);
   }
 
@@ -351,7 +359,7 @@ export class Stage {
       this.objects.delete(id);
     }
     if (description.removed) return;
-    const colour = description.isStatic ? 0x9a9084 : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
+    const colour = description.isStatic ? this.staticColour : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
     const mesh = new THREE.Mesh(
       shapeOf(description),
       new THREE.MeshStandardMaterial({
@@ -392,16 +400,19 @@ export class Stage {
     }
   }
 
-  /** Paints all hands; the map's end follows the largest value in steps 1, 2, 5. */
+  /** Paints all hands; the map's end follows the large values in steps 1, 2, 5. */
   repaint(): void {
-    let largest = 0;
-    for (const { skin } of this.hands.values()) {
-      skin?.paint(this.colouring, this.full);
-      largest = Math.max(largest, skin?.largest ?? 0);
-    }
+    const skins = [...this.hands.values()].flatMap(({ skin }) => skin ?? []);
+    for (const skin of skins) skin.measure(this.colouring);
+    const large = Math.max(0, ...skins.map((skin) => skin.large));
     const least = this.colouring === "pressure" ? 1000 : 0.05;
-    const wanted = niceCeiling(Math.max(least, largest));
-    if (wanted > this.full || largest < 0.3 * this.full) this.full = wanted;
+    const wanted = niceCeiling(Math.max(least, large));
+    if (wanted > this.full || large < 0.3 * this.full) this.full = wanted;
+    for (const skin of skins) skin.paint(this.colouring, this.full);
+  }
+
+  private get staticColour(): number {
+    return this.dark ? STATIC_COLOURS.dark : STATIC_COLOURS.light;
   }
 
   get handCount(): number {
@@ -409,6 +420,12 @@ export class Stage {
   }
   get knowsStrain(): boolean {
     return [...this.hands.values()].some((hand) => hand.skin?.knowsStrain);
+  }
+
+  /** So far from the canvas's edges (CSS pixels) other things cover it: what the camera looks at is put in the middle of the rest. */
+  setFree(left: number, top: number, right: number, bottom: number): void {
+    this.free = { left, top, right, bottom };
+    this.fit();
   }
 
   render(): void {
@@ -423,16 +440,26 @@ export class Stage {
     if (size.x !== width || size.y !== height || this.renderer.getPixelRatio() !== ratio) {
       this.renderer.setPixelRatio(ratio);
       this.renderer.setSize(width, height, false);
-      this.camera.aspect = width / Math.max(1, height);
-      // A narrow screen sees as much from side to side as a wide one.
-      this.camera.fov =
-        this.camera.aspect >= 1
-          ? 38
-          : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
-      this.camera.updateProjectionMatrix();
+      this.fit();
     }
     this.controls.update();
     this.renderer.render(this.scene, this.camera);
+  }
+
+  // The frustum is that of the part which nothing covers; the picture goes on around it.
+  private fit(): void {
+    const { left, top, right, bottom } = this.free;
+    const { clientWidth, clientHeight } = this.canvas;
+    const width = Math.max(1, clientWidth - left - right);
+    const height = Math.max(1, clientHeight - top - bottom);
+    this.camera.aspect = width / height;
+    // A narrow screen sees as much from side to side as a wide one.
+    this.camera.fov =
+      this.camera.aspect >= 1
+        ? 38
+        : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
+    this.camera.zoom = this.shown.beside ? 0.55 : 1;
+    this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
   /** Draws coarser where `elapsed` (ms between two pictures) stays long, finer again where there is time. */

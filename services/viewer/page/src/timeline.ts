@@ -21,7 +21,11 @@ export class Timeline {
   speed = 1;
   opened = false; // shows a file, not the stream
 
-  constructor(private readonly apply: (frame: Frame) => void) {}
+  /** `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order. */
+  constructor(
+    private readonly apply: (frame: Frame) => void,
+    private readonly pass: (frame: Frame) => void,
+  ) {}
 
   add(time: number, frame: Frame): void {
     const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
@@ -145,6 +149,7 @@ export class Timeline {
   }
 
   private runTo(end: number): void {
+    for (let i = this.cursor; i < end; ++i) this.pass(this.entries[i]!.frame);
     if (end > this.cursor) this.applyNewest(this.cursor, end);
     this.cursor = end;
   }
