@@ -17,7 +17,9 @@ namespace softhand::bench {
 /// A resting hand whose five fingertips sink a millimetre into heavy balls, among others that it does not touch.
 class Pressing {
  public:
-  Pressing(int touched, int untouched, const std::string& hand_file = "right_1450.hand.json", HandOptions options = {}) : hand_(load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + hand_file)) {
+  /// `clearance`: m from the hand's highest node up to those that it does not touch.
+  Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json", HandOptions options = {})
+      : hand_(load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + hand_file)) {
     options.mirrored_objects = 8;
     loop_ = std::make_unique<HandLoop>(hand_, options, HandKey{});
     constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
@@ -28,17 +30,18 @@ class Pressing {
       high = high.cwiseMax(node);
     }
     for (int k = 0; k < untouched; ++k) {
-      // A grid two centimetres above the hand.
+      // A grid above the hand.
       const double u = (k % 10 + 0.5) / 10, v = (k / 10 + 0.5) / 10;
-      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + 0.02 + kRadius, low.z() + v * (high.z() - low.z())), kRadius);
+      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + clearance + kRadius, low.z() + v * (high.z() - low.z())), kRadius);
     }
     for (int k = 0; k < touched; ++k) {
       const Vector3 tip = hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
-      double bottom = tip.y();
+      // Under the lowest node of the tip, so that a coarse hand touches too.
+      Vector3 lowest = tip;
       for (const Vector3& node : hand_.nodes) {
-        if ((node - tip).norm() < 0.01) bottom = std::min(bottom, node.y());
+        if ((node - tip).norm() < 0.01 && node.y() < lowest.y()) lowest = node;
       }
-      add(Vector3(tip.x(), bottom - kRadius + kDepth, tip.z()), kRadius);
+      add(lowest + Vector3(0, kDepth - kRadius, 0), kRadius);
     }
   }
 
@@ -59,8 +62,8 @@ class Pressing {
     return measure([&] { output_ = &loop_->step(now_, input, {true, true, true}); });
   }
   /// Until the tissue has come to rest around what it touches.
-  void settle() {
-    for (int i = 0; i < 30; ++i) step([](auto&& work) { work(); });
+  void settle(int steps = 30) {
+    for (int i = 0; i < steps; ++i) step([](auto&& work) { work(); });
   }
   int touched_objects() const {
     std::set<std::uint32_t> objects;

@@ -1,0 +1,12 @@
+# Counted by callgrind, whose counts do not depend on the machine's load; of the build that is shipped, sanitized and debug builds count otherwise.
+find_program(VALGRIND valgrind)
+find_path(VALGRIND_INCLUDE valgrind/callgrind.h)
+if(VALGRIND AND VALGRIND_INCLUDE AND CMAKE_BUILD_TYPE STREQUAL Release AND NOT SOFTHAND_SANITIZE)
+  add_executable(step_cost_steps ${CMAKE_CURRENT_LIST_DIR}/step_cost_steps.cpp)
+  target_include_directories(step_cost_steps PRIVATE ${PROJECT_SOURCE_DIR}/tests ${VALGRIND_INCLUDE})
+  target_link_libraries(step_cost_steps PRIVATE softhand_options softhand_hand)
+  target_compile_definitions(step_cost_steps PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  softhand_test(step_cost ${CMAKE_CURRENT_LIST_DIR}/step_cost_test.cpp LINK softhand_options)
+  add_dependencies(test_step_cost step_cost_steps)
+  target_compile_definitions(test_step_cost PRIVATE SOFTHAND_STEPS="$<TARGET_FILE:step_cost_steps>" SOFTHAND_VALGRIND="${VALGRIND}")
+endif()
