@@ -48,7 +48,10 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     const Matrix3 inverse = edges.inverse();
     TissueBatch& batch = batches_[position / kTissueBatch];
     const std::size_t lane = position % kTissueBatch;
-    if (position < count) ++batch.count;
+    if (position < count) {
+      ++batch.count;
+      mirrored_.push_back(edges.determinant() < 0.0);
+    }
     for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
     for (std::size_t k = 0; k < 9; ++k) batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
     for (auto& slot : batch.slot) slot[lane] = -1;
@@ -122,9 +125,16 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .single_blocks = single_hessian_});
 }
 
+// By the sign of the volume against that at rest: det F of all tetrahedra would be most of what a status costs.
 int Tissue::inverted_elements(const State& state) const {
   int count = 0;
-  for (int e = 0; e < element_count_; ++e) count += deformation_gradient(state, e).determinant() < 0.0 ? 1 : 0;
+  for (int e = 0; e < element_count_; ++e) {
+    const auto [b, lane] = place_of(e);
+    const auto node = [&, b = b, lane = lane](std::size_t a) { return state.node_positions.col(batches_[b].node[a][lane]); };
+    const Vector3 origin = node(0);
+    const double volume = (node(1) - origin).dot((node(2) - origin).cross(node(3) - origin));
+    count += (mirrored_[static_cast<std::size_t>(e)] ? -volume : volume) < 0.0 ? 1 : 0;
+  }
   return count;
 }
 

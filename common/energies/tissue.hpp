@@ -55,6 +55,7 @@ class Tissue final : public Energy {
   TissueKernel kernel_;
   bool single_hessian_ = false;
   int element_count_ = 0;
+  std::vector<bool> mirrored_;  // a batch's nodes are sorted: edges of a left-handed system at rest
   mutable std::uint64_t evaluated_elements_ = 0;
   std::vector<TissueBatch> batches_;  // element e is lane e mod kTissueBatch of batch e / kTissueBatch
 };
