@@ -5,19 +5,38 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace softhand {
 namespace {
 
 constexpr std::size_t slot_of(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
 
-struct Place {
-  std::size_t batch, lane;
-};
-
-Place place_of(int element) {
-  const auto e = static_cast<std::size_t>(element);
-  return {e / kTissueBatch, e % kTissueBatch};
+// 0 and 1: on one side of a plane with all nodes, 2: crossed by it. Across one of the axes, through the median node; the plane that crosses fewest.
+std::vector<std::uint8_t> halves(const HandModel& hand) {
+  std::vector<std::uint8_t> best;
+  std::size_t fewest = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> heights;
+    for (const auto& nodes : hand.tetrahedra) {
+      for (const std::int32_t n : nodes) {
+        if (n >= 0 && n < hand.node_count()) heights.push_back(hand.nodes[static_cast<std::size_t>(n)][axis]);
+      }
+    }
+    if (heights.empty()) continue;
+    const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
+    std::nth_element(heights.begin(), middle, heights.end());
+    std::vector<std::uint8_t> groups;
+    for (const auto& nodes : hand.tetrahedra) {
+      const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) { return n >= 0 && n < hand.node_count() && hand.nodes[static_cast<std::size_t>(n)][axis] > *middle; });
+      groups.push_back(above == 0 ? 0 : above == 4 ? 1 : 2);
+    }
+    const auto crossed = static_cast<std::size_t>(std::count(groups.begin(), groups.end(), 2));
+    if (!best.empty() && crossed >= fewest) continue;
+    fewest = crossed;
+    best = std::move(groups);
+  }
+  return best;
 }
 
 }  // namespace
@@ -30,9 +49,22 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     materials.push_back(corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
   }
   element_count_ = static_cast<int>(count);
-  batches_.resize((count + kTissueBatch - 1) / kTissueBatch);
-  for (std::size_t position = 0; position < batches_.size() * kTissueBatch; ++position) {
-    const std::size_t e = std::min(position, count - 1);
+  const std::vector<std::uint8_t> groups = halves(hand);
+  std::vector<std::size_t> order;  // element of each lane; a group's last one repeated to the end of its last batch
+  position_.resize(count);
+  for (std::size_t g = 0; g < 3; ++g) {
+    for (std::size_t e = 0; e < count; ++e) {
+      if (groups[e] != g) continue;
+      position_[e] = static_cast<std::int32_t>(order.size());
+      order.push_back(e);
+    }
+    while (order.size() % kTissueBatch != 0) order.push_back(order.back());
+    group_[g + 1] = order.size() / kTissueBatch;
+  }
+  batches_.resize(order.size() / kTissueBatch);
+  mirrored_.resize(count);
+  for (std::size_t position = 0; position < order.size(); ++position) {
+    const std::size_t e = order[position];
     const auto refuse = [e](const char* what) { throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(e) + ": " + what); };
     std::array<std::int32_t, 4> nodes = hand.tetrahedra[e];
     std::sort(nodes.begin(), nodes.end());
@@ -48,10 +80,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     const Matrix3 inverse = edges.inverse();
     TissueBatch& batch = batches_[position / kTissueBatch];
     const std::size_t lane = position % kTissueBatch;
-    if (position < count) {
-      ++batch.count;
-      mirrored_.push_back(edges.determinant() < 0.0);
-    }
+    if (position_[e] == static_cast<std::int32_t>(position)) ++batch.count;
+    mirrored_[e] = edges.determinant() < 0.0;
     for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
     for (std::size_t k = 0; k < 9; ++k) batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
     for (auto& slot : batch.slot) slot[lane] = -1;
@@ -83,6 +113,11 @@ void Tissue::bind(const BlockMatrix& matrix) {
   }
 }
 
+Tissue::Place Tissue::place_of(int element) const {
+  const auto position = static_cast<std::size_t>(position_[static_cast<std::size_t>(element)]);
+  return {position / kTissueBatch, position % kTissueBatch};
+}
+
 CorotationalMaterial Tissue::material(int element) const {
   const auto [b, lane] = place_of(element);
   const TissueBatch& batch = batches_[b];
@@ -103,7 +138,12 @@ Matrix3 Tissue::deformation_gradient(const State& state, int element) const {
 
 double Tissue::evaluate(const State& state, const TissueOutput& output) const {
   evaluated_elements_ += static_cast<std::uint64_t>(element_count_);
-  return kernel_(batches_.data(), batches_.size(), state.node_positions.data(), output);
+  const auto energy_of = [&](std::size_t group) {
+    return kernel_(batches_.data() + group_[group], group_[group + 1] - group_[group], state.node_positions.data(), output);
+  };
+  double one = 0, other = 0;
+  run_halves(helper_, [&] { one = energy_of(0); }, [&] { other = energy_of(1); });
+  return one + other + energy_of(2);
 }
 
 double Tissue::value(const State& state) const { return evaluate(state, {}); }

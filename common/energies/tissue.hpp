@@ -5,17 +5,20 @@
 // W and its derivatives: corotational.hpp. Degrees of freedom: the nodes. Assumption: node n of the hand is node n of the state. The integral runs over the
 // reference volume (eq. 21). The four gradients b_a sum to zero, so six 3x3 blocks of the element's Hessian give the other four.
 //
-// Elements are evaluated side by side (tissue_kernel.hpp), with the same bits for every instruction set and on each run: they are summed in their order in the
-// hand's file. The nodes of an element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on scatter; F does not depend on the
+// Elements are evaluated side by side (tissue_kernel.hpp), with the same bits for every instruction set, for one thread and two, and on each run: a plane cuts the
+// hand into two halves that share no node, and between them lie the elements that it crosses. The sum is over one half, the other and these, each in the order of
+// the hand's file. The nodes of an element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on scatter; F does not depend on the
 // order.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "energies/corotational.hpp"
 #include "energies/energy.hpp"
 #include "energies/tissue_kernel.hpp"
+#include "math/helper_thread.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand {
@@ -27,6 +30,8 @@ class Tissue final : public Energy {
   explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
   /// From here on `add_all` computes the Hessian's products in float: for a solver that factorises it in float. Energy and gradient stay what they are.
   void use_single_hessian() { single_hessian_ = true; }
+  /// Takes the second half of the elements from here on; it outlives this.
+  void use(HelperThread& helper) { helper_ = &helper; }
 
   int element_count() const { return element_count_; }
   /// Energies, gradients or Hessians of a tetrahedron, in any combination at one state, since construction.
@@ -52,12 +57,20 @@ class Tissue final : public Energy {
   Matrix3 deformation_gradient(const State& state, int element) const;
   CorotationalMaterial material(int element) const;
 
+  struct Place {
+    std::size_t batch, lane;
+  };
+  Place place_of(int element) const;
+
   TissueKernel kernel_;
+  HelperThread* helper_ = nullptr;
   bool single_hessian_ = false;
   int element_count_ = 0;
   std::vector<bool> mirrored_;  // a batch's nodes are sorted: edges of a left-handed system at rest
   mutable std::uint64_t evaluated_elements_ = 0;
-  std::vector<TissueBatch> batches_;  // element e is lane e mod kTissueBatch of batch e / kTissueBatch
+  std::vector<TissueBatch> batches_;      // of one half, of the other, of what lies between
+  std::array<std::size_t, 4> group_{};    // where these begin and end
+  std::vector<std::int32_t> position_;    // of an element: kTissueBatch times its batch, and its lane
 };
 
 }  // namespace softhand

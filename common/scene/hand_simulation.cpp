@@ -79,10 +79,13 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   for (int b = 0; b < kBodyCount; ++b) inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass, hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
   terms_.push_back(std::move(inertia));
 
+  if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
+
   // Terms about tissue exist only where there is some.
   if (!hand_.tetrahedra.empty()) {
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
+    if (helper_) tissue->use(*helper_);
     if (options.solver.factor == "float") tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
     auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
@@ -131,7 +134,9 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   std::vector<Energy*> list;
   for (const auto& term : terms_) list.push_back(term.get());
-  solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, options.solver);
+  SolverOptions solver_options = options.solver;
+  solver_options.helper = helper_.get();
+  solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, solver_options);
   std::vector<Linkage::Link> links(kBodyCount);
   for (const JointSite& joint : hand_joints(hand_)) links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
   solver_->allow_chord_steps(Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this] {
@@ -228,6 +233,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
 }
 
 StepReport HandSimulation::step(double time_step) {
+  if (helper_) helper_->wake();
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
   collect_bone_contacts();

@@ -130,6 +130,7 @@ class HandSimulation {
   int mirrored_slots_;
   int static_slots_;
   State state_;
+  std::unique_ptr<HelperThread> helper_;  // null: one thread
   std::vector<SlotMode> modes_;
   std::vector<MirroredObject> objects_;
   std::vector<std::unique_ptr<Energy>> terms_;

@@ -11,6 +11,7 @@ struct SimulationOptions {
   double contact_stiffness = 12000;
   bool gravity = false;
   double untangle_patience = 0.1;
+  std::int64_t threads = 1;
   SolverOptions solver;
 };
 
@@ -21,6 +22,8 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.flag("gravity", o.gravity, "Weight of the hand itself; off, because the user's arm carries it.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
            "Tissue that is inside out or wound round its bones, touching nothing, in two looks so far apart is put back to where its bones carry it; 0 = never.");
+  v.integer("threads", o.threads, "", {1, 2},
+            "2: a second thread takes half of the tissue and of the factorisation, with the same bits. Both are pinned to cores of their own, so the machine needs a free one.");
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
 

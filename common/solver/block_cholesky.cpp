@@ -20,6 +20,7 @@ namespace {
 
 constexpr std::size_t kAlignment = 64;
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
+constexpr std::uint8_t kAncestors = 2;  // the group of what waits for both others
 
 using Index = std::int32_t;
 
@@ -151,10 +152,61 @@ std::vector<Supernode> cheapest_supernodes(const BlockMatrix& matrix) {
 
 struct Visit {
   Index node, depth;
+  std::uint8_t group = kAncestors;
 };
 
-// Children before parents, each subtree in one piece.
-std::vector<Visit> postorder(const std::vector<Supernode>& nodes) {
+// Into which group each node falls: whole subtrees into the first two, so that the dearer of them together with the ancestors, which wait for both, costs least.
+std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
+  const auto own_cost = [&nodes](Index n) {
+    const Supernode& node = nodes[at(n)];
+    return front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
+  };
+  std::vector<double> cost(nodes.size(), 0);  // of a subtree
+  std::vector<Index> roots;
+  for (const Visit& visit : children_first) {
+    cost[at(visit.node)] = own_cost(visit.node);
+    for (const Index child : nodes[at(visit.node)].children) cost[at(visit.node)] += cost[at(child)];
+    if (visit.depth == 0) roots.push_back(visit.node);
+  }
+  const auto dearer = [&cost](Index a, Index b) { return std::pair(cost[at(a)], a) > std::pair(cost[at(b)], b); };
+  std::vector<Index> dealt[2], best[2];
+  double ancestors = 0, least = std::numeric_limits<double>::infinity();
+  constexpr std::size_t kMostSubtrees = 64;
+  while (!roots.empty() && roots.size() < kMostSubtrees) {
+    std::sort(roots.begin(), roots.end(), dearer);
+    double load[2] = {0, 0};
+    dealt[0].clear();
+    dealt[1].clear();
+    for (const Index root : roots) {
+      const int lighter = load[1] < load[0] ? 1 : 0;
+      load[lighter] += cost[at(root)];
+      dealt[lighter].push_back(root);
+    }
+    if (ancestors + std::max(load[0], load[1]) < least) {
+      least = ancestors + std::max(load[0], load[1]);
+      std::copy(std::begin(dealt), std::end(dealt), std::begin(best));
+    }
+    // The dearest gives way to its children.
+    const Index dearest = roots.front();
+    ancestors += own_cost(dearest);
+    roots.erase(roots.begin());
+    roots.insert(roots.end(), nodes[at(dearest)].children.begin(), nodes[at(dearest)].children.end());
+  }
+  std::vector<std::uint8_t> group(nodes.size(), kAncestors);
+  for (std::uint8_t g = 0; g < 2; ++g) {
+    std::vector<Index> pending = best[g];
+    while (!pending.empty()) {
+      const Index n = pending.back();
+      pending.pop_back();
+      group[at(n)] = g;
+      pending.insert(pending.end(), nodes[at(n)].children.begin(), nodes[at(n)].children.end());
+    }
+  }
+  return group;
+}
+
+// Group by group; in each, children before parents and what belongs to one subtree in one piece.
+std::vector<Visit> elimination_order(const std::vector<Supernode>& nodes) {
   std::vector<Visit> pending, result;
   std::vector<bool> is_child(nodes.size(), false);
   for (const Supernode& node : nodes) {
@@ -170,6 +222,9 @@ std::vector<Visit> postorder(const std::vector<Supernode>& nodes) {
     for (const Index child : nodes[at(visit.node)].children) pending.push_back({child, visit.depth + 1});
   }
   std::reverse(result.begin(), result.end());
+  const std::vector<std::uint8_t> group = deal_out(nodes, result);
+  for (Visit& visit : result) visit.group = group[at(visit.node)];
+  std::stable_sort(result.begin(), result.end(), [](const Visit& a, const Visit& b) { return a.group < b.group; });
   return result;
 }
 
@@ -196,12 +251,12 @@ typename BlockCholesky<Scalar>::Buffer BlockCholesky<Scalar>::make_buffer(std::s
 }
 
 template <typename Scalar>
-BlockCholesky<Scalar>::BlockCholesky(InstructionSet set) : kernel_(cholesky_kernel<Scalar>(set)) {}
+BlockCholesky<Scalar>::BlockCholesky(InstructionSet set, HelperThread* helper) : kernel_(cholesky_kernel<Scalar>(set)), helper_(helper) {}
 
 template <typename Scalar>
 void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   std::vector<Supernode> nodes = cheapest_supernodes(matrix);
-  const std::vector<Visit> visits = postorder(nodes);
+  const std::vector<Visit> visits = elimination_order(nodes);
   const Index count = matrix.block_count();
 
   position_.assign(at(count), 0);
@@ -210,6 +265,9 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   child_.clear();
   row_position_.clear();
   Index next = 0;
+  group_.fill(0);
+  for (const Visit& visit : visits) ++group_[visit.group + std::size_t{1}];
+  std::partial_sum(group_.begin(), group_.end(), group_.begin());
   for (std::size_t f = 0; f < visits.size(); ++f) {
     const Supernode& node = nodes[at(visits[f].node)];
     fronts_[f].first_pivot = next;
@@ -222,7 +280,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
 
   std::int64_t panel_size = 0;
-  std::int64_t top[2] = {0, 0}, highest[2] = {0, 0};  // two stacks, for even and odd depths: a front's update is made while its children's exist
+  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist.
+  std::int64_t top[3][2] = {}, highest[3][2] = {};
   Index longest = 0;
   operations_ = 0;
   for (std::size_t f = 0; f < visits.size(); ++f) {
@@ -243,19 +302,28 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     std::sort(child_.begin() + front.child_begin, child_.end());
     front.child_end = static_cast<Index>(child_.size());
 
+    const std::uint8_t group = visits[f].group;
     const int parity = visits[f].depth % 2;
-    front.update = top[parity];
-    top[parity] += static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
-    highest[parity] = std::max(highest[parity], top[parity]);
-    if (front.child_begin < front.child_end) top[1 - parity] = fronts_[at(child_[at(front.child_begin)])].update;
+    front.update = top[group][parity];
+    top[group][parity] += static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
+    highest[group][parity] = std::max(highest[group][parity], top[group][parity]);
+    // Its children's are used up; those of the two groups' subtrees stay below what their groups still stack.
+    const auto is_of_group = [&](Index child) { return visits[at(child)].group == group; };
+    const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_of_group);
+    if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
     for (Index p = 0; p < front.pivots; ++p) {
       const double length = front.pivots + front.rows - p;
       operations_ += length * (length + 1);
     }
   }
-  for (std::size_t f = 0; f < visits.size(); ++f) {
-    if (visits[f].depth % 2 == 1) fronts_[f].update += highest[0];
+  std::int64_t stack[3][2], update_size = 0;
+  for (int group = 0; group < 3; ++group) {
+    for (int parity = 0; parity < 2; ++parity) {
+      stack[group][parity] = update_size;
+      update_size += highest[group][parity];
+    }
   }
+  for (std::size_t f = 0; f < visits.size(); ++f) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
 
   const auto panel_row = [](const CholeskyFront& front, const Index* rows, Index position) {
     if (position < front.first_pivot + front.pivots) return position - front.first_pivot;
@@ -302,11 +370,11 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
 
   const std::size_t unknowns = 3 * at(count);
   panels_ = make_buffer(static_cast<std::size_t>(panel_size));
-  updates_ = make_buffer(static_cast<std::size_t>(highest[0] + highest[1]));
+  updates_ = make_buffer(static_cast<std::size_t>(update_size));
   inverse_diagonal_ = make_buffer(unknowns);
   x_ = make_buffer(unknowns);
   scratch_ = make_buffer(at(longest * kCholeskyTile));
-  index_scratch_.assign(at(longest * kCholeskyTile), 0);
+  for (auto& scratch : index_scratch_) scratch.assign(at(longest * kCholeskyTile), 0);
 }
 
 template <typename Scalar>
@@ -321,7 +389,14 @@ CholeskyPlan BlockCholesky<Scalar>::plan() const {
 
 template <typename Scalar>
 bool BlockCholesky<Scalar>::factorize() {
-  return kernel_.factorize(plan(), values_, panels_.get(), updates_.get(), inverse_diagonal_.get(), index_scratch_.data());
+  bool one = false, other = false;
+  run_halves(helper_, [&] { one = factorize(0); }, [&] { other = factorize(1); });
+  return one && other && factorize(kAncestors);
+}
+
+template <typename Scalar>
+bool BlockCholesky<Scalar>::factorize(int group) {
+  return kernel_.factorize(plan(), group_[at(group)], group_[at(group + 1)], values_, panels_.get(), updates_.get(), inverse_diagonal_.get(), index_scratch_[group == 1].data());
 }
 
 template <typename Scalar>

@@ -1,14 +1,17 @@
 // Multifrontal Cholesky L L^T of the step's matrix: the default linear solver.
 //
 // Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD; the cheapest of a few), supernodes merged where a model of the kernels' time gains, blocks
-// added straight into the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). One thread. The same matrix gives the same bits on each run with one
-// instruction set; sets differ by rounding. Figures: docs/performance.md.
+// added straight into the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). Subtrees of the elimination tree are dealt out to two groups of about the
+// same cost, which a second thread may share; their common ancestors follow. The same matrix gives the same bits on each run and with one thread or two, with one instruction
+// set; sets differ by rounding. Figures: docs/performance.md.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <vector>
 
+#include "math/helper_thread.hpp"
 #include "math/instruction_set.hpp"
 #include "solver/block_cholesky_kernel.hpp"
 #include "solver/linear_solver.hpp"
@@ -20,7 +23,8 @@ namespace softhand {
 template <typename Scalar>
 class BlockCholesky final : public LinearSolver {
  public:
-  explicit BlockCholesky(InstructionSet set = widest_instruction_set());
+  /// `helper`, if any, takes one of the groups; it outlives this.
+  explicit BlockCholesky(InstructionSet set = widest_instruction_set(), HelperThread* helper = nullptr);
 
   /// Strong exception guarantee is not given: analyse again after a failure. Nothing else here allocates.
   void analyze(const BlockMatrix& matrix) override;
@@ -42,12 +46,16 @@ class BlockCholesky final : public LinearSolver {
 
   CholeskyPlan plan() const;
 
+  bool factorize(int group);
+
   CholeskyKernel<Scalar> kernel_;
+  HelperThread* helper_ = nullptr;
   double operations_ = 0;
+  std::array<std::size_t, 4> group_{};  // where the fronts of two groups of subtrees and of their ancestors begin and end
   std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
   std::vector<CholeskyFront> fronts_;
   std::vector<std::int32_t> child_, row_position_, row_in_parent_, entry_row_, entry_column_, entry_source_;
-  std::vector<std::int32_t> index_scratch_;
+  std::array<std::vector<std::int32_t>, 2> index_scratch_;  // of each thread
   const double* values_ = nullptr;  // of the matrix that was loaded
   Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };

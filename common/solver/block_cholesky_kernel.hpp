@@ -15,7 +15,7 @@ namespace softhand {
 
 inline constexpr std::int32_t kCholeskyTile = 8;
 
-/// Counts are of scalars unless they say tiles. Fronts are in postorder, children before parents.
+/// Counts are of scalars unless they say tiles. Children come before parents.
 struct CholeskyFront {
   std::int32_t pivots = 0, pivot_tiles = 0;
   std::int32_t rows = 0, row_tiles = 0;
@@ -41,8 +41,10 @@ struct CholeskyPlan {
 
 template <typename Scalar>
 struct CholeskyKernel {
-  /// `values`: of the matrix, nine a stored block, column-major. `scratch`: as many as padded rows of the largest panel. False where a pivot is not positive and finite.
-  bool (*factorize)(const CholeskyPlan& plan, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch);
+  /// Fronts [begin, end), whose children are among them or done. `values`: of the matrix, nine a stored block, column-major. `scratch`: as many as padded rows of the largest
+  /// panel. False where a pivot is not positive and finite.
+  bool (*factorize)(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal,
+                    std::int32_t* scratch);
   /// `x` in elimination order: right-hand side in, solution out. `scratch` as above.
   void (*solve)(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch);
 };

@@ -229,8 +229,9 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
 }
 
 template <typename Scalar>
-bool factorize(const CholeskyPlan& plan, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal, std::int32_t* scratch) {
-  for (std::size_t f = 0; f < plan.front_count; ++f) {
+bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal,
+               std::int32_t* scratch) {
+  for (std::size_t f = begin; f < end; ++f) {
     const CholeskyFront& front = plan.fronts[f];
     Scalar* const panel = panels + front.panel;
     const std::ptrdiff_t step = tile_step_of(front);

@@ -61,10 +61,10 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   if (options_.linear_solver) {
     linear_solver_ = options_.linear_solver();
   } else if (options_.factor == "float") {
-    linear_solver_ = std::make_unique<BlockCholesky<float>>();
-    precise_solver_ = std::make_unique<BlockCholesky<double>>();
+    linear_solver_ = std::make_unique<BlockCholesky<float>>(widest_instruction_set(), options_.helper);
+    precise_solver_ = std::make_unique<BlockCholesky<double>>(widest_instruction_set(), options_.helper);
   } else {
-    linear_solver_ = std::make_unique<BlockCholesky<double>>();
+    linear_solver_ = std::make_unique<BlockCholesky<double>>(widest_instruction_set(), options_.helper);
   }
   BlockPattern pattern(layout_.block_count());
   for (const Energy* term : terms_) term->add_pattern(pattern);

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "energies/energy.hpp"
+#include "math/helper_thread.hpp"
 #include "runtime/options.hpp"
 #include "solver/linear_solver.hpp"
 #include "solver/linkage.hpp"
@@ -35,6 +36,7 @@ struct SolverOptions {
   std::string factor = "float";
   // What a program sets, not a file.
   std::function<std::unique_ptr<LinearSolver>()> linear_solver;  ///< makes what solves the systems; empty: the block factorisation, as `factor` says
+  HelperThread* helper = nullptr;                                ///< shares the block factorisation; outlives the solver
   std::function<double()> clock;                                 ///< seconds from any origin; empty: a steady clock
 };
 

@@ -55,6 +55,7 @@ struct GraspCost {
   std::vector<double> steps;  ///< s, default mode, while holding
   std::vector<double> whole;  ///< s, default mode, the whole run but its first tenth of a second
   std::vector<double> fast;   ///< s, the method's fast mode: one iteration, from the same states
+  std::vector<double> shared; ///< the same with two threads; none where there is but one core
   std::vector<double> own;    ///< s by the wall's clock, the rig's own steps in default mode while holding
   int touching = 0;           ///< least contacts of a measured step
 };
@@ -82,7 +83,11 @@ GraspCost measure_grasp(const Size& size) {
   HandOptions fast_options = scene.options.hand;
   fast_options.simulation.solver.max_iterations = 1;
   fast_options.simulation.solver.measure_result = false;
+  HandOptions shared_options = fast_options;
+  shared_options.simulation.threads = 2;
   Follower usual(scene, hand, scene.options.hand, rig), fast(scene, hand, fast_options, rig);
+  std::optional<Follower> shared;
+  if (HelperThread().present()) shared.emplace(scene, hand, shared_options, rig);
 
   GraspCost cost;
   cost.nodes = hand.node_count();
@@ -97,6 +102,7 @@ GraspCost measure_grasp(const Size& size) {
     cost.steps.push_back(cost.whole.back());
     cost.own.push_back(view.output->report.timing.total());
     cost.fast.push_back(fast.step(rig, view.time + period));
+    if (shared) cost.shared.push_back(shared->step(rig, view.time + period));
     cost.touching = std::min(cost.touching, static_cast<int>(view.output->contacts.contacts.size()));
   });
   return cost;
@@ -300,6 +306,7 @@ Json run() {
     if (cost.touching == 0) fmt::print("  (size {}: not in a grasp throughout)\n", size.key);
     put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""), "default mode");
     put(fmt::format("fast_step_ms_{}", size.key), 1e3 * median(cost.fast), "one iteration, one thread");
+    put(fmt::format("fast_step_two_threads_ms_{}", size.key), cost.shared.empty() ? std::nan("") : 1e3 * median(cost.shared), "the same on two cores");
     put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_factor.at(size.key)), "with CHOLMOD's factor and solve of above for ours");
     by_nodes.emplace_back(cost.nodes, median(cost.steps));
     fast_by_nodes.emplace_back(cost.nodes, median(cost.fast));
@@ -345,7 +352,7 @@ Json run() {
 }  // namespace softhand::bench
 
 int main(int argc, char** argv) {
-  CLI::App app("Measures the hand's step, its parts and its service; about two minutes. Pin it: taskset -c 1 softhand bench", "softhand bench");
+  CLI::App app("Measures the hand's step, its parts and its service; about a minute. On one core (taskset -c 1) two threads are not measured", "softhand bench");
   std::string path;
   app.add_option("--json", path, "Where the figures go")->type_name("FILE");
   CLI11_PARSE(app, argc, argv);

@@ -220,6 +220,19 @@ TEST(TissueKernel, EachInstructionSetGivesTheSameBits) {
   }
 }
 
+TEST(TissueKernel, TwoThreadsGiveTheBitsOfOne) {
+  HelperThread helper;
+  if (!helper.present()) GTEST_SKIP() << "one core";
+  const HandModel box = testing::box_mesh({9, 4, 4}, Vector3(0.06, 0.02, 0.02), {"skin", 1000, 1e5, 0.45, 500, 500});
+  Random random(3);
+  State state = testing::rest_state(box);
+  for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += 0.002 * random.vector();
+  Tissue alone(box), shared(box);
+  shared.use(helper);
+  const Outcome expected = evaluate(alone, state);
+  for (int run = 0; run < 100; ++run) expect_same(evaluate(shared, state), expected);
+}
+
 TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
   const HandModel box = testing::box_mesh({3, 3, 3}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, 0.45, 500, 500});
   for (const double amount : {2e-4, 0.004}) {

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 #include "solver/cholmod_solver.hpp"
 #include "support/count_allocations.hpp"
@@ -138,6 +139,36 @@ TYPED_TEST(BlockCholeskyTest, AgreesWithCholmodOnTheHands) {
           EXPECT_LE((x - expected).norm(), 1e-7 * expected.norm());
         }
       }
+    }
+  }
+}
+
+TYPED_TEST(BlockCholeskyTest, TwoThreadsGiveTheBitsOfOne) {
+  HelperThread helper;
+  if (!helper.present()) GTEST_SKIP() << "one core";
+  for (const char* size : {"400", "1450"}) {
+    const BlockMatrix good = testing::hand_matrix(hand_path(size));
+    BlockMatrix bad = good;
+    const VectorX rhs = random_vector(3 * good.block_count(), 3);
+    VectorX x(rhs.size()), expected(rhs.size());
+    BlockCholesky<TypeParam> alone, shared(widest_instruction_set(), &helper);
+    alone.analyze(good);
+    shared.analyze(good);
+    alone.load(good);
+    ASSERT_TRUE(alone.factorize());
+    alone.solve(rhs, expected);
+    for (int run = 0; run < 100; ++run) {
+      shared.load(good);
+      ASSERT_TRUE(shared.factorize());
+      shared.solve(rhs, x);
+      ASSERT_EQ(x, expected) << size << ' ' << run;
+      // Whoever of the two meets the pivot.
+      const int block = run * (good.block_count() - 1) / 99;
+      double& pivot = bad.values()[9 * static_cast<std::size_t>(bad.find(block, block).index)];
+      const double was = std::exchange(pivot, -1.0);
+      shared.load(bad);
+      EXPECT_FALSE(shared.factorize());
+      pivot = was;
     }
   }
 }

@@ -230,6 +230,26 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
 }
 
+TEST(HandSimulation, TwoThreadsGiveTheBitsOfOne) {
+  if (!HelperThread().present()) GTEST_SKIP() << "one core";
+  SimulationOptions two = options();
+  two.threads = 2;
+  HandSimulation alone(hand(), options(), 1, 0), shared(hand(), two, 1, 0);
+  const ShapeGeometry geometry(box(0.02));
+  for (HandSimulation* simulation : {&alone, &shared}) {
+    simulation->set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+    simulation->set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
+    set_rest_targets(*simulation, {Vector3(0, -0.004, 0), Quaternion::Identity()});
+  }
+  for (int i = 0; i < 60; ++i) {
+    alone.step(kStep);
+    shared.step(kStep);
+    ASSERT_EQ(shared.state().node_positions, alone.state().node_positions) << i;
+    ASSERT_EQ(shared.state().node_velocities, alone.state().node_velocities) << i;
+  }
+  EXPECT_TRUE(alone.touched(0)) << "half of this is about contact";
+}
+
 // A hand that comes down on a box, drags it, lets the world have it, is put elsewhere and comes back.
 TEST(HandSimulation, TheEnergyLedgerCloses) {
   SimulationOptions exact = options();
