@@ -1,0 +1,16 @@
+// How many cores the calling thread may use: of the machine's, those that taskset or a container leaves it.
+#pragma once
+
+#include <pthread.h>
+#include <sched.h>
+
+namespace softhand::testing {
+
+inline int allowed_cores() {
+  cpu_set_t cores;
+  CPU_ZERO(&cores);
+  pthread_getaffinity_np(pthread_self(), sizeof(cores), &cores);
+  return CPU_COUNT(&cores);
+}
+
+}  // namespace softhand::testing
