@@ -32,6 +32,13 @@ State empty_state(DofLayout layout) {
   return state;
 }
 
+// By how much the sum of the terms may differ for no other reason, J.
+double rounding_of_energy(const StepReport& report) {
+  double sum = 0;
+  for (std::size_t t = 0; t < report.term_count; ++t) sum += std::abs(report.terms[t].joules);
+  return 1e-14 * sum;
+}
+
 bool fits(const State& state, DofLayout layout) {
   return state.node_positions.cols() == layout.node_count && state.node_velocities.cols() == layout.node_count &&
          state.body_poses.size() == static_cast<std::size_t>(layout.body_count) && state.body_velocities.size() == state.body_poses.size();
@@ -168,9 +175,7 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
 // are unchanged). `measured`: evaluates there, its derivatives too; the full step nearly always holds, so it is evaluated with them at once.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
-  double rounding = 0;
-  for (std::size_t t = 0; t < report.term_count; ++t) rounding += std::abs(report.terms[t].joules);
-  rounding *= 1e-14;
+  const double rounding = rounding_of_energy(report);
   const StepReport before = report;
   base_ = state;
   double scale = 1.0;
@@ -298,7 +303,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   if (evaluated && report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
     report.status = StepStatus::converged;
   }
-  if (have_best && best_energy < report.energy) {
+  if (have_best && best_energy + rounding_of_energy(report) < report.energy) {
     // A line search only descends, so this is the path without one.
     state = best_;
     evaluate(state, report, false);
@@ -330,14 +335,14 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     pose = increment(pose, time_step * velocity.linear, time_step * velocity.angular);
   }
   double before = 0;
+  bool renews = tired_ || kept_time_step_ != time_step;
+  if (!evaluate(state, report, renews)) return false;
+  double least = report.energy;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
-    const bool renew = tired_ || kept_time_step_ != time_step;
-    if (!evaluate(state, report, renew)) return false;
-    if (renew) {
+    if (renews) {
       if (!factorize(report, false) || report.shifts > 0) return false;
       linkage_.keep(state);
       kept_time_step_ = time_step;
-      tired_ = false;
     }
     const double begin = clock_();
     gradient_ = -gradient_;
@@ -351,19 +356,22 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     ++report.iterations;
     report.increment = direction_.lpNorm<Eigen::Infinity>();
     const double moved = linkage_.root_mean_square(direction_);
-    if (iteration > 0) {
-      if (renew && moved > kStalled * before) return false;
-      tired_ = moved > kTired * before;
-    }
-    if (moved <= options_.chord_tolerance) {
-      if (measures_work_ && !evaluate(state, report, false)) return false;
+    if (iteration > 0 && renews && moved > kStalled * before) return false;
+    tired_ = iteration > 0 ? moved > kTired * before : tired_ && !renews;
+    const bool moved_little = moved <= options_.chord_tolerance;
+    renews = !moved_little && tired_;
+    if (!evaluate(state, report, renews)) return false;
+    // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
+    const bool fell = report.energy <= least + rounding_of_energy(report);
+    least = std::min(least, report.energy);
+    if (moved_little && fell) {
       const double end = clock_();
       for (Energy* term : terms_) term->end_step(state);
       report.timing.end = clock_() - end;
       report.status = StepStatus::converged;
       report.state_changed = all_finite(state);
       report.chord = true;
-      report.measured = measures_work_;
+      report.measured = true;
       return report.state_changed;
     }
     before = moved;
