@@ -14,17 +14,24 @@ static_assert(kTissueBatch % kLanes == 0);
 constexpr int kMaxSweeps = 12;             // one-sided Jacobi converges quadratically: 3 to 5 are usual
 constexpr double kOrthogonal = 1e-29;      // square of the cosine
 constexpr double kSmallestProduct = 1e-280;  // below it squares lose digits, and the columns say nothing
-constexpr double kNoDirection = 1e-120;    // of a column's length against the longest
+constexpr double kNoDirection = 0.1;        // what is left of a column's direction without that of the longest
 constexpr double kSmallestScale = 1e-300;  // a matrix below counts as zero
+// Square of what counts as zero beside the diagonal of a stretch, against all of it.
+template <typename Row>
+constexpr double kDiagonal = 1e-30;
+template <>
+constexpr double kDiagonal<Singles> = 1e-13;
+constexpr int kMaxPolarIterations = 7;     // Newton's: a stretch of two takes 5, of five or a fifth 7
+constexpr int kUsualPolarIterations = 3;   // of them before the first look at the change: with the next, enough for strains up to 0.14
+constexpr double kFlat = 1e-6;             // of a determinant's square against the sixth power of the norm: 1/27 where all stretches are equal
+constexpr double kPolarChange = 1e-16;     // square of an iteration's change: the error left is half of it
 
-// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F.
+// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F; s itself is not kept.
 struct LaneSvd {
   Lanes3 u[3], v[3];
-  Lanes s[3];
 };
 
 // Turns a_p and a_q (and v_p, v_q along) until they are orthogonal; lanes where they are stay as they are.
-template <bool kDirections>
 SOFTHAND_INLINE void orthogonalise(Lanes3& a_p, Lanes3& a_q, Lanes3& v_p, Lanes3& v_q) {
   const Lanes pp = dot(a_p, a_p);
   const Lanes qq = dot(a_q, a_q);
@@ -39,11 +46,9 @@ SOFTHAND_INLINE void orthogonalise(Lanes3& a_p, Lanes3& a_q, Lanes3& v_p, Lanes3
   const Lanes3 x = a_p;
   a_p = c * x - s * a_q;
   a_q = s * x + c * a_q;
-  if constexpr (kDirections) {
-    const Lanes3 y = v_p;
-    v_p = c * y - s * v_q;
-    v_q = s * y + c * v_q;
-  }
+  const Lanes3 y = v_p;
+  v_p = c * y - s * v_q;
+  v_q = s * y + c * v_q;
 }
 
 SOFTHAND_INLINE Choice skewed(const Lanes3& a, const Lanes3& b) {
@@ -59,8 +64,6 @@ SOFTHAND_INLINE Lanes3 perpendicular(const Lanes3& u) {
   return {splat(1.0) + sign * u.x * u.x * a, sign * (u.x * u.y * a), -(sign * u.x)};
 }
 
-// Without kDirections only `s`, with the same bits.
-template <bool kDirections>
 SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   // Scaled, so that squares neither overflow nor vanish.
   Lanes scale = absolute(f[0].x);
@@ -76,48 +79,122 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
     if (!any(skewed(a[0], a[1]) | skewed(a[0], a[2]) | skewed(a[1], a[2]))) break;
-    orthogonalise<kDirections>(a[0], a[1], v[0], v[1]);
-    orthogonalise<kDirections>(a[0], a[2], v[0], v[2]);
-    orthogonalise<kDirections>(a[1], a[2], v[1], v[2]);
+    orthogonalise(a[0], a[1], v[0], v[1]);
+    orthogonalise(a[0], a[2], v[0], v[2]);
+    orthogonalise(a[1], a[2], v[1], v[2]);
   }
   Lanes square[3] = {dot(a[0], a[0]), dot(a[1], a[1]), dot(a[2], a[2])};
-  const Choice inverted = dot(a[0], cross(a[1], a[2])) < 0.0;
   const auto order = [&](std::size_t p, std::size_t q) {
     const Choice swaps = square[q] > square[p];
     const Lanes larger = select(swaps, square[q], square[p]);
     square[q] = select(swaps, square[p], square[q]);
     square[p] = larger;
-    if constexpr (kDirections) {
-      // One of the two is turned round, so that V stays a rotation.
-      const auto swap = [&swaps](Lanes3& x, Lanes3& y) {
-        const Lanes3 first = select(swaps, y, x);
-        y = select(swaps, -x, y);
-        x = first;
-      };
-      swap(a[p], a[q]);
-      swap(v[p], v[q]);
-    }
+    // One of the two is turned round, so that V stays a rotation.
+    const auto swap = [&swaps](Lanes3& x, Lanes3& y) {
+      const Lanes3 first = select(swaps, y, x);
+      y = select(swaps, -x, y);
+      x = first;
+    };
+    swap(a[p], a[q]);
+    swap(v[p], v[q]);
   };
   order(0, 1);
   order(0, 2);
   order(1, 2);
   LaneSvd svd;
-  const Lanes length[3] = {square_root(square[0]), square_root(square[1]), square_root(square[2])};
-  svd.s[0] = scale * length[0];
-  svd.s[1] = scale * length[1];
-  svd.s[2] = scale * length[2];
-  svd.s[2] = select(inverted, -svd.s[2], svd.s[2]);
-  if constexpr (kDirections) {
-    svd.u[0] = (one / length[0]) * a[0];
-    svd.u[1] = (one / length[1]) * a[1];
-    svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
-    const Choice directed = length[1] > kNoDirection;
-    if (any(!directed)) svd.u[1] = select(directed, svd.u[1], perpendicular(svd.u[0]));
-    svd.u[2] = cross(svd.u[0], svd.u[1]);
+  svd.u[0] = (one / square_root(square[0])) * a[0];
+  // A short column is orthogonal only as far as the long one is rounded.
+  svd.u[1] = (one / square_root(square[1])) * a[1];
+  svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
+  const Lanes left = square_root(dot(svd.u[1], svd.u[1]));
+  const Choice directed = left > kNoDirection;
+  svd.u[1] = (one / left) * svd.u[1];
+  if (any(!directed)) svd.u[1] = select(directed, svd.u[1], perpendicular(svd.u[0]));
+  svd.u[2] = cross(svd.u[0], svd.u[1]);
 #pragma GCC unroll 3
-    for (std::size_t k = 0; k < 3; ++k) svd.v[k] = v[k];
-  }
+  for (std::size_t k = 0; k < 3; ++k) svd.v[k] = v[k];
   return svd;
+}
+
+// R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986): no square roots, and no directions, as energy and gradient need none. Says in which lanes it
+// converged: not in those that are squashed flat, where cofactors are rounding, nor in those turned inside out.
+SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
+  const Lanes volume = dot(f[0], cross(f[1], f[2])), square = dot(f[0], f[0]) + dot(f[1], f[1]) + dot(f[2], f[2]);
+  const Choice upright = (volume > 0.0) & (volume * volume > kFlat * square * square * square);
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j) r[j] = f[j];
+  Lanes3 change[3];
+  const auto iterate = [&r, &change] {
+    const Lanes3 cofactor[3] = {cross(r[1], r[2]), cross(r[2], r[0]), cross(r[0], r[1])};
+    const Lanes half = splat(0.5) / dot(r[0], cofactor[0]);
+#pragma GCC unroll 3
+    for (std::size_t j = 0; j < 3; ++j) change[j] = half * cofactor[j] - splat(0.5) * r[j];
+  };
+#pragma GCC unroll 3
+  for (int iteration = 0; iteration < kUsualPolarIterations; ++iteration) {
+    iterate();
+#pragma GCC unroll 3
+    for (std::size_t j = 0; j < 3; ++j) r[j] = r[j] + change[j];
+  }
+  // Lanes that are done do not change any more, so the number of iterations does not matter to them.
+  Choice done = splat(0.0) > 0.0;
+  for (int iteration = kUsualPolarIterations; iteration < kMaxPolarIterations; ++iteration) {
+    iterate();
+#pragma GCC unroll 3
+    for (std::size_t j = 0; j < 3; ++j) r[j] = select(done, r[j], r[j] + change[j]);
+    done = done | (dot(change[0], change[0]) + dot(change[1], change[1]) + dot(change[2], change[2]) < kPolarChange);
+    if (!any(upright & !done)) break;
+  }
+  return upright & done;
+}
+
+// Turns the symmetric matrix until its entry between p and q is zero, and v_p and v_q along. `diagonal` and `beside` are its entries, those beside the diagonal by the axis that
+// they do not name; a square below `least` counts as zero.
+template <typename Row>
+SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row> (&v)[3], std::size_t p, std::size_t q, const Row& least) {
+  const Row one = rounded<Row>(splat(1.0)), zero = one - one, half = rounded<Row>(splat(0.5));
+  const Row pq = beside[3 - p - q];
+  const Row square = pq * pq;
+  const auto turns = square > least;
+  const Row middle = half * (diagonal[p] + diagonal[q]), difference = half * (diagonal[q] - diagonal[p]);
+  const auto falls = zero > difference;
+  const Row distance = square_root(difference * difference + square);
+  const Row adjacent = absolute(difference) + distance;
+  const Row inverse = one / square_root(adjacent * adjacent + square);
+  const Row c = select(turns, adjacent * inverse, one);
+  const Row s = select(turns, select(falls, -pq, pq) * inverse, zero);
+  const Row along = select(falls, -distance, distance);
+  diagonal[p] = select(turns, middle - along, diagonal[p]);
+  diagonal[q] = select(turns, middle + along, diagonal[q]);
+  beside[3 - p - q] = select(turns, zero, pq);
+  const Row pr = beside[q], qr = beside[p];
+  beside[q] = c * pr - s * qr;
+  beside[p] = s * pr + c * qr;
+  const Row3<Row> x = v[p];
+  v[p] = c * x - s * v[q];
+  v[q] = s * x + c * v[q];
+}
+
+// Axes of the stretch S = R^T F and the stretches along them, in any order: Jacobi's method.
+template <typename Row>
+SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<Row> (&v)[3], Row (&stretch)[3]) {
+  const Row one = rounded<Row>(splat(1.0)), zero = one - one;
+  Row beside[3] = {rounded<Row>(dot(r[1], f[2])), rounded<Row>(dot(r[0], f[2])), rounded<Row>(dot(r[0], f[1]))};
+  Row least = zero;
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j) {
+    stretch[j] = rounded<Row>(dot(r[j], f[j]));
+    least = least + stretch[j] * stretch[j];
+    v[j] = {j == 0 ? one : zero, j == 1 ? one : zero, j == 2 ? one : zero};
+  }
+  least = rounded<Row>(splat(kDiagonal<Row>)) * least;
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+    // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
+    if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least))) break;
+    diagonalise(stretch, beside, v, 0, 1, least);
+    diagonalise(stretch, beside, v, 0, 2, least);
+    diagonalise(stretch, beside, v, 1, 2, least);
+  }
 }
 
 SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std::size_t component) {
@@ -189,12 +266,25 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
       }
     }
   }
-  const LaneSvd svd = lane_svd<kGradient || kHessian>(f);
   const Lanes mu = row(batch.mu), lambda = row(batch.lambda), volume = row(batch.volume);
   const Lanes limit_energy = row(batch.limit_energy), limit_stiffness = row(batch.limit_stiffness);
-  const Lanes strain[3] = {svd.s[0] - 1.0, svd.s[1] - 1.0, svd.s[2] - 1.0};
-  const Lanes trace = strain[0] + strain[1] + strain[2];
-  const Lanes quadratic = mu * (strain[0] * strain[0] + strain[1] * strain[1] + strain[2] * strain[2]) + 0.5 * lambda * trace * trace;
+  Lanes3 rotation[3];
+  const Choice rotated = lane_polar(f, rotation);
+  if (any(!rotated)) {
+    const LaneSvd svd = lane_svd(f);
+    const auto row_of = [](const Lanes3& v, std::size_t j) { return j == 0 ? v.x : j == 1 ? v.y : v.z; };
+#pragma GCC unroll 3
+    for (std::size_t j = 0; j < 3; ++j) {
+      rotation[j] = select(rotated, rotation[j], row_of(svd.v[0], j) * svd.u[0] + row_of(svd.v[1], j) * svd.u[1] + row_of(svd.v[2], j) * svd.u[2]);
+    }
+  }
+  // F - R, whose product with R is the sum of the principal strains, and with itself that of their squares.
+  Lanes3 strain[3];
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j) strain[j] = f[j] - rotation[j];
+  const Lanes trace = dot(rotation[0], strain[0]) + dot(rotation[1], strain[1]) + dot(rotation[2], strain[2]);
+  const Lanes squares = dot(strain[0], strain[0]) + dot(strain[1], strain[1]) + dot(strain[2], strain[2]);
+  const Lanes quadratic = mu * squares + 0.5 * lambda * trace * trace;
   const Lanes excess = quadratic / limit_energy - 1.0;
   const Choice limited = excess > 0.0;
   const Lanes over = select(limited, excess, splat(0.0));
@@ -203,25 +293,20 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
 
   const Lanes factor = splat(1.0) + limit_stiffness / limit_energy * over;
   const Lanes weight = volume * factor;
-  // R b, dW_q/dF b and the twists (u_i v_j^T - u_j v_i^T) b by the shape gradients b of nodes 1 to 3.
-  Lanes3 direction[3][5];
+  // dW_q/dF.
+  Lanes3 stress[3];
 #pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) {
-    const Lanes b[3] = {dot(svd.v[0], shape[n]), dot(svd.v[1], shape[n]), dot(svd.v[2], shape[n])};
-    direction[n][0] = b[0] * svd.u[0] + b[1] * svd.u[1] + b[2] * svd.u[2];
-    const Lanes3 stretched = shape[n].x * f[0] + shape[n].y * f[1] + shape[n].z * f[2];
-    direction[n][4] = (2.0 * mu) * (stretched - direction[n][0]) + (lambda * trace) * direction[n][0];
-    if constexpr (kHessian) {
-      direction[n][1] = b[1] * svd.u[0] - b[0] * svd.u[1];
-      direction[n][2] = b[2] * svd.u[0] - b[0] * svd.u[2];
-      direction[n][3] = b[2] * svd.u[1] - b[1] * svd.u[2];
-    }
-  }
+  for (std::size_t j = 0; j < 3; ++j) stress[j] = (2.0 * mu) * strain[j] + (lambda * trace) * rotation[j];
+  const auto times = [](const auto (&matrix)[3], const auto& b) { return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2]; };
+  // dW_q/dF b by the shape gradients b of nodes 1 to 3.
+  Lanes3 pull[3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) pull[n] = times(stress, shape[n]);
   if constexpr (kGradient) {
     Lanes3 sum;
 #pragma GCC unroll 3
     for (std::size_t n = 0; n < 3; ++n) {
-      const Lanes3 force = weight * direction[n][4];
+      const Lanes3 force = weight * pull[n];
       sum = n == 0 ? force : sum + force;
       store(result.force[3 * n + 3] + first, force.x);
       store(result.force[3 * n + 4] + first, force.y);
@@ -234,27 +319,36 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   }
   if constexpr (!kHessian) return;
 
+  Row3<Row> v[3], u[3], turn[3];
+  Row stretch[3];
+  lane_axes(rotation, f, v, stretch);
+#pragma GCC unroll 3
+  for (std::size_t k = 0; k < 3; ++k) turn[k] = rounded<Row>(rotation[k]);
+#pragma GCC unroll 3
+  for (std::size_t k = 0; k < 3; ++k) u[k] = times(turn, v[k]);
   // Half of c_k, because the twists are not of unit length; floors as in corotational.cpp.
   const Lanes stiffness = 2.0 * mu;
-  const Lanes numerator = lambda * trace - stiffness;
-  const Lanes floor = splat(projected ? 1e-3 : 1e-9);
+  const Row numerator = rounded<Row>(lambda * trace - stiffness), least = rounded<Row>(-mu), row_weight = rounded<Row>(weight);
+  const Row floor = rounded<Row>(splat(projected ? 1e-3 : 1e-9));
   const auto twist = [&](std::size_t i, std::size_t j) {
-    const Lanes half = numerator / maximum(svd.s[i] + svd.s[j], floor);
-    return weight * (projected ? maximum(half, -mu) : half);
+    const Row half = numerator / maximum(stretch[i] + stretch[j], floor);
+    return row_weight * (projected ? maximum(half, least) : half);
   };
-  const Lanes terms[5] = {weight * lambda, twist(0, 1), twist(0, 2), twist(1, 2),
-                          select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0))};
-  Row term[5];
-#pragma GCC unroll 5
-  for (std::size_t k = 0; k < 5; ++k) term[k] = rounded<Row>(terms[k]);
+  const Row term[5] = {rounded<Row>(weight * lambda), twist(0, 1), twist(0, 2), twist(1, 2),
+                       rounded<Row>(select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0)))};
+  // R b, the twists (u_i v_j^T - u_j v_i^T) b and dW_q/dF b.
   Row3<Row> factor_of[3][5], gradient_of[3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
-#pragma GCC unroll 5
-    for (std::size_t k = 0; k < 5; ++k) factor_of[n][k] = rounded<Row>(direction[n][k]);
     gradient_of[n] = rounded<Row>(shape[n]);
+    const Row b[3] = {dot(v[0], gradient_of[n]), dot(v[1], gradient_of[n]), dot(v[2], gradient_of[n])};
+    factor_of[n][0] = times(turn, gradient_of[n]);
+    factor_of[n][1] = b[1] * u[0] - b[0] * u[1];
+    factor_of[n][2] = b[2] * u[0] - b[0] * u[2];
+    factor_of[n][3] = b[2] * u[1] - b[1] * u[2];
+    factor_of[n][4] = rounded<Row>(pull[n]);
   }
-  const Row isotropic = rounded<Row>(weight * stiffness), none = isotropic - isotropic, half_row = rounded<Row>(splat(0.5));
+  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic, half_row = rounded<Row>(splat(0.5));
   const auto put = [&](std::size_t slot, const Row3<Row> (&column)[3]) {
 #pragma GCC unroll 3
     for (std::size_t l = 0; l < 3; ++l) {

@@ -52,9 +52,9 @@ SOFTHAND_INLINE bool any(VectorMask mask) {
   const auto bits = reinterpret_cast<__m512i>(mask);
   return _mm512_test_epi64_mask(bits, bits) != 0;
 #elif defined(__AVX2__)
-  return _mm256_movemask_pd(reinterpret_cast<__m256d>(mask)) != 0;
+  return _mm256_movemask_epi8(reinterpret_cast<__m256i>(mask)) != 0;
 #elif defined(__x86_64__)
-  return _mm_movemask_pd(reinterpret_cast<__m128d>(mask)) != 0;
+  return _mm_movemask_epi8(reinterpret_cast<__m128i>(mask)) != 0;
 #else
   std::int64_t all = 0;
   for (std::size_t i = 0; i < kVectorWidth; ++i) all |= mask[i];
@@ -145,6 +145,25 @@ typedef float UnalignedSingles __attribute__((vector_size(4 * kLanes), aligned(4
 typedef float SinglesPart __attribute__((vector_size(4 * kVectorWidth)));
 typedef float UnalignedSinglesPart __attribute__((vector_size(4 * kVectorWidth), aligned(4), may_alias));
 
+typedef std::int32_t SinglesMask __attribute__((vector_size(4 * kLanes)));
+
+SOFTHAND_INLINE Singles select(SinglesMask choice, Singles yes, Singles no) { return choice ? yes : no; }
+SOFTHAND_INLINE Singles absolute(Singles a) { return reinterpret_cast<Singles>(reinterpret_cast<SinglesMask>(a) & INT32_MAX); }
+/// `b` where either is not a number.
+SOFTHAND_INLINE Singles maximum(Singles a, Singles b) { return a > b ? a : b; }
+SOFTHAND_INLINE Singles square_root(Singles x) {
+#if defined(__AVX512F__)
+  return _mm512_mask_sqrt_ps(x, 0xffff, x);
+#elif defined(__AVX2__)
+  return _mm256_sqrt_ps(x);
+#elif defined(__x86_64__)
+  return _mm_sqrt_ps(x);
+#else
+  for (std::size_t i = 0; i < kLanes; ++i) x[i] = __builtin_sqrtf(x[i]);
+  return x;
+#endif
+}
+SOFTHAND_INLINE bool any(SinglesMask mask) { return any(reinterpret_cast<VectorMask>(mask)); }
 SOFTHAND_INLINE void store(float* to, Singles value) { *reinterpret_cast<UnalignedSingles*>(to) = value; }
 /// As many as a vector of doubles holds, widened.
 SOFTHAND_INLINE Vector load(const float* from) { return __builtin_convertvector(SinglesPart(*reinterpret_cast<const UnalignedSinglesPart*>(from)), Vector); }

@@ -10,7 +10,7 @@
 namespace softhand {
 namespace {
 
-enum Wanted { value_only, value_and_gradient, everything };
+enum Wanted { value_only, value_and_gradient, everything, single_hessian };
 
 void tissue(benchmark::State& bench) {
   bench::TissueSample sample;
@@ -24,7 +24,9 @@ void tissue(benchmark::State& bench) {
       bench.SkipWithError("not supported by this processor");
       return;
     }
-    term = std::make_unique<Tissue>(sample.box, set);
+    auto tissue = std::make_unique<Tissue>(sample.box, set);
+    if (bench.range(1) == single_hessian) tissue->use_single_hessian();
+    term = std::move(tissue);
     bench.SetLabel(std::string(to_string(set)));
   }
   sample.bind(*term);
@@ -38,7 +40,7 @@ void tissue(benchmark::State& bench) {
   bench.counters["per_tet"] = benchmark::Counter(static_cast<double>(sample.box.tetrahedra.size()) * static_cast<double>(bench.iterations()),
                                                  benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
 }
-BENCHMARK(tissue)->ArgNames({"set", "wanted"})->ArgsProduct({{-1, 0, 1, 2}, {value_only, value_and_gradient, everything}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(tissue)->ArgNames({"set", "wanted"})->ArgsProduct({{-1, 0, 1, 2}, {value_only, value_and_gradient, everything, single_hessian}})->Unit(benchmark::kMicrosecond);
 
 }  // namespace
 }  // namespace softhand
