@@ -70,7 +70,7 @@ double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
   return kPerFront + kPerPivotTile * p + kPerTileClearedAndSolved * p * (q + 0.5 * p) + 1.1 * strips + q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
 }
 
-double extend_add_cost(std::size_t rows) { return 20 + 8.0 * static_cast<double>(rows * rows); }
+double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 
 // Columns of the factor as supernodes, children before parents; merged ones are left empty.
 std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::vector<Index>& order) {
@@ -331,12 +331,20 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     return kCholeskyTile * front.pivot_tiles + 3 * static_cast<Index>(std::lower_bound(begin, begin + front.rows / 3, position) - begin);
   };
   row_in_parent_.assign(row_position_.size(), 0);
+  tile_rows_.clear();
   for (const CholeskyFront& parent : fronts_) {
     for (Index k = parent.child_begin; k < parent.child_end; ++k) {
-      const CholeskyFront& child = fronts_[at(child_[at(k)])];
+      CholeskyFront& child = fronts_[at(child_[at(k)])];
       for (Index b = 0; b < child.rows / 3; ++b) {
         row_in_parent_[at(child.row_begin + b)] = panel_row(parent, row_position_.data(), row_position_[at(child.row_begin + b)]);
       }
+      child.tile_begin = static_cast<Index>(tile_rows_.size());
+      for (Index r = 0; r < child.rows; ++r) {
+        const Index row = row_in_parent_[at(child.row_begin + r / 3)] + r % 3;
+        if (r == 0 || tile_rows_.back().tile != row / kCholeskyTile) tile_rows_.push_back({row / kCholeskyTile, r, 0});
+        tile_rows_.back().rows |= 1u << (row % kCholeskyTile);
+      }
+      child.tile_end = static_cast<Index>(tile_rows_.size());
     }
   }
 
@@ -356,25 +364,22 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
   std::sort(entries.begin(), entries.end(),
             [](const Entry& a, const Entry& b) { return std::tie(a.front, a.column, a.row) < std::tie(b.front, b.column, b.row); });
-  entry_row_.clear();
-  entry_column_.clear();
-  entry_source_.clear();
+  entries_.clear();
   for (const Entry& entry : entries) {
     CholeskyFront& front = fronts_[at(entry.front)];
-    if (front.entry_end == 0) front.entry_begin = static_cast<Index>(entry_row_.size());
-    entry_row_.push_back(entry.row);
-    entry_column_.push_back(entry.column);
-    entry_source_.push_back(entry.source);
-    front.entry_end = static_cast<Index>(entry_row_.size());
+    if (front.entry_end == 0) front.entry_begin = static_cast<Index>(entries_.size());
+    const Index tile = entry.row / kCholeskyTile * front.pivot_tiles * kCholeskyTile * kCholeskyTile;
+    entries_.push_back({entry.source, tile + entry.column * kCholeskyTile + entry.row % kCholeskyTile});
+    front.entry_end = static_cast<Index>(entries_.size());
   }
+  entries_.resize(entries_.size() + kCholeskyEntriesAhead);
 
   const std::size_t unknowns = 3 * at(count);
   panels_ = make_buffer(static_cast<std::size_t>(panel_size));
-  updates_ = make_buffer(static_cast<std::size_t>(update_size));
+  updates_ = make_buffer(static_cast<std::size_t>(update_size) + kCholeskyTile);
   inverse_diagonal_ = make_buffer(unknowns);
   x_ = make_buffer(unknowns);
   scratch_ = make_buffer(at(longest * kCholeskyTile));
-  for (auto& scratch : index_scratch_) scratch.assign(at(longest * kCholeskyTile), 0);
 }
 
 template <typename Scalar>
@@ -384,7 +389,7 @@ void BlockCholesky<Scalar>::load(const BlockMatrix& matrix) {
 
 template <typename Scalar>
 CholeskyPlan BlockCholesky<Scalar>::plan() const {
-  return {fronts_.data(), fronts_.size(), child_.data(), row_position_.data(), row_in_parent_.data(), entry_row_.data(), entry_column_.data(), entry_source_.data()};
+  return {fronts_.data(), fronts_.size(), child_.data(), row_position_.data(), row_in_parent_.data(), entries_.data(), tile_rows_.data()};
 }
 
 template <typename Scalar>
@@ -396,7 +401,7 @@ bool BlockCholesky<Scalar>::factorize() {
 
 template <typename Scalar>
 bool BlockCholesky<Scalar>::factorize(int group) {
-  return kernel_.factorize(plan(), group_[at(group)], group_[at(group + 1)], values_, panels_.get(), updates_.get(), inverse_diagonal_.get(), index_scratch_[group == 1].data());
+  return kernel_.factorize(plan(), group_[at(group)], group_[at(group + 1)], values_, panels_.get(), updates_.get(), inverse_diagonal_.get());
 }
 
 template <typename Scalar>

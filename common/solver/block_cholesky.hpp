@@ -54,8 +54,9 @@ class BlockCholesky final : public LinearSolver {
   std::array<std::size_t, 4> group_{};  // where the fronts of two groups of subtrees and of their ancestors begin and end
   std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
   std::vector<CholeskyFront> fronts_;
-  std::vector<std::int32_t> child_, row_position_, row_in_parent_, entry_row_, entry_column_, entry_source_;
-  std::array<std::vector<std::int32_t>, 2> index_scratch_;  // of each thread
+  std::vector<std::int32_t> child_, row_position_, row_in_parent_;
+  std::vector<CholeskyEntry> entries_;
+  std::vector<CholeskyTileRows> tile_rows_;
   const double* values_ = nullptr;  // of the matrix that was loaded
   Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };

@@ -3,6 +3,9 @@
 #pragma once
 
 #include "solver/block_cholesky_kernel.hpp"
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 namespace softhand {
 namespace {
@@ -163,74 +166,101 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
   const std::ptrdiff_t size = (front.pivot_tiles + front.row_tiles) * step;
   for (std::ptrdiff_t k = 0; k < size; k += Shape<Scalar>::kWidth) vector_at(panel + k) = typename Shape<Scalar>::Vector{};
   for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c) panel[row_offset(c, step) + c * kTile] = Scalar(1);
-  for (std::int32_t e = front.entry_begin; e < front.entry_end; ++e) {
-    const std::int32_t source = plan.entry_source[e];
-    const bool transposed = source < 0;
-    const double* block = values + 9 * static_cast<std::ptrdiff_t>(transposed ? ~source : source);
-    const int down = transposed ? 3 : 1, across = transposed ? 1 : 3;
-    for (int r = 0; r < 3; ++r) {
-      Scalar* to = panel + row_offset(plan.entry_row[e] + r, step) + static_cast<std::ptrdiff_t>(plan.entry_column[e]) * kTile;
-      for (int c = 0; c < 3; ++c) to[c * kTile] = static_cast<Scalar>(block[across * c + down * r]);
+  for (const CholeskyEntry* entry = plan.entry + front.entry_begin; entry != plan.entry + front.entry_end; ++entry) {
+    // The matrix lies in another order and is larger than the caches near the core.
+    const std::int32_t soon = entry[kCholeskyEntriesAhead].source;
+    const double* const block_ahead = values + 9 * static_cast<std::ptrdiff_t>(soon < 0 ? ~soon : soon);
+    __builtin_prefetch(block_ahead);
+    __builtin_prefetch(block_ahead + 8);
+    const bool transposed = entry->source < 0;
+    const double* const block = values + 9 * static_cast<std::ptrdiff_t>(transposed ? ~entry->source : entry->source);
+    Scalar* const to = panel + entry->place;
+    const int left = kTile - static_cast<int>(entry->place % kTile);  // rows to the tile's end
+    const auto copy = [&](int down, int across, std::ptrdiff_t beyond) {
+#pragma GCC unroll 3
+      for (int c = 0; c < 3; ++c) {
+#pragma GCC unroll 3
+        for (int r = 0; r < 3; ++r) to[c * kTile + r + (r < left ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
+      }
+    };
+    if (left < 3) {
+      copy(transposed ? 3 : 1, transposed ? 1 : 3, step - kTile);
+    } else if (transposed) {
+      copy(3, 1, 0);
+    } else {
+      copy(1, 3, 0);
     }
   }
 }
 
-// to[k] += from[k], `count` a multiple of three.
+// Which rows of a tile are meant, as the instruction set wants it.
+struct ChosenRows {
+#if defined(__AVX512F__)
+  __mmask8 mask;
+  explicit ChosenRows(std::uint32_t rows) : mask(static_cast<__mmask8>(rows)) {}
+#else
+  std::uint32_t rows;
+  explicit ChosenRows(std::uint32_t which) : rows(which) {}
+#endif
+};
+
+// Adds numbers that lie together to the chosen rows of a tile's column. May read a tile's length from `from`.
 template <typename Scalar>
-SOFTHAND_INLINE void add_run(Scalar* to, const Scalar* from, std::ptrdiff_t count) {
-  using S = Shape<Scalar>;
-  std::ptrdiff_t k = 0;
-  for (; k + S::kWidth <= count; k += S::kWidth) {
-    auto& at = *reinterpret_cast<typename S::Unaligned*>(to + k);
-    at = at + *reinterpret_cast<const typename S::Unaligned*>(from + k);
+SOFTHAND_INLINE void add_to_tile(Scalar* to, const Scalar* from, const ChosenRows& chosen) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(Scalar) == 8) {
+    _mm512_store_pd(to, _mm512_add_pd(_mm512_load_pd(to), _mm512_maskz_expand_pd(chosen.mask, _mm512_loadu_pd(from))));
+  } else {
+    _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to), _mm256_maskz_expand_ps(chosen.mask, _mm256_loadu_ps(from))));
   }
-  for (; k < count; ++k) to[k] += from[k];
+#else
+  using S = Shape<Scalar>;
+  if (chosen.rows == (1u << kTile) - 1) {
+    for (int k = 0; k < kTile; k += S::kWidth) vector_at(to + k) += *reinterpret_cast<const typename S::Unaligned*>(from + k);
+    return;
+  }
+  for (std::uint32_t rows = chosen.rows; rows != 0; rows &= rows - 1) to[__builtin_ctz(rows)] += *from++;
+#endif
 }
 
 // Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates) or update matrix.
 template <typename Scalar, bool IntoPanel>
 SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& child, const Scalar* update, std::int32_t begin, std::int32_t end,
-                                const CholeskyFront& parent, Scalar* target, std::int32_t* scratch) {
+                                const CholeskyFront& parent, Scalar* target) {
   const std::int32_t* const in_parent = plan.row_in_parent + child.row_begin;
-  const std::int32_t blocks = child.rows / 3;
   const std::ptrdiff_t from_step = static_cast<std::ptrdiff_t>(child.row_tiles) * kTile;
-  if constexpr (IntoPanel) {
-    const std::ptrdiff_t step = tile_step_of(parent);
-    for (std::int32_t b = begin; b < blocks; ++b) {
-      for (int r = 0; r < 3; ++r) scratch[3 * b + r] = static_cast<std::int32_t>(row_offset(in_parent[b] + r, step));
-    }
-    for (std::int32_t c = 3 * begin; c < 3 * end; ++c) {
-      const Scalar* from = update + c * from_step;
-      Scalar* to = target + static_cast<std::ptrdiff_t>(in_parent[c / 3] + c % 3) * kTile;
-      for (std::int32_t r = c; r < 3 * blocks; ++r) to[scratch[r]] += from[r];
-    }
-  } else {
-    const std::ptrdiff_t first_row = static_cast<std::ptrdiff_t>(parent.pivot_tiles) * kTile;
-    const std::ptrdiff_t to_step = static_cast<std::ptrdiff_t>(parent.row_tiles) * kTile;
-    // Runs of rows that are neighbours in both, last block of each.
-    std::int32_t run_end = blocks;
-    for (std::int32_t b = blocks - 1; b >= begin; --b) {
-      if (b + 1 < blocks && in_parent[b] + 3 != in_parent[b + 1]) run_end = b + 1;
-      scratch[b] = run_end;
-    }
-    for (std::int32_t c = 3 * begin; c < 3 * end; ++c) {
-      const std::int32_t block = c / 3;
-      const Scalar* from = update + c * from_step;
-      Scalar* to = target + (in_parent[block] - first_row + c % 3) * to_step - first_row;
-      std::int32_t run = scratch[block];
-      add_run(to + in_parent[block] + c % 3, from + c, 3 * run - c);
-      while (run < blocks) {
-        const std::int32_t next = scratch[run];
-        add_run(to + in_parent[run], from + 3 * run, 3 * (next - run));
-        run = next;
+  const std::ptrdiff_t tile_step = IntoPanel ? tile_step_of(parent) : kTile;
+  const std::ptrdiff_t to_step = IntoPanel ? kTile : static_cast<std::ptrdiff_t>(parent.row_tiles) * kTile;
+  const std::ptrdiff_t skipped = IntoPanel ? 0 : parent.pivot_tiles;  // tiles above the target's first
+  const CholeskyTileRows* tile = plan.tile_rows + child.tile_begin;
+  const CholeskyTileRows* const end_of_tiles = plan.tile_rows + child.tile_end;
+  for (std::int32_t block = begin; block < end; ++block) {
+    const std::int32_t row = in_parent[block];
+    const Scalar* const from = update + 3 * block * from_step;
+    Scalar* const to = target + (row - skipped * kTile) * to_step;
+    const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first, const ChosenRows& chosen) {
+      add_to_tile(to + column * to_step + (rows.tile - skipped) * tile_step, from + column * from_step + first, chosen);
+    };
+    while (tile->tile < row / kTile) ++tile;
+    // From the diagonal down to its tile's end; where a tile begins within the block, the columns before it have all of it below them.
+    for (int column = 0; column < 3; ++column) {
+      const std::int32_t diagonal = row + column;
+      if (tile->tile < diagonal / kTile) {
+        ++tile;
+        for (int before = 0; before < column; ++before) add(before, *tile, tile->first, ChosenRows(tile->rows));
       }
+      add(column, *tile, 3 * block + column, ChosenRows(tile->rows & (~0u << (diagonal % kTile))));
+    }
+    for (const CholeskyTileRows* below = tile + 1; below != end_of_tiles; ++below) {
+      const ChosenRows chosen(below->rows);
+#pragma GCC unroll 3
+      for (int column = 0; column < 3; ++column) add(column, *below, below->first, chosen);
     }
   }
 }
 
 template <typename Scalar>
-bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal,
-               std::int32_t* scratch) {
+bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal) {
   for (std::size_t f = begin; f < end; ++f) {
     const CholeskyFront& front = plan.fronts[f];
     Scalar* const panel = panels + front.panel;
@@ -244,7 +274,7 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
     };
     for (std::int32_t k = front.child_begin; k < front.child_end; ++k) {
       const CholeskyFront& child = plan.fronts[plan.child[k]];
-      extend_add<Scalar, true>(plan, child, updates + child.update, 0, eliminated_blocks(child), front, panel, scratch);
+      extend_add<Scalar, true>(plan, child, updates + child.update, 0, eliminated_blocks(child), front, panel);
     }
     for (int j = 0; j < front.pivot_tiles; ++j) {
       Scalar* const diagonal = panel + j * step + static_cast<std::ptrdiff_t>(j) * kTile * kTile;
@@ -265,7 +295,7 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
     }
     for (std::int32_t k = front.child_begin; k < front.child_end; ++k) {
       const CholeskyFront& child = plan.fronts[plan.child[k]];
-      extend_add<Scalar, false>(plan, child, updates + child.update, eliminated_blocks(child), child.rows / 3, front, update, scratch);
+      extend_add<Scalar, false>(plan, child, updates + child.update, eliminated_blocks(child), child.rows / 3, front, update);
     }
   }
   return true;
