@@ -194,34 +194,86 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
 }
 
 // Which rows of a tile are meant, as the instruction set wants it.
-struct ChosenRows {
+template <typename Scalar>
+struct ChosenRows;
+#if defined(__AVX2__)
+// A byte for each row of a tile: how many chosen ones come before it; -1 where it is not chosen itself.
+struct RowsBefore {
+  std::uint64_t of[1 << kTile] = {};
+  constexpr RowsBefore() {
+    for (std::uint64_t rows = 0; rows < 1 << kTile; ++rows) {
+      std::uint64_t before = 0;
+      for (int row = 0; row < kTile; ++row) of[rows] |= ((rows >> row & 1) != 0 ? before++ : 0xff) << 8 * row;
+    }
+  }
+};
+constexpr RowsBefore kRowsBefore;
+SOFTHAND_INLINE __m128i rows_before(std::uint32_t rows) { return _mm_cvtsi64_si128(static_cast<long long>(kRowsBefore.of[rows])); }
+#endif
+// A permutation of a vector that was loaded costs less than one that expands (vexpandps).
 #if defined(__AVX512F__)
+template <>
+struct ChosenRows<double> {
+  __m512i before;
   __mmask8 mask;
-  explicit ChosenRows(std::uint32_t rows) : mask(static_cast<__mmask8>(rows)) {}
+  explicit ChosenRows(std::uint32_t rows) : before(_mm512_maskz_cvtepi8_epi64(0xff, rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
+};
+template <>
+struct ChosenRows<float> {
+  __m256i before;
+  __mmask8 mask;
+  explicit ChosenRows(std::uint32_t rows) : before(_mm256_cvtepi8_epi32(rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
+};
+SOFTHAND_INLINE void add_to_tile(double* to, const double* from, const ChosenRows<double>& chosen) {
+  _mm512_store_pd(to, _mm512_add_pd(_mm512_load_pd(to), _mm512_maskz_permutexvar_pd(chosen.mask, chosen.before, _mm512_loadu_pd(from))));
+}
+SOFTHAND_INLINE void add_to_tile(float* to, const float* from, const ChosenRows<float>& chosen) {
+  _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to), _mm256_maskz_permutexvar_ps(chosen.mask, chosen.before, _mm256_loadu_ps(from))));
+}
+#elif defined(__AVX2__)
+template <>
+struct ChosenRows<double> {
+  __m256i pair[2];  // of half a tile each, where a double's two halves come from
+  __m256i none[2];
+  int first;  // of the second half
+  explicit ChosenRows(std::uint32_t rows) : first(__builtin_popcount(rows & 15)) {
+    for (int half = 0; half < 2; ++half) {
+      const __m256i before = _mm256_cvtepi8_epi64(rows_before(rows >> 4 * half & 15));
+      const __m256i low = _mm256_add_epi64(before, before);
+      pair[half] = _mm256_or_si256(low, _mm256_slli_epi64(_mm256_add_epi64(low, _mm256_set1_epi64x(1)), 32));
+      none[half] = _mm256_cmpgt_epi64(_mm256_setzero_si256(), before);
+    }
+  }
+};
+template <>
+struct ChosenRows<float> {
+  __m256i before;
+  explicit ChosenRows(std::uint32_t rows) : before(_mm256_cvtepi8_epi32(rows_before(rows))) {}
+};
+SOFTHAND_INLINE void add_to_tile(double* to, const double* from, const ChosenRows<double>& chosen) {
+#pragma GCC unroll 2
+  for (int half = 0; half < 2; ++half) {
+    const __m256 spread = _mm256_permutevar8x32_ps(_mm256_castpd_ps(_mm256_loadu_pd(from + (half == 0 ? 0 : chosen.first))), chosen.pair[half]);
+    const __m256d added = _mm256_andnot_pd(_mm256_castsi256_pd(chosen.none[half]), _mm256_castps_pd(spread));
+    _mm256_store_pd(to + 4 * half, _mm256_add_pd(_mm256_load_pd(to + 4 * half), added));
+  }
+}
+SOFTHAND_INLINE void add_to_tile(float* to, const float* from, const ChosenRows<float>& chosen) {
+  const __m256 spread = _mm256_permutevar8x32_ps(_mm256_loadu_ps(from), chosen.before);
+  const __m256 none = _mm256_castsi256_ps(_mm256_srai_epi32(chosen.before, 31));
+  _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to), _mm256_andnot_ps(none, spread)));
+}
 #else
+template <typename Scalar>
+struct ChosenRows {
   std::uint32_t rows;
   explicit ChosenRows(std::uint32_t which) : rows(which) {}
-#endif
 };
-
-// Adds numbers that lie together to the chosen rows of a tile's column. May read a tile's length from `from`.
 template <typename Scalar>
-SOFTHAND_INLINE void add_to_tile(Scalar* to, const Scalar* from, const ChosenRows& chosen) {
-#if defined(__AVX512F__)
-  if constexpr (sizeof(Scalar) == 8) {
-    _mm512_store_pd(to, _mm512_add_pd(_mm512_load_pd(to), _mm512_maskz_expand_pd(chosen.mask, _mm512_loadu_pd(from))));
-  } else {
-    _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to), _mm256_maskz_expand_ps(chosen.mask, _mm256_loadu_ps(from))));
-  }
-#else
-  using S = Shape<Scalar>;
-  if (chosen.rows == (1u << kTile) - 1) {
-    for (int k = 0; k < kTile; k += S::kWidth) vector_at(to + k) += *reinterpret_cast<const typename S::Unaligned*>(from + k);
-    return;
-  }
+SOFTHAND_INLINE void add_to_tile(Scalar* to, const Scalar* from, const ChosenRows<Scalar>& chosen) {
   for (std::uint32_t rows = chosen.rows; rows != 0; rows &= rows - 1) to[__builtin_ctz(rows)] += *from++;
-#endif
 }
+#endif
 
 // Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates) or update matrix.
 template <typename Scalar, bool IntoPanel>
@@ -238,7 +290,8 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
     const std::int32_t row = in_parent[block];
     const Scalar* const from = update + 3 * block * from_step;
     Scalar* const to = target + (row - skipped * kTile) * to_step;
-    const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first, const ChosenRows& chosen) {
+    const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first, const ChosenRows<Scalar>& chosen) {
+      // Adds numbers that lie together to the chosen rows of a tile's column; may read a tile's length of them.
       add_to_tile(to + column * to_step + (rows.tile - skipped) * tile_step, from + column * from_step + first, chosen);
     };
     while (tile->tile < row / kTile) ++tile;
@@ -247,12 +300,12 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
       const std::int32_t diagonal = row + column;
       if (tile->tile < diagonal / kTile) {
         ++tile;
-        for (int before = 0; before < column; ++before) add(before, *tile, tile->first, ChosenRows(tile->rows));
+        for (int before = 0; before < column; ++before) add(before, *tile, tile->first, ChosenRows<Scalar>(tile->rows));
       }
-      add(column, *tile, 3 * block + column, ChosenRows(tile->rows & (~0u << (diagonal % kTile))));
+      add(column, *tile, 3 * block + column, ChosenRows<Scalar>(tile->rows & (~0u << (diagonal % kTile))));
     }
     for (const CholeskyTileRows* below = tile + 1; below != end_of_tiles; ++below) {
-      const ChosenRows chosen(below->rows);
+      const ChosenRows<Scalar> chosen(below->rows);
 #pragma GCC unroll 3
       for (int column = 0; column < 3; ++column) add(column, *below, below->first, chosen);
     }
