@@ -14,6 +14,8 @@ void factor_and_solve(benchmark::State& bench) {
   bench.counters["float_ms"] = 1e3 * turns.single();
   bench.counters["cholmod_ms"] = 1e3 * turns.cholmod();
   bench.counters["eigen_ms"] = 1e3 * turns.eigen();
+  bench.counters["gradients_ms"] = 1e3 * turns.conjugate_gradients();
+  bench.counters["gradients_iterations"] = static_cast<double>(turns.gradients_iterations());
   bench.counters["over_cholmod"] = turns.cholmod() / turns.block();
   bench.counters["float_over_cholmod"] = turns.cholmod() / turns.single();
   bench.counters["over_eigen"] = turns.eigen() / turns.block();

@@ -1,7 +1,9 @@
-// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD supernodal and Eigen's SimplicialLDLT, and against dgemm's rate. The
+// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD supernodal, Eigen's SimplicialLDLT and its conjugate gradients with
+// an incomplete Cholesky factor, and against dgemm's rate. The
 // solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
 #pragma once
 
+#include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
 #include <stdexcept>
 #include <string>
@@ -28,7 +30,7 @@ class FactorTurns {
     cholmod_.analyze(matrix_);
   }
 
-  /// Each solver once, `with_eigen` Eigen's too: it is slow.
+  /// Each solver once, `with_eigen` Eigen's too: they are slow.
   void turn(bool with_eigen) {
     time(block_, block_times_);
     solve_times_.push_back(seconds_of([&] { block_.solve(rhs_, x_); }));
@@ -38,10 +40,16 @@ class FactorTurns {
       if (sparse_.size() == 0) {
         sparse_ = matrix_.dense().sparseView();
         eigen_.analyzePattern(sparse_);
+        gradients_.setTolerance(1e-4);
+        gradients_.analyzePattern(sparse_);
       }
       eigen_times_.push_back(seconds_of([&] {
         eigen_.factorize(sparse_);
         x_ = eigen_.solve(rhs_);
+      }));
+      gradients_times_.push_back(seconds_of([&] {
+        gradients_.factorize(sparse_);
+        x_ = gradients_.solve(rhs_);
       }));
     }
     dgemm_times_.push_back(seconds_of([&] {
@@ -56,6 +64,8 @@ class FactorTurns {
   double single() const { return median(single_times_); }
   double cholmod() const { return median(cholmod_times_); }
   double eigen() const { return median(eigen_times_); }
+  double conjugate_gradients() const { return median(gradients_times_); }  ///< to 1e-4 of the right-hand side
+  long gradients_iterations() const { return gradients_.iterations(); }
   /// The double factor's rate, taking over included, over dgemm's.
   double fraction_of_peak() const { return block_.floating_point_operations() / (block() - block_solve()) / dgemm_rate(); }
   double dgemm_rate() const { return 2.0 * kSize * kSize * kSize / median(dgemm_times_); }  ///< floating-point operations a second
@@ -85,9 +95,10 @@ class FactorTurns {
   CholmodSolver cholmod_;
   Eigen::SparseMatrix<double> sparse_;
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> eigen_;
+  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper, Eigen::IncompleteCholesky<double>> gradients_;
   double analysis_ = 0;
   std::vector<double> a_ = std::vector<double>(kSize * kSize, 1.0), c_ = std::vector<double>(kSize * kSize);
-  std::vector<double> block_times_, solve_times_, single_times_, cholmod_times_, eigen_times_, dgemm_times_;
+  std::vector<double> block_times_, solve_times_, single_times_, cholmod_times_, eigen_times_, gradients_times_, dgemm_times_;
 };
 
 }  // namespace softhand::bench
