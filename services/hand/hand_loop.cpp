@@ -34,12 +34,48 @@ Twist twist_of(const ObjectState& object) { return {to_vector(object.linear_velo
 constexpr double kForgetDistance = 1.5;    // of `near_distance`, from which on an object loses its slot
 constexpr double kSlotPreference = 0.005;  // m; an object must be nearer by this to take another's slot
 
-double distance_to_segment(const Vector3& p, const Vector3& a, const Vector3& b) {
-  const Vector3 d = b - a;
-  const double length = d.squaredNorm();
-  const double t = length > 0 ? std::clamp((p - a).dot(d) / length, 0.0, 1.0) : 0.0;
-  return (p - a - t * d).norm();
-}
+// The bones as segments from joint to joint, side by side: a hundred objects ask for their distances in each step.
+class BoneSegments {
+ public:
+  void set(std::size_t bone, const Vector3& start, const Vector3& end) {
+    const Vector3 along = end - start;
+    const double square = along.squaredNorm();
+    // An even number of rows fills the machine's vectors; the last bone stands twice.
+    for (auto row = static_cast<Eigen::Index>(bone); row < (bone + 1 < kBodyCount ? static_cast<Eigen::Index>(bone) + 1 : kRows); ++row) {
+      start_.row(row) = start.transpose().array();
+      along_.row(row) = along.transpose().array();
+      inverse_square_[row] = square > 0 ? 1 / square : 0;
+    }
+  }
+  double distance(const Vector3& p) const {
+    const Coordinates x = p.x() - start_.col(0), y = p.y() - start_.col(1), z = p.z() - start_.col(2);
+    const Coordinates part = ((x * along_.col(0) + y * along_.col(1) + z * along_.col(2)) * inverse_square_).max(0.0).min(1.0);
+    return std::sqrt(((x - part * along_.col(0)).square() + (y - part * along_.col(1)).square() + (z - part * along_.col(2)).square()).minCoeff());
+  }
+  /// Of their ends to a shape.
+  double distance(const Pose& pose, const ShapeGeometry& shape) const {
+    const Pose back = pose.inverse();
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t b = 0; b < kBodyCount; ++b) nearest = std::min({nearest, shape.signed_distance(back * start(b)), shape.signed_distance(back * end(b))});
+    return nearest;
+  }
+  /// From `middle` to the farthest end.
+  double reach(const Vector3& middle) const {
+    double farthest = 0;
+    for (std::size_t b = 0; b < kBodyCount; ++b) farthest = std::max({farthest, (start(b) - middle).squaredNorm(), (end(b) - middle).squaredNorm()});
+    return std::sqrt(farthest);
+  }
+
+ private:
+  static constexpr int kRows = static_cast<int>(kBodyCount + kBodyCount % 2);
+  using Coordinates = Eigen::Array<double, kRows, 1>;
+
+  Vector3 start(std::size_t b) const { return start_.row(static_cast<Eigen::Index>(b)).transpose(); }
+  Vector3 end(std::size_t b) const { return start(b) + Vector3(along_.row(static_cast<Eigen::Index>(b)).transpose()); }
+
+  Eigen::Array<double, kRows, 3> start_, along_;
+  Coordinates inverse_square_;
+};
 
 }  // namespace
 
@@ -187,39 +223,31 @@ void HandLoop::take_world(const WorldObjects& world) {
   world_time_ = world.stamp.sample_time;
 }
 
-double HandLoop::distance_to_hand(const KnownObject& object) const {
-  const Pose pose = to_pose(object.state.position, object.state.orientation);
-  double nearest = std::numeric_limits<double>::infinity();
-  for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const Body body = static_cast<Body>(b);
-    const Vector3 start = simulation_->joint_pose(joint_of(body)).position;
-    const Vector3 end = body == Body::forearm ? start : simulation_->joint_pose(end_joint_of(body)).position;
-    if (object.bounding_radius < 0.5) {
-      nearest = std::min(nearest, distance_to_segment(pose.position, start, end) - object.bounding_radius);
-    } else {  // a table's bounding sphere would be near to everything
-      const Pose back = pose.inverse();
-      nearest = std::min({nearest, object.shape->signed_distance(back * start), object.shape->signed_distance(back * end)});
-    }
-  }
-  return nearest;
-}
-
 Pose HandLoop::copy_pose(const KnownObject& object, Nanoseconds now) const {
   const double age = std::clamp(static_cast<double>(now - world_time_) * 1e-9, 0.0, options_.extrapolation_limit);
   return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age);
 }
 
-// One distance tells of most objects that they are out of reach.
 void HandLoop::measure_distances() {
-  const Vector3 middle = simulation_->joint_pose(Joint::palm).position;
-  double reach = 0;
-  for (std::size_t j = 0; j < kJointCount; ++j) {
-    reach = std::max(reach, (simulation_->joint_pose(static_cast<Joint>(j)).position - middle).norm());
+  BoneSegments bones;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const Vector3 start = simulation_->joint_pose(joint_of(body)).position;
+    bones.set(b, start, body == Body::forearm ? start : simulation_->joint_pose(end_joint_of(body)).position);
   }
+  const Vector3 middle = simulation_->joint_pose(Joint::palm).position;
+  const double reach = bones.reach(middle);
   for (KnownObject& object : objects_) {
     if (!object.seen) continue;
-    const double gap = (to_vector(object.state.position) - middle).norm() - object.bounding_radius - reach;
-    object.distance = gap > kForgetDistance * options_.near_distance ? std::numeric_limits<double>::infinity() : distance_to_hand(object);
+    const Vector3 position = to_vector(object.state.position);
+    // One distance tells of most objects that they are out of reach.
+    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * options_.near_distance) {
+      object.distance = std::numeric_limits<double>::infinity();
+    } else if (object.bounding_radius < 0.5) {
+      object.distance = bones.distance(position) - object.bounding_radius;
+    } else {  // a table's bounding sphere would be near to everything
+      object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
+    }
   }
 }
 

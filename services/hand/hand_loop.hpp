@@ -102,7 +102,6 @@ class HandLoop {
   void mirror_objects(Nanoseconds now);
   void mirror(KnownObject& object, Nanoseconds now);
   void measure_distances();
-  double distance_to_hand(const KnownObject& object) const;
   void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const HandWants& wants);
   Pose copy_pose(const KnownObject& object, Nanoseconds now) const;

@@ -77,9 +77,10 @@ TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
   EXPECT_GE(line.r_squared, 0.98);
   EXPECT_GE(far, 0);
   EXPECT_LE(far, 0.02 * line.slope);
+  EXPECT_LE(near, 0.05 * line.slope);
   EXPECT_LE(crowded.instructions, 1.1 * alone.instructions);
   // Debian 12's compiler and libraries, AVX2 (valgrind has no AVX-512).
-  constexpr double kRecorded = 9.18e6;
+  constexpr double kRecorded = 7.96e6;
   EXPECT_NEAR(alone.instructions / kRecorded, 1, 0.03) << "another count is no error in itself: find out why, and record it";
 }
 
