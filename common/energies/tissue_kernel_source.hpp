@@ -124,7 +124,7 @@ SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j) r[j] = f[j];
   Lanes3 change[3];
-  const auto iterate = [&r, &change] {
+  const auto iterate = [&r, &change]() __attribute__((always_inline)) {
     const Lanes3 cofactor[3] = {cross(r[1], r[2]), cross(r[2], r[0]), cross(r[0], r[1])};
     const Lanes half = splat(0.5) / dot(r[0], cofactor[0]);
 #pragma GCC unroll 3
