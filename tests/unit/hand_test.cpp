@@ -640,5 +640,52 @@ TEST(HandLoop, UnwantedOutputsAreNotComputed) {
   EXPECT_EQ(output.contacts.stamp.sequence, 0u);
 }
 
+// An approach, a touch and a grip, with and without what the scene does not need.
+TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
+  const HandModel model = hand();
+  struct Run {
+    std::vector<State> states;
+    bool touched = false;
+  };
+  const auto run = [&model](const HandOptions& options, const HandWants& wants, std::uint32_t far_objects) {
+    HandLoop loop(model, options, {});
+    loop.describe_object(cube(3));
+    for (std::uint32_t id = 0; id < far_objects; ++id) loop.describe_object(cube(100 + id));
+    Run result;
+    Nanoseconds now = kSecond;
+    for (int i = 0; i < 60; ++i) {
+      now += 11'111'111;
+      const Skeleton sample = skeleton_at(model, {Vector3(0, i < 20 ? 0.005 : -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+      WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), now);
+      for (std::uint32_t id = 0; id < far_objects; ++id) world.objects.push_back(world_with(100 + id, Vector3(1 + 0.1 * id, 0, 0), now).objects[0]);
+      loop.step(now, {&sample, nullptr, &world}, wants);
+      result.states.push_back(loop.simulation().state());
+      result.touched = result.touched || loop.simulation().contact_count() > 0;
+    }
+    return result;
+  };
+  const auto largest_difference = [](const Run& left, const Run& right) {
+    double largest = 0;
+    for (std::size_t i = 0; i < left.states.size(); ++i) {
+      largest = std::max(largest, (left.states[i].node_positions - right.states[i].node_positions).cwiseAbs().maxCoeff());
+      for (std::size_t b = 0; b < kBodyCount; ++b) largest = std::max(largest, (left.states[i].body_poses[b].position - right.states[i].body_poses[b].position).norm());
+    }
+    return largest;
+  };
+  const HandWants nothing{false, false, false, false}, everything{true, true, true, true};
+  const Run plain = run(loop_options(), nothing, 0);
+  ASSERT_TRUE(plain.touched);
+  EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics that are read";
+  EXPECT_EQ(largest_difference(run(loop_options(), nothing, 40), plain), 0) << "objects out of reach";
+  // A slot that no object takes gives the matrix other columns and sums another order.
+  HandOptions exact = loop_options();
+  exact.simulation.solver.factor = "double";
+  exact.simulation.solver.max_factorisations = exact.simulation.solver.max_iterations;
+  exact.simulation.solver.residual_tolerance = 1e-9;
+  HandOptions spare = exact;
+  spare.mirrored_objects = 3;
+  EXPECT_LE(largest_difference(run(spare, nothing, 0), run(exact, nothing, 0)), 1e-9) << "slots without objects";
+}
+
 }  // namespace
 }  // namespace softhand
