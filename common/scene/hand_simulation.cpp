@@ -230,6 +230,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   if (contacts_ != nullptr) *contacts_ = *other.contacts_;
   if (planes_ != nullptr) *planes_ = *other.planes_;
   if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
+  solver_->take_factor(*other.solver_);
 }
 
 StepReport HandSimulation::step(double time_step) {

@@ -375,7 +375,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   entries_.resize(entries_.size() + kCholeskyEntriesAhead);
 
   const std::size_t unknowns = 3 * at(count);
-  panels_ = make_buffer(static_cast<std::size_t>(panel_size));
+  panel_size_ = static_cast<std::size_t>(panel_size);
+  panels_ = make_buffer(panel_size_);
   updates_ = make_buffer(static_cast<std::size_t>(update_size) + kCholeskyTile);
   inverse_diagonal_ = make_buffer(unknowns);
   x_ = make_buffer(unknowns);
@@ -413,6 +414,15 @@ void BlockCholesky<Scalar>::solve(const VectorX& rhs, VectorX& x) {
   for (std::size_t block = 0; block < position_.size(); ++block) {
     for (std::size_t k = 0; k < 3; ++k) x[static_cast<Eigen::Index>(3 * block + k)] = static_cast<double>(x_[at(position_[block]) + k]);
   }
+}
+
+template <typename Scalar>
+bool BlockCholesky<Scalar>::take_factor(const LinearSolver& other) {
+  const auto* const same = dynamic_cast<const BlockCholesky*>(&other);
+  if (same == nullptr || same->position_ != position_ || same->panel_size_ != panel_size_) return false;
+  std::copy_n(same->panels_.get(), panel_size_, panels_.get());
+  std::copy_n(same->inverse_diagonal_.get(), 3 * position_.size(), inverse_diagonal_.get());
+  return true;
 }
 
 template class BlockCholesky<double>;

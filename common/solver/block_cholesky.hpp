@@ -32,6 +32,7 @@ class BlockCholesky final : public LinearSolver {
   /// False too where a number is not finite.
   bool factorize() override;
   void solve(const VectorX& rhs, VectorX& x) override;
+  bool take_factor(const LinearSolver& other) override;
 
   /// Of one factorisation without padding: a multiplication with an addition counts as two.
   double floating_point_operations() const { return operations_; }
@@ -58,6 +59,7 @@ class BlockCholesky final : public LinearSolver {
   std::vector<CholeskyEntry> entries_;
   std::vector<CholeskyTileRows> tile_rows_;
   const double* values_ = nullptr;  // of the matrix that was loaded
+  std::size_t panel_size_ = 0;
   Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };
 

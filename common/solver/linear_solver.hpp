@@ -16,6 +16,8 @@ class LinearSolver {
   virtual bool factorize() = 0;
   /// x = A^-1 rhs after a successful factorisation; `x` has the size of `rhs`.
   virtual void solve(const VectorX& rhs, VectorX& x) = 0;
+  /// Copies the factor of a solver of the same kind that analysed the same pattern; false, and nothing is done, where it is not one.
+  virtual bool take_factor(const LinearSolver& /*other*/) { return false; }
 };
 
 }  // namespace softhand

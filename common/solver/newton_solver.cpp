@@ -19,6 +19,7 @@ constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
+constexpr double kCarries = 0.3;   // of two residuals: beyond it a new factor costs less than the iterations that an earlier step's would take
 constexpr double kNear = 100;  // of the residual's tolerance: within it an old factor still leads on
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
 
@@ -222,14 +223,17 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.timing = spent;
   }
   kept_time_step_ = 0;
+  // The factor of the step before leads on. Not where each iteration has a new one anyway.
+  bool carries = options_.carry_factor && options_.line_search && carried_time_step_ == time_step && options_.max_iterations > options_.max_factorisations;
+  carried_time_step_ = 0;
   bool have_best = false;
-  bool evaluated = true;   // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = true;  // so is `hessian_`
-  bool keeps = false;      // the last factor leads on
-  bool in_double = false;  // factors from now on
+  bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
+  bool linearised = !carries;  // so is `hessian_`
+  bool keeps = false;          // the last factor leads on
+  bool in_double = false;      // factors from now on
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
-  if (!evaluate(state, report, true)) return give_up();
+  if (!evaluate(state, report, linearised)) return give_up();
   for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     const double iteration_begin = clock_();
@@ -245,7 +249,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    bool renews = !keeps || report.factorisations < options_.max_factorisations;
+    bool renews = !carries && (!keeps || report.factorisations < options_.max_factorisations);
     const bool last = iteration + 1 == options_.max_iterations;
     evaluated = !last || options_.measure_result || have_best;
     const double before = report.residual;
@@ -265,12 +269,13 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.timing.solve += clock_() - solve_begin;
       if (!direction_.allFinite()) return give_up();
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-      linearised = !last && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
+      linearised = !last && !carries && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
       if (scale > 0 || (renews && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
       if (renews) in_double = true;
       renews = true;
+      carries = false;
       linearised = false;
     }
     if (!factorised) {
@@ -286,6 +291,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       apply_increment(state, direction_);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
+    if (scale < 1 || report.residual > kCarries * before) carries = false;
     const bool stalls = scale == 1 && evaluated && report.residual > kStalled * before;
     if (stalls && renews) in_double = true;
     keeps = scale == 1 && !stalls && report.residual <= kNear * options_.residual_tolerance;
@@ -295,7 +301,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       break;
     }
     const double now = clock_();
-    if (options_.time_budget > 0 && iteration + 1 < options_.max_iterations && now - begin + (now - iteration_begin) > options_.time_budget) {
+    // A carried factor alone may leave more than a Newton step would.
+    const bool may_stop = report.factorisations > 0 || report.residual <= kNear * options_.residual_tolerance;
+    if (options_.time_budget > 0 && may_stop && iteration + 1 < options_.max_iterations && now - begin + (now - iteration_begin) > options_.time_budget) {
       report.status = StepStatus::budget_spent;
       break;
     }
@@ -313,6 +321,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
+  if (carries || report.factorisations > 0) carried_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -323,8 +332,20 @@ void NewtonSolver::allow_chord_steps(Linkage linkage, std::function<bool()> quie
   quiet_ = std::move(quiet);
 }
 
+void NewtonSolver::take_factor(const NewtonSolver& other) {
+  const bool is_precise = other.factor_ == other.precise_solver_.get();
+  LinearSolver* const mine = is_precise ? precise_solver_.get() : linear_solver_.get();
+  if (mine == nullptr || !mine->take_factor(*other.factor_)) return;
+  factor_ = mine;
+  linkage_ = other.linkage_;
+  kept_time_step_ = other.kept_time_step_;
+  carried_time_step_ = other.carried_time_step_;
+  tired_ = other.tired_;
+}
+
 // False where the iteration does not contract; `state` is then anywhere.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
+  carried_time_step_ = 0;
   if (measures_work_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }

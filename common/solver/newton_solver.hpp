@@ -26,6 +26,7 @@ namespace softhand {
 struct SolverOptions {
   std::int64_t max_iterations = 60;
   std::int64_t max_factorisations = 2;
+  bool carry_factor = true;
   double residual_tolerance = 1e-3;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
@@ -43,7 +44,9 @@ struct SolverOptions {
 inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles where the tracker is noisy.");
   v.integer("max_factorisations", o.max_factorisations, "", {1, 10000},
-            "Of them, how many compute a new Hessian and factor in any case; the others keep the last near the minimum, and cost a quarter.");
+            "Once an earlier step's factor does no longer, how many iterations compute a new Hessian and factor in any case; the others keep the last near the minimum, and cost a quarter.");
+  v.flag("carry_factor", o.carry_factor,
+         "A step begins with the factor of the step before and goes on with it while each iteration takes most of what is left; steps of `max_factorisations` iterations or fewer do not.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
@@ -92,7 +95,7 @@ struct TermEnergy {
 struct StepReport {
   StepStatus status = StepStatus::refused;
   int iterations = 0;      ///< Newton steps taken
-  int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor
+  int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor, or that of the step before
   int double_factors = 0;  ///< of them, taken in double because the float factor failed, or led nowhere
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
@@ -123,6 +126,9 @@ class NewtonSolver {
   /// mean that the Hessian changes by little else than the turning of the linked bodies: no contact began or ended. It must not allocate.
   void allow_chord_steps(Linkage linkage, std::function<bool()> quiet);
 
+  /// Between steps: goes on with the factor that `other`, of as many terms of the same pattern, would go on with, where both have linear solvers of one kind; else with its own.
+  void take_factor(const NewtonSolver& other);
+
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
  private:
@@ -143,6 +149,7 @@ class NewtonSolver {
   std::function<bool()> quiet_;
   double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
   bool tired_ = false;         // the factor contracted slowly when last used
+  double carried_time_step_ = 0;                  // of the factor that the last step left, unless it was a chord step's; 0: none
   std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor does not do; null without one
   LinearSolver* factor_ = nullptr;                // which of the two holds the last factor
   std::function<double()> clock_;

@@ -231,6 +231,34 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
 }
 
+// A factor that is carried from step to step ends where a new one does: within what VALIDATION.md allows to what is left out.
+TEST(HandSimulation, HoldsAnObjectAsWellWithTheFactorOfTheStepBefore) {
+  SimulationOptions carrying = options(), exact = options();
+  exact.solver.carry_factor = false;
+  exact.solver.residual_tolerance = 1e-9;
+  exact.solver.factor = "double";
+  HandSimulation quick(hand(), carrying, 1, 0), slow(hand(), exact, 1, 0);
+  const ShapeGeometry geometry(box(0.02));
+  for (HandSimulation* simulation : {&quick, &slow}) {
+    simulation->set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+    simulation->set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
+  }
+  int carried = 0;
+  for (int i = 0; i < 120; ++i) {
+    const Pose pressed{Vector3(2e-4 * std::sin(0.3 * i), -0.004, 0), Quaternion::Identity()};
+    set_rest_targets(quick, pressed);
+    set_rest_targets(slow, pressed);
+    const StepReport report = quick.step(kStep);
+    slow.step(kStep);
+    if (quick.touched(0)) carried += report.factorisations == 0;
+    ASSERT_LE((quick.state().node_positions - slow.state().node_positions).norm() / std::sqrt(static_cast<double>(hand().node_count())), 5e-5) << i;
+    if (i > 30) {
+      ASSERT_LE((quick.contact_wrench(0).force - slow.contact_wrench(0).force).norm(), 0.01 * slow.contact_wrench(0).force.norm()) << i;
+    }
+  }
+  EXPECT_GE(carried, 60);
+}
+
 TEST(HandSimulation, TwoThreadsGiveTheBitsOfOne) {
   if (testing::allowed_cores() < 2) GTEST_SKIP() << "one core";
   ASSERT_TRUE(HelperThread().present());

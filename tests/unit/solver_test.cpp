@@ -296,7 +296,9 @@ TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
   Saboteur saboteur;
   auto terms = brick.terms();
   terms.push_back(&saboteur);
-  NewtonSolver solver(terms, brick.state.layout(), {});
+  SolverOptions options;
+  options.carry_factor = false;  // with the first step's factor the second would need no matrix
+  NewtonSolver solver(terms, brick.state.layout(), options);
   brick.shake(0.0005, 5);
   const State before = brick.state;
   saboteur.curvature = -1e5;
@@ -488,6 +490,48 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereTheFloatOneLeadsNowhereAnyMore) {
     EXPECT_LE(report.residual, 1e-12) << options.factor << ": not the result, but an iterate before it whose energy is lower by rounding";
   }
   EXPECT_LE(residuals[0], 10 * residuals[1]);
+}
+
+// A brick that swings, is struck, and swings on.
+TEST(NewtonSolver, CarriesAFactorFromStepToStepWhileItLeadsOn) {
+  std::vector<Eigen::Matrix3Xd> paths[2];
+  int factorisations[2] = {0, 0}, struck[2] = {0, 0};
+  for (const int carries : {0, 1}) {
+    Brick brick;
+    SolverOptions options;
+    options.carry_factor = carries == 1;
+    options.residual_tolerance = 1e-7;
+    NewtonSolver solver(brick.terms(), brick.state.layout(), options);
+    brick.shake(1e-4, 9);
+    for (int i = 0; i < 60; ++i) {
+      if (i == 30) brick.shake(2e-3, 10);
+      const StepReport report = solver.step(brick.state, 0.01);
+      ASSERT_EQ(report.status, StepStatus::converged) << carries << ' ' << i;
+      factorisations[carries] += report.factorisations;
+      if (i == 30) struck[carries] = report.factorisations;
+      paths[carries].push_back(brick.state.node_positions);
+    }
+  }
+  for (std::size_t i = 0; i < paths[0].size(); ++i) ASSERT_LE((paths[0][i] - paths[1][i]).cwiseAbs().maxCoeff(), 1e-9) << i;
+  EXPECT_LE(factorisations[1], factorisations[0] / 2);
+  EXPECT_GT(struck[1], 0) << "far from where it was made no factor leads on";
+}
+
+// Where each iteration has a factor of its own anyway, none is carried.
+TEST(NewtonSolver, AFewIterationsCarryNoFactor) {
+  Brick carrying, other;
+  SolverOptions options;
+  options.max_iterations = options.max_factorisations = 2;
+  NewtonSolver one(carrying.terms(), carrying.state.layout(), options);
+  options.carry_factor = false;
+  NewtonSolver two(other.terms(), other.state.layout(), options);
+  carrying.shake(0.001, 9);
+  other.shake(0.001, 9);
+  for (int i = 0; i < 10; ++i) {
+    one.step(carrying.state, 0.01);
+    two.step(other.state, 0.01);
+    ASSERT_TRUE(same_bits(carrying.state.node_positions, other.state.node_positions)) << i;
+  }
 }
 
 TEST(NewtonSolver, AnUnmeasuredFastStepIsTheMeasuredOne) {
