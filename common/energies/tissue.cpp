@@ -7,6 +7,8 @@
 #include <string>
 #include <utility>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
@@ -170,9 +172,8 @@ int Tissue::inverted_elements(const State& state) const {
   int count = 0;
   for (int e = 0; e < element_count_; ++e) {
     const auto [b, lane] = place_of(e);
-    const auto node = [&, b = b, lane = lane](std::size_t a) { return state.node_positions.col(batches_[b].node[a][lane]); };
-    const Vector3 origin = node(0);
-    const double volume = (node(1) - origin).dot((node(2) - origin).cross(node(3) - origin));
+    const auto& node = batches_[b].node;
+    const double volume = tetrahedron_volume(state.node_positions, {node[0][lane], node[1][lane], node[2][lane], node[3][lane]});
     count += (mirrored_[static_cast<std::size_t>(e)] ? -volume : volume) < 0.0 ? 1 : 0;
   }
   return count;

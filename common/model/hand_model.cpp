@@ -6,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
@@ -126,7 +128,7 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
       used[static_cast<std::size_t>(node)] = true;
       x[k] = hand.nodes[static_cast<std::size_t>(node)];
     }
-    const double volume = (x[1] - x[0]).dot((x[2] - x[0]).cross(x[3] - x[0])) / 6.0;
+    const double volume = tetrahedron_volume(x[0], x[1], x[2], x[3]);
     check(volume > 0, at("tetrahedra", t), "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
     double shortest = std::numeric_limits<double>::infinity();
     double longest = 0;

@@ -14,6 +14,7 @@
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
+#include "math/tetrahedron.hpp"
 
 namespace softhand {
 namespace {
@@ -28,9 +29,7 @@ std::vector<double> lumped_masses(const HandModel& hand) {
   std::vector<double> masses(hand.nodes.size(), 0.0);
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const auto& n = hand.tetrahedra[t];
-    const auto x = [&hand, &n](std::size_t k) { return hand.nodes[static_cast<std::size_t>(n[k])]; };
-    const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
-    const double share = 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
+    const double share = 0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
     for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
   }
   return masses;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
@@ -62,8 +64,7 @@ int Untangler::after_step(State& state, double time_step, std::span<const std::u
   std::fill(move_.begin(), move_.end(), 0);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const auto& nodes = tetrahedra_[t];
-    const auto x = [&state, &nodes](std::size_t k) { return Vector3(state.node_positions.col(nodes[k])); };
-    const bool inverted = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0;
+    const bool inverted = tetrahedron_volume(state.node_positions, nodes) < 0;
     const bool stays = inverted && inverted_[t] != 0;
     inverted_[t] = inverted ? 1 : 0;
     if (!inverted || std::any_of(nodes.begin(), nodes.end(), [&touching](std::int32_t n) { return touching[static_cast<std::size_t>(n)] != 0; })) continue;

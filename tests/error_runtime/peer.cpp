@@ -21,6 +21,7 @@
 #include "cli/outcome.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
+#include "math/tetrahedron.hpp"
 #include "solver/newton_solver.hpp"
 #include "verification/supports.hpp"
 
@@ -52,8 +53,7 @@ Problem problem_of(const std::string& name) {
   }
   p.masses.assign(p.hand.nodes.size(), 0.0);
   for (const auto& t : p.hand.tetrahedra) {
-    const auto x = [&](std::size_t k) { return p.hand.nodes[static_cast<std::size_t>(t[k])]; };
-    const double mass = kDensity * (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6;
+    const double mass = kDensity * tetrahedron_volume(p.hand.nodes, t);
     for (const std::int32_t n : t) p.masses[static_cast<std::size_t>(n)] += mass / 4;
   }
   for (std::size_t n = 0; n < p.hand.nodes.size(); ++n) {

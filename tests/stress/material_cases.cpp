@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "math/tetrahedron.hpp"
 #include "stress/cases.hpp"
 #include "stress/grasp.hpp"
 #include "stress/hand_events.hpp"
@@ -63,18 +64,9 @@ Findings refused_strain_limit(double energy) {
   return refused(setting);
 }
 
-std::vector<double> rest_volumes(const HandModel& hand, const Eigen::Matrix3Xd& x) {
-  std::vector<double> volumes;
-  for (const auto& t : hand.tetrahedra) {
-    const auto at = [&](std::size_t k) { return Vector3(x.col(t[k])); };
-    volumes.push_back((at(1) - at(0)).dot((at(2) - at(0)).cross(at(3) - at(0))) / 6);
-  }
-  return volumes;
-}
-
 double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
-  const std::vector<double> volumes = rest_volumes(hand, x);
-  return static_cast<double>(std::count_if(volumes.begin(), volumes.end(), [](double v) { return v < 0; })) / static_cast<double>(volumes.size());
+  const auto inverted = std::count_if(hand.tetrahedra.begin(), hand.tetrahedra.end(), [&x](const auto& t) { return tetrahedron_volume(x, t) < 0; });
+  return static_cast<double>(inverted) / static_cast<double>(hand.tetrahedra.size());
 }
 
 Vector3 middle_of(const State& state) { return state.node_positions.rowwise().mean(); }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand::testing {
@@ -62,8 +63,7 @@ inline HandModel block_hand(int cells = 1) {
             ++corner[static_cast<std::size_t>(order[step])];
             tetrahedron[step + 1] = node(corner[0], corner[1], corner[2]);
           }
-          const auto x = [&](std::size_t v) { return hand.nodes[static_cast<std::size_t>(tetrahedron[v])]; };
-          if ((x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0) std::swap(tetrahedron[2], tetrahedron[3]);
+          if (tetrahedron_volume(hand.nodes, tetrahedron) < 0) std::swap(tetrahedron[2], tetrahedron[3]);
           hand.tetrahedra.push_back(tetrahedron);
           hand.tetrahedron_material.push_back(0);
         }

@@ -5,6 +5,7 @@
 #include <random>
 #include <vector>
 
+#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "model/state.hpp"
 
@@ -57,8 +58,7 @@ inline std::vector<double> lumped_masses(const HandModel& hand) {
   std::vector<double> masses(hand.nodes.size(), 0.0);
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const auto& n = hand.tetrahedra[t];
-    const auto x = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(n[k])]; };
-    const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
+    const double volume = tetrahedron_volume(hand.nodes, n);
     for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
   }
   return masses;
