@@ -258,4 +258,14 @@ HandModel mirrored(const HandModel& hand) {
   return out;
 }
 
+std::vector<double> lumped_masses(const HandModel& hand) {
+  std::vector<double> masses(hand.nodes.size(), 0.0);
+  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
+    const auto& n = hand.tetrahedra[t];
+    const double share = 0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
+    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
+  }
+  return masses;
+}
+
 }  // namespace softhand

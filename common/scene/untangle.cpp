@@ -23,9 +23,7 @@ Untangler::Untangler(const HandModel& hand, double patience)
       more_(hand.nodes.size(), 0) {
   carried_.node_positions = carried_.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    const BodyModel& body = hand.bodies[node_body_[n]];
-    const Pose rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(node_body_[n]))))] * body.joint_from_body;
-    rest_in_body_.push_back(rest.inverse() * hand.nodes[n]);
+    rest_in_body_.push_back(hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse() * hand.nodes[n]);
   }
 }
 

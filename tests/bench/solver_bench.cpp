@@ -18,7 +18,7 @@ void fast_step(benchmark::State& bench) {
   const HandModel box = bar(static_cast<int>(bench.range(0)));
   State state = testing::rest_state(box);
   Tissue tissue(box);
-  std::vector<double> masses = testing::lumped_masses(box);
+  std::vector<double> masses = lumped_masses(box);
   for (int n = 0; n < box.node_count(); ++n) {
     if (box.nodes[static_cast<std::size_t>(n)].x() == 0) masses[static_cast<std::size_t>(n)] = 1e6;  // held
   }

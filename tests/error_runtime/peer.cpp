@@ -21,7 +21,6 @@
 #include "cli/outcome.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
-#include "math/tetrahedron.hpp"
 #include "solver/newton_solver.hpp"
 #include "verification/supports.hpp"
 
@@ -51,11 +50,7 @@ Problem problem_of(const std::string& name) {
     material.poisson_ratio = kPoissonRatio;
     material.strain_limit_stiffness = 0;
   }
-  p.masses.assign(p.hand.nodes.size(), 0.0);
-  for (const auto& t : p.hand.tetrahedra) {
-    const double mass = kDensity * tetrahedron_volume(p.hand.nodes, t);
-    for (const std::int32_t n : t) p.masses[static_cast<std::size_t>(n)] += mass / 4;
-  }
+  p.masses = lumped_masses(p.hand);
   for (std::size_t n = 0; n < p.hand.nodes.size(); ++n) {
     const Body body = static_cast<Body>(p.hand.node_body[n]);
     if (finger_of(body) == Finger::palm || is_metacarpal(body)) p.held.push_back(static_cast<int>(n));

@@ -76,7 +76,7 @@ Findings at(const Vector3& place) {
 // An object between the hand and a table, as heavy as so many mean nodes of the tissue (0.6 g).
 Findings mass_ratio(double ratio) {
   const HandModel& hand = shipped_hand();
-  const std::vector<double> masses = testing::lumped_masses(hand);
+  const std::vector<double> masses = lumped_masses(hand);
   const double tissue = std::accumulate(masses.begin(), masses.end(), 0.0);
   Event event = pressed_on_block(4e-3);
   event.object.mass = ratio * tissue / hand.node_count();

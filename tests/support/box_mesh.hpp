@@ -5,7 +5,6 @@
 #include <random>
 #include <vector>
 
-#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "model/state.hpp"
 
@@ -51,17 +50,6 @@ inline State rest_state(const HandModel& hand) {
   for (int n = 0; n < hand.node_count(); ++n) state.node_positions.col(n) = hand.nodes[static_cast<std::size_t>(n)];
   state.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   return state;
-}
-
-/// A quarter of each tetrahedron's mass at each of its nodes, kg.
-inline std::vector<double> lumped_masses(const HandModel& hand) {
-  std::vector<double> masses(hand.nodes.size(), 0.0);
-  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    const auto& n = hand.tetrahedra[t];
-    const double volume = tetrahedron_volume(hand.nodes, n);
-    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
-  }
-  return masses;
 }
 
 /// Uniform in [-1, 1), the same on every platform.

@@ -160,7 +160,7 @@ Indentation indent(const Parameters& p, int cells) {
   state.body_poses = {Pose{Vector3(0, ball, 0), Quaternion::Identity()}};
   state.body_velocities.resize(1);
   const Eigen::Matrix3Xd places = state.node_positions;
-  const std::vector<double> masses = testing::lumped_masses(body.mesh);
+  const std::vector<double> masses = lumped_masses(body.mesh);
 
   const double wall = 1e5 * youngs_modulus * around;
   const Vector3 far_normal(-std::sin(angle), 0, std::cos(angle));
