@@ -258,11 +258,12 @@ void HandSimulation::enter_step(const StepReport& report) {
 }
 
 void HandSimulation::untangle(double time_step) {
+  if (!untangler_.due(time_step)) return;
   std::fill(touching_.begin(), touching_.end(), 0);
   if (contacts_) {
     for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
   }
-  const int moved = untangler_.after_step(state_, time_step, touching_, kinetic_energy(), tissue_energy_);
+  const int moved = untangler_.look(state_, touching_, kinetic_energy(), tissue_energy_);
   if (moved == 0) return;
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;

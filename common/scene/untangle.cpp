@@ -52,12 +52,15 @@ int Untangler::untwist(State& state, double kinetic_energy, const std::function<
   return 0;
 }
 
-int Untangler::after_step(State& state, double time_step, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
-  if (patience_ <= 0) return 0;
+bool Untangler::due(double time_step) {
+  if (patience_ <= 0) return false;
   waited_ += time_step;
-  if (waited_ < patience_) return 0;
+  if (waited_ < patience_) return false;
   waited_ = 0;
+  return true;
+}
 
+int Untangler::look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
   bool any_free = false, tangled = false;
   std::fill(move_.begin(), move_.end(), 0);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
