@@ -156,7 +156,7 @@ int main(int argc, char** argv) {
   command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
   std::string bench_json;
-  command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); two to three minutes");
+  command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); about a minute");
   command->add_option("--json", bench_json, "The figures by name")->type_name("FILE");
   command->callback([&] { run = [&bench_json] { return run_bench(bench_json); }; });
 
