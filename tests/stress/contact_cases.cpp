@@ -123,10 +123,7 @@ Findings sharp(const Shape& shape, const Quaternion& orientation, double height)
   event.object.shape = shape;
   event.object.pose = {between_nodes(event.hand) - Vector3(0, height + 1e-3, 0), orientation};
   event.bones = press_down(4e-3, 0.3);
-  double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
-  findings.demand_at_least("felt", "force at 3 mm of indentation", force, kFelt, "N");
-  return findings;
+  return run_touching(event, kFelt, "felt", "force at 3 mm of indentation");
 }
 
 // Sliding at 1 mm/s: as soon as the tissue is stretched, steady and mu f_n.
@@ -189,10 +186,7 @@ Findings spinning() {
   event.object.pose = {pad_of(event.hand, Finger::index) - Vector3(0, 0.022, 0), rotation_exp(Vector3(0, 0, 90 * kDegree))};
   event.object.spin = Vector3(100, 0, 0);
   event.bones = press_down(4e-3, 0.3);
-  double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
-  findings.demand_at_least("touched", "force at the end", force, 0.2, "N");
-  return findings;
+  return run_touching(event, 0.2);
 }
 
 Findings conveyor() {
@@ -202,10 +196,7 @@ Findings conveyor() {
     const Vector3 velocity(2, 0, 0);  // m/s
     return Displacement{time * velocity, velocity};
   };
-  double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
-  findings.demand_at_least("touched", "force at the end", force, 0.5, "N");
-  return findings;
+  return run_touching(event, 0.5);
 }
 
 double thread_seconds() {

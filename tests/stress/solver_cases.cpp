@@ -18,10 +18,7 @@ Findings time_step(double step) {
   Event event = pressed_on_block(4e-3);
   event.time_step = [step](int) { return step; };
   event.seconds = step < 1e-3 ? 0.35 : std::max(0.8, 100 * step);
-  double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
-  findings.demand_at_least("touched", "force on the block at the end", force, 0.5, "N");
-  return findings;
+  return run_touching(event, 0.5);
 }
 
 Findings alternating_time_step() {
