@@ -90,7 +90,7 @@ void run(int argc, char** argv) {
   Service service(arguments, kPollRate, Pacing::real);
   bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
   LandmarkTracker tracker(load_scene_hand(scene), options);
-  Inbox inbox(options.socket, Transport::websocket_and_udp, kLargest);
+  Inbox inbox(options.listening, Transport::websocket_and_udp, kLargest);
   std::printf("listening at %s and on UDP port %u\n", inbox.url().c_str(), inbox.port());
   std::fflush(stdout);
 

@@ -26,7 +26,7 @@ void run(int argc, char** argv) {
   Service service(arguments, kPollRate, Pacing::real);
   bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, strength);
   bus::Writer head(service.participant(), bus::topics::head_pose);
-  Inbox inbox(scene.options.tracker_webxr.socket, Transport::websocket, kWebXrFrameSize);
+  Inbox inbox(scene.options.tracker_webxr.listening, Transport::websocket, kWebXrFrameSize);
   std::printf("listening at %s\n", inbox.url().c_str());
   std::fflush(stdout);
 
