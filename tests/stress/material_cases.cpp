@@ -50,14 +50,6 @@ Findings strain_limit(double c) {
   return result.findings;
 }
 
-// A configuration that must not load.
-Findings refused(const Grasp& setting) {
-  Grasped result = grasp(setting);
-  if (result.findings.refusal.empty()) result.findings.demand("refused at load", "loaded", 1, 0, "1");
-  result.findings.refusal_is_right = true;
-  return result.findings;
-}
-
 Findings refused_strain_limit(double energy) {
   Grasp setting;
   setting.hand = [energy](HandModel& hand) { hand.materials[0].strain_limit_energy = energy; };
