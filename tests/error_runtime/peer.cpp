@@ -18,6 +18,7 @@
 #include <numeric>
 #include <set>
 
+#include "bench/measure.hpp"
 #include "cli/outcome.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
@@ -79,9 +80,8 @@ Trajectory run_own(const Problem& p, const SolverOptions& options) {
   NewtonSolver solver({&inertia, &tissue, &palm}, state.layout(), options);
   Trajectory trajectory;
   for (int step = 1; step <= kSteps; ++step) {
-    const double begin = thread_seconds();
-    const StepReport report = solver.step(state, kStep);
-    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    StepReport report;
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { report = solver.step(state, kStep); }));
     trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
     trajectory.iterations += static_cast<double>(report.iterations) / kSteps;
     if (!report.state_changed) ++trajectory.failed_steps;
@@ -162,9 +162,7 @@ Trajectory run_bullet(const Problem& p, const BulletSolver::Limits& limits) {
   std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
   Eigen::Matrix3Xd nodes(3, p.hand.node_count());
   for (int step = 1; step <= kSteps; ++step) {
-    const double begin = thread_seconds();
-    world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep));
-    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep)); }));
     for (int n = 0; n < p.hand.node_count(); ++n) {
       const btVector3& x = body->m_nodes[n].m_x;
       nodes.col(n) = Vector3(x.x(), x.y(), x.z());

@@ -1,10 +1,9 @@
 // Contact: strong grips, light and heavy objects, overlap, thin, sharp and fast things, friction from none to glue, objects that vanish.
-#include <time.h>
-
 #include <algorithm>
 #include <cmath>
 #include <memory>
 
+#include "bench/measure.hpp"
 #include "cli/outcome.hpp"
 #include "geometry/shape.hpp"
 #include "hand/hand_loop.hpp"
@@ -199,12 +198,6 @@ Findings conveyor() {
   return run_touching(event, 0.5);
 }
 
-double thread_seconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
 /// A hand's loop whose five pads lie on a ball each, among so many objects in all.
 class Crowd {
  public:
@@ -243,9 +236,7 @@ class Crowd {
     HandInput input;
     input.skeleton = &skeleton;
     input.world = world_.get();
-    const double before = thread_seconds();
-    output_ = &loop_.step(now_, input, {});
-    const double taken = thread_seconds() - before;
+    const double taken = bench::seconds_of([&] { output_ = &loop_.step(now_, input, {}); });
     watch_.after_step(loop_.simulation(), output_->report, kStep);
     return taken;
   }
