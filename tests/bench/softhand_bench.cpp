@@ -29,6 +29,7 @@
 #include "cli/virtual_rig.hpp"
 #include "energies/tissue.hpp"
 #include "messages/convert.hpp"
+#include "report/report.hpp"
 #include "support/count_allocations.hpp"
 #include "support/scalar_tissue.hpp"
 #include "trackers/replay/replay_tracker.hpp"
@@ -225,14 +226,6 @@ ServiceCost measure_service() {
   return cost;
 }
 
-std::string machine() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
-  }
-  return "unknown processor";
-}
-
 /// Over the same step while they still settle: a world's step once its hundred boxes on a table have come to rest.
 double settled_world_cost_ratio() {
   std::vector<ObjectOptions> objects(101);
@@ -272,8 +265,9 @@ Json run() {
     fmt::print("  {:44} {:>10.4g}  {}\n", key, value, meaning);
     std::fflush(stdout);
   };
-  json["machine"] = machine();
-  fmt::print("{}; seconds of the thread's own work, medians\n\n", machine());
+  const std::string processor = report::provenance().processor;
+  json["machine"] = processor;
+  fmt::print("{}; seconds of the thread's own work, medians\n\n", processor);
 
   fmt::print("factorisation\n");
   std::vector<std::pair<double, double>> factor_by_nodes;
