@@ -1,13 +1,17 @@
-// The signed volume of a tetrahedron.
+// Volume and faces of a tetrahedron.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "math/types.hpp"
 
 namespace softhand {
+
+/// The three corners of each face, the k-th opposite corner k. They turn counterclockwise seen from outside where the volume is positive.
+inline constexpr std::array<std::array<std::size_t, 3>, 4> kTetrahedronFaces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// m^3. Positive where the edges from `a` to `b`, `c` and `d` are right-handed, negative where they are left-handed.
 inline double tetrahedron_volume(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) { return (b - a).dot((c - a).cross(d - a)) / 6.0; }

@@ -39,13 +39,10 @@ std::string at(const char* field, std::size_t i) { return std::string(field) + "
 
 double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
   // Outward normals of the four faces; the dihedral angle at the edge of two faces is pi minus the angle between their normals.
-  constexpr int faces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
   std::array<Vector3, 4> normals;
   for (std::size_t f = 0; f < 4; ++f) {
-    const auto& v = faces[f];
-    normals[f] = (x[static_cast<std::size_t>(v[1])] - x[static_cast<std::size_t>(v[0])])
-                     .cross(x[static_cast<std::size_t>(v[2])] - x[static_cast<std::size_t>(v[0])])
-                     .normalized();
+    const auto& v = kTetrahedronFaces[f];
+    normals[f] = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]]).normalized();
   }
   double smallest = 180.0;
   for (std::size_t a = 0; a < 4; ++a) {

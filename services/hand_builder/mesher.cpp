@@ -11,8 +11,6 @@
 namespace softhand::builder {
 namespace {
 
-constexpr int kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 // The largest cosine over the six dihedral angles; 1 of a flat or turned tetrahedron.
@@ -47,8 +45,8 @@ double TetrahedralMesh::minimum_dihedral_degrees() const {
 std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra) {
   std::map<std::array<std::int32_t, 3>, std::pair<int, std::array<std::int32_t, 3>>> faces;
   for (const auto& t : tetrahedra) {
-    for (const auto& f : kFaces) {
-      const std::array<std::int32_t, 3> face{t[at(f[0])], t[at(f[1])], t[at(f[2])]};
+    for (const auto& f : kTetrahedronFaces) {
+      const std::array<std::int32_t, 3> face{t[f[0]], t[f[1]], t[f[2]]};
       auto key = face;
       std::sort(key.begin(), key.end());
       auto& entry = faces[key];
