@@ -3,7 +3,6 @@
 #include <filesystem>
 #include <string>
 
-#include "device/answer.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "viewer/gateway.hpp"
@@ -25,12 +24,7 @@ void run(int argc, char** argv) {
   std::printf("see it at %s\n", server.url().c_str());
   for (const std::string& url : server.urls_elsewhere()) std::printf("elsewhere at %s\n", url.c_str());
   std::fflush(stdout);
-  service.run({[&](Nanoseconds now) { gateway.step(now); },
-               [&](const Message& message) {
-                 const char* why = is_addressed(message, arguments.module) ? "unknown key; a viewer has none" : "not for this module";
-                 return reply_to(message, arguments.module, kReplyIgnored, why);
-               },
-               [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
+  service.run({.step = [&](Nanoseconds now) { gateway.step(now); }, .fill_status = [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
 }
 }  // namespace
 
