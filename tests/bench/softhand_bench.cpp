@@ -1,4 +1,4 @@
-// softhand-bench: what a step costs and in ratio to what, as a table and as the contract's keys in JSON. `softhand bench` runs it.
+// softhand-bench: what a step costs and in ratio to what, as a table and by name in JSON. `softhand bench` runs it.
 //
 // A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services do not. Times are of the thread's own work, so that they hold on a
 // machine with other load; compare ratios nevertheless. What is compared takes turns in the same run.
@@ -44,7 +44,7 @@ constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the
 
 struct Size {
   int file;  ///< config/hands/right_<file>.hand.json
-  int key;   ///< what the contract calls it
+  int key;   ///< in the names of its figures
 };
 constexpr Size kSizes[] = {{400, 400}, {750, 750}, {1450, 1450}, {3000, 3080}};
 
