@@ -7,10 +7,16 @@
 #include <string>
 #include <utility>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
 constexpr std::size_t slot_of(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
+
+[[noreturn]] void refuse(std::size_t element, const char* what) {
+  throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(element) + ": " + what);
+}
 
 // 0 and 1: on one side of a plane with all nodes, 2: crossed by it. Across one of the axes, through the median node; the plane that crosses fewest.
 std::vector<std::uint8_t> halves(const HandModel& hand) {
@@ -19,16 +25,13 @@ std::vector<std::uint8_t> halves(const HandModel& hand) {
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> heights;
     for (const auto& nodes : hand.tetrahedra) {
-      for (const std::int32_t n : nodes) {
-        if (n >= 0 && n < hand.node_count()) heights.push_back(hand.nodes[static_cast<std::size_t>(n)][axis]);
-      }
+      for (const std::int32_t n : nodes) heights.push_back(hand.nodes[static_cast<std::size_t>(n)][axis]);
     }
-    if (heights.empty()) continue;
     const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
     std::nth_element(heights.begin(), middle, heights.end());
     std::vector<std::uint8_t> groups;
     for (const auto& nodes : hand.tetrahedra) {
-      const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) { return n >= 0 && n < hand.node_count() && hand.nodes[static_cast<std::size_t>(n)][axis] > *middle; });
+      const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) { return hand.nodes[static_cast<std::size_t>(n)][axis] > *middle; });
       groups.push_back(above == 0 ? 0 : above == 4 ? 1 : 2);
     }
     const auto crossed = static_cast<std::size_t>(std::count(groups.begin(), groups.end(), 2));
@@ -48,6 +51,11 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
   for (const Material& m : hand.materials) {
     materials.push_back(corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
   }
+  for (std::size_t e = 0; e < count; ++e) {
+    const auto& nodes = hand.tetrahedra[e];
+    if (std::any_of(nodes.begin(), nodes.end(), [&hand](std::int32_t n) { return n < 0 || n >= hand.node_count(); })) refuse(e, "node out of range");
+    if (hand.tetrahedron_material[e] >= materials.size()) refuse(e, "material out of range");
+  }
   element_count_ = static_cast<int>(count);
   const std::vector<std::uint8_t> groups = halves(hand);
   std::vector<std::size_t> order;  // element of each lane; a group's last one repeated to the end of its last batch
@@ -65,18 +73,15 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
   mirrored_.resize(count);
   for (std::size_t position = 0; position < order.size(); ++position) {
     const std::size_t e = order[position];
-    const auto refuse = [e](const char* what) { throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(e) + ": " + what); };
     std::array<std::int32_t, 4> nodes = hand.tetrahedra[e];
     std::sort(nodes.begin(), nodes.end());
-    if (nodes[0] < 0 || nodes[3] >= hand.node_count()) refuse("node out of range");
-    if (hand.tetrahedron_material[e] >= materials.size()) refuse("material out of range");
     Matrix3 edges;
     for (int a = 0; a < 3; ++a) {
       edges.col(a) = hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a) + 1])] - hand.nodes[static_cast<std::size_t>(nodes[0])];
     }
     const double volume = std::abs(edges.determinant()) / 6.0;
     const double longest = edges.colwise().norm().maxCoeff();
-    if (!(volume > 1e-12 * longest * longest * longest) || !std::isfinite(volume)) refuse("no volume");
+    if (!(volume > 1e-12 * longest * longest * longest) || !std::isfinite(volume)) refuse(e, "no volume");
     const Matrix3 inverse = edges.inverse();
     TissueBatch& batch = batches_[position / kTissueBatch];
     const std::size_t lane = position % kTissueBatch;
@@ -170,9 +175,8 @@ int Tissue::inverted_elements(const State& state) const {
   int count = 0;
   for (int e = 0; e < element_count_; ++e) {
     const auto [b, lane] = place_of(e);
-    const auto node = [&, b = b, lane = lane](std::size_t a) { return state.node_positions.col(batches_[b].node[a][lane]); };
-    const Vector3 origin = node(0);
-    const double volume = (node(1) - origin).dot((node(2) - origin).cross(node(3) - origin));
+    const auto& node = batches_[b].node;
+    const double volume = tetrahedron_volume(state.node_positions, {node[0][lane], node[1][lane], node[2][lane], node[3][lane]});
     count += (mirrored_[static_cast<std::size_t>(e)] ? -volume : volume) < 0.0 ? 1 : 0;
   }
   return count;

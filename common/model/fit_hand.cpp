@@ -5,6 +5,7 @@
 #include <string>
 
 #include "math/rotation.hpp"
+#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand {
@@ -57,12 +58,11 @@ double finger_thickness(const std::array<double, kJointCount>& user, const std::
 // Volume over the cube of the root mean square edge: 0 for a flat tetrahedron, negative for one turned over, largest for a regular one.
 double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vector3>& nodes) {
   const auto x = [&](std::size_t k) -> const Vector3& { return nodes[static_cast<std::size_t>(t[k])]; };
-  const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
   double edges = 0;
   for (std::size_t a = 0; a < 4; ++a) {
     for (std::size_t b = a + 1; b < 4; ++b) edges += (x(a) - x(b)).squaredNorm();
   }
-  return volume / std::pow(edges / 6, 1.5);
+  return tetrahedron_volume(nodes, t) / std::pow(edges / 6, 1.5);
 }
 
 // Evens out how far neighbouring nodes were moved: first a little everywhere, then, where bones with different turns meet (the web of the thumb), as

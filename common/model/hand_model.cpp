@@ -6,6 +6,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
@@ -37,13 +39,10 @@ std::string at(const char* field, std::size_t i) { return std::string(field) + "
 
 double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
   // Outward normals of the four faces; the dihedral angle at the edge of two faces is pi minus the angle between their normals.
-  constexpr int faces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
   std::array<Vector3, 4> normals;
   for (std::size_t f = 0; f < 4; ++f) {
-    const auto& v = faces[f];
-    normals[f] = (x[static_cast<std::size_t>(v[1])] - x[static_cast<std::size_t>(v[0])])
-                     .cross(x[static_cast<std::size_t>(v[2])] - x[static_cast<std::size_t>(v[0])])
-                     .normalized();
+    const auto& v = kTetrahedronFaces[f];
+    normals[f] = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]]).normalized();
   }
   double smallest = 180.0;
   for (std::size_t a = 0; a < 4; ++a) {
@@ -126,7 +125,7 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
       used[static_cast<std::size_t>(node)] = true;
       x[k] = hand.nodes[static_cast<std::size_t>(node)];
     }
-    const double volume = (x[1] - x[0]).dot((x[2] - x[0]).cross(x[3] - x[0])) / 6.0;
+    const double volume = tetrahedron_volume(x[0], x[1], x[2], x[3]);
     check(volume > 0, at("tetrahedra", t), "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
     double shortest = std::numeric_limits<double>::infinity();
     double longest = 0;
@@ -254,6 +253,16 @@ HandModel mirrored(const HandModel& hand) {
   for (Attachment& attachment : out.attachments) std::swap(attachment.weights[2], attachment.weights[3]);
   for (SkinVertex& vertex : out.skin_vertices) std::swap(vertex.weights[2], vertex.weights[3]);
   return out;
+}
+
+std::vector<double> lumped_masses(const HandModel& hand) {
+  std::vector<double> masses(hand.nodes.size(), 0.0);
+  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
+    const auto& n = hand.tetrahedra[t];
+    const double share = 0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
+    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
+  }
+  return masses;
 }
 
 }  // namespace softhand

@@ -97,7 +97,14 @@ struct HandModel {
   std::vector<std::array<std::int32_t, 3>> skin_triangles;
 
   int node_count() const { return static_cast<int>(nodes.size()); }
+  /// The body frame in the rest frame.
+  Pose body_rest_pose(Body body) const {
+    return rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))] * bodies[static_cast<std::size_t>(index_of(body))].joint_from_body;
+  }
 };
+
+/// kg, by node: a quarter of the mass of each of its tetrahedra.
+std::vector<double> lumped_masses(const HandModel& hand);
 
 /// Throws std::invalid_argument with the offending field and what was expected (sizes, ranges, finite numbers, orientation and quality of
 /// tetrahedra, symmetric positive inertia, caps). `where` (a file name) leads the message.

@@ -23,21 +23,6 @@ constexpr double kStandardGravity = 9.81;  // m/s^2
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// A tetrahedron's mass goes to its corners in equal parts.
-std::vector<double> lumped_masses(const HandModel& hand) {
-  std::vector<double> masses(hand.nodes.size(), 0.0);
-  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    const auto& n = hand.tetrahedra[t];
-    const auto x = [&hand, &n](std::size_t k) { return hand.nodes[static_cast<std::size_t>(n[k])]; };
-    const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
-    const double share = 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
-    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
-  }
-  return masses;
-}
-
-Pose body_rest_pose(const HandModel& hand, Body body) { return hand.rest_joints[index(joint_of(body))] * hand.bodies[index(body)].joint_from_body; }
-
 // What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is critical.
 std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::vector<double>& node_masses) {
   std::array<double, kBodyCount> masses{};
@@ -60,10 +45,10 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   state_.node_velocities.setZero(3, hand_.node_count());
   state_.body_poses.resize(static_cast<std::size_t>(bodies));
   state_.body_velocities.resize(static_cast<std::size_t>(bodies));
-  for (int b = 0; b < kBodyCount; ++b) state_.body_poses[static_cast<std::size_t>(b)] = body_rest_pose(hand_, static_cast<Body>(b));
+  for (int b = 0; b < kBodyCount; ++b) state_.body_poses[static_cast<std::size_t>(b)] = hand_.body_rest_pose(static_cast<Body>(b));
   for (int j = 0; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
-    joint_in_body_[index(joint)] = body_rest_pose(hand_, body_of(joint)).inverse() * hand_.rest_joints[index(joint)];
+    joint_in_body_[index(joint)] = hand_.body_rest_pose(body_of(joint)).inverse() * hand_.rest_joints[index(joint)];
   }
   modes_.assign(static_cast<std::size_t>(slot_count()), SlotMode::empty);
   objects_.resize(static_cast<std::size_t>(slot_count()));
@@ -274,11 +259,12 @@ void HandSimulation::enter_step(const StepReport& report) {
 }
 
 void HandSimulation::untangle(double time_step) {
+  if (!untangler_.due(time_step)) return;
   std::fill(touching_.begin(), touching_.end(), 0);
   if (contacts_) {
     for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
   }
-  const int moved = untangler_.after_step(state_, time_step, touching_, kinetic_energy(), tissue_energy_);
+  const int moved = untangler_.look(state_, touching_, kinetic_energy(), tissue_energy_);
   if (moved == 0) return;
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;

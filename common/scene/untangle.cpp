@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand {
 namespace {
 
@@ -21,9 +23,7 @@ Untangler::Untangler(const HandModel& hand, double patience)
       more_(hand.nodes.size(), 0) {
   carried_.node_positions = carried_.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    const BodyModel& body = hand.bodies[node_body_[n]];
-    const Pose rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(node_body_[n]))))] * body.joint_from_body;
-    rest_in_body_.push_back(rest.inverse() * hand.nodes[n]);
+    rest_in_body_.push_back(hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse() * hand.nodes[n]);
   }
 }
 
@@ -52,18 +52,20 @@ int Untangler::untwist(State& state, double kinetic_energy, const std::function<
   return 0;
 }
 
-int Untangler::after_step(State& state, double time_step, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
-  if (patience_ <= 0) return 0;
+bool Untangler::due(double time_step) {
+  if (patience_ <= 0) return false;
   waited_ += time_step;
-  if (waited_ < patience_) return 0;
+  if (waited_ < patience_) return false;
   waited_ = 0;
+  return true;
+}
 
+int Untangler::look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
   bool any_free = false, tangled = false;
   std::fill(move_.begin(), move_.end(), 0);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const auto& nodes = tetrahedra_[t];
-    const auto x = [&state, &nodes](std::size_t k) { return Vector3(state.node_positions.col(nodes[k])); };
-    const bool inverted = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0;
+    const bool inverted = tetrahedron_volume(state.node_positions, nodes) < 0;
     const bool stays = inverted && inverted_[t] != 0;
     inverted_[t] = inverted ? 1 : 0;
     if (!inverted || std::any_of(nodes.begin(), nodes.end(), [&touching](std::int32_t n) { return touching[static_cast<std::size_t>(n)] != 0; })) continue;

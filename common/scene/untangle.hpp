@@ -21,11 +21,13 @@ class Untangler {
   /// `patience`: s between two looks; a tetrahedron that is inverted in both is put back. 0: never.
   Untangler(const HandModel& hand, double patience);
 
-  /// After a step of `time_step` seconds. Tetrahedra with a node that touches something stay: what is pressed flat is not tangled. Where what was put back is inverted
+  /// Counts a step of `time_step` seconds. Whether it is time to look; then the next wait begins.
+  bool due(double time_step);
+  /// When it is due. Tetrahedra with a node that touches something stay: what is pressed flat is not tangled. Where what was put back is inverted
   /// again at the next look, more of its surroundings are put back with it, three times at most. Where nothing touches and nothing is inverted all of the tissue is put back that
   /// rests (`kinetic_energy` of the hand, J) in two looks and holds more of `energy` (J, of tissue and attachments) than it would there; null: never. Returns how many nodes were
   /// moved. Allocates nothing.
-  int after_step(State& state, double time_step, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy);
+  int look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy);
 
  private:
   void put_back(State& state, std::size_t node) const;

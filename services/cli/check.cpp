@@ -6,6 +6,7 @@
 #include "cli/check.hpp"
 #include "cli/commands.hpp"
 #include "cli/rig.hpp"
+#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
 #include "world/world_options.hpp"
@@ -16,10 +17,7 @@ namespace {
 void check_hand(const std::string& path) {
   const HandModel hand = load_hand(path);
   double volume = 0;
-  for (const auto& t : hand.tetrahedra) {
-    const auto x = [&hand, &t](std::size_t k) { return hand.nodes[static_cast<std::size_t>(t[k])]; };
-    volume += (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
-  }
+  for (const auto& t : hand.tetrahedra) volume += tetrahedron_volume(hand.nodes, t);
   fmt::print("{}: a {} hand, {} nodes, {} tetrahedra, {:.0f} ml, {} attachments, {} skin vertices\n", path, hand.side == Side::left ? "left" : "right",
              hand.node_count(), hand.tetrahedra.size(), volume * 1e6, hand.attachments.size(), hand.skin_vertices.size());
 }

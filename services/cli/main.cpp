@@ -107,12 +107,17 @@ int main(int argc, char** argv) {
   report->callback([&] {
     if (report->get_subcommands().empty()) run = [&all_parts] { return report::run_report(all_parts); };
   });
+  // Where a part's rows and page go; pictures where it makes some.
+  const auto outputs = [](CLI::App* part, auto& arguments, const std::string& row, const std::string& page, [[maybe_unused]] const std::string& pictures = {}) {
+    part->add_option("--json", arguments.json, "A list of rows: " + row)->type_name("FILE");
+    part->add_option("--csv", arguments.csv, "The same as CSV")->type_name("FILE");
+    part->add_option("--markdown", arguments.markdown, page + ", with machine, compiler and commit")->type_name("FILE");
+    if constexpr (requires { arguments.plot; }) part->add_option("--plot", arguments.plot, "Folder for " + pictures + " (needs python3-matplotlib)")->type_name("DIR");
+  };
   verification::VerifyArguments verify;
   command = report->add_subcommand("verify", "Known answers: measured value beside the formula's, with tolerance and observed order; exit code 1 where one is missed");
   command->add_flag("--quick", verify.quick, "Under a minute: the first rows of what takes long");
-  command->add_option("--json", verify.json, "A list of rows: case, value, reference, tolerance, order, status")->type_name("FILE");
-  command->add_option("--csv", verify.csv, "The same as CSV")->type_name("FILE");
-  command->add_option("--markdown", verify.markdown, "The same as a table, with machine, compiler and commit")->type_name("FILE");
+  outputs(command, verify, "case, value, reference, tolerance, order, status", "The same as a table");
   command->add_option("--case", verify.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
   command->add_option("--set", verify.settings, "Another value of a case's parameter, e.g. --case friction_slide --set slope=0.8; repeatable; its reference is computed with it")
       ->type_name("KEY=VALUE")
@@ -123,11 +128,8 @@ int main(int argc, char** argv) {
   command = report->add_subcommand("stress", "Extreme inputs through the real loops, each classified by the invariants; exit code 1 where a number that is not finite was "
                                              "published, or fewer than 95 % pass or were rightly refused");
   command->add_flag("--quick", stress.quick, "Under a minute and a half: marked rows and a small sweep");
-  command->add_option("--json", stress.json, "A list of rows: case, parameter, class, figure, invariant")->type_name("FILE");
-  command->add_option("--csv", stress.csv, "The same as CSV")->type_name("FILE");
-  command->add_option("--markdown", stress.markdown, "Summary, what did not pass and why, with machine, compiler and commit")->type_name("FILE");
+  outputs(command, stress, "case, parameter, class, figure, invariant", "Summary, what did not pass and why", "stress_map.png and stress_sweep.png");
   command->add_option("--case", stress.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
-  command->add_option("--plot", stress.plot, "Pictures, stress_map.png and stress_sweep.png (needs python3 with matplotlib)")->type_name("DIR");
   command->add_option("--cache", stress.cache, "Keep computed rows there, and take those that the same programs computed before")->type_name("DIR");
   command->callback([&] { run = [&stress] { return stress::run_stress(stress); }; });
 
@@ -135,11 +137,9 @@ int main(int argc, char** argv) {
   command = report->add_subcommand("error-runtime", "What a millisecond buys: every setting's CPU time and its error against converged references; exit code 1 where the default is more than "
                                                     "0.1 mm or 2 % off in a grasp");
   command->add_flag("--quick", error_runtime.quick, "A minute and a half: the coarse hand, fewer settings");
-  command->add_option("--json", error_runtime.json, "A list of rows: scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and other norms")->type_name("FILE");
-  command->add_option("--csv", error_runtime.csv, "The same as CSV")->type_name("FILE");
-  command->add_option("--markdown", error_runtime.markdown, "What the default costs, Pareto fronts, slopes and all rows, with machine, compiler and commit")->type_name("FILE");
+  outputs(command, error_runtime, "scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and other norms",
+          "What the default costs, Pareto fronts, slopes and all rows", "error_runtime.png and error_runtime_total.png");
   command->add_option("--scene", error_runtime.which, "Only this scene, or peer (Bullet's soft body); repeatable")->type_name("NAME")->allow_extra_args(false);
-  command->add_option("--plot", error_runtime.plot, "Pictures, error_runtime.png and error_runtime_total.png (needs python3 with matplotlib)")->type_name("DIR");
   command->callback([&] { run = [&error_runtime] { return error_runtime::run_error_runtime(error_runtime); }; });
 
   human::HumanArguments human;
@@ -149,14 +149,11 @@ int main(int argc, char** argv) {
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->add_flag("--fit", human.fit, "Fit one pulp for all the hands to people's force; print and show that material instead");
-  command->add_option("--json", human.json, "A list of rows: hand, indentation, force, area, their references, status")->type_name("FILE");
-  command->add_option("--csv", human.csv, "The same as CSV")->type_name("FILE");
-  command->add_option("--markdown", human.markdown, "A table, with machine, compiler and commit")->type_name("FILE");
-  command->add_option("--plot", human.plot, "Where human.png goes (needs python3-matplotlib)")->type_name("DIR");
+  outputs(command, human, "hand, indentation, force, area, their references, status", "A table", "human.png");
   command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
   std::string bench_json;
-  command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); two to three minutes");
+  command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); about a minute");
   command->add_option("--json", bench_json, "The figures by name")->type_name("FILE");
   command->callback([&] { run = [&bench_json] { return run_bench(bench_json); }; });
 

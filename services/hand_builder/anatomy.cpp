@@ -202,7 +202,7 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
 
 namespace {
 
-// Bone radii of the reference hand at start and end, millimetres (FACTS.md, "Bones").
+// Bone radii of the reference hand at start and end, millimetres. They leave a finger's pulp 2.5 to 3.4 mm thick on the palmar side.
 struct BoneRow {
   double start, end;
 };
@@ -235,7 +235,7 @@ void set_mass(BodyModel& body) {
   body.joint_from_body.position = 0.5 * (body.bone_start + body.bone_end);
 }
 
-// Ranges of motion, degrees (VALIDATION.md section 6): flexion, extension from the straight finger. The thumb root's 60 degrees of
+// Ranges of motion, degrees: flexion, extension from the straight finger. The thumb root's 60 degrees of
 // abduction lie between the 42 of Cooney et al. 1981 and the 67 that CT of a whole circumduction shows (PMC3940763).
 struct MotionRow {
   double flexion, extension, abduction;

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "hand_builder/cgal_mesh.hpp"
+#include "math/tetrahedron.hpp"
 
 namespace softhand::builder {
 namespace {
@@ -41,9 +42,7 @@ void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::in
   }
   std::map<std::size_t, double> volumes;
   for (std::size_t i = 0; i < around.size(); ++i) {
-    const auto& t = mesh.tetrahedra[at(around[i])];
-    const Vector3& x = mesh.nodes[at(t[0])];
-    volumes[groups.find(i)] += (mesh.nodes[at(t[1])] - x).dot((mesh.nodes[at(t[2])] - x).cross(mesh.nodes[at(t[3])] - x));
+    volumes[groups.find(i)] += tetrahedron_volume(mesh.nodes, mesh.tetrahedra[at(around[i])]);
   }
   const auto largest = std::max_element(volumes.begin(), volumes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   for (std::size_t i = 0; i < around.size(); ++i) {

@@ -6,22 +6,18 @@
 #include <random>
 #include <stdexcept>
 
+#include "math/tetrahedron.hpp"
+
 namespace softhand::builder {
 namespace {
 
-constexpr int kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
-// Six times the volume and the largest cosine over the six dihedral angles; a flat or turned tetrahedron has cosine 1.
-struct Shape {
-  double volume6;
-  double worst_cosine;
-};
-Shape shape_of(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
+// The largest cosine over the six dihedral angles; 1 of a flat or turned tetrahedron.
+double worst_cosine(const std::vector<Vector3>& nodes, const std::array<std::int32_t, 4>& t) {
+  const Vector3 &a = nodes[at(t[0])], &b = nodes[at(t[1])], &c = nodes[at(t[2])], &d = nodes[at(t[3])];
   const Vector3 ab = b - a, ac = c - a, ad = d - a, bc = c - b, bd = d - b;
-  const double volume6 = ab.dot(ac.cross(ad));
-  if (!(volume6 > 0)) return {volume6, 1.0};
+  if (!(tetrahedron_volume(nodes, t) > 0)) return 1.0;
   const Vector3 n[4] = {bc.cross(bd), ad.cross(ac), ab.cross(ad), ac.cross(ab)};  // outward, opposite a, b, c, d
   double norm[4];
   for (int k = 0; k < 4; ++k) norm[k] = n[k].norm();
@@ -29,31 +25,28 @@ Shape shape_of(const Vector3& a, const Vector3& b, const Vector3& c, const Vecto
   for (int i = 0; i < 4; ++i) {
     for (int j = i + 1; j < 4; ++j) worst = std::max(worst, -n[i].dot(n[j]) / (norm[i] * norm[j]));
   }
-  return {volume6, worst};
+  return worst;
 }
 
 }  // namespace
 
 double TetrahedralMesh::volume() const {
   double sum = 0;
-  for (const auto& t : tetrahedra) {
-    const Vector3& x = nodes[at(t[0])];
-    sum += (nodes[at(t[1])] - x).dot((nodes[at(t[2])] - x).cross(nodes[at(t[3])] - x)) / 6.0;
-  }
+  for (const auto& t : tetrahedra) sum += tetrahedron_volume(nodes, t);
   return sum;
 }
 
 double TetrahedralMesh::minimum_dihedral_degrees() const {
   double worst = -1;
-  for (const auto& t : tetrahedra) worst = std::max(worst, shape_of(nodes[at(t[0])], nodes[at(t[1])], nodes[at(t[2])], nodes[at(t[3])]).worst_cosine);
+  for (const auto& t : tetrahedra) worst = std::max(worst, worst_cosine(nodes, t));
   return std::acos(std::clamp(worst, -1.0, 1.0)) * 180.0 / M_PI;
 }
 
 std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra) {
   std::map<std::array<std::int32_t, 3>, std::pair<int, std::array<std::int32_t, 3>>> faces;
   for (const auto& t : tetrahedra) {
-    for (const auto& f : kFaces) {
-      const std::array<std::int32_t, 3> face{t[at(f[0])], t[at(f[1])], t[at(f[2])]};
+    for (const auto& f : kTetrahedronFaces) {
+      const std::array<std::int32_t, 3> face{t[f[0]], t[f[1]], t[f[2]]};
       auto key = face;
       std::sort(key.begin(), key.end());
       auto& entry = faces[key];
@@ -80,8 +73,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
   const auto worst_around = [&](std::size_t n) {
     double worst = -1;
     for (const std::int32_t t : around[n]) {
-      const auto& v = mesh.tetrahedra[at(t)];
-      worst = std::max(worst, shape_of(mesh.nodes[at(v[0])], mesh.nodes[at(v[1])], mesh.nodes[at(v[2])], mesh.nodes[at(v[3])]).worst_cosine);
+      worst = std::max(worst, worst_cosine(mesh.nodes, mesh.tetrahedra[at(t)]));
       if (worst >= 1) return 1.0;
     }
     return worst;

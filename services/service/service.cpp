@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <exception>
 
+#include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/periodic_loop.hpp"
 
@@ -43,6 +44,15 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   return arguments;
 }
 
+TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
+  TrackerArguments arguments;
+  static_cast<ServiceArguments&>(arguments) = parse_arguments(argc, argv, "tracker", about, [&](CLI::App& app) {
+    app.add_option("--strength", arguments.strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
+    app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
+  });
+  return arguments;
+}
+
 Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency)
     : module_(with_urgency(arguments.module, rate_hz, urgency)),
       rate_hz_(rate_hz),
@@ -61,6 +71,10 @@ void Service::stamp(Stamp& out) const {
 }
 
 void Service::run(const Callbacks& callbacks) {
+  const auto answer = [&](const Message& message) {
+    if (callbacks.answer) return callbacks.answer(message);
+    return reply_to(message, module_, kReplyIgnored, is_addressed(message, module_) ? "unknown key; this module has none" : "not for this module");
+  };
   PeriodicLoop loop(rate_hz_);
   LoopStatus status;
   MessageReply reply;
@@ -82,7 +96,7 @@ void Service::run(const Callbacks& callbacks) {
     messages_.take_all([&](const Message& message) {
       const bool may_reset = get_text(message.key) != "reset" || callbacks.reset;
       const auto steered = may_reset ? time_control_.answer(message, module_, real) : std::nullopt;
-      reply = steered ? *steered : callbacks.answer(message);
+      reply = steered ? *steered : answer(message);
       reply.stamp.sequence = ++reply_sequence;
       reply.stamp.sample_time = real;
       stamp(reply.stamp);

@@ -27,6 +27,13 @@ struct ServiceArguments {
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
                                  const std::function<void(CLI::App&)>& extend = {});
 
+struct TrackerArguments : ServiceArguments {
+  int strength = 0;          ///< of several trackers of one hand the strongest owns it
+  std::uint32_t source = 0;  ///< id in what it publishes
+};
+/// The same of a tracker: `--strength` and `--source` besides.
+TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about);
+
 enum class Urgency {
   real_time,  ///< memory locked, priority raised, the higher the faster the loop; a warning says where that was refused
   ordinary,   ///< gives way to the others: displays
@@ -52,7 +59,7 @@ class Service {
 
   struct Callbacks {
     std::function<void(Nanoseconds)> step;  ///< with the time of its start, on the clock of its pacing
-    std::function<MessageReply(const Message&)> answer;
+    std::function<MessageReply(const Message&)> answer = nullptr;  ///< null: there is nothing that it could be told
     std::function<void(LoopStatus&, Nanoseconds)> fill_status;
     /// Of pacing `simulated`, between steps, where everything is to start over; gets the time of the message `reset`: samples until then are not to be used.
     std::function<void(Nanoseconds)> reset = nullptr;

@@ -1,11 +1,8 @@
 // softhand-viewer: shows what is on the topics in a browser.
 #include <cstdio>
 #include <filesystem>
-#include <sstream>
 #include <string>
-#include <vector>
 
-#include "device/answer.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "viewer/gateway.hpp"
@@ -19,34 +16,15 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "viewer", "Shows hands and objects in a browser");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const ViewerOptions& options = scene.options.viewer;
-  viewer::ServerOptions server_options{options.address,
-                                       static_cast<std::uint16_t>(options.port),
-                                       {},
-                                       options.page.empty() ? built_page() : options.page,
-                                       options.certificate,
-                                       options.key,
-                                       static_cast<std::size_t>(options.max_pages)};
-  std::istringstream hosts(options.hosts);
-  for (std::string host; hosts >> host;) server_options.hosts.push_back(host);
 
   Service service(arguments, options.rate_hz, Pacing::real, Urgency::ordinary);
-  viewer::Server server(server_options);
+  viewer::Server server(options.listening, options.page.empty() ? built_page() : options.page, static_cast<std::size_t>(options.max_pages));
   viewer::Gateway gateway(service.participant(), server, load_scene_hand(scene), hand_key(scene), options.node_encoding == "int16",
                           options.rate_hz);
-  const std::string& url = server.url();
-  std::printf("see it at %s\n", url.c_str());
-  // By the port that it got, which need not be the one asked for.
-  const std::size_t host_begin = url.find("//") + 2;
-  const std::size_t port_begin = url.rfind(':');
-  for (const std::string& host : options.address == "0.0.0.0" ? server_options.hosts : std::vector<std::string>{})
-    std::printf("elsewhere at %s%s%s\n", url.substr(0, host_begin).c_str(), host.c_str(), url.substr(port_begin).c_str());
+  std::printf("see it at %s\n", server.url().c_str());
+  for (const std::string& url : server.urls_elsewhere()) std::printf("elsewhere at %s\n", url.c_str());
   std::fflush(stdout);
-  service.run({[&](Nanoseconds now) { gateway.step(now); },
-               [&](const Message& message) {
-                 const char* why = is_addressed(message, arguments.module) ? "unknown key; a viewer has none" : "not for this module";
-                 return reply_to(message, arguments.module, kReplyIgnored, why);
-               },
-               [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
+  service.run({.step = [&](Nanoseconds now) { gateway.step(now); }, .fill_status = [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
 }
 }  // namespace
 

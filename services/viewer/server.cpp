@@ -174,9 +174,7 @@ class Page : public web::Session {
 
 class Server::Impl {
  public:
-  explicit Impl(const ServerOptions& options)
-      : max_pages_(options.max_pages),
-        web_({options.address, options.port, kPorts, options.hosts, options.certificate, options.key}, site(options.page)) {}
+  Impl(const web::Listening& listening, const std::string& folder, std::size_t max_pages) : max_pages_(max_pages), web_(listening, site(folder), kPorts) {}
 
   void publish(std::vector<Outgoing>&& frames) {
     web_.post([this, frames = std::move(frames)] {
@@ -189,7 +187,7 @@ class Server::Impl {
     });
   }
 
-  const std::string& url() const { return web_.url(); }
+  const web::WebServer& web() const { return web_; }
   Shared& shared() { return shared_; }
 
  private:
@@ -229,9 +227,10 @@ class Server::Impl {
   web::WebServer web_;  // last: its thread uses the others
 };
 
-Server::Server(const ServerOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+Server::Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages) : impl_(std::make_unique<Impl>(listening, folder, max_pages)) {}
 Server::~Server() = default;
-const std::string& Server::url() const { return impl_->url(); }
+const std::string& Server::url() const { return impl_->web().url(); }
+const std::vector<std::string>& Server::urls_elsewhere() const { return impl_->web().urls_elsewhere(); }
 TypeSet Server::shown() const { return impl_->shared().shown.load(std::memory_order_relaxed); }
 void Server::publish(std::vector<Outgoing> frames) { impl_->publish(std::move(frames)); }
 

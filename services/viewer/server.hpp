@@ -7,17 +7,9 @@
 #include <vector>
 
 #include "viewer/frames.hpp"
+#include "web/listening.hpp"
 
 namespace softhand::viewer {
-
-struct ServerOptions {
-  std::string address = "127.0.0.1";
-  std::uint16_t port = 8080;       ///< where taken, the next free one of the ten that follow; 0 = any
-  std::vector<std::string> hosts;  ///< names for this server besides localhost and its address
-  std::string page;                ///< folder that is served
-  std::string certificate, key;    ///< PEM files; empty = no TLS
-  std::size_t max_pages = 16;
-};
 
 enum class Keep : bool {
   no,   ///< for whoever shows it now
@@ -43,12 +35,14 @@ struct ServerCounters {
 /// frames of a type and instance replace those that wait. Who is let in: web/web_server.hpp. Thread-safe.
 class Server {
  public:
-  /// Listens from here on. Throws std::runtime_error naming address and port where that is refused.
-  explicit Server(const ServerOptions& options);
+  /// Listens from here on, and serves the files of `folder`. Throws std::runtime_error naming address and port where that is refused.
+  Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages);
   ~Server();
 
   /// Where it is reached, e.g. http://127.0.0.1:8080
   const std::string& url() const;
+  /// Where other machines reach it.
+  const std::vector<std::string>& urls_elsewhere() const;
   /// Union of what the open pages show.
   TypeSet shown() const;
   void publish(std::vector<Outgoing> frames);

@@ -12,6 +12,7 @@
 #include <chrono>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <stdexcept>
 #include <thread>
 #include <type_traits>
@@ -257,14 +258,19 @@ ssl::context tls_of(const Listening& listening) {
 
 class WebServer::Impl {
  public:
-  Impl(const Listening& listening, Site&& site) : acceptor_(context_) {
+  Impl(const Listening& listening, Site&& site, int ports) : acceptor_(context_) {
     shared_.site = std::move(site);
-    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", listening.address};
-    shared_.hosts.insert(listening.hosts.begin(), listening.hosts.end());
     if (!listening.certificate.empty()) shared_.tls = tls_of(listening);
-    listen(listening);
-    url_ = (shared_.tls ? "https://" : "http://") + (listening.address == "0.0.0.0" ? std::string("localhost") : listening.address) + ":" +
-           std::to_string(port());
+    listen(listening, ports);
+    const auto url_of = [this](const std::string& host) { return (shared_.tls ? "https://" : "http://") + host + ":" + std::to_string(port()); };
+    const bool everywhere = listening.address == "0.0.0.0";
+    url_ = url_of(everywhere ? "localhost" : listening.address);
+    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", listening.address};
+    std::istringstream hosts(listening.hosts);
+    for (std::string host; hosts >> host;) {
+      shared_.hosts.insert(host);
+      if (everywhere) urls_elsewhere_.push_back(url_of(host));
+    }
     accept();
     thread_ = std::thread([this] { context_.run(); });
   }
@@ -276,15 +282,16 @@ class WebServer::Impl {
 
   std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
   const std::string& url() const { return url_; }
+  const std::vector<std::string>& urls_elsewhere() const { return urls_elsewhere_; }
   void post(std::function<void()>&& work) { asio::post(context_, std::move(work)); }
 
  private:
-  void listen(const Listening& listening) {
+  void listen(const Listening& listening, int ports) {
     beast::error_code error;
     const auto address = asio::ip::make_address(listening.address, error);
     if (error) throw std::runtime_error("address: expected an IP address, not '" + listening.address + "'");
-    const int last = listening.port == 0 ? 0 : std::min(65535, listening.port + listening.ports - 1);
-    for (int port = listening.port; port <= last; ++port) {
+    const std::int64_t last = listening.port == 0 ? 0 : std::min<std::int64_t>(65535, listening.port + ports - 1);
+    for (std::int64_t port = listening.port; port <= last; ++port) {
       const tcp::endpoint endpoint(address, static_cast<std::uint16_t>(port));
       acceptor_.open(endpoint.protocol(), error);
       if (!error) acceptor_.set_option(asio::socket_base::reuse_address(true), error);
@@ -317,13 +324,15 @@ class WebServer::Impl {
   asio::io_context context_{1};
   tcp::acceptor acceptor_;
   std::string url_;
+  std::vector<std::string> urls_elsewhere_;
   std::thread thread_;
 };
 
-WebServer::WebServer(const Listening& listening, Site site) : impl_(std::make_unique<Impl>(listening, std::move(site))) {}
+WebServer::WebServer(const Listening& listening, Site site, int ports) : impl_(std::make_unique<Impl>(listening, std::move(site), ports)) {}
 WebServer::~WebServer() = default;
 std::uint16_t WebServer::port() const { return impl_->port(); }
 const std::string& WebServer::url() const { return impl_->url(); }
+const std::vector<std::string>& WebServer::urls_elsewhere() const { return impl_->urls_elsewhere(); }
 void WebServer::post(std::function<void()> work) { impl_->post(std::move(work)); }
 
 }  // namespace softhand::web

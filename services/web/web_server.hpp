@@ -8,16 +8,9 @@
 #include <string_view>
 #include <vector>
 
-namespace softhand::web {
+#include "web/listening.hpp"
 
-struct Listening {
-  std::string address = "127.0.0.1";
-  std::uint16_t port = 0;          ///< 0 = any
-  int ports = 1;                   ///< so many are tried, one after another, while they are taken
-  std::vector<std::string> hosts;  ///< names for this server besides localhost and its address
-  std::string certificate;         ///< PEM file with the server's chain; empty = no TLS
-  std::string key;                 ///< PEM file with its private key
-};
+namespace softhand::web {
 
 /// Whose pages may open a WebSocket. Programs, which send no Origin, may anyway.
 enum class Origin {
@@ -71,13 +64,16 @@ struct Site {
 /// another name is sent to https.
 class WebServer {
  public:
-  /// Listens from here on. Throws std::runtime_error naming address and port, or the file, where that is refused.
-  WebServer(const Listening& listening, Site site);
+  /// Listens from here on. `ports`: so many are tried, one after another, while they are taken. Throws std::runtime_error naming address and port, or the file,
+  /// where that is refused.
+  WebServer(const Listening& listening, Site site, int ports = 1);
   ~WebServer();
 
   std::uint16_t port() const;
   /// Where it is reached, e.g. http://127.0.0.1:8080
   const std::string& url() const;
+  /// Where other machines reach it: one a name of `hosts` where it listens on 0.0.0.0, else none.
+  const std::vector<std::string>& urls_elsewhere() const;
   /// Has the server's thread do something.
   void post(std::function<void()> work);
 

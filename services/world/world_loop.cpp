@@ -184,7 +184,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
                 {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
                 {to_vector(owner_twin->contact_force), to_vector(owner_twin->contact_torque)}};
-  // `age` runs to `now`, the end of this step: FACTS' min(age + T, D) with the age at its start.
+  // `age` runs to `now`, the end of this step; what is stale is judged by the age at its start.
   const bool force_stale = age - step_ > std::max(3 * object.owner_step + 1.5 * step_, kForceStall);
   if (force_stale) leader.wrench = {-follower.mass * follower.gravity, Vector3::Zero()};
   if (age - step_ > kMotionStall) leader.velocity = {};

@@ -1,11 +1,11 @@
 // What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and one without; the thread's own
 // time of both: medians of the steps, and of the pairs' ratios. `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
-#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <vector>
 
+#include "bench/measure.hpp"
 #include "hand/hand_loop.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -14,12 +14,6 @@
 
 namespace {
 using namespace softhand;
-
-double thread_seconds() {
-  timespec time{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
 
 Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequence) {
   const Pose wrist{Vector3(0.01 * std::sin(4 * seconds), -0.006 * std::sin(2 * seconds), 0), rotation_exp(Vector3(0, 0.2 * std::sin(5 * seconds), 0))};
@@ -35,12 +29,6 @@ Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequen
   return skeleton;
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // `step(kept, skeleton, now)` for both loops, each first in half of the pairs.
 template <typename Step>
 void compare(const char* name, int pairs, double time_step, const HandModel& hand, Step&& step) {
@@ -48,13 +36,11 @@ void compare(const char* name, int pairs, double time_step, const HandModel& han
   for (int i = 0; i < pairs; ++i) {
     const Skeleton skeleton = skeleton_of(hand, i * time_step, static_cast<std::uint64_t>(i) + 1);
     for (const int kept : {i % 2, 1 - i % 2}) {
-      const double begin = thread_seconds();
-      step(kept == 1, skeleton, skeleton.stamp.sample_time);
-      spent[kept].push_back(thread_seconds() - begin);
+      spent[kept].push_back(bench::seconds_of([&] { step(kept == 1, skeleton, skeleton.stamp.sample_time); }));
     }
     ratios.push_back(spent[1].back() / spent[0].back());
   }
-  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * median(spent[0]), 1e6 * median(spent[1]), 100 * (median(ratios) - 1));
+  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * bench::median(spent[0]), 1e6 * bench::median(spent[1]), 100 * (bench::median(ratios) - 1));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// softhand-bench: what a step costs and in ratio to what, as a table and as the contract's keys in JSON. `softhand bench` runs it.
+// softhand-bench: what a step costs and in ratio to what, as a table and by name in JSON. `softhand bench` runs it.
 //
 // A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services do not. Times are of the thread's own work, so that they hold on a
 // machine with other load; compare ratios nevertheless. What is compared takes turns in the same run.
@@ -29,6 +29,7 @@
 #include "cli/virtual_rig.hpp"
 #include "energies/tissue.hpp"
 #include "messages/convert.hpp"
+#include "report/report.hpp"
 #include "support/count_allocations.hpp"
 #include "support/scalar_tissue.hpp"
 #include "trackers/replay/replay_tracker.hpp"
@@ -43,7 +44,7 @@ constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the
 
 struct Size {
   int file;  ///< config/hands/right_<file>.hand.json
-  int key;   ///< what the contract calls it
+  int key;   ///< in the names of its figures
 };
 constexpr Size kSizes[] = {{400, 400}, {750, 750}, {1450, 1450}, {3000, 3080}};
 
@@ -225,14 +226,6 @@ ServiceCost measure_service() {
   return cost;
 }
 
-std::string machine() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
-  }
-  return "unknown processor";
-}
-
 /// Over the same step while they still settle: a world's step once its hundred boxes on a table have come to rest.
 double settled_world_cost_ratio() {
   std::vector<ObjectOptions> objects(101);
@@ -272,8 +265,9 @@ Json run() {
     fmt::print("  {:44} {:>10.4g}  {}\n", key, value, meaning);
     std::fflush(stdout);
   };
-  json["machine"] = machine();
-  fmt::print("{}; seconds of the thread's own work, medians\n\n", machine());
+  const std::string processor = report::provenance().processor;
+  json["machine"] = processor;
+  fmt::print("{}; seconds of the thread's own work, medians\n\n", processor);
 
   fmt::print("factorisation\n");
   std::vector<std::pair<double, double>> factor_by_nodes;

@@ -44,8 +44,7 @@ State resting_hand(const HandModel& hand) {
   state.node_positions.resize(3, 0);
   state.node_velocities.resize(3, 0);
   for (int b = 0; b < kBodyCount; ++b) {
-    state.body_poses.push_back(hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] *
-                               hand.bodies[static_cast<std::size_t>(b)].joint_from_body);
+    state.body_poses.push_back(hand.body_rest_pose(static_cast<Body>(b)));
     state.body_velocities.emplace_back();
   }
   return state;

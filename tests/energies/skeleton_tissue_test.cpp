@@ -29,8 +29,7 @@ State rest_state(const HandModel& hand) {
   state.node_velocities.setZero(3, hand.node_count());
   for (int n = 0; n < hand.node_count(); ++n) state.node_positions.col(n) = hand.nodes[static_cast<std::size_t>(n)];
   for (int b = 0; b < kBodyCount; ++b) {
-    state.body_poses.push_back(hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] *
-                               hand.bodies[static_cast<std::size_t>(b)].joint_from_body);
+    state.body_poses.push_back(hand.body_rest_pose(static_cast<Body>(b)));
     state.body_velocities.emplace_back();
   }
   return state;

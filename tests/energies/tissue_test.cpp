@@ -238,9 +238,22 @@ TEST(Tissue, RefusesFlatTetrahedraAndWrongIndices) {
   HandModel flat = box;
   const auto& t = flat.tetrahedra[0];
   flat.nodes[static_cast<std::size_t>(t[3])] = flat.nodes[static_cast<std::size_t>(t[0])];
-  EXPECT_THROW(Tissue{flat}, std::invalid_argument);
-  box.tetrahedra[3][1] = 99;
-  EXPECT_THROW(Tissue{box}, std::invalid_argument);
+  const auto refusal = [](const HandModel& hand) -> std::string {
+    try {
+      Tissue{hand};
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "none";
+  };
+  EXPECT_NE(refusal(flat).find("no volume"), std::string::npos) << refusal(flat);
+  HandModel no_material = box;
+  no_material.tetrahedron_material[2] = 1;
+  EXPECT_EQ(refusal(no_material), "Tissue: tetrahedron 2: material out of range");
+  for (const std::int32_t node : {-1, 99}) {
+    box.tetrahedra[3][1] = node;
+    EXPECT_EQ(refusal(box), "Tissue: tetrahedron 3: node out of range");
+  }
 }
 
 }  // namespace

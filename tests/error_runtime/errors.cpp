@@ -10,7 +10,7 @@
 namespace softhand::error_runtime {
 namespace {
 
-constexpr double kLeastForce = 0.1;  // N, as VALIDATION.md has it
+constexpr double kLeastForce = 0.1;  // N: less is no force to be relative to
 
 const Sample* at_tick(const Trajectory& trajectory, std::int64_t tick) {
   const auto found = std::lower_bound(trajectory.samples.begin(), trajectory.samples.end(), tick, [](const Sample& s, std::int64_t t) { return s.tick < t; });

@@ -1,4 +1,4 @@
-// How far one trajectory is from another: the norms of VALIDATION.md section 4.
+// How far one trajectory is from another.
 #pragma once
 
 #include <limits>

@@ -18,6 +18,7 @@
 #include <numeric>
 #include <set>
 
+#include "bench/measure.hpp"
 #include "cli/outcome.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
@@ -50,12 +51,7 @@ Problem problem_of(const std::string& name) {
     material.poisson_ratio = kPoissonRatio;
     material.strain_limit_stiffness = 0;
   }
-  p.masses.assign(p.hand.nodes.size(), 0.0);
-  for (const auto& t : p.hand.tetrahedra) {
-    const auto x = [&](std::size_t k) { return p.hand.nodes[static_cast<std::size_t>(t[k])]; };
-    const double mass = kDensity * (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6;
-    for (const std::int32_t n : t) p.masses[static_cast<std::size_t>(n)] += mass / 4;
-  }
+  p.masses = lumped_masses(p.hand);
   for (std::size_t n = 0; n < p.hand.nodes.size(); ++n) {
     const Body body = static_cast<Body>(p.hand.node_body[n]);
     if (finger_of(body) == Finger::palm || is_metacarpal(body)) p.held.push_back(static_cast<int>(n));
@@ -84,9 +80,8 @@ Trajectory run_own(const Problem& p, const SolverOptions& options) {
   NewtonSolver solver({&inertia, &tissue, &palm}, state.layout(), options);
   Trajectory trajectory;
   for (int step = 1; step <= kSteps; ++step) {
-    const double begin = thread_seconds();
-    const StepReport report = solver.step(state, kStep);
-    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    StepReport report;
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { report = solver.step(state, kStep); }));
     trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
     trajectory.iterations += static_cast<double>(report.iterations) / kSteps;
     if (!report.state_changed) ++trajectory.failed_steps;
@@ -167,9 +162,7 @@ Trajectory run_bullet(const Problem& p, const BulletSolver::Limits& limits) {
   std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
   Eigen::Matrix3Xd nodes(3, p.hand.node_count());
   for (int step = 1; step <= kSteps; ++step) {
-    const double begin = thread_seconds();
-    world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep));
-    trajectory.step_ms.push_back(1e3 * (thread_seconds() - begin));
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep)); }));
     for (int n = 0; n < p.hand.node_count(); ++n) {
       const btVector3& x = body->m_nodes[n].m_x;
       nodes.col(n) = Vector3(x.x(), x.y(), x.z());

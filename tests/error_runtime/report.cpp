@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -18,7 +16,6 @@ namespace softhand::error_runtime {
 namespace {
 
 using Json = nlohmann::ordered_json;
-namespace fs = std::filesystem;
 
 constexpr double kTissueBound = 0.1;  // mm
 constexpr double kForceBound = 0.02;
@@ -115,16 +112,6 @@ void pin_thread() {
   if (cpu < 0) return;
   CPU_SET(static_cast<std::size_t>(cpu), &set);
   sched_setaffinity(0, sizeof set, &set);
-}
-
-void draw(const Study& study, const std::string& folder) {
-  fs::create_directories(folder);
-  const std::string rows = (fs::temp_directory_path() / "softhand_error_runtime.json").string();
-  report::write_file(rows, to_json(study).dump() + "\n");
-  const std::string command = fmt::format("/usr/bin/python3 '{}' '{}' '{}'", SOFTHAND_SOURCE_DIR "/tests/error_runtime/plot.py", rows, folder);
-  const int code = std::system(command.c_str());
-  fs::remove(rows);
-  if (code != 0) throw std::runtime_error("no pictures: " + command + " failed");
 }
 
 bool asked_for(const ErrorRuntimeArguments& arguments, const std::string& name) {
@@ -279,10 +266,11 @@ int run_error_runtime(const ErrorRuntimeArguments& arguments) {
     for (const Row& row : study.peer.rows) print(row);
   }
   const std::string command = arguments.quick ? "softhand report error-runtime --quick" : "softhand report error-runtime";
-  report::write_file(arguments.json, to_json(study).dump(1) + "\n");
+  const std::string json = to_json(study).dump(1) + "\n";
+  report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(study));
   report::write_file(arguments.markdown, to_markdown(study, command, arguments.plot.empty() ? "" : "images") + "\n" + table_markdown(study));
-  if (!arguments.plot.empty()) draw(study, arguments.plot);
+  report::draw("error_runtime", json, arguments.plot);
   return good ? 0 : 1;
 }
 

@@ -32,7 +32,7 @@ struct Scene {
 /// free_motion, fist, pinch_lift, power_grasp, table_slide, deep_block, clutter_100.
 const std::vector<Scene>& all_scenes();
 
-/// Scenes of VALIDATION.md that can't be run: their names and why.
+/// Scenes that belong among them and cannot be run: their names and why.
 struct NotBuilt {
   std::string name;
   std::string reason;

@@ -12,7 +12,7 @@
 namespace softhand::error_runtime {
 namespace {
 
-constexpr double kDiverged = 11;  // mm, an optical tracker's own error (VALIDATION.md section 4)
+constexpr double kDiverged = 11;  // mm, an optical tracker's own error (of Quest 2 at the fingertips)
 
 constexpr double kWorthwhile = 0.02;  // share of the error that a place on the front takes off
 

@@ -1,8 +1,8 @@
 #include "error_runtime/trial.hpp"
 
-#include <ctime>
 #include <stdexcept>
 
+#include "bench/measure.hpp"
 #include "energies/corotational.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -62,12 +62,6 @@ std::vector<double> stress_norms(const HandModel& hand, const State& state) {
 
 }  // namespace
 
-double thread_seconds() {
-  timespec time{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
-
 HandOptions options_of(const Scene& scene, const std::vector<std::string>& overrides) {
   HandOptions options;
   for (const std::string& assignment : scene.options) apply_override(options, assignment);
@@ -108,9 +102,7 @@ double Player::advance(double motion_time, bool world_there) {
   HandWants wants;
   wants.surface = wants.bone_wrench = false;
   wants.ledger = world_there;  // begins with the scene
-  const double begin = thread_seconds();
-  output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants);
-  const double milliseconds = 1e3 * (thread_seconds() - begin);
+  const double milliseconds = 1e3 * bench::seconds_of([&] { output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants); });
   for (const ObjectTwin& twin : output_->coupling.twins) {
     if (twin.owned == 0) continue;
     ObjectState& state = world_.objects[twin.object - 1];

@@ -93,7 +93,4 @@ Sample sample_of(const Player& player);
 /// Plays the scene to its end from where the player stands. `before_step` may be empty.
 Trajectory play(const Scene& scene, Player& player, const std::function<void(const Player&)>& before_step = {});
 
-/// CPU time of this thread, s.
-double thread_seconds();
-
 }  // namespace softhand::error_runtime

@@ -103,10 +103,7 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
   tip.materials[pulp_].strain_limit_stiffness = pulp.limit_ratio * pulp.limit_energy;
 
   State state = testing::rest_state(tip);
-  for (std::size_t b = 0; b < kBodyCount; ++b) {
-    state.body_poses.push_back(tip.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] *
-                               tip.bodies[b].joint_from_body);
-  }
+  for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(tip.body_rest_pose(static_cast<Body>(b)));
   // The pad's side is -Y of the distal joint's frame, its tip -Z.
   const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
   const Vector3 normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
@@ -119,7 +116,7 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
   state.body_velocities.resize(state.body_poses.size());
   const int bodies = kBodyCount + 1;
 
-  const std::vector<double> masses = testing::lumped_masses(tip);
+  const std::vector<double> masses = lumped_masses(tip);
   Inertia inertia(masses, bodies);
   Tissue tissue(tip);
   SkeletonTissue attachments(tip, state.layout());

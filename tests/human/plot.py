@@ -1,6 +1,6 @@
 """Draws what `softhand report human --plot` computed: force over indentation and contact area over force, beside people's.
 
-usage: plot.py rows.json picture.png
+usage: plot.py ROWS.json FOLDER; writes FOLDER/human.png
 """
 import json
 import sys
@@ -37,4 +37,4 @@ right.set(xlabel="force, N", ylabel="contact area, mm$^2$", xlim=(0, 6), ylim=(0
 for axes in (left, right):
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")
-figure.savefig(sys.argv[2], dpi=110, metadata={"Software": None})
+figure.savefig(sys.argv[2] + "/human.png", dpi=110, metadata={"Software": None})

@@ -122,16 +122,6 @@ std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResu
   return text;
 }
 
-void plot(const std::string& directory, const std::vector<Row>& rows) {
-  std::filesystem::create_directories(directory);
-  const std::string data = directory + "/human.json", picture = directory + "/human.png";
-  report::write_file(data, to_json(rows).dump(1));
-  const std::string command = "/usr/bin/python3 '" SOFTHAND_SOURCE_DIR "/tests/human/plot.py' '" + data + "' '" + picture + "'";
-  const int status = std::system(command.c_str());
-  std::filesystem::remove(data);
-  if (status != 0) throw std::runtime_error(picture + ": not drawn (needs /usr/bin/python3 with matplotlib)");
-}
-
 }  // namespace
 
 int run_human(const HumanArguments& arguments) {
@@ -169,11 +159,12 @@ int run_human(const HumanArguments& arguments) {
     }
     std::fflush(stdout);
   }
-  if (!arguments.json.empty()) report::write_file(arguments.json, to_json(rows).dump(2) + "\n");
+  const std::string json = to_json(rows).dump(2) + "\n";
+  report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(rows));
   report::write_file(arguments.markdown,
                      to_markdown(rows, results, arguments.fit ? "softhand report human --fit" : "softhand report human"));
-  if (!arguments.plot.empty()) plot(arguments.plot, rows);
+  report::draw("human", json, arguments.plot);
   return std::all_of(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); }) ? 0 : 1;
 }
 

@@ -207,5 +207,33 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
   close(udp);
 }
 
+TEST_F(SocketTrackers, AnswerMessagesThoughTheyTakeNone) {
+  Ears ears;
+  const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
+  bus::Writer messages(ears.participant, bus::topics::message);
+  bus::Reader replies(ears.participant, bus::topics::message_reply);
+  Message message;
+  set_text(message.key, "colour");
+  const auto says = [&](const char* module) {
+    set_text(message.module, module);
+    const std::uint64_t asked = message.id;
+    std::string answer;
+    ears.until(
+        [&] {
+          ++message.id;
+          messages.write(message);
+        },
+        [&] {
+          replies.take_all([&](const MessageReply& reply) {
+            if (reply.id > asked && get_text(reply.module) == "tracker" && reply.result == kReplyIgnored) answer = get_text(reply.text);
+          });
+          return !answer.empty();
+        });
+    return answer;
+  };
+  EXPECT_EQ(says("tracker"), "unknown key; this module has none");
+  EXPECT_EQ(says("hand"), "not for this module");
+}
+
 }  // namespace
 }  // namespace softhand

@@ -94,45 +94,30 @@ int run_report(const ReportArguments& arguments) {
   const auto begin = std::chrono::steady_clock::now();
   const fs::path out = arguments.out, data = out / "report_data", images = out / "images";
   fs::create_directories(data);
-  const std::string quick = arguments.quick ? " --quick" : "";
-  const auto file = [&data](const char* part, const char* kind) { return (data / (std::string(part) + "." + kind)).string(); };
   bool good = true;
   std::vector<Part> parts;
-  const auto add = [&](const char* part, const char* command, const auto& run, std::string (*in_a_line)(const Json&)) {
-    const std::string json = file(part, "json"), markdown = file(part, "md");
-    if (!arguments.resume || !fs::exists(json) || !fs::exists(markdown)) good = run() == 0 && good;
-    parts.push_back({fmt::format("softhand report {}{}", command, quick), in_a_line(Json::parse(read_file(json))), read_file(markdown)});
+  const auto add = [&](const std::string& command, auto part, const auto& run, std::string (*in_a_line)(const Json&)) {
+    std::string name = command;
+    std::replace(name.begin(), name.end(), '-', '_');
+    const fs::path file = data / name;
+    part.json = file.string() + ".json";
+    part.csv = file.string() + ".csv";
+    part.markdown = file.string() + ".md";
+    std::string line = "softhand report " + command;
+    // Not every part has a quick form, and not every one pictures.
+    if constexpr (requires { part.quick; }) {
+      part.quick = arguments.quick;
+      if (arguments.quick) line += " --quick";
+    }
+    if constexpr (requires { part.plot; }) part.plot = images.string();
+    if (!arguments.resume || !fs::exists(part.json) || !fs::exists(part.markdown)) good = run(part) == 0 && good;
+    parts.push_back({line, in_a_line(Json::parse(read_file(part.json))), read_file(part.markdown)});
   };
-
-  error_runtime::ErrorRuntimeArguments error_runtime;
-  error_runtime.quick = arguments.quick;
-  error_runtime.json = file("error_runtime", "json");
-  error_runtime.csv = file("error_runtime", "csv");
-  error_runtime.markdown = file("error_runtime", "md");
-  error_runtime.plot = images.string();
-  add("error_runtime", "error-runtime", [&] { return run_error_runtime(error_runtime); }, error_runtime_in_a_line);
-
-  stress::StressArguments stress;
-  stress.quick = arguments.quick;
-  stress.json = file("stress", "json");
-  stress.csv = file("stress", "csv");
-  stress.markdown = file("stress", "md");
-  stress.plot = images.string();
-  add("stress", "stress", [&] { return run_stress(stress); }, [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
-
-  verification::VerifyArguments verify;
-  verify.quick = arguments.quick;
-  verify.json = file("verify", "json");
-  verify.csv = file("verify", "csv");
-  verify.markdown = file("verify", "md");
-  add("verify", "verify", [&] { return run_verify(verify); }, known_answers_in_a_line);
-
-  human::HumanArguments human;
-  human.json = file("human", "json");
-  human.csv = file("human", "csv");
-  human.markdown = file("human", "md");
-  human.plot = images.string();
-  add("human", "human", [&] { return run_human(human); }, [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
+  add("error-runtime", error_runtime::ErrorRuntimeArguments{}, error_runtime::run_error_runtime, error_runtime_in_a_line);
+  add("stress", stress::StressArguments{}, stress::run_stress,
+      [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
+  add("verify", verification::VerifyArguments{}, verification::run_verify, known_answers_in_a_line);
+  add("human", human::HumanArguments{}, human::run_human, [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
 
   const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
   write_file((out / "report.md").string(), assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));

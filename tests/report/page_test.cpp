@@ -2,6 +2,13 @@
 #include "report/page.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <stdexcept>
+
+#include "report/report.hpp"
 
 namespace softhand::report {
 namespace {
@@ -17,6 +24,21 @@ TEST(Page, BeginsWithWhatCameAndEndsWithLongTables) {
     EXPECT_GE(found, at) << piece << " stands too early";
     at = found;
   }
+}
+
+TEST(Cell, StaysOne) { EXPECT_EQ(in_cell("|x| < 1\nor not"), "\\|x\\| < 1; or not"); }
+
+TEST(Pictures, ThatFailAreToldAndNothingIsTakenAwayOrLeft) {
+  namespace fs = std::filesystem;
+  const fs::path folder = fs::path(testing::TempDir()) / ("softhand_pictures_" + std::to_string(getpid()));
+  fs::create_directories(folder);
+  write_file((folder / "human.json").string(), "[]\n");
+  EXPECT_THROW(draw("human", "no rows", folder.string()), std::runtime_error);
+  EXPECT_TRUE(fs::exists(folder / "human.json"));
+  fs::remove_all(folder);
+  const std::string own = std::to_string(getpid()) + ".json";
+  EXPECT_TRUE(std::none_of(fs::directory_iterator(fs::temp_directory_path()), fs::directory_iterator(), [&own](const auto& entry) { return entry.path().string().ends_with(own); }));
+  EXPECT_NO_THROW(draw("human", "no rows", ""));
 }
 
 }  // namespace

@@ -1,7 +1,11 @@
 #include "report/report.hpp"
 
+#include <unistd.h>
+
 #include <array>
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <memory>
 #include <stdexcept>
@@ -47,12 +51,29 @@ std::string in_quotes(std::string_view text) {
   return out + '"';
 }
 
+std::string in_cell(std::string text) {
+  for (std::size_t at = 0; (at = text.find_first_of("|\n", at)) != std::string::npos; at += 2) text.replace(at, 1, text[at] == '|' ? "\\|" : "; ");
+  return text;
+}
+
 void write_file(const std::string& path, const std::string& text) {
   if (path.empty()) return;
   std::ofstream out(path);
   out << text;
   out.flush();
   if (!out) throw std::runtime_error(path + ": cannot be written");
+}
+
+void draw(const std::string& part, const std::string& rows, const std::string& folder) {
+  namespace fs = std::filesystem;
+  if (folder.empty()) return;
+  fs::create_directories(folder);
+  const std::string file = (fs::temp_directory_path() / ("softhand_" + part + "_" + std::to_string(getpid()) + ".json")).string();
+  write_file(file, rows);
+  const std::string command = "/usr/bin/python3 '" SOFTHAND_SOURCE_DIR "/tests/" + part + "/plot.py' '" + file + "' '" + folder + "'";
+  const int status = std::system(command.c_str());
+  fs::remove(file);
+  if (status != 0) throw std::runtime_error("no pictures (python3-matplotlib is needed): " + command + " failed");
 }
 
 }  // namespace softhand::report

@@ -43,21 +43,15 @@ Findings joint_stiffness(double factor) {
 
 // Every finger joint's flexion locked where it is at rest: the fingers cannot close, and nothing may break for it.
 Findings locked_joints() {
-  Grasp setting;
-  setting.held = false;
-  setting.hand = [](HandModel& hand) {
+  return with_hand([](HandModel& hand) {
     for (BodyModel& body : hand.bodies) body.joint.flexion_range = {0, 0};
-  };
-  return grasp_findings(setting);
+  });
 }
 
 Findings turned_range() {
   Grasp setting;
   setting.hand = [](HandModel& hand) { hand.bodies[kDistal].joint.flexion_range = {0.2, -0.2}; };
-  Grasped result = grasp(setting);
-  if (result.findings.refusal.empty()) result.findings.demand("refused at load", "loaded", 1, 0, "1");
-  result.findings.refusal_is_right = true;
-  return result.findings;
+  return refused(setting);
 }
 
 // The last joint of the index finger is turned back by 10 N m, the others held: it goes past its limit by torque / stiffness.

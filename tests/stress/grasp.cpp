@@ -16,6 +16,7 @@ namespace {
 constexpr double kLift = 0.05;        // m
 constexpr double kLifted = 0.9;       // of it, that counts as lifted
 constexpr double kDeviceCap = 20;     // N, G4 of what a glove is told
+constexpr double kSlow = 5;           // m/s, of the cube, whatever happens to it
 
 double seconds_since_start(Nanoseconds time) { return static_cast<double>(time - VirtualRig::kStart) * 1e-9; }
 
@@ -72,14 +73,9 @@ class Witness final : public RigWitness {
   }
   void published(RigLoop, const BoneWrench& wrench) override {
     if (!stress::all_finite(wrench)) watch_.count_nonfinite();
-    std::array<double, 6> finger{};
-    double hand = 0;
-    for (std::size_t b = 0; b < kBodyCount; ++b) {
-      const double force = to_vector(wrench.bones[b].coupling_force).norm();
-      finger[static_cast<std::size_t>(finger_of(static_cast<Body>(b)))] += force;
-      hand += force;
-    }
-    watch_.count_load({*std::max_element(finger.begin(), finger.begin() + kFingerCount), hand});
+    std::array<double, kBodyCount> forces;
+    for (std::size_t b = 0; b < kBodyCount; ++b) forces[b] = to_vector(wrench.bones[b].coupling_force).norm();
+    watch_.count_load(forces);
   }
   void published(RigLoop, const WorldObjects& objects) override {
     if (!stress::all_finite(objects)) watch_.count_nonfinite();
@@ -161,6 +157,8 @@ double Grasped::fastest(double from) const {
   return most;
 }
 
+void Grasped::demand_slow_cube() { findings.demand("slow object", "speed of the cube", fastest(0), kSlow, "m/s"); }
+
 Grasped grasp(const Grasp& setting) {
   Grasped result;
   std::unique_ptr<VirtualRig> rig;
@@ -197,13 +195,11 @@ Grasped grasp(const Grasp& setting) {
     }
     if (setting.at_step) setting.at_step(*rig, time);
   });
-  result.hand = rig->hand().counters();
   if (rig->tracking() != nullptr) result.tracking = rig->tracking()->input().counters();
-  result.steps = watch.steps();
   result.unconverged = watch.unconverged();
   result.hash = rig->state_hash();
   result.state = rig->hand().simulation().state();
-  watch.judge(rig->hand().simulation(), result.findings, setting.slow);
+  watch.judge(rig->hand().simulation(), result.findings);
   result.findings.demand("G4", "command to the glove", result.largest_command, kDeviceCap * (1 + 1e-9), "N", Class::over_force);
   LoopStatus status;
   rig->hand().fill_status(status, VirtualRig::kStart + static_cast<Nanoseconds>(setting.seconds * 1e9));
@@ -214,6 +210,22 @@ Grasped grasp(const Grasp& setting) {
     result.findings.demand_at_least("held", "height of the cube over its place at the end", height * 1e3, kLifted * kLift * 1e3, "mm");
   }
   return result;
+}
+
+Findings refused(const Grasp& setting) {
+  Findings findings = grasp_findings(setting);
+  if (findings.refusal.empty()) findings.demand("refused at load", "loaded", 1, 0, "1");
+  findings.refusal_is_right = true;
+  return findings;
+}
+
+void tell_world(VirtualRig& rig, const char* key, const char* value) {
+  Message message;
+  message.id = 1;
+  set_text(message.module, "world");
+  set_text(message.key, key);
+  set_text(message.value, value);
+  rig.send(message);
 }
 
 }  // namespace softhand::stress

@@ -16,7 +16,8 @@
 namespace softhand::stress {
 
 inline constexpr double kHoldBegins = 1.2;  ///< s
-inline constexpr std::uint32_t kTable = 1, kCube = 2;  ///< ids of the objects
+inline constexpr double kEvent = 1.5;       ///< s, when something happens: the cube is held
+inline constexpr std::uint32_t kCube = 2;   ///< its id
 
 struct Grasp {
   double seconds = 2;
@@ -27,7 +28,6 @@ struct Grasp {
   std::function<bool(RigLoop, double)> runs;     ///< as RigWitness, in seconds from the start
   std::function<double(RigLoop, double)> delay;  ///< s more than usual; negative: lost
   std::function<void(VirtualRig&, double)> at_step;  ///< after each step of the hand
-  double slow = 0.5;  ///< m/s, as in HandWatch::judge
   bool overlaps = false;  ///< the event itself makes the hand and an object overlap: G2 takes it for work in, G5 does not count
   bool held = true;   ///< demand that the cube is lifted and still held at the end
 };
@@ -46,9 +46,8 @@ struct Grasped {
   std::vector<double> pad_forces;         ///< N, largest of the fingers, with `twin`
   double first_stale = -1;          ///< s, when the tracking loop first said that its tracker is stale; negative: never
   double largest_command = 0;       ///< N, of the glove
-  HandCounters hand;
   TrackedInputCounters tracking;
-  std::uint64_t steps = 0, unconverged = 0;
+  std::uint64_t unconverged = 0;  ///< steps
   std::string hash;  ///< over every state of every loop
   State state;       ///< of the hand at the end
 
@@ -60,11 +59,19 @@ struct Grasped {
   double drift(double from, double to) const;
   /// m/s, the largest of the cube in the world since a time.
   double fastest(double from) const;
+  /// Adds the demand that the cube in the world stayed below 5 m/s.
+  void demand_slow_cube();
 };
 
 Grasped grasp(const Grasp& setting);
 
 /// All of `grasp`'s findings.
 inline Findings grasp_findings(const Grasp& setting) { return grasp(setting).findings; }
+
+/// Of a configuration that must be refused at load.
+Findings refused(const Grasp& setting);
+
+/// A message to the world, as `softhand send` sends it.
+void tell_world(VirtualRig& rig, const char* key, const char* value);
 
 }  // namespace softhand::stress

@@ -179,6 +179,13 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
   return findings;
 }
 
+Findings run_touching(const Event& event, double least, const char* invariant, const char* quantity) {
+  double force = 0;
+  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  findings.demand_at_least(invariant, quantity, force, least, "N");
+  return findings;
+}
+
 std::function<Displacement(double)> press_down(double depth, double time) {
   return [depth, time](double now) {
     const double h = 1e-6;

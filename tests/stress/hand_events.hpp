@@ -74,6 +74,9 @@ struct EventStep {
 /// Runs it; judges all that HandWatch does, `slow` as there.
 Findings run(const Event& event, const std::function<void(const EventStep&)>& after_step = {}, double slow = 0.5);
 
+/// The same, and demands that the hand's force on the object is at least `least` N at the end.
+Findings run_touching(const Event& event, double least, const char* invariant = "touched", const char* quantity = "force at the end");
+
 /// All bones go towards the palm's side by `depth` m within `time` s, by minimum jerk, and stay.
 std::function<Displacement(double)> press_down(double depth, double time);
 

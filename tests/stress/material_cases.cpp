@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "math/tetrahedron.hpp"
 #include "stress/cases.hpp"
 #include "stress/grasp.hpp"
 #include "stress/hand_events.hpp"
@@ -49,32 +50,15 @@ Findings strain_limit(double c) {
   return result.findings;
 }
 
-// A configuration that must not load.
-Findings refused(const Grasp& setting) {
-  Grasped result = grasp(setting);
-  if (result.findings.refusal.empty()) result.findings.demand("refused at load", "loaded", 1, 0, "1");
-  result.findings.refusal_is_right = true;
-  return result.findings;
-}
-
 Findings refused_strain_limit(double energy) {
   Grasp setting;
   setting.hand = [energy](HandModel& hand) { hand.materials[0].strain_limit_energy = energy; };
   return refused(setting);
 }
 
-std::vector<double> rest_volumes(const HandModel& hand, const Eigen::Matrix3Xd& x) {
-  std::vector<double> volumes;
-  for (const auto& t : hand.tetrahedra) {
-    const auto at = [&](std::size_t k) { return Vector3(x.col(t[k])); };
-    volumes.push_back((at(1) - at(0)).dot((at(2) - at(0)).cross(at(3) - at(0))) / 6);
-  }
-  return volumes;
-}
-
 double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
-  const std::vector<double> volumes = rest_volumes(hand, x);
-  return static_cast<double>(std::count_if(volumes.begin(), volumes.end(), [](double v) { return v < 0; })) / static_cast<double>(volumes.size());
+  const auto inverted = std::count_if(hand.tetrahedra.begin(), hand.tetrahedra.end(), [&x](const auto& t) { return tetrahedron_volume(x, t) < 0; });
+  return static_cast<double>(inverted) / static_cast<double>(hand.tetrahedra.size());
 }
 
 Vector3 middle_of(const State& state) { return state.node_positions.rowwise().mean(); }

@@ -2,12 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -24,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+using report::in_cell;
 
 constexpr std::size_t kSweepPoints = 256, kQuickSweepPoints = 16;
 constexpr double kGoodShare = 0.95;
@@ -144,18 +142,6 @@ Count count_of(const std::vector<Row>& rows) {
   return count;
 }
 
-void draw(const std::string& folder, const std::string& json) {
-  fs::create_directories(folder);
-  const std::string command = fmt::format("/usr/bin/python3 '{}' '{}' '{}'", SOFTHAND_SOURCE_DIR "/tests/stress/plot.py", json, folder);
-  if (std::system(command.c_str()) != 0) throw std::runtime_error("no pictures: " + command + " failed");
-}
-
-// What stands for a column elsewhere must not end one here.
-std::string in_cell(std::string text) {
-  for (std::size_t at = 0; (at = text.find_first_of("|\n", at)) != std::string::npos; at += 2) text.replace(at, 1, text[at] == '|' ? "\\|" : "; ");
-  return text;
-}
-
 }  // namespace
 
 Json to_json(const std::vector<Row>& rows) {
@@ -231,12 +217,11 @@ int run_stress(const StressArguments& arguments) {
   const Count count = count_of(rows);
   fmt::print("{} of {} built rows pass or were rightly refused ({:.1f} %), {} published numbers that are not finite; {:.1f} s\n", count.good, count.built, 100 * count.share(),
              count.nonfinite, seconds);
-  // The picture is drawn from the file.
-  const std::string json = arguments.json.empty() && !arguments.plot.empty() ? (fs::temp_directory_path() / fmt::format("softhand_stress_{}.json", getpid())).string() : arguments.json;
-  report::write_file(json, to_json(rows).dump(2) + "\n");
+  const std::string json = to_json(rows).dump(2) + "\n";
+  report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(rows));
   report::write_file(arguments.markdown, to_markdown(rows, arguments.quick ? "softhand report stress --quick" : "softhand report stress"));
-  if (!arguments.plot.empty()) draw(arguments.plot, json);
+  report::draw("stress", json, arguments.plot);
   return count.nonfinite == 0 && count.share() >= kGoodShare ? 0 : 1;
 }
 

@@ -18,10 +18,7 @@ Findings time_step(double step) {
   Event event = pressed_on_block(4e-3);
   event.time_step = [step](int) { return step; };
   event.seconds = step < 1e-3 ? 0.35 : std::max(0.8, 100 * step);
-  double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
-  findings.demand_at_least("touched", "force on the block at the end", force, 0.5, "N");
-  return findings;
+  return run_touching(event, 0.5);
 }
 
 Findings alternating_time_step() {
@@ -76,7 +73,7 @@ Findings at(const Vector3& place) {
 // An object between the hand and a table, as heavy as so many mean nodes of the tissue (0.6 g).
 Findings mass_ratio(double ratio) {
   const HandModel& hand = shipped_hand();
-  const std::vector<double> masses = testing::lumped_masses(hand);
+  const std::vector<double> masses = lumped_masses(hand);
   const double tissue = std::accumulate(masses.begin(), masses.end(), 0.0);
   Event event = pressed_on_block(4e-3);
   event.object.mass = ratio * tissue / hand.node_count();

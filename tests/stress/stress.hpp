@@ -34,7 +34,7 @@ struct Demand {
 struct Findings {
   std::vector<Demand> demands;
   std::string refusal;           ///< the reason with which the configuration was refused at load; empty: it ran
-  bool refusal_is_right = false; ///< the page demands the refusal, or its reason (a growth factor above one) was shown and the offered values passed
+  bool refusal_is_right = false; ///< the case demands the refusal, or its reason (a growth factor above one) was shown and the offered values passed
 
   void demand(std::string invariant, std::string quantity, double value, double limit, std::string unit, Class otherwise = Class::violated) {
     demands.push_back({std::move(invariant), std::move(quantity), value, limit, std::move(unit), false, otherwise});

@@ -35,7 +35,7 @@ Findings pressed(const SweepPoint& point, std::int64_t max_iterations) {
   event.options.solver.max_iterations = max_iterations;
   event.time_step = [&point](int) { return point.time_step; };
   event.seconds = 0.6;
-  const std::vector<double> masses = testing::lumped_masses(event.hand);
+  const std::vector<double> masses = lumped_masses(event.hand);
   event.object.shape = box_shape({0.012, 0.008, 0.012});
   event.object.pose.position = pad_of(event.hand, Finger::index) - Vector3(0, 0.008 + 2e-3, 0);
   event.object.mass = point.mass_ratio * std::accumulate(masses.begin(), masses.end(), 0.0);

@@ -1,6 +1,7 @@
 // Judges a simulated hand, step by step, by the invariants that hold in every case.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <vector>
 
@@ -22,12 +23,6 @@ bool all_finite(const TissueSurface& surface);
 inline constexpr double kFingerCap = 20;  ///< N, G4
 inline constexpr double kHandCap = 100;
 
-/// Sums of coupling forces: the largest of a finger, and that of the hand, N.
-struct CouplingLoad {
-  double finger = 0;
-  double hand = 0;
-};
-
 class HandWatch {
  public:
   HandWatch();
@@ -35,7 +30,8 @@ class HandWatch {
   void after_step(const HandSimulation& simulation, const StepReport& report, double time_step);
   /// A number that is not finite was published.
   void count_nonfinite() { ++nonfinite_; }
-  void count_load(const CouplingLoad& load);
+  /// G4: what the couplings of the bones pull with, N.
+  void count_load(const std::array<double, kBodyCount>& forces);
   /// Penetrations are judged from the next step on: an initial overlap is exempt until it is out.
   void exempt_penetration(bool exempt) { exempt_ = exempt; }
   /// What contacts begin with (the ledger's anchoring) counts as work in: an overlap that the event makes, or an object that is put elsewhere.
@@ -44,26 +40,18 @@ class HandWatch {
   /// G1, that the hand is at rest or moves as slowly as `slow` m/s (RMS of its nodes over the last 0.2 s), no element inverted, G2 by the energy ledger, G4, G5, G8.
   void judge(const HandSimulation& simulation, Findings& findings, double slow = 0.5) const;
 
-  /// Largest sum of contact forces of a finger, N.
-  double pressing_force() const { return pressing_; }
-  std::uint64_t steps() const { return steps_; }
   /// Steps that did not converge: by iteration limit or budget, or kept the state.
   std::uint64_t unconverged() const { return unconverged_; }
-  /// Steps that the solver gave up, keeping the state.
-  std::uint64_t failed() const { return failed_; }
 
  private:
   struct Speed {
     double time;
     double rms;
   };
-  std::uint64_t steps_ = 0;
   std::uint64_t nonfinite_ = 0;
   std::uint64_t unreported_ = 0;
   std::uint64_t unconverged_ = 0;
-  std::uint64_t failed_ = 0;
-  CouplingLoad load_;
-  double pressing_ = 0;
+  double finger_load_ = 0, hand_load_ = 0;  // N, the largest sums of a finger's and of all coupling forces
   bool exempt_ = false;
   bool anchoring_is_work_ = false;
   double energy_excess_ = 0;  // largest over the steps, of the ledger's scale

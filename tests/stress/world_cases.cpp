@@ -10,9 +10,6 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kEvent = 1.5;     // s: the cube is held
-constexpr double kObjectSpeed = 5; // m/s
-
 // The same number for the same moment of the same loop, in [0, 1).
 double chance(RigLoop loop, double time, std::uint64_t salt) {
   std::uint64_t x = static_cast<std::uint64_t>(std::llround(time * 1e9)) * 8 + static_cast<std::uint64_t>(loop) + salt * 0x9e3779b97f4a7c15ULL;
@@ -34,14 +31,10 @@ Findings world_stops_and_jumps() {
   setting.at_step = [&jumped](VirtualRig& rig, double time) {
     if (time < kEvent + 2 || jumped) return;
     jumped = true;
-    Message message;
-    set_text(message.module, "world");
-    set_text(message.key, "object.teleport");
-    set_text(message.value, "cube 0.5 0.09 0");
-    rig.send(message);
+    tell_world(rig, "object.teleport", "cube 0.5 0.09 0");
   };
   Grasped result = grasp(setting);
-  result.findings.demand("slow object", "speed of the cube", result.fastest(0), kObjectSpeed, "m/s");
+  result.demand_slow_cube();
   return result.findings;
 }
 
@@ -51,7 +44,7 @@ Findings stop(RigLoop which, double seconds, bool held) {
   setting.held = held;
   setting.runs = stopped(which, kEvent, seconds);
   Grasped result = grasp(setting);
-  result.findings.demand("slow object", "speed of the cube", result.fastest(0), kObjectSpeed, "m/s");
+  result.demand_slow_cube();
   return result.findings;
 }
 
@@ -75,7 +68,7 @@ Findings world_scheduled(double rate, const std::function<double(double)>& pause
     return true;
   };
   Grasped result = grasp(setting);
-  result.findings.demand("slow object", "speed of the cube", result.fastest(0), kObjectSpeed, "m/s");
+  result.demand_slow_cube();
   return result.findings;
 }
 
@@ -84,7 +77,7 @@ Findings loss_and_jitter(double loss, double jitter) {
   setting.seconds = 3;
   setting.delay = [loss, jitter](RigLoop from, double time) { return chance(from, time, 1) < loss ? -1.0 : jitter * chance(from, time, 2); };
   Grasped result = grasp(setting);
-  result.findings.demand("slow object", "speed of the cube", result.fastest(0), kObjectSpeed, "m/s");
+  result.demand_slow_cube();
   return result.findings;
 }
 

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
+#include "support/box_mesh.hpp"
 
 namespace softhand::testing {
 
@@ -35,47 +37,16 @@ inline std::array<Pose, kJointCount> flat_rest_joints() {
 
 /// `cells` divides the block's shortest edge; 1 gives about 100 nodes.
 inline HandModel block_hand(int cells = 1) {
-  HandModel hand;
+  HandModel hand = box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});
   hand.name = "block";
+  for (Vector3& node : hand.nodes) node += Vector3(-0.12, -0.018, -0.2);
   hand.rest_joints = flat_rest_joints();
   hand.joint_radii.fill(0.01);
-  hand.materials.push_back({"palm", 1000, 1e5, 0.45, 1000, 1000});
-
-  const Vector3 low(-0.12, -0.018, -0.2);
-  const double edge = 0.036 / cells;
-  const int nx = 5 * cells, ny = cells, nz = 6 * cells;
-  const auto node = [&](int i, int j, int k) { return static_cast<std::int32_t>((i * (ny + 1) + j) * (nz + 1) + k); };
-  for (int i = 0; i <= nx; ++i) {
-    for (int j = 0; j <= ny; ++j) {
-      for (int k = 0; k <= nz; ++k) hand.nodes.emplace_back(low + edge * Vector3(i, j, k));
-    }
-  }
-  // Six tetrahedra a cube around its main diagonal (Kuhn), which match across neighbouring cubes.
-  constexpr int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
-  for (int i = 0; i < nx; ++i) {
-    for (int j = 0; j < ny; ++j) {
-      for (int k = 0; k < nz; ++k) {
-        for (const auto& order : orders) {
-          std::array<int, 3> corner{i, j, k};
-          std::array<std::int32_t, 4> tetrahedron{node(i, j, k), 0, 0, 0};
-          for (std::size_t step = 0; step < 3; ++step) {
-            ++corner[static_cast<std::size_t>(order[step])];
-            tetrahedron[step + 1] = node(corner[0], corner[1], corner[2]);
-          }
-          const auto x = [&](std::size_t v) { return hand.nodes[static_cast<std::size_t>(tetrahedron[v])]; };
-          if ((x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0) std::swap(tetrahedron[2], tetrahedron[3]);
-          hand.tetrahedra.push_back(tetrahedron);
-          hand.tetrahedron_material.push_back(0);
-        }
-      }
-    }
-  }
   // Boundary triangles: the faces that only one tetrahedron has.
-  constexpr int faces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
   std::vector<std::pair<std::array<std::int32_t, 3>, std::array<std::int32_t, 3>>> all;
   for (const auto& t : hand.tetrahedra) {
-    for (const auto& f : faces) {
-      const std::array<std::int32_t, 3> face{t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])], t[static_cast<std::size_t>(f[2])]};
+    for (const auto& corners : kTetrahedronFaces) {
+      const std::array<std::int32_t, 3> face{t[corners[0]], t[corners[1]], t[corners[2]]};
       auto sorted = face;
       std::sort(sorted.begin(), sorted.end());
       all.emplace_back(sorted, face);

@@ -52,18 +52,6 @@ inline State rest_state(const HandModel& hand) {
   return state;
 }
 
-/// A quarter of each tetrahedron's mass at each of its nodes, kg.
-inline std::vector<double> lumped_masses(const HandModel& hand) {
-  std::vector<double> masses(hand.nodes.size(), 0.0);
-  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    const auto& n = hand.tetrahedra[t];
-    const auto x = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(n[k])]; };
-    const double volume = (x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) / 6.0;
-    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += 0.25 * volume * hand.materials[hand.tetrahedron_material[t]].density;
-  }
-  return masses;
-}
-
 /// Uniform in [-1, 1), the same on every platform.
 class Random {
  public:

@@ -20,8 +20,7 @@ inline BlockMatrix hand_matrix(const std::string& path, double contact_stiffness
   state.body_poses.resize(kBodyCount + 1);
   state.body_velocities.resize(kBodyCount + 1);
   for (int b = 0; b < kBodyCount; ++b) {
-    const auto body = static_cast<std::size_t>(b);
-    state.body_poses[body] = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] * hand.bodies[body].joint_from_body;
+    state.body_poses[static_cast<std::size_t>(b)] = hand.body_rest_pose(static_cast<Body>(b));
   }
   const DofLayout layout = state.layout();
   Inertia inertia(lumped_masses(hand), layout.body_count);

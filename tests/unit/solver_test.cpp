@@ -158,7 +158,7 @@ struct Brick {
       : box(testing::box_mesh(cells, Vector3(0.03, 0.02, 0.02), material)),
         state(testing::rest_state(box)),
         tissue(box),
-        inertia(testing::lumped_masses(box), 0),
+        inertia(lumped_masses(box), 0),
         anchors(bone_nodes(box), 1e4, state.node_positions) {}
   std::vector<Energy*> terms() { return {&inertia, &tissue, &anchors}; }
   void shake(double amount, std::uint64_t seed) {
@@ -637,7 +637,7 @@ TEST(NewtonSolver, SlenderBarStretchesAndBends) {
     HandModel box = testing::box_mesh({10 * refinement, refinement, refinement}, Vector3(length, height, height), material);
     State state = testing::rest_state(box);
     Tissue tissue(box);
-    Inertia inertia(testing::lumped_masses(box), 0);
+    Inertia inertia(lumped_masses(box), 0);
     Anchors wall(nodes_at(box, 0, 0), 1e6, state.node_positions);
     const std::vector<int> end = nodes_at(box, 0, length);
     Load pull(end, load / static_cast<double>(end.size()));

@@ -94,7 +94,7 @@ TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
 }
 
-TEST(Recording, TheRecordedHandIsWhatItsPageSays) {
+TEST(Recording, TheRecordedHandHasBonesOfOneLength) {
   const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
   const Recording recording = Recording::load(path);
@@ -108,7 +108,7 @@ TEST(Recording, TheRecordedHandIsWhatItsPageSays) {
   }
   const double mean = sum / 756;
   EXPECT_NEAR(mean, 0.040, 0.005);
-  EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);  // VALIDATION.md section 6
+  EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);
   // Plays every frame at its own time.
   ReplayTracker tracker(std::make_shared<Recording>(recording), {}, {});
   Skeleton sample;

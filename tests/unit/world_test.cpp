@@ -637,7 +637,7 @@ TEST(WorldOptions, RefusesWhatCannotBeRunAndOffersWhatCan) {
   refused([](WorldOptions&, ObjectOptions& o) { o.mass = 0, o.floating = true; }, "float");
 }
 
-TEST(WorldOptions, SymmetricGrowthIsWhatVALIDATIONSays) {
+TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
   // Undamped, states two periods old: unstable at every stiffness, 1.035 at kappa = 0.1.
   const double step = 1.0 / 60;
   EXPECT_NEAR(symmetric_growth(0.1 / (step * step), 0, step, step), 1.035, 5e-4);

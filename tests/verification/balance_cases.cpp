@@ -38,9 +38,7 @@ std::vector<Measurement> balance(const Energy& term, const State& state, double 
 /// A block of tissue with the skeleton in it, nodes and bones moved at random by up to `displacement` metres and ten times as many radians.
 struct ShakenHand {
   explicit ShakenHand(const Parameters& p) : hand(testing::block_hand()), state(testing::rest_state(hand)) {
-    for (int b = 0; b < kBodyCount; ++b) {
-      state.body_poses.push_back(hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))] * hand.bodies[static_cast<std::size_t>(b)].joint_from_body);
-    }
+    for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(hand.body_rest_pose(static_cast<Body>(b)));
     state.body_velocities.resize(kBodyCount);
     testing::Random random(static_cast<std::uint64_t>(p.whole("seed")));
     VectorX direction(state.layout().dof_count());

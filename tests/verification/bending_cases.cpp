@@ -68,7 +68,7 @@ double strip_deflection(const Parameters& p, int cells) {
   const double tip_load = p["tip_load"] * rigidity / (length * length), weight = p["weight"] * rigidity / (length * length);
 
   State state = testing::rest_state(box);
-  const std::vector<double> masses = testing::lumped_masses(box);
+  const std::vector<double> masses = lumped_masses(box);
   double total = 0;
   for (const double mass : masses) total += mass;
   Eigen::Matrix3Xd forces = Eigen::Matrix3Xd::Zero(3, box.node_count());
@@ -128,7 +128,7 @@ double cook_displacement(const Parameters& p, int cells) {
     forces(1, n) = 0.5 * force / cells * (y < 44 + 1e-6 || y > 60 - 1e-6 ? 0.5 : 1.0);
   }
   Tissue tissue(box);
-  Inertia inertia(testing::lumped_masses(box), 0);
+  Inertia inertia(lumped_masses(box), 0);
   Supports wall(left, 1e4 * youngs_modulus * thickness * Matrix3::Identity(), state.node_positions);
   Load load(forces);
   NewtonSolver solver({&inertia, &tissue, &wall, &load}, state.layout(), resting(force));

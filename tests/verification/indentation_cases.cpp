@@ -8,6 +8,7 @@
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
+#include "math/tetrahedron.hpp"
 #include "support/box_mesh.hpp"
 #include "verification/cases.hpp"
 #include "verification/supports.hpp"
@@ -67,8 +68,7 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
     auto sorted = t;
     std::sort(sorted.begin(), sorted.end());
     if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) continue;
-    const auto x = [&](std::size_t k) { return out.mesh.nodes[static_cast<std::size_t>(t[k])]; };
-    if ((x(1) - x(0)).dot((x(2) - x(0)).cross(x(3) - x(0))) < 0) std::swap(t[2], t[3]);
+    if (tetrahedron_volume(out.mesh.nodes, t) < 0) std::swap(t[2], t[3]);
     out.mesh.tetrahedra.push_back(t);
     out.mesh.tetrahedron_material.push_back(0);
     // Its face on the surface, if it has one there, is skin.
@@ -160,7 +160,7 @@ Indentation indent(const Parameters& p, int cells) {
   state.body_poses = {Pose{Vector3(0, ball, 0), Quaternion::Identity()}};
   state.body_velocities.resize(1);
   const Eigen::Matrix3Xd places = state.node_positions;
-  const std::vector<double> masses = testing::lumped_masses(body.mesh);
+  const std::vector<double> masses = lumped_masses(body.mesh);
 
   const double wall = 1e5 * youngs_modulus * around;
   const Vector3 far_normal(-std::sin(angle), 0, std::cos(angle));

@@ -89,7 +89,7 @@ std::vector<Measurement> series(const Parameters& p) {
     force[0] = view.simulation->coupling_wrench(Body::forearm).force;
   });
   double weight = 0, carried = 0;
-  for (const double mass : testing::lumped_masses(hand)) weight += mass * kGravity;
+  for (const double mass : lumped_masses(hand)) weight += mass * kGravity;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     weight += hand.bodies[b].mass * kGravity;
     carried += force[b].y();

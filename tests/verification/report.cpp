@@ -113,10 +113,7 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
   text += "| case | quantity | parameters | value | reference | tolerance | unit | order | status |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
   for (const Row& row : rows) {
     const Measurement& m = row.measurement;
-    // What stands for a column elsewhere must not end one here.
-    std::string quantity = m.quantity;
-    for (std::size_t at = 0; (at = quantity.find('|', at)) != std::string::npos; at += 2) quantity.insert(at, 1, '\\');
-    text += fmt::format("| {} | {} | {} | {:.7g} | {:.7g} | {:.3g} | {} | {} | {} |\n", row.name, quantity, text_of(row.parameters), m.value, m.reference, m.tolerance, m.unit, with_order(m),
+    text += fmt::format("| {} | {} | {} | {:.7g} | {:.7g} | {:.3g} | {} | {} | {} |\n", row.name, report::in_cell(m.quantity), text_of(row.parameters), m.value, m.reference, m.tolerance, m.unit, with_order(m),
                         row.passed() ? "pass" : "**fail**");
   }
   text += "\n| case | reference |\n| --- | --- |\n";

@@ -3,12 +3,12 @@
 
 #include <array>
 
-#include "trackers/sockets/socket_options.hpp"
+#include "web/listening.hpp"
 
 namespace softhand {
 
 struct LandmarksOptions {
-  SocketOptions socket = local_socket(8092);
+  web::Listening listening{.port = 8092};
   std::array<double, 3> camera_position{0, 0.15, -0.5};
   std::array<double, 4> camera_orientation{0, 1, 0, 0};
   double field_of_view = 1.05;
@@ -18,7 +18,7 @@ struct LandmarksOptions {
 };
 
 inline void describe(OptionVisitor& v, LandmarksOptions& o) {
-  describe(v, o.socket);
+  describe(v, o.listening);
   v.numbers("camera_position", o.camera_position.data(), 3, "m", {-1000, 1000}, "Where the camera is, world.");
   v.numbers("camera_orientation", o.camera_orientation.data(), 4, "1", {-1, 1},
             "Turn of the camera, xyzw: it looks along its -Z, +Y up; the default looks along the world's +Z, at the user.");

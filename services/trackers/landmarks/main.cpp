@@ -1,8 +1,7 @@
 // softhand-tracker-landmarks: hands from the 21 landmarks of whatever model a user runs on a camera.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "device/answer.hpp"
+#include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/landmarks/landmarks.hpp"
@@ -77,20 +76,15 @@ class LandmarkTracker {
 };
 
 void run(int argc, char** argv) {
-  int strength = 0;
-  std::uint32_t source = 0;
-  const ServiceArguments arguments = parse_arguments(argc, argv, "tracker", "Takes 21 landmarks a hand over WebSocket or UDP", [&](CLI::App& app) {
-    app.add_option("--strength", strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
-    app.add_option("--source", source, "Id of this source")->capture_default_str();
-  });
+  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Takes 21 landmarks a hand over WebSocket or UDP");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const LandmarksOptions& options = scene.options.tracker_landmarks;
   const HandKey user = hand_key(scene);
 
   Service service(arguments, kPollRate, Pacing::real);
-  bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
+  bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, arguments.strength);
   LandmarkTracker tracker(load_scene_hand(scene), options);
-  Inbox inbox(options.socket, Transport::websocket_and_udp, kLargest);
+  Inbox inbox(options.listening, Transport::websocket_and_udp, kLargest);
   std::printf("listening at %s and on UDP port %u\n", inbox.url().c_str(), inbox.port());
   std::fflush(stdout);
 
@@ -110,16 +104,12 @@ void run(int argc, char** argv) {
       newest = sample.stamp.sample_time;
       sample.stamp.sample_time = service.clock().at(newest);
       sample.hand.user = user.user;
-      sample.source = source;
+      sample.source = arguments.source;
       service.stamp(sample.stamp);
       sample.stamp.chain.tracked_published = sample.stamp.publish_time;
       writer.write(sample);
       ++published;
     }
-  };
-  const auto answer = [&](const Message& message) {
-    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
-    return reply_to(message, arguments.module, kReplyIgnored, why);
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
@@ -132,7 +122,7 @@ void run(int argc, char** argv) {
     for (std::size_t i = 1; i < refused.size(); ++i)
       add_counter(status, "refused_" + std::string(kLandmarksRefusalNames[i]), static_cast<double>(refused[i]));
   };
-  service.run({step, answer, fill_status});
+  service.run({.step = step, .fill_status = fill_status});
 }
 }  // namespace
 

@@ -1,6 +1,4 @@
 // softhand-tracker-replay: plays a recorded or made hand as a tracker would.
-#include <CLI/CLI.hpp>
-
 #include "device/answer.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -12,20 +10,15 @@ using namespace softhand;
 constexpr double kPollRate = 1000;  // Hz at which due samples are looked for
 
 void run(int argc, char** argv) {
-  int strength = 0;
-  std::uint32_t source = 0;
-  const ServiceArguments arguments = parse_arguments(argc, argv, "tracker", "Plays a recorded or made hand as a tracker", [&](CLI::App& app) {
-    app.add_option("--strength", strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
-    app.add_option("--source", source, "Id of this source")->capture_default_str();
-  });
+  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Plays a recorded or made hand as a tracker");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const ReplayOptions& options = scene.options.tracker;
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
 
   Service service(arguments, kPollRate, Pacing::simulated);
-  bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, strength);
-  ReplayTracker tracker(motion, options, hand_key(scene), source);
+  bus::Writer writer(service.participant(), bus::topics::tracked_skeleton, arguments.strength);
+  ReplayTracker tracker(motion, options, hand_key(scene), arguments.source);
   Skeleton sample;
   std::uint64_t published = 0;
   Nanoseconds newest = 0;
@@ -45,7 +38,7 @@ void run(int argc, char** argv) {
     writer.write(sample);
   };
   const auto restart = [&] {
-    tracker = ReplayTracker(motion, options, hand_key(scene), source);
+    tracker = ReplayTracker(motion, options, hand_key(scene), arguments.source);
     motion_start = 0;
   };
   const auto answer = [&](const Message& message) {

@@ -13,7 +13,6 @@
 #include <deque>
 #include <mutex>
 #include <optional>
-#include <sstream>
 #include <stdexcept>
 #include <thread>
 
@@ -123,20 +122,13 @@ class Datagrams {
 
 class Inbox::Impl {
  public:
-  Impl(const SocketOptions& options, Transport transport, std::size_t largest) : web_(listening(options), site(largest)) {
-    if (transport == Transport::websocket_and_udp) datagrams_.emplace(options.address, web_.port(), largest, shared_);
+  Impl(const web::Listening& listening, Transport transport, std::size_t largest) : web_(listening, site(largest)) {
+    if (transport == Transport::websocket_and_udp) datagrams_.emplace(listening.address, web_.port(), largest, shared_);
   }
   Shared& shared() { return shared_; }
   const web::WebServer& web() const { return web_; }
 
  private:
-  static web::Listening listening(const SocketOptions& options) {
-    web::Listening listening{options.address, static_cast<std::uint16_t>(options.port), 1, {}, options.certificate, options.key};
-    std::istringstream hosts(options.hosts);
-    for (std::string host; hosts >> host;) listening.hosts.push_back(host);
-    return listening;
-  }
-
   web::Site site(std::size_t largest) {
     web::Site site;
     site.get = [](const std::string&) { return web::Answer{426, "text/plain", "A WebSocket is spoken here.\n"}; };
@@ -152,8 +144,7 @@ class Inbox::Impl {
   std::optional<Datagrams> datagrams_;
 };
 
-Inbox::Inbox(const SocketOptions& options, Transport transport, std::size_t largest)
-    : impl_(std::make_unique<Impl>(options, transport, largest)) {}
+Inbox::Inbox(const web::Listening& listening, Transport transport, std::size_t largest) : impl_(std::make_unique<Impl>(listening, transport, largest)) {}
 Inbox::~Inbox() = default;
 std::uint16_t Inbox::port() const { return impl_->web().port(); }
 

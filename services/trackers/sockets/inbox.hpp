@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "messages/messages.hpp"
-#include "trackers/sockets/socket_options.hpp"
+#include "web/listening.hpp"
 
 namespace softhand {
 
@@ -26,7 +26,7 @@ class Inbox {
  public:
   /// Listens from here on, UDP on the number of the TCP port. Messages above `largest` bytes close their connection, or are dropped.
   /// Throws std::runtime_error naming address and port where that is refused.
-  Inbox(const SocketOptions& options, Transport transport, std::size_t largest);
+  Inbox(const web::Listening& listening, Transport transport, std::size_t largest);
   ~Inbox();
 
   std::uint16_t port() const;

@@ -1,8 +1,7 @@
 // softhand-tracker-webxr: both hands and the head of whoever wears a headset whose browser shows the viewer's page.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "device/answer.hpp"
+#include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/sockets/inbox.hpp"
@@ -14,19 +13,14 @@ using namespace softhand;
 constexpr double kPollRate = 1000;  // Hz at which frames are looked for
 
 void run(int argc, char** argv) {
-  int strength = 0;
-  std::uint32_t source = 0;
-  const ServiceArguments arguments = parse_arguments(argc, argv, "tracker", "Takes hands and head from a headset's browser", [&](CLI::App& app) {
-    app.add_option("--strength", strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
-    app.add_option("--source", source, "Id of this source")->capture_default_str();
-  });
+  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Takes hands and head from a headset's browser");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey user = hand_key(scene);
 
   Service service(arguments, kPollRate, Pacing::real);
-  bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, strength);
+  bus::Writer hands(service.participant(), bus::topics::tracked_skeleton, arguments.strength);
   bus::Writer head(service.participant(), bus::topics::head_pose);
-  Inbox inbox(scene.options.tracker_webxr.socket, Transport::websocket, kWebXrFrameSize);
+  Inbox inbox(scene.options.tracker_webxr.listening, Transport::websocket, kWebXrFrameSize);
   std::printf("listening at %s\n", inbox.url().c_str());
   std::fflush(stdout);
 
@@ -56,7 +50,7 @@ void run(int argc, char** argv) {
         // A hand that is not seen is not written: a weaker tracker may have it.
         if (hand.confidence == 0) continue;
         hand.hand.user = user.user;
-        hand.source = source;
+        hand.source = arguments.source;
         service.stamp(hand.stamp);
         hand.stamp.sample_time = sample.head.stamp.sample_time;
         hand.stamp.chain.tracked_published = hand.stamp.publish_time;
@@ -64,10 +58,6 @@ void run(int argc, char** argv) {
         ++published;
       }
     }
-  };
-  const auto answer = [&](const Message& message) {
-    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
-    return reply_to(message, arguments.module, kReplyIgnored, why);
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
@@ -81,7 +71,7 @@ void run(int argc, char** argv) {
       add_counter(status, "refused_" + std::string(kWebXrRefusalNames[i]), static_cast<double>(refused[i] + larger));
     }
   };
-  service.run({step, answer, fill_status});
+  service.run({.step = step, .fill_status = fill_status});
 }
 }  // namespace
 

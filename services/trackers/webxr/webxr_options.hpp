@@ -1,14 +1,14 @@
 // Section [tracker_webxr] of a scene.
 #pragma once
 
-#include "trackers/sockets/socket_options.hpp"
+#include "web/listening.hpp"
 
 namespace softhand {
 
 struct WebXrOptions {
-  SocketOptions socket = local_socket(8091);
+  web::Listening listening{.port = 8091};
 };
 
-inline void describe(OptionVisitor& v, WebXrOptions& o) { describe(v, o.socket); }
+inline void describe(OptionVisitor& v, WebXrOptions& o) { describe(v, o.listening); }
 
 }  // namespace softhand

@@ -1,7 +1,7 @@
 // The WebSocket to the gateway, which comes back by itself.
 import { type Frame, split } from "./protocol";
 
-export type ConnectionState = "connecting" | "open" | "lost";
+type ConnectionState = "open" | "lost";
 
 export class Connection {
   private socket: WebSocket | null = null;
@@ -27,10 +27,9 @@ export class Connection {
     }, 500);
   }
 
-  send(bytes: ArrayBuffer): boolean {
-    if (this.socket?.readyState !== WebSocket.OPEN) return false;
-    this.socket.send(bytes);
-    return true;
+  /** Nothing while the connection is lost. */
+  send(bytes: ArrayBuffer): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(bytes);
   }
 
   private connect(): void {

@@ -28,7 +28,8 @@ const shown: Shown = {
 const asked = query.get("show");
 if (asked !== null) for (const name of Object.keys(shown) as (keyof Shown)[]) shown[name] = asked.split(",").includes(name);
 let colouring: Colouring = (["pressure", "strain"] as const).find((each) => each === query.get("colour")) ?? "skin";
-let panelOpen = !query.has("plain") && window.innerWidth > 760;
+const isWide = (): boolean => window.innerWidth > 760; // as in style.css
+let panelOpen = !query.has("plain") && isWide();
 let dark = query.get("theme") === "dark" || (query.get("theme") === null && matchMedia("(prefers-color-scheme: dark)").matches);
 if (query.has("plain")) root.dataset.plain = "";
 
@@ -91,7 +92,9 @@ function bad(why: string): void {
 }
 
 const timeline = new Timeline(applyFrame, passFrame);
-const connection = new Connection(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`, {
+// A page that came by https may open no other sockets.
+const socketScheme = location.protocol === "https:" ? "wss" : "ws";
+const connection = new Connection(`${socketScheme}://${location.host}/stream`, {
   frame: (frame) => {
     ++counts.frames;
     timeline.add(performance.now(), frame);
@@ -224,7 +227,7 @@ function setPanel(open: boolean): void {
 function layOut(): void {
   if (query.has("plain")) return;
   const rectangle = (id: string): DOMRect => element(id).getBoundingClientRect();
-  const wide = window.innerWidth > 760;
+  const wide = isWide();
   const [nav, side, time] = [rectangle("toggles"), rectangle("panel"), rectangle("time")];
   const bottom = panelOpen && !wide ? side.top : time.top;
   if (wide) stage.setFree(nav.right, nav.top, panelOpen ? window.innerWidth - side.left : 0, window.innerHeight - bottom);
@@ -306,7 +309,7 @@ window.addEventListener("keydown", (event) => {
 const trackerPort = Number(query.get("tracker") ?? 8091);
 const headset = new Headset(
   stage.renderer,
-  `${location.protocol === "https:" ? "wss" : "ws"}://${location.hostname}:${trackerPort}`,
+  `${socketScheme}://${location.hostname}:${trackerPort}`,
   (mode) => {
     if (mode) root.dataset.session = mode;
     else delete root.dataset.session;

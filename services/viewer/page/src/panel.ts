@@ -148,10 +148,6 @@ export class Panel {
     );
   }
 
-  get moduleNames(): string[] {
-    return [...this.modules.keys()];
-  }
-
   status(status: Status, now: number): void {
     if (status.nominalRate === 0) return; // No loop: `softhand up`, which tells what it offers.
     let known = this.modules.get(status.module);

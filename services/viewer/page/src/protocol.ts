@@ -1,7 +1,7 @@
 // The binary frames of softhand-viewer; layouts as in ../../frames.hpp and docs/viewer.md. Anything that does not fit is refused with a reason.
 
-export const MAGIC = 0x46564853;
-export const VERSION = 2;
+const MAGIC = 0x46564853;
+const VERSION = 2;
 const HEADER = 16;
 export const JOINTS = 26;
 export const BONES = 21;
@@ -402,7 +402,7 @@ export function show(types: Type[], rate: number): ArrayBuffer {
   return bytes;
 }
 
-/** A message to a module, or to all with "*". Texts are cut at 63 characters. */
+/** A message to a module, or to all with "*". Texts are cut at 63 bytes. */
 export function message(id: bigint, module: string, key: string, value: string): ArrayBuffer {
   const { bytes, payload } = build(Type.message, 8 + 3 * 64);
   payload.setBigUint64(0, id, true);

@@ -23,7 +23,7 @@ export const FORCE_COLOUR = 0xe0402a;
 export const COUPLING_COLOUR = 0x2f7de1;
 const OBJECT_COLOURS = [0x4f86c6, 0xe0a030, 0x5aa469, 0xb565a7, 0xd1603d, 0x3fa7a0];
 const STATIC_COLOURS = { light: 0x9aa7b4, dark: 0x39424d }; // cool, that the hand stands out
-export const METRES_PER_NEWTON = 0.025;
+const METRES_PER_NEWTON = 0.025;
 const LONGEST_ARROW = 0.15;
 
 /** The joint on a joint's proximal side, OpenXR's order; -1 for the wrist. */
@@ -152,7 +152,6 @@ interface Hand {
   fingerArrows: Arrows;
   points: THREE.InstancedMesh;
   couplingArrows: Arrows;
-  contacts: Contacts | null;
 }
 
 /** low: for processors that draw without a graphics card, and small ones. */
@@ -181,12 +180,12 @@ export interface Shown {
 
 export class Stage {
   readonly renderer: THREE.WebGLRenderer;
-  readonly camera = new THREE.PerspectiveCamera(38, 1, 0.01, 20);
+  private readonly camera = new THREE.PerspectiveCamera(38, 1, 0.01, 20);
   // Its own, so that the page's view is afterwards what it was.
   private readonly headset = new THREE.PerspectiveCamera(50, 1, 0.02, 20);
   private dark = false;
   private seeThrough = false;
-  readonly controls: OrbitControls;
+  private readonly controls: OrbitControls;
   private readonly scene = new THREE.Scene();
   private readonly hands = new Map<number, Hand>();
   private readonly objects = new Map<number, { mesh: THREE.Mesh; description: ObjectDescription }>();
@@ -323,7 +322,6 @@ export class Stage {
 
   touch(instance: number, contacts: Contacts): void {
     const hand = this.hand(instance);
-    hand.contacts = contacts;
     hand.skin?.press(contacts);
     hand.contactArrows.clear();
     hand.fingerArrows.clear();
@@ -487,7 +485,6 @@ export class Stage {
         512,
       ),
       couplingArrows: new Arrows(BONES, COUPLING_COLOUR, 0.0016),
-      contacts: null,
     };
     hand.points.count = 0;
     hand.points.frustumCulled = false;
@@ -544,7 +541,7 @@ export class Stage {
 }
 
 /** Least of 1, 2, 5 times a power of ten that is not below. */
-export function niceCeiling(value: number): number {
+function niceCeiling(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
   return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.9999)!;
 }

@@ -19,7 +19,7 @@ export class Timeline {
   private clock = 0; // ms, what is shown; runs behind the newest in slow motion
   paused = false;
   speed = 1;
-  opened = false; // shows a file, not the stream
+  private opened = false; // shows a file, not the stream
 
   /** `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order. */
   constructor(

@@ -19,7 +19,7 @@ namespace {
 constexpr double kScale = 20;
 constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
-// Slower than this for Bullet's two seconds, an object sleeps. A creep of 0.1 mm/s must not (VALIDATION section 5).
+// Slower than this for Bullet's two seconds, an object sleeps. A creep of 0.1 mm/s must not.
 constexpr double kSleepingSpeed = 2e-5;  // m/s
 
 btVector3 to_bullet(const Vector3& v, double scale) {
