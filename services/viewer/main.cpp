@@ -13,6 +13,10 @@
 namespace {
 using namespace softhand;
 
+// How often in a period of `viewer.rate_hz` new samples are looked for. Once is too seldom for streams of the same rate: where samples come at about the time of
+// the look, now two come between two looks, of which the first is lost, and now none.
+constexpr double kLooks = 4;
+
 std::string built_page() { return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/softhand/viewer"; }
 
 void run(int argc, char** argv) {
@@ -25,11 +29,12 @@ void run(int argc, char** argv) {
                                        options.page.empty() ? built_page() : options.page,
                                        options.certificate,
                                        options.key,
-                                       static_cast<std::size_t>(options.max_pages)};
+                                       static_cast<std::size_t>(options.max_pages),
+                                       options.rate_hz};
   std::istringstream hosts(options.hosts);
   for (std::string host; hosts >> host;) server_options.hosts.push_back(host);
 
-  Service service(arguments, options.rate_hz, Pacing::real, Urgency::ordinary);
+  Service service(arguments, kLooks * options.rate_hz, Pacing::real, Urgency::ordinary);
   viewer::Server server(server_options);
   viewer::Gateway gateway(service.participant(), server, load_scene_hand(scene), hand_key(scene), options.node_encoding == "int16",
                           options.rate_hz);

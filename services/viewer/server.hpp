@@ -17,6 +17,7 @@ struct ServerOptions {
   std::string page;                ///< folder that is served
   std::string certificate, key;    ///< PEM files; empty = no TLS
   std::size_t max_pages = 16;
+  double rate_hz = 60;             ///< most frames of a type and instance that a page gets a second
 };
 
 enum class Keep : bool {
@@ -39,8 +40,8 @@ struct ServerCounters {
   RefusalCounts refused{};
 };
 
-/// Each page gets what it shows, at most at the rate that it asked for, and never more than it takes: while a message is on its way, newer
-/// frames of a type and instance replace those that wait. Who is let in: web/web_server.hpp. Thread-safe.
+/// Each page gets what it shows, of each type and instance at most at the server's rate and at that which it asked for, and never more than it takes: newer
+/// frames of a type and instance replace those that wait for their time or for a message that is on its way. Who is let in: web/web_server.hpp. Thread-safe.
 class Server {
  public:
   /// Listens from here on. Throws std::runtime_error naming address and port where that is refused.

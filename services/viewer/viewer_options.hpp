@@ -21,7 +21,7 @@ struct ViewerOptions {
 };
 
 inline void describe(OptionVisitor& v, ViewerOptions& o) {
-  v.number("rate_hz", o.rate_hz, "Hz", {1, 240}, "How often the gateway passes the newest samples on.");
+  v.number("rate_hz", o.rate_hz, "Hz", {1, 240}, "Most samples of a stream that a page gets a second; the newest ones.");
   v.string("address", o.address, "Address to listen on. 127.0.0.1 reaches this machine alone; 0.0.0.0 every network it is in.");
   v.integer("port", o.port, "1", {0, 65535}, "TCP port; where it is taken, the next free one of the ten that follow. 0 = any.");
   v.string("hosts", o.hosts, "Names, separated by blanks, under which browsers may reach the gateway, besides localhost and its address.");
