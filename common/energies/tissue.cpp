@@ -62,7 +62,7 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     group_[g + 1] = order.size() / kTissueBatch;
   }
   batches_.resize(order.size() / kTissueBatch);
-  mirrored_.resize(count);
+  corners_.resize(count);
   for (std::size_t position = 0; position < order.size(); ++position) {
     const std::size_t e = order[position];
     const auto refuse = [e](const char* what) { throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(e) + ": " + what); };
@@ -81,7 +81,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     TissueBatch& batch = batches_[position / kTissueBatch];
     const std::size_t lane = position % kTissueBatch;
     if (position_[e] == static_cast<std::int32_t>(position)) ++batch.count;
-    mirrored_[e] = edges.determinant() < 0.0;
+    corners_[e] = nodes;
+    if (edges.determinant() < 0.0) std::swap(corners_[e][2], corners_[e][3]);
     for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
     for (std::size_t k = 0; k < 9; ++k) batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
     for (auto& slot : batch.slot) slot[lane] = -1;
@@ -165,15 +166,14 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .single_blocks = single_hessian_});
 }
 
-// By the sign of the volume against that at rest: det F of all tetrahedra would be most of what a status costs.
+// By the sign of the volume: det F of all tetrahedra, or finding them in their batches, would be most of what a status costs.
 int Tissue::inverted_elements(const State& state) const {
   int count = 0;
-  for (int e = 0; e < element_count_; ++e) {
-    const auto [b, lane] = place_of(e);
-    const auto node = [&, b = b, lane = lane](std::size_t a) { return state.node_positions.col(batches_[b].node[a][lane]); };
+  for (const auto& corner : corners_) {
+    const auto node = [&](std::size_t a) { return Eigen::Map<const Vector3>(state.node_positions.data() + 3 * static_cast<std::ptrdiff_t>(corner[a])); };
     const Vector3 origin = node(0);
     const double volume = (node(1) - origin).dot((node(2) - origin).cross(node(3) - origin));
-    count += (mirrored_[static_cast<std::size_t>(e)] ? -volume : volume) < 0.0 ? 1 : 0;
+    count += volume < 0.0 ? 1 : 0;
   }
   return count;
 }

@@ -88,8 +88,9 @@ void NewtonSolver::measure_displacement(const State& state) {
   }
 }
 
-// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
-bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian) {
+// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite. `may_be_result`: where work is
+// measured, that of the step so far is; a step's start and what it surely goes on from do without.
+bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -100,12 +101,13 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   }
   report.energy = 0;
   report.term_count = terms_.size();
-  if (measures_work_) measure_displacement(state);
+  const bool with_work = measures_work_ && may_be_result;
+  if (with_work) measure_displacement(state);
   double taken = 0;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const double energy =
         with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_value_and_gradient(state, gradient_);
-    const double taken_so_far = measures_work_ ? gradient_.dot(displacement_) : 0.0;
+    const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;
     report.terms[t].taken = taken_so_far - taken;
@@ -224,7 +226,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool in_double = false;  // factors from now on
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
-  if (!evaluate(state, report, true)) return give_up();
+  if (!evaluate(state, report, true, false)) return give_up();
   for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     const double iteration_begin = clock_();
@@ -332,7 +334,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   double before = 0;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
     const bool renew = tired_ || kept_time_step_ != time_step;
-    if (!evaluate(state, report, renew)) return false;
+    if (!evaluate(state, report, renew, false)) return false;
     if (renew) {
       if (!factorize(report, false) || report.shifts > 0) return false;
       linkage_.keep(state);
