@@ -98,6 +98,25 @@ test("each toggle changes what is drawn, by mouse and by key", async () => {
   await page.click("#live");
 });
 
+test("keys turn the view and come closer, and move the slider where it has the focus", async () => {
+  await page.click("#pause");
+  await page.focus("#stage");
+  for (const key of ["ArrowLeft", "ArrowUp", "+"]) {
+    await drawn();
+    const before = await pixels();
+    for (let i = 0; i < 4; ++i) await page.keyboard.press(key);
+    await drawn();
+    assert.ok(difference(before, await pixels()) > 0.01, key);
+  }
+  const part = async () => Number(await page.locator("#scrub").inputValue());
+  const before = await part();
+  await page.focus("#scrub");
+  await page.keyboard.press("ArrowLeft");
+  assert.ok((await part()) < before);
+  await page.keyboard.press("v");
+  await page.click("#live");
+});
+
 test("the panel's figures are the topic's", async () => {
   const row = page.locator('#modules tr[data-module="hand"]');
   await row.waitFor();

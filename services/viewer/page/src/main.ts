@@ -293,9 +293,27 @@ element("key-list").replaceChildren(
     Object.assign(document.createElement("dd"), { textContent: text }),
   ]),
 );
+const TURN = 0.08; // rad a key
+const NEARER = 0.93;
+const views: Record<string, [number, number, number]> = {
+  ArrowLeft: [-TURN, 0, 1],
+  ArrowRight: [TURN, 0, 1],
+  ArrowUp: [0, TURN, 1],
+  ArrowDown: [0, -TURN, 1],
+  "+": [0, 0, NEARER],
+  "=": [0, 0, NEARER], // the same key of many keyboards, without shift
+  "-": [0, 0, 1 / NEARER],
+};
 window.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
   if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range]), select, dialog")) return;
+  const view = views[event.key];
+  // Arrows move the slider and scroll the panel where these have the focus.
+  if (view && !target.closest("input, #panel")) {
+    event.preventDefault();
+    stage.orbit(...view);
+    return;
+  }
   if (event.key === " " && target.closest("button, summary, label")) return;
   const control = controls.find(({ key }) => key === event.key.toLowerCase());
   if (!control) return;

@@ -292,6 +292,14 @@ export class Stage {
     this.findBeside();
   }
 
+  /** What dragging and the wheel do: the camera goes to the right and up around what it looks at, by angles, and its distance is multiplied. */
+  orbit(right: number, up: number, distance: number): void {
+    const { target } = this.controls;
+    const seat = new THREE.Spherical().setFromVector3(this.camera.position.clone().sub(target));
+    seat.set(seat.radius * distance, seat.phi - up, seat.theta + right).makeSafe();
+    this.camera.position.setFromSpherical(seat).add(target);
+  }
+
   describeHand(instance: number, description: HandDescription): void {
     const hand = this.hand(instance);
     if (hand.skin) {
