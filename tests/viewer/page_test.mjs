@@ -149,6 +149,12 @@ test("the panel's figures are the topic's", async () => {
   }))
     for (const [field, text] of Object.entries(figures)) assert.equal(await physics(module, field), text, `${module}: ${field}`);
   assert.equal(await page.locator("#force-index").textContent(), "1.50");
+  assert.equal(await page.locator('#modules tr[data-module="haptic"] [data-field="age"]').textContent(), "1235 s");
+  // All of it is seen, and each figure on one line.
+  const wide = () => [...document.querySelectorAll("#panel, #panel .scroll")].filter((part) => part.scrollWidth > part.clientWidth).length;
+  assert.equal(await page.evaluate(wide), 0);
+  const lines = () => new Set([...document.querySelectorAll('#physics [data-module="hand"] dd')].map((figure) => figure.offsetHeight)).size;
+  assert.equal(await page.evaluate(lines), 1);
 });
 
 test("a message goes out and its answer comes back", async () => {

@@ -217,6 +217,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
       haptic.nominal_rate_hz = 1000;
+      haptic.input_age_ms = 1'234'567.8;  // of a hand that stands for long
       haptic.passivity_energy = -0.25;
       add_counter(haptic, "motors", motors ? 1 : 0);
       statuses.write(haptic);

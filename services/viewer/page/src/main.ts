@@ -2,7 +2,7 @@
 // ?tracker=8091 port of softhand-tracker-webxr on this page's host; ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
 import { Connection } from "./connection";
 import { type Mode, Headset, offers } from "./headset";
-import { Panel, element } from "./panel";
+import { Panel, element, swatch } from "./panel";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
 import { Simulation } from "./simulation";
@@ -177,11 +177,7 @@ for (const [name, text, key] of [
 }
 function addToggle(text: string, key: string, colour: number | null): HTMLButtonElement {
   const button = document.createElement("button");
-  if (colour !== null) {
-    const swatch = Object.assign(document.createElement("span"), { className: "swatch" });
-    swatch.style.background = `#${colour.toString(16).padStart(6, "0")}`;
-    button.append(swatch);
-  }
+  if (colour !== null) button.append(swatch(`#${colour.toString(16).padStart(6, "0")}`));
   button.append(text, Object.assign(document.createElement("kbd"), { textContent: key.toUpperCase() }));
   element("toggles").append(button);
   return button;
