@@ -223,6 +223,13 @@ test("a killed gateway is reported and recovered from", async () => {
   await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes), 60);
 });
 
+test("a gateway that hangs is reported, and recovered from", async () => {
+  viewer.process.child.kill("SIGSTOP");
+  await until("the loss is told", async () => (await state()) === "lost", 10);
+  viewer.process.child.kill("SIGCONT");
+  await until("connected again", async () => (await state()) === "open");
+});
+
 test("nothing went wrong on the way", async () => {
   assert.deepEqual(errors, []);
   assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
