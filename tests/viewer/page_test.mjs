@@ -230,6 +230,39 @@ test("a gateway that hangs is reported, and recovered from", async () => {
   await until("connected again", async () => (await state()) === "open");
 });
 
+test("on a phone each part has its place, and all of them are reached", async () => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  await page.click("#colour-strain");
+  await page.keyboard.press("x");
+  await page.locator("#pace-badge").waitFor({ state: "visible" });
+  for (const panel of [true, false]) {
+    if ((await pressed("#panel-button")) !== panel) await page.click("#panel-button");
+    const faults = await page.evaluate((withPanel) => {
+      const box = (selector) => document.querySelector(selector).getBoundingClientRect();
+      const found = [];
+      const parts = ["header", "#toggles", "#legend", ...(withPanel ? ["#panel"] : []), "#time"];
+      parts.forEach((part, i) => {
+        const { left, right, bottom } = box(part);
+        const next = parts[i + 1];
+        if (left < 0 || right > innerWidth || bottom > (next ? box(next).top : innerHeight)) found.push(part);
+      });
+      for (const each of ["#connection", "#pace-badge", "#theme-button", "#panel-button"]) {
+        const { left, right, width } = box(each);
+        if (width < 24 || left < box("header").left || right > box("header").right) found.push(each);
+      }
+      for (const each of ["#pause", "#back", "#forward", "#slow", "#scrub", "#live", "#save", "label.button"]) {
+        const { left, right, top, bottom, width, height } = box(each);
+        const bar = box("#time");
+        if (width < 24 || height < 16 || left < bar.left || right > bar.right || top < bar.top || bottom > bar.bottom) found.push(each);
+      }
+      return found;
+    }, panel);
+    assert.deepEqual(faults, []);
+  }
+  await page.keyboard.press("x");
+  await page.click("#colour-strain");
+});
+
 test("nothing went wrong on the way", async () => {
   assert.deepEqual(errors, []);
   assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);

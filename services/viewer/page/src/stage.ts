@@ -466,7 +466,8 @@ export class Stage {
       this.camera.aspect >= 1
         ? 38
         : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
-    this.camera.zoom = this.shown.beside ? 0.55 : 1;
+    // Side by side needs its width.
+    this.camera.zoom = this.shown.beside ? 0.55 * Math.min(1, Math.sqrt(this.camera.aspect)) : 1;
     this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
