@@ -70,7 +70,7 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     group_[g + 1] = order.size() / kTissueBatch;
   }
   batches_.resize(order.size() / kTissueBatch);
-  mirrored_.resize(count);
+  corners_.resize(count);
   for (std::size_t position = 0; position < order.size(); ++position) {
     const std::size_t e = order[position];
     std::array<std::int32_t, 4> nodes = hand.tetrahedra[e];
@@ -86,7 +86,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     TissueBatch& batch = batches_[position / kTissueBatch];
     const std::size_t lane = position % kTissueBatch;
     if (position_[e] == static_cast<std::int32_t>(position)) ++batch.count;
-    mirrored_[e] = edges.determinant() < 0.0;
+    corners_[e] = nodes;
+    if (edges.determinant() < 0.0) std::swap(corners_[e][2], corners_[e][3]);
     for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
     for (std::size_t k = 0; k < 9; ++k) batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
     for (auto& slot : batch.slot) slot[lane] = -1;
@@ -170,15 +171,10 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .single_blocks = single_hessian_});
 }
 
-// By the sign of the volume against that at rest: det F of all tetrahedra would be most of what a status costs.
+// By the sign of the volume: det F of all tetrahedra, or finding them in their batches, would be most of what a status costs.
 int Tissue::inverted_elements(const State& state) const {
   int count = 0;
-  for (int e = 0; e < element_count_; ++e) {
-    const auto [b, lane] = place_of(e);
-    const auto& node = batches_[b].node;
-    const double volume = tetrahedron_volume(state.node_positions, {node[0][lane], node[1][lane], node[2][lane], node[3][lane]});
-    count += (mirrored_[static_cast<std::size_t>(e)] ? -volume : volume) < 0.0 ? 1 : 0;
-  }
+  for (const auto& corners : corners_) count += tetrahedron_volume(state.node_positions, corners) < 0.0 ? 1 : 0;
   return count;
 }
 

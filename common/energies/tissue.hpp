@@ -66,7 +66,7 @@ class Tissue final : public Energy {
   HelperThread* helper_ = nullptr;
   bool single_hessian_ = false;
   int element_count_ = 0;
-  std::vector<bool> mirrored_;  // a batch's nodes are sorted: edges of a left-handed system at rest
+  std::vector<std::array<std::int32_t, 4>> corners_;  // the nodes of an element, in an order that makes its volume positive at rest
   mutable std::uint64_t evaluated_elements_ = 0;
   std::vector<TissueBatch> batches_;      // of one half, of the other, of what lies between
   std::array<std::size_t, 4> group_{};    // where these begin and end

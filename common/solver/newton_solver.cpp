@@ -96,8 +96,9 @@ void NewtonSolver::measure_displacement(const State& state) {
   }
 }
 
-// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
-bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian) {
+// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite. `may_be_result`: where work is
+// measured, that of the step so far is; a step's start and what it surely goes on from do without.
+bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -108,12 +109,13 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   }
   report.energy = 0;
   report.term_count = terms_.size();
-  if (measures_work_) measure_displacement(state);
+  const bool with_work = measures_work_ && may_be_result;
+  if (with_work) measure_displacement(state);
   double taken = 0;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const double energy =
         with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_value_and_gradient(state, gradient_);
-    const double taken_so_far = measures_work_ ? gradient_.dot(displacement_) : 0.0;
+    const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;
     report.terms[t].taken = taken_so_far - taken;
@@ -233,7 +235,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool in_double = false;      // factors from now on
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
-  if (!evaluate(state, report, linearised)) return give_up();
+  if (!evaluate(state, report, linearised, false)) return give_up();
   for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     const double iteration_begin = clock_();
@@ -357,7 +359,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   }
   double before = 0;
   bool renews = tired_ || kept_time_step_ != time_step;
-  if (!evaluate(state, report, renews)) return false;
+  if (!evaluate(state, report, renews, false)) return false;
   double least = report.energy;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
     if (renews) {
@@ -381,7 +383,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     tired_ = iteration > 0 ? moved > kTired * before : tired_ && !renews;
     const bool moved_little = moved <= options_.chord_tolerance;
     renews = !moved_little && tired_;
-    if (!evaluate(state, report, renews)) return false;
+    if (!evaluate(state, report, renews, moved_little)) return false;
     // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
     const bool fell = report.energy <= least + rounding_of_energy(report);
     least = std::min(least, report.energy);

@@ -132,7 +132,7 @@ class NewtonSolver {
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
  private:
-  bool evaluate(const State& state, StepReport& report, bool with_hessian);
+  bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true);
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
   bool factorize(StepReport& report, bool in_double);

@@ -19,6 +19,7 @@ namespace {
 constexpr std::size_t kLargestRequest = 4096;      // bytes of a message from a page
 constexpr std::size_t kWaitingMessages = 64;       // not yet taken by the gateway's loop
 constexpr std::uint64_t kRefusalsOfOnePage = 100;  // until it is closed
+constexpr double kSlowest = 0.01;                  // Hz, that a page may ask for
 constexpr int kPorts = 11;                         // that are tried
 
 struct File {
@@ -73,7 +74,8 @@ struct Shared {
 
 class Page : public web::Session {
  public:
-  Page(Shared& shared, std::function<void()> show_changed) : shared_(shared), show_changed_(std::move(show_changed)) {}
+  Page(Shared& shared, double rate_hz, std::function<void()> show_changed)
+      : shared_(shared), rate_hz_(rate_hz), show_changed_(std::move(show_changed)) {}
 
   TypeSet types() const { return socket_ != nullptr ? show_.types : 0; }
   bool gone() const { return gone_; }
@@ -88,21 +90,25 @@ class Page : public web::Session {
       if (replies_.size() > kWaitingMessages) replies_.pop_front();
       return;
     }
-    Frame& waiting = waiting_[{outgoing.type, outgoing.instance}];
+    Frame& waiting = streams_[{outgoing.type, outgoing.instance}].waiting;
     if (waiting != nullptr) shared_.frames_passed_over.fetch_add(1, std::memory_order_relaxed);
     waiting = outgoing.frame;
   }
 
   void flush(Nanoseconds at) {
-    if (socket_ == nullptr || sending_ > 0 || closing_ || (waiting_.empty() && replies_.empty())) return;
-    // A hundredth of a period of grace, or a page that asks for the gateway's own rate would miss every other beat.
-    if (show_.rate_hz > 0 && static_cast<double>(at - last_sent_) * 1e-9 * static_cast<double>(show_.rate_hz) < 0.9) return;
-    last_sent_ = at;
+    if (socket_ == nullptr || sending_ > 0 || closing_) return;
+    const double asked = show_.rate_hz > 0 ? show_.rate_hz : rate_hz_;
+    const auto period = static_cast<Nanoseconds>(1e9 / std::clamp(asked, kSlowest, rate_hz_));
     std::vector<web::Bytes> frames;
-    for (auto& [key, frame] : waiting_) frames.push_back(std::move(frame));
-    waiting_.clear();
+    for (auto& [key, stream] : streams_) {
+      if (stream.waiting == nullptr || at < stream.due) continue;
+      frames.push_back(std::exchange(stream.waiting, nullptr));
+      // A sample that came late, by up to a period, does not make the next one wait: a stream of just this rate loses none to the unevenness of its times.
+      stream.due = std::max(stream.due, at - period) + period;
+    }
     frames.insert(frames.end(), replies_.begin(), replies_.end());
     replies_.clear();
+    if (frames.empty()) return;
     sending_ = frames.size();
     socket_->send(std::move(frames));
   }
@@ -146,10 +152,10 @@ class Page : public web::Session {
   void change_show(const ShowRequest& show) {
     const TypeSet fresh = show.types & ~show_.types;
     show_ = show;
-    for (auto it = waiting_.begin(); it != waiting_.end();) {
-      const bool shown = it->first.first == FrameType::gateway || (show_.types & set_of(it->first.first)) != 0;
-      it = shown ? std::next(it) : waiting_.erase(it);
-    }
+    std::erase_if(streams_, [this](const auto& stream) {
+      const FrameType type = stream.first.first;
+      return type != FrameType::gateway && (show_.types & set_of(type)) == 0;
+    });
     for (const auto& [key, frame] : shared_.kept) {
       if ((fresh & set_of(key.first)) != 0) offer({key.first, key.second, frame});
     }
@@ -157,14 +163,19 @@ class Page : public web::Session {
     flush(now());
   }
 
+  struct Stream {
+    Frame waiting;  // the newest, until it is sent
+    Nanoseconds due = 0;
+  };
+
   Shared& shared_;
+  double rate_hz_;
   std::function<void()> show_changed_;
   web::Socket* socket_ = nullptr;  // while it is open
   ShowRequest show_;
-  std::map<std::pair<FrameType, std::uint32_t>, Frame> waiting_;
+  std::map<std::pair<FrameType, std::uint32_t>, Stream> streams_;  // by type and instance
   std::deque<Frame> replies_;
   std::size_t sending_ = 0;  // frames on their way
-  Nanoseconds last_sent_ = 0;
   std::uint64_t refusals_ = 0;
   bool gone_ = false;
   bool closing_ = false;
@@ -174,7 +185,8 @@ class Page : public web::Session {
 
 class Server::Impl {
  public:
-  Impl(const web::Listening& listening, const std::string& folder, std::size_t max_pages) : max_pages_(max_pages), web_(listening, site(folder), kPorts) {}
+  Impl(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz)
+      : max_pages_(max_pages), rate_hz_(rate_hz), web_(listening, site(folder), kPorts) {}
 
   void publish(std::vector<Outgoing>&& frames) {
     web_.post([this, frames = std::move(frames)] {
@@ -205,7 +217,7 @@ class Server::Impl {
     site.largest_message = kLargestRequest;
     site.connect = [this]() -> std::shared_ptr<web::Session> {
       if (pages_.size() >= max_pages_) return nullptr;
-      pages_.push_back(std::make_shared<Page>(shared_, [this] { count_pages(); }));
+      pages_.push_back(std::make_shared<Page>(shared_, rate_hz_, [this] { count_pages(); }));
       count_pages();
       return pages_.back();
     };
@@ -224,10 +236,12 @@ class Server::Impl {
   Shared shared_;
   std::vector<std::shared_ptr<Page>> pages_;
   std::size_t max_pages_;
+  double rate_hz_;
   web::WebServer web_;  // last: its thread uses the others
 };
 
-Server::Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages) : impl_(std::make_unique<Impl>(listening, folder, max_pages)) {}
+Server::Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz)
+    : impl_(std::make_unique<Impl>(listening, folder, max_pages, rate_hz)) {}
 Server::~Server() = default;
 const std::string& Server::url() const { return impl_->web().url(); }
 const std::vector<std::string>& Server::urls_elsewhere() const { return impl_->web().urls_elsewhere(); }

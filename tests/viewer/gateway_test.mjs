@@ -7,10 +7,13 @@ const NODES = 1 << 2;
 const DESCRIPTION = 1 << 1;
 const CONTACTS = 1 << 6;
 const STATUS = 1 << 10;
+const RATE = 59; // Hz, of the publisher: in a second it has had every phase to the gateway's 60
+const TYPE_OF_NODES = 2;
+const SEQUENCE_AT = 16; // in a stamp
 
 let source, viewer;
 before(async () => {
-  source = publisher();
+  source = publisher(RATE);
   viewer = await gateway();
 });
 after(() => Promise.all([...Process.all].map((process) => process.end("SIGKILL"))));
@@ -78,6 +81,27 @@ test("a late page gets the description, and a slow rate where it asks for one", 
   assert.equal(Math.ceil((6 * payload.readUInt32LE(36)) / 4) * 4, payload.length - 48);
   assert.ok(Math.abs(payload.readFloatLE(28) - 0.06) < 1e-6);
   await Promise.all([leave(fast), leave(slow)]);
+});
+
+/** Of what was published in the next `seconds`, the part of the nodes that came to each of `clients`. */
+async function arriving(clients, seconds) {
+  const now = () => clients.map(({ count, frames }) => [count.get(TYPE_OF_NODES), frames.get(TYPE_OF_NODES).readDoubleLE(SEQUENCE_AT)]);
+  await until("nodes", () => clients.every(({ count }) => count.get(TYPE_OF_NODES) > 5));
+  const before = now();
+  await pause(1000 * seconds);
+  return now().map(([count, sequence], i) => (count - before[i][0]) / (sequence - before[i][1]));
+}
+
+test("three pages get each of nearly sixty samples a second, in whatever phase and however unevenly they come, and no more than the gateway's rate", async () => {
+  const slow = await gateway(0, "viewer.rate_hz=20");
+  const clients = [viewer, viewer, viewer, slow].map(({ url }) => new Client(url));
+  await Promise.all(clients.map(({ opened }) => opened));
+  for (const one of clients) one.socket.send(show(NODES));
+  const parts = await arriving(clients, 6);
+  await Promise.all(clients.map(leave));
+  await slow.process.end();
+  for (const part of parts.slice(0, 3)) assert.ok(part >= 57 / 60 && part <= 1.001, `${parts}`);
+  assert.ok(Math.abs(parts[3] - 20 / RATE) < 0.03, `${parts}`);
 });
 
 test("a page that does not read loses frames, not the others", async () => {

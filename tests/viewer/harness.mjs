@@ -49,7 +49,7 @@ export class Process {
   }
 }
 
-export const publisher = () => new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/right_400.hand.json`);
+export const publisher = (rate = 60) => new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/right_400.hand.json`, "0", String(rate));
 
 /** A gateway and its address. */
 export async function gateway(port = 0, ...settings) {

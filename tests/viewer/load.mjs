@@ -1,12 +1,13 @@
-// node load.mjs [SECONDS]: what the gateway costs with 0, 1 and 3 pages that show skin, contacts, objects and status, for hands of many nodes; and how many
-// pictures a second Chromium draws of one with 10,000 vertices of skin. Each figure takes SECONDS (8). Prints JSON. Environment as for the tests
-// (harness.mjs).
+// node load.mjs [SECONDS]: how much of 60 samples a second reaches 0, 1 and 3 pages that show skin, contacts, objects and status, of hands of many nodes; what
+// that costs the gateway; and how many pictures a second Chromium draws of 10,000 vertices of skin. Each figure takes SECONDS (8). Prints JSON.
+// Environment as for the tests (harness.mjs).
 import { readFileSync } from "node:fs";
 import { Client, Process, browser, build, gateway, pause, show, source, until } from "./harness.mjs";
 
 const [seconds = 8] = process.argv.slice(2).map(Number);
 const TICKS = 100; // a second, of /proc
 const SHOWN = (1 << 1) | (1 << 2) | (1 << 6) | (1 << 7) | (1 << 8) | (1 << 10);
+const SEQUENCE_AT = 16; // in the payload of nodes
 const loads = [["right_1450"], ["right_6000", 10000]];
 
 /** Processor time that a process has used, s. */
@@ -21,11 +22,18 @@ async function gatewayLoad(viewer, count) {
   for (const page of pages) page.socket.send(show(SHOWN));
   await until("nodes", () => pages.every((page) => page.count.get(2) > 10));
   await pause(1000);
-  const before = { used: used(viewer.process), nodes: pages.map((page) => page.count.get(2)), bytes: pages.map((page) => page.bytes) };
+  const sequence = (page) => page.frames.get(2).readDoubleLE(SEQUENCE_AT);
+  const before = {
+    used: used(viewer.process),
+    published: pages.map(sequence),
+    nodes: pages.map((page) => page.count.get(2)),
+    bytes: pages.map((page) => page.bytes),
+  };
   await pause(1000 * seconds);
   const of = (now, then) => pages.map((page, i) => Number(((now(page) - then[i]) / seconds).toFixed(1)));
   const result = {
     pages: count,
+    published_per_second: of(sequence, before.published)[0],
     node_frames_per_second: of((page) => page.count.get(2), before.nodes),
     kilobytes_per_second: of((page) => page.bytes / 1000, before.bytes.map((bytes) => bytes / 1000)),
     gateway_cpu_percent: Number(((100 * (used(viewer.process) - before.used)) / seconds).toFixed(1)),

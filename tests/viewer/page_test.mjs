@@ -98,6 +98,25 @@ test("each toggle changes what is drawn, by mouse and by key", async () => {
   await page.click("#live");
 });
 
+test("keys turn the view and come closer, and move the slider where it has the focus", async () => {
+  await page.click("#pause");
+  await page.focus("#stage");
+  for (const key of ["ArrowLeft", "ArrowUp", "+"]) {
+    await drawn();
+    const before = await pixels();
+    for (let i = 0; i < 4; ++i) await page.keyboard.press(key);
+    await drawn();
+    assert.ok(difference(before, await pixels()) > 0.01, key);
+  }
+  const part = async () => Number(await page.locator("#scrub").inputValue());
+  const before = await part();
+  await page.focus("#scrub");
+  await page.keyboard.press("ArrowLeft");
+  assert.ok((await part()) < before);
+  await page.keyboard.press("v");
+  await page.click("#live");
+});
+
 test("the panel's figures are the topic's", async () => {
   const row = page.locator('#modules tr[data-module="hand"]');
   await row.waitFor();
@@ -130,6 +149,12 @@ test("the panel's figures are the topic's", async () => {
   }))
     for (const [field, text] of Object.entries(figures)) assert.equal(await physics(module, field), text, `${module}: ${field}`);
   assert.equal(await page.locator("#force-index").textContent(), "1.50");
+  assert.equal(await page.locator('#modules tr[data-module="haptic"] [data-field="age"]').textContent(), "1235 s");
+  // All of it is seen, and each figure on one line.
+  const wide = () => [...document.querySelectorAll("#panel, #panel .scroll")].filter((part) => part.scrollWidth > part.clientWidth).length;
+  assert.equal(await page.evaluate(wide), 0);
+  const lines = () => new Set([...document.querySelectorAll('#physics [data-module="hand"] dd')].map((figure) => figure.offsetHeight)).size;
+  assert.equal(await page.evaluate(lines), 1);
 });
 
 test("a message goes out and its answer comes back", async () => {
@@ -196,6 +221,46 @@ test("a killed gateway is reported and recovered from", async () => {
   await until("connected again", async () => (await state()) === "open");
   const nodes = await page.evaluate(() => window.softhand.counts.nodes);
   await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes), 60);
+});
+
+test("a gateway that hangs is reported, and recovered from", async () => {
+  viewer.process.child.kill("SIGSTOP");
+  await until("the loss is told", async () => (await state()) === "lost", 10);
+  viewer.process.child.kill("SIGCONT");
+  await until("connected again", async () => (await state()) === "open");
+});
+
+test("on a phone each part has its place, and all of them are reached", async () => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  await page.click("#colour-strain");
+  await page.keyboard.press("x");
+  await page.locator("#pace-badge").waitFor({ state: "visible" });
+  for (const panel of [true, false]) {
+    if ((await pressed("#panel-button")) !== panel) await page.click("#panel-button");
+    const faults = await page.evaluate((withPanel) => {
+      const box = (selector) => document.querySelector(selector).getBoundingClientRect();
+      const found = [];
+      const parts = ["header", "#toggles", "#legend", ...(withPanel ? ["#panel"] : []), "#time"];
+      parts.forEach((part, i) => {
+        const { left, right, bottom } = box(part);
+        const next = parts[i + 1];
+        if (left < 0 || right > innerWidth || bottom > (next ? box(next).top : innerHeight)) found.push(part);
+      });
+      for (const each of ["#connection", "#pace-badge", "#theme-button", "#panel-button"]) {
+        const { left, right, width } = box(each);
+        if (width < 24 || left < box("header").left || right > box("header").right) found.push(each);
+      }
+      for (const each of ["#pause", "#back", "#forward", "#slow", "#scrub", "#live", "#save", "label.button"]) {
+        const { left, right, top, bottom, width, height } = box(each);
+        const bar = box("#time");
+        if (width < 24 || height < 16 || left < bar.left || right > bar.right || top < bar.top || bottom > bar.bottom) found.push(each);
+      }
+      return found;
+    }, panel);
+    assert.deepEqual(faults, []);
+  }
+  await page.keyboard.press("x");
+  await page.click("#colour-strain");
 });
 
 test("nothing went wrong on the way", async () => {

@@ -1,6 +1,6 @@
-// viewer_publisher HAND_FILE [VERTICES]: a hand, its skin refined to so many vertices, objects, contacts and a module's status on this process's
-// domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm at 0.5 Hz, 60 samples a second. Says on stdout when
-// tissue_surface gets or loses its readers, and each message that arrives.
+// viewer_publisher HAND_FILE [VERTICES [RATE]]: a hand, its skin refined to so many vertices, objects, contacts and a module's status on this process's
+// domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm at 0.5 Hz, RATE (60) samples a second, of which every other comes a
+// third of a period late, as on a busy machine. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -94,7 +94,7 @@ ObjectDescription box(std::uint32_t id, const char* name, const Vec3& half_exten
   return out;
 }
 
-void run(const std::string& hand_file, std::size_t vertices) {
+void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   HandModel hand = load_hand(hand_file);
   refine_skin(hand, vertices);
   const bus::Participant participant("viewer_publisher");
@@ -124,7 +124,7 @@ void run(const std::string& hand_file, std::size_t vertices) {
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
-  auto next = std::chrono::steady_clock::now();
+  const auto begin = std::chrono::steady_clock::now();
   for (std::uint64_t step = 1; !stop.requested(); ++step) {
     Stamp stamp;
     stamp.sequence = step;
@@ -217,6 +217,7 @@ void run(const std::string& hand_file, std::size_t vertices) {
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
       haptic.nominal_rate_hz = 1000;
+      haptic.input_age_ms = 1'234'567.8;  // of a hand that stands for long
       haptic.passivity_energy = -0.25;
       add_counter(haptic, "motors", motors ? 1 : 0);
       statuses.write(haptic);
@@ -238,13 +239,13 @@ void run(const std::string& hand_file, std::size_t vertices) {
       std::printf("surface %s\n", watched ? "read" : "unread");
     }
     std::fflush(stdout);
-    next += std::chrono::nanoseconds(16'666'667);
-    std::this_thread::sleep_until(next);
+    const double periods = static_cast<double>(step) + (step % 2 == 1 ? 1.0 / 3 : 0);
+    std::this_thread::sleep_until(begin + std::chrono::nanoseconds(static_cast<Nanoseconds>(1e9 * periods / rate_hz)));
   }
 }
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 2 && argc != 3) return 2;
-  run(argv[1], argc == 3 ? std::stoul(argv[2]) : 0);
+  if (argc < 2 || argc > 4) return 2;
+  run(argv[1], argc > 2 ? std::stoul(argv[2]) : 0, argc > 3 ? std::stod(argv[3]) : 60);
 }

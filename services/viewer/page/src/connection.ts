@@ -5,7 +5,6 @@ type ConnectionState = "open" | "lost";
 
 export class Connection {
   private socket: WebSocket | null = null;
-  private retry = 0;
   private wait = 250;
   private heard = 0;
   private lostAt = 0;
@@ -19,9 +18,9 @@ export class Connection {
     },
   ) {
     this.connect();
-    // A gateway that hangs says nothing: its state comes twice a second.
+    // A gateway that hangs says nothing, though its state comes twice a second, and does not answer a farewell.
     setInterval(() => {
-      if (this.socket?.readyState === WebSocket.OPEN && performance.now() - this.heard > 3000) this.socket.close();
+      if (this.socket?.readyState === WebSocket.OPEN && performance.now() - this.heard > 3000) this.lose(this.socket);
       if (this.lostAt > 0)
         on.state("lost", `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, trying again …`);
     }, 500);
@@ -43,6 +42,7 @@ export class Connection {
       this.on.state("open", "connected");
     };
     socket.onmessage = ({ data }) => {
+      if (socket !== this.socket) return;
       this.heard = performance.now();
       try {
         for (const frame of split(data as ArrayBuffer)) this.on.frame(frame);
@@ -50,14 +50,18 @@ export class Connection {
         this.on.bad(String(error));
       }
     };
-    socket.onclose = () => {
-      if (this.lostAt === 0) {
-        this.lostAt = performance.now();
-        this.on.state("lost", "connection lost, trying again …");
-      }
-      window.clearTimeout(this.retry);
-      this.retry = window.setTimeout(() => this.connect(), this.wait);
-      this.wait = Math.min(2000, 1.6 * this.wait);
-    };
+    socket.onclose = () => this.lose(socket);
+  }
+
+  private lose(socket: WebSocket): void {
+    if (socket !== this.socket) return; // given up before
+    this.socket = null;
+    socket.close();
+    if (this.lostAt === 0) {
+      this.lostAt = performance.now();
+      this.on.state("lost", "connection lost, trying again …");
+    }
+    window.setTimeout(() => this.connect(), this.wait);
+    this.wait = Math.min(2000, 1.6 * this.wait);
   }
 }

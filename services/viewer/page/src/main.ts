@@ -2,7 +2,7 @@
 // ?tracker=8091 port of softhand-tracker-webxr on this page's host; ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
 import { Connection } from "./connection";
 import { type Mode, Headset, offers } from "./headset";
-import { Panel, element } from "./panel";
+import { Panel, element, swatch } from "./panel";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
 import { Simulation } from "./simulation";
@@ -180,11 +180,7 @@ for (const [name, text, key] of [
 }
 function addToggle(text: string, key: string, colour: number | null): HTMLButtonElement {
   const button = document.createElement("button");
-  if (colour !== null) {
-    const swatch = Object.assign(document.createElement("span"), { className: "swatch" });
-    swatch.style.background = `#${colour.toString(16).padStart(6, "0")}`;
-    button.append(swatch);
-  }
+  if (colour !== null) button.append(swatch(`#${colour.toString(16).padStart(6, "0")}`));
   button.append(text, Object.assign(document.createElement("kbd"), { textContent: key.toUpperCase() }));
   element("toggles").append(button);
   return button;
@@ -296,9 +292,27 @@ element("key-list").replaceChildren(
     Object.assign(document.createElement("dd"), { textContent: text }),
   ]),
 );
+const TURN = 0.08; // rad a key
+const NEARER = 0.93;
+const views: Record<string, [number, number, number]> = {
+  ArrowLeft: [-TURN, 0, 1],
+  ArrowRight: [TURN, 0, 1],
+  ArrowUp: [0, TURN, 1],
+  ArrowDown: [0, -TURN, 1],
+  "+": [0, 0, NEARER],
+  "=": [0, 0, NEARER], // the same key of many keyboards, without shift
+  "-": [0, 0, 1 / NEARER],
+};
 window.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
   if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range]), select, dialog")) return;
+  const view = views[event.key];
+  // Arrows move the slider and scroll the panel where these have the focus.
+  if (view && !target.closest("input, #panel")) {
+    event.preventDefault();
+    stage.orbit(...view);
+    return;
+  }
   if (event.key === " " && target.closest("button, summary, label")) return;
   const control = controls.find(({ key }) => key === event.key.toLowerCase());
   if (!control) return;

@@ -15,6 +15,8 @@ const energy = (joules: number): string =>
 /** Of a field of the books, which may be small beside the others. */
 const booked = (joules: number): string => (joules !== 0 && Math.abs(joules) < 5e-6 ? `${joules.toExponential(0)} J` : energy(joules));
 const millimetres = (metres: number, digits: number): string => `${fixed(1000 * metres, digits)} mm`;
+/** Of an input, ms: what has stopped coming is told in seconds. */
+const age = (ms: number): string => (ms < 0 ? "–" : ms < 1000 ? fixed(ms, 1) : `${(ms / 1000).toFixed(0)} s`);
 const words = (name: string): string => name.replaceAll("_", " ");
 
 /** A tag with a text, and the name of what it shows where it is a figure of a status. */
@@ -22,6 +24,13 @@ function tag(name: string, text: string, field?: string): HTMLElement {
   const made = Object.assign(document.createElement(name), { textContent: text });
   if (field !== undefined) made.dataset.field = field;
   return made;
+}
+
+/** A dot of a colour, before the name of what has it: not every colour can be read as text. */
+export function swatch(colour: string): HTMLElement {
+  const dot = Object.assign(document.createElement("span"), { className: "swatch" });
+  dot.style.background = colour;
+  return dot;
 }
 
 /** What a loop of physics knows beyond its times: `softhand status` shows the same. Folded out where it solves. */
@@ -141,8 +150,7 @@ export class Panel {
     element("fingers").replaceChildren(
       ...FINGERS.map((finger, i) => {
         const key = document.createElement("span");
-        key.style.color = FINGER_COLOURS[i]!;
-        key.append(`${finger} `, Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }));
+        key.append(swatch(FINGER_COLOURS[i]!), `${finger} `, Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }));
         return key;
       }),
     );
@@ -172,7 +180,7 @@ export class Panel {
       fixed(status.p999, 2),
       String(status.misses),
       String(status.inputDrops),
-      status.inputAge < 0 ? "–" : fixed(status.inputAge, 1),
+      age(status.inputAge),
     ];
     const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
     texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));

@@ -291,6 +291,14 @@ export class Stage {
     this.findBeside();
   }
 
+  /** What dragging and the wheel do: the camera goes to the right and up around what it looks at, by angles, and its distance is multiplied. */
+  orbit(right: number, up: number, distance: number): void {
+    const { target } = this.controls;
+    const seat = new THREE.Spherical().setFromVector3(this.camera.position.clone().sub(target));
+    seat.set(seat.radius * distance, seat.phi - up, seat.theta + right).makeSafe();
+    this.camera.position.setFromSpherical(seat).add(target);
+  }
+
   describeHand(instance: number, description: HandDescription): void {
     const hand = this.hand(instance);
     if (hand.skin) {
@@ -456,7 +464,8 @@ export class Stage {
       this.camera.aspect >= 1
         ? 38
         : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
-    this.camera.zoom = this.shown.beside ? 0.55 : 1;
+    // Side by side needs its width.
+    this.camera.zoom = this.shown.beside ? 0.55 * Math.min(1, Math.sqrt(this.camera.aspect)) : 1;
     this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
