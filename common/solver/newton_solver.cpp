@@ -19,6 +19,7 @@ constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
+constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
 constexpr double kCarries = 0.3;   // of two residuals: beyond it a new factor costs less than the iterations that an earlier step's would take
 constexpr double kNear = 100;  // of the residual's tolerance: within it an old factor still leads on
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
@@ -385,7 +386,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     renews = !moved_little && tired_;
     if (!evaluate(state, report, renews, moved_little)) return false;
     // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
-    const bool fell = report.energy <= least + rounding_of_energy(report);
+    const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
     if (moved_little && fell) {
       const double end = clock_();
