@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <exception>
 
+#include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/periodic_loop.hpp"
 
@@ -22,6 +23,10 @@ std::string with_urgency(const std::string& module, double rate_hz, Urgency urge
   if (urgency == Urgency::ordinary) return module;
   for (const std::string& warning : request_real_time(priority_of(rate_hz))) std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
   return module;
+}
+
+MessageReply answer_of_none(const Message& message, const std::string& module) {
+  return reply_to(message, module, kReplyIgnored, is_addressed(message, module) ? "unknown key; this module has none of its own" : "not for this module");
 }
 
 }  // namespace
@@ -82,7 +87,7 @@ void Service::run(const Callbacks& callbacks) {
     messages_.take_all([&](const Message& message) {
       const bool may_reset = get_text(message.key) != "reset" || callbacks.reset;
       const auto steered = may_reset ? time_control_.answer(message, module_, real) : std::nullopt;
-      reply = steered ? *steered : callbacks.answer(message);
+      reply = steered ? *steered : callbacks.answer ? callbacks.answer(message) : answer_of_none(message, module_);
       reply.stamp.sequence = ++reply_sequence;
       reply.stamp.sample_time = real;
       stamp(reply.stamp);

@@ -52,7 +52,7 @@ class Service {
 
   struct Callbacks {
     std::function<void(Nanoseconds)> step;  ///< with the time of its start, on the clock of its pacing
-    std::function<MessageReply(const Message&)> answer;
+    std::function<MessageReply(const Message&)> answer = nullptr;  ///< of a module that takes messages of its own
     std::function<void(LoopStatus&, Nanoseconds)> fill_status;
     /// Of pacing `simulated`, between steps, where everything is to start over; gets the time of the message `reset`: samples until then are not to be used.
     std::function<void(Nanoseconds)> reset = nullptr;

@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "device/answer.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "viewer/gateway.hpp"
@@ -46,12 +45,8 @@ void run(int argc, char** argv) {
   for (const std::string& host : options.address == "0.0.0.0" ? server_options.hosts : std::vector<std::string>{})
     std::printf("elsewhere at %s%s%s\n", url.substr(0, host_begin).c_str(), host.c_str(), url.substr(port_begin).c_str());
   std::fflush(stdout);
-  service.run({[&](Nanoseconds now) { gateway.step(now); },
-               [&](const Message& message) {
-                 const char* why = is_addressed(message, arguments.module) ? "unknown key; a viewer has none" : "not for this module";
-                 return reply_to(message, arguments.module, kReplyIgnored, why);
-               },
-               [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
+  service.run({.step = [&](Nanoseconds now) { gateway.step(now); },
+               .fill_status = [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
 }
 }  // namespace
 

@@ -2,7 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "device/answer.hpp"
+#include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/landmarks/landmarks.hpp"
@@ -117,10 +117,6 @@ void run(int argc, char** argv) {
       ++published;
     }
   };
-  const auto answer = [&](const Message& message) {
-    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
-    return reply_to(message, arguments.module, kReplyIgnored, why);
-  };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
     const Inbox::Counters counters = inbox.counters();
@@ -132,7 +128,7 @@ void run(int argc, char** argv) {
     for (std::size_t i = 1; i < refused.size(); ++i)
       add_counter(status, "refused_" + std::string(kLandmarksRefusalNames[i]), static_cast<double>(refused[i]));
   };
-  service.run({step, answer, fill_status});
+  service.run({.step = step, .fill_status = fill_status});
 }
 }  // namespace
 

@@ -2,7 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "device/answer.hpp"
+#include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/sockets/inbox.hpp"
@@ -65,10 +65,6 @@ void run(int argc, char** argv) {
       }
     }
   };
-  const auto answer = [&](const Message& message) {
-    const char* why = is_addressed(message, arguments.module) ? "unknown key; this tracker has none" : "not for this module";
-    return reply_to(message, arguments.module, kReplyIgnored, why);
-  };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
     const Inbox::Counters counters = inbox.counters();
@@ -81,7 +77,7 @@ void run(int argc, char** argv) {
       add_counter(status, "refused_" + std::string(kWebXrRefusalNames[i]), static_cast<double>(refused[i] + larger));
     }
   };
-  service.run({step, answer, fill_status});
+  service.run({.step = step, .fill_status = fill_status});
 }
 }  // namespace
 
