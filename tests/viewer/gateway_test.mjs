@@ -157,6 +157,33 @@ test("bad frames are refused, counted, and do no harm", async () => {
   await leave(other);
 });
 
+test("a module without messages of its own says so", async () => {
+  const one = await client();
+  const answers = [];
+  one.socket.on("message", (data) => {
+    for (let at = 0; at < data.length; at += 16 + data.readUInt32LE(at + 8)) {
+      if (data.readUInt16LE(at + 6) !== 11) continue;
+      const [module, text] = [data.subarray(at + 32, at + 96), data.subarray(at + 96, at + 224)].map((field) => field.toString("latin1").replaceAll("\0", ""));
+      if (module === "viewer") answers.push(`${data.readBigUInt64LE(at + 16)} ${text}`);
+    }
+  });
+  one.socket.send(show(1 << 11));
+  await pause(1000);
+  for (const [id, module] of [
+    [7n, "viewer"],
+    [8n, "other"],
+  ]) {
+    const payload = Buffer.alloc(8 + 3 * 64);
+    payload.writeBigUInt64LE(id);
+    [module, "gain", "1"].forEach((text, i) => payload.write(text, 8 + 64 * i, "latin1"));
+    one.socket.send(frame(MESSAGE, payload));
+  }
+  await until("both answers", () => answers.length === 2);
+  assert.match(answers[0], /^7 unknown key/);
+  assert.match(answers[1], /^8 not for this module/);
+  await leave(one);
+});
+
 test("a page that goes on sending rubbish is closed", async () => {
   const one = await client();
   for (let i = 0; i < 200; ++i) one.socket.send(Buffer.alloc(20));

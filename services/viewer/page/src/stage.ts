@@ -45,6 +45,7 @@ class Arrows {
     capacity: number,
     colour: number,
     private readonly radius: number,
+    sides: number,
   ) {
     const material = new THREE.MeshStandardMaterial({
       color: colour,
@@ -55,8 +56,8 @@ class Arrows {
       transparent: true,
       opacity: 0.92,
     });
-    this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, 10).translate(0, 0.5, 0), material, capacity);
-    this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, 14).translate(0, 0.5, 0), material, capacity);
+    this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, sides).translate(0, 0.5, 0), material, capacity);
+    this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, sides).translate(0, 0.5, 0), material, capacity);
     for (const mesh of [this.shafts, this.heads]) {
       mesh.count = 0;
       mesh.frustumCulled = false;
@@ -486,10 +487,11 @@ export class Stage {
       skin: null,
       nodes: null,
       bones: { tracked: new Bones("tracked"), intermediate: new Bones("intermediate"), simulated: new Bones("simulated") },
-      contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006),
-      fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022),
+      // Some pixels thick and perhaps hundreds: of few triangles.
+      contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006, 5),
+      fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022, 14),
       points: new THREE.InstancedMesh(
-        new THREE.SphereGeometry(1, 8, 6),
+        new THREE.IcosahedronGeometry(1),
         new THREE.MeshBasicMaterial({ color: 0xffd23f, depthTest: false, transparent: true }),
         512,
       ),
