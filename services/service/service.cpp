@@ -25,10 +25,6 @@ std::string with_urgency(const std::string& module, double rate_hz, Urgency urge
   return module;
 }
 
-MessageReply answer_of_none(const Message& message, const std::string& module) {
-  return reply_to(message, module, kReplyIgnored, is_addressed(message, module) ? "unknown key; this module has none of its own" : "not for this module");
-}
-
 }  // namespace
 
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
