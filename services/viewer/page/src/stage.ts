@@ -495,7 +495,7 @@ export class Stage {
         new THREE.MeshBasicMaterial({ color: 0xffd23f, depthTest: false, transparent: true }),
         512,
       ),
-      couplingArrows: new Arrows(BONES, COUPLING_COLOUR, 0.0016),
+      couplingArrows: new Arrows(BONES, COUPLING_COLOUR, 0.0016, 12),
     };
     hand.points.count = 0;
     hand.points.frustumCulled = false;
