@@ -31,8 +31,8 @@ std::string residual(double newtons) { return fmt::format("simulation.solver.res
 std::string increment(double metres) { return fmt::format("simulation.solver.increment_tolerance={:g}", metres); }
 std::string rate(double hertz) { return fmt::format("rate_hz={}", hertz); }
 
-// Chord steps end by a tolerance of their own: only the default takes them.
-const std::string kNoChord = "simulation.solver.chord_tolerance=0";
+// Chord steps end by a tolerance of their own, and a carried factor is no Newton iteration: only the default has them.
+const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoCarry = "simulation.solver.carry_factor=false";
 
 // Solved so well that only what is under study shows.
 std::vector<std::string> well_solved() { return {iterations(60), residual(1e-6)}; }
@@ -77,9 +77,13 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
     }
   }
   for (Run& run : runs) {
-    if (run.knob != "default") run.overrides.push_back(kNoChord);
+    if (run.knob == "default") continue;
+    run.overrides.push_back(kNoChord);
+    run.overrides.push_back(kNoCarry);
   }
-  runs.push_back({"left_out", "nothing: chord steps off", plan.hand, {kNoChord}, "R0"});
+  runs.push_back({"left_out", "new factors in free motion alone", plan.hand, {kNoChord}, "R0"});
+  runs.push_back({"left_out", "new factors in contact alone", plan.hand, {kNoCarry}, "R0"});
+  runs.push_back({"left_out", "nothing", plan.hand, {kNoChord, kNoCarry}, "R0"});
   return runs;
 }
 
@@ -213,7 +217,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.grasp = scene.grasp;
 
   // R0, and beside it the single steps of the settings with the same mesh and step.
-  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, "simulation.solver.factor=double"}, "R0"};
+  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, kNoCarry, "simulation.solver.factor=double"}, "R0"};
   Restarted restarted;
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (runs[i].knob == "default" || runs[i].knob == "newton_iterations") restarted.add(i, stage.ready(runs[i].hand, runs[i].overrides));
