@@ -213,6 +213,21 @@ test("pause freezes the picture, steps move it, live goes on", async () => {
   assert.ok(await page.locator("#live").isDisabled());
 });
 
+test("what was seen is saved and played, and again, and keys go on", async () => {
+  await page.focus("#save");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.keyboard.press("Enter")]);
+  const file = await download.path();
+  await page.focus("#open"); // which keeps the focus afterwards
+  await page.setInputFiles("#open", file);
+  const plays = async () => !(await page.locator("#live").isDisabled());
+  await until("it plays", plays);
+  await page.keyboard.press("l");
+  await until("what happens now", async () => !(await plays()));
+  await page.setInputFiles("#open", file);
+  await until("the same plays again", plays);
+  await page.click("#live");
+});
+
 test("a killed gateway is reported and recovered from", async () => {
   await viewer.process.end("SIGKILL");
   await until("the loss is told", async () => (await state()) === "lost");

@@ -271,7 +271,9 @@ click("save", null, "", () => {
   URL.revokeObjectURL(link.href);
 });
 element<HTMLInputElement>("open").onchange = async ({ target }) => {
-  const file = (target as HTMLInputElement).files?.[0];
+  const input = target as HTMLInputElement;
+  const file = input.files?.[0];
+  input.value = ""; // so that the same one can be opened again
   if (!file) return;
   try {
     timeline.open(await file.arrayBuffer());
@@ -305,7 +307,7 @@ const views: Record<string, [number, number, number]> = {
 };
 window.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
-  if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range]), select, dialog")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range], [type=file]), select, dialog")) return;
   const view = views[event.key];
   // Arrows move the slider and scroll the panel where these have the focus.
   if (view && !target.closest("input, #panel")) {
