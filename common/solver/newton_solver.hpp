@@ -1,7 +1,7 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
 // While nothing touches the hand most of that is left out: a chord step starts from where the velocities lead and reuses an earlier step's factor, turned along with the bones
-// (linkage.hpp). Not in the source.
+// (linkage.hpp). In contact a step begins with the factor of the step before, and goes on with it while each iteration takes most of the residual away. Neither is in the source.
 //
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a backtracking line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
