@@ -223,8 +223,13 @@ test("what was seen is saved and played, and again, and keys go on", async () =>
   await until("it plays", plays);
   await page.keyboard.press("l");
   await until("what happens now", async () => !(await plays()));
+  await page.setInputFiles("#open", { name: "notes.shv", mimeType: "application/octet-stream", buffer: Buffer.from("no recording at all, but long enough for a head") });
+  const refused = page.locator("#refused");
+  await refused.waitFor({ state: "visible" });
+  assert.match(await refused.textContent(), /notes\.shv was not opened: no recording/);
   await page.setInputFiles("#open", file);
   await until("the same plays again", plays);
+  assert.ok(await refused.isHidden());
   await page.click("#live");
 });
 

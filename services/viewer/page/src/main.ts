@@ -275,10 +275,13 @@ element<HTMLInputElement>("open").onchange = async ({ target }) => {
   const file = input.files?.[0];
   input.value = ""; // so that the same one can be opened again
   if (!file) return;
+  const refused = element("refused");
+  refused.hidden = true;
   try {
     timeline.open(await file.arrayBuffer());
   } catch (error) {
-    bad(String(error));
+    refused.textContent = `${file.name} was not opened: ${error instanceof Error ? error.message : error}`;
+    refused.hidden = false;
   }
 };
 const scrub = element<HTMLInputElement>("scrub");
