@@ -1,1 +1,2 @@
-softhand_test(hand ${CMAKE_CURRENT_LIST_DIR}/hand_test.cpp LINK softhand_hand)
+softhand_test(hand_simulation ${CMAKE_CURRENT_LIST_DIR}/hand_simulation_test.cpp LINK softhand_scene)
+softhand_test(hand_loop ${CMAKE_CURRENT_LIST_DIR}/hand_loop_test.cpp LINK softhand_hand)

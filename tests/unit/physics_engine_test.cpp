@@ -1,5 +1,6 @@
 // What the world asks of a physics engine, without the world: who rests sleeps, and wakes in time.
 #include "world/physics_engine.hpp"
+#include "support/shapes.hpp"
 
 #include <gtest/gtest.h>
 
@@ -23,10 +24,7 @@ struct Sleepers {
     for (const std::size_t slot : {1u, 2u}) add_box(slot, {0, 0.02 + 0.04 * static_cast<double>(slot - 1), 0}, gravity);
   }
   void add_box(std::size_t slot, const Vector3& position, const Vector3& its_gravity) {
-    Shape shape;
-    shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
-    shape.size = {0.02, 0.02, 0.02};
-    engine->add(slot, {shape, 0.1, Vector3::Constant(0.1 * 0.04 * 0.04 / 6), 0.8, {position, Quaternion::Identity()}});
+    engine->add(slot, {testing::cube_shape(0.02), 0.1, Vector3::Constant(0.1 * 0.04 * 0.04 / 6), 0.8, {position, Quaternion::Identity()}});
     engine->set_gravity(slot, its_gravity);
   }
   void run(double seconds) {
