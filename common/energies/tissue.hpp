@@ -28,7 +28,7 @@ class Tissue final : public Energy {
   /// Uses nodes, tetrahedra, their materials. std::invalid_argument, naming the element, where a tetrahedron has no volume or a node, material or
   /// constant is out of range. `set` must be supported by the processor.
   explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
-  /// From here on `add_all` computes the Hessian's products in float: for a solver that factorises it in float. Energy and gradient stay what they are.
+  /// From here on `add_all` computes the Hessian's axes and products in float: for a solver that factorises it in float. Energy and gradient stay what they are.
   void use_single_hessian() { single_hessian_ = true; }
   /// Takes the second half of the elements from here on; it outlives this.
   void use(HelperThread& helper) { helper_ = &helper; }

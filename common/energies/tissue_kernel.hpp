@@ -31,7 +31,7 @@ struct TissueOutput {
   double* gradient = nullptr;  ///< three a node; dU/dx is added
   double* blocks = nullptr;    ///< nine a stored block, column-major; the Hessian is added
   bool projected = true;       ///< the Hessian: positive semi-definite, or exact
-  bool single_blocks = false;  ///< where gradient and Hessian are asked for: the Hessian's products in float, to 1e-6 of an element's largest entry
+  bool single_blocks = false;  ///< where gradient and Hessian are asked for: the Hessian's axes and products in float, to 1e-6 of an element's largest entry
 };
 
 /// `positions`: three a node, metres. Returns U_t in joules; not a number where a lane's F is not finite, and then only that lane's nodes get

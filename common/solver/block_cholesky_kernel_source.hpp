@@ -193,7 +193,8 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
   }
 }
 
-// Which rows of a tile are meant, as the instruction set wants it.
+// Which rows of a tile are meant, as the instruction set wants it. `add_to_tile` adds numbers that lie together to these rows of a tile's column, and may read a tile's length
+// of them.
 template <typename Scalar>
 struct ChosenRows;
 #if defined(__AVX2__)
@@ -291,7 +292,6 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
     const Scalar* const from = update + 3 * block * from_step;
     Scalar* const to = target + (row - skipped * kTile) * to_step;
     const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first, const ChosenRows<Scalar>& chosen) {
-      // Adds numbers that lie together to the chosen rows of a tile's column; may read a tile's length of them.
       add_to_tile(to + column * to_step + (rows.tile - skipped) * tile_step, from + column * from_step + first, chosen);
     };
     while (tile->tile < row / kTile) ++tile;
