@@ -140,6 +140,7 @@ void HandSimulation::reposition(const Pose& wrist) {
     state_.body_velocities[b] = {};
   }
   if (contacts_) contacts_->reset();
+  stored_holds_ = false;
 }
 
 void HandSimulation::restore(const State& state) {
@@ -150,6 +151,7 @@ void HandSimulation::restore(const State& state) {
   state_ = state;
   if (contacts_) contacts_->reset();
   ledger_.restart();
+  stored_holds_ = false;
 }
 
 void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
@@ -210,6 +212,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   bone_contact_forces_ = other.bone_contact_forces_;
   ledger_ = other.ledger_;
   stored_ = other.stored_;
+  stored_holds_ = other.stored_holds_;
   *inertia_ = *other.inertia_;
   *coupling_ = *other.coupling_;
   if (contacts_ != nullptr) *contacts_ = *other.contacts_;
@@ -220,6 +223,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
+  solver_->measure_work(keeps_ledger_, keeps_ledger_ && !stored_holds_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
   collect_bone_contacts();
@@ -229,9 +233,11 @@ StepReport HandSimulation::step(double time_step) {
 }
 
 void HandSimulation::keep_ledger(bool keep) {
-  if (keep && !keeps_ledger_) ledger_.restart();
+  if (keep && !keeps_ledger_) {
+    ledger_.restart();
+    stored_holds_ = false;
+  }
   keeps_ledger_ = keep;
-  solver_->measure_work(keep);
 }
 
 void HandSimulation::enter_step(const StepReport& report) {
@@ -243,13 +249,16 @@ void HandSimulation::enter_step(const StepReport& report) {
   EnergyFlow step;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const TermEnergy& term = report.terms[t];
-    EnergyFlow flow = terms_[t]->flow(term.start, term.joules, term.taken);
+    // Only potentials of the state alone ask for the start, and what they stored when the last step ended is that.
+    const double start = report.chord && stored_holds_ ? stored_[t] : term.start;
+    EnergyFlow flow = terms_[t]->flow(start, term.joules, term.taken);
     // Nodes that were put back before the step; inertia and contacts keep account of that themselves.
-    if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += term.start - stored_[t];
+    if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += start - stored_[t];
     stored_[t] = flow.stored;
     step += flow;
   }
   untangled_ = false;
+  stored_holds_ = report.measured;
   // Without the derivatives of the result there is nothing to enter.
   if (report.measured) {
     ledger_.add(step);
@@ -268,6 +277,7 @@ void HandSimulation::untangle(double time_step) {
   if (moved == 0) return;
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;
+  stored_holds_ = false;
   // No path is drawn from where the nodes were.
   if (contacts_) contacts_->reset();
 }

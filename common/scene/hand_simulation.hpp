@@ -153,7 +153,8 @@ class HandSimulation {
   std::array<Vector3, kBodyCount> bone_contact_forces_{};
   bool keeps_ledger_ = false;
   EnergyLedger ledger_;
-  std::array<double, kMaxTerms> stored_{};  // J, by term
+  std::array<double, kMaxTerms> stored_{};  // J, by term, in the state that the last step entered left
+  bool stored_holds_ = false;               // nobody but a step has moved tissue or bones since
 };
 
 }  // namespace softhand

@@ -349,7 +349,7 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
 // False where the iteration does not contract; `state` is then anywhere.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
   carried_time_step_ = 0;
-  if (measures_work_) {
+  if (measures_start_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }
   state.node_positions += time_step * state.node_velocities;

@@ -88,7 +88,7 @@ inline constexpr std::size_t kMaxTerms = 16;
 struct TermEnergy {
   std::string_view name;
   double joules = 0;
-  double start = 0;  ///< the same at the step's start, J
+  double start = 0;  ///< the same at the step's start, J; of a chord step 0 unless asked for
   double taken = 0;  ///< gradient . dq, dq the step's whole increment, J; 0 unless asked for
 };
 
@@ -119,8 +119,11 @@ class NewtonSolver {
   /// Allocates nothing outside the linear solver.
   StepReport step(State& state, double time_step);
 
-  /// Whether `TermEnergy::taken` is computed, for the energy ledger; off at first.
-  void measure_work(bool wanted) { measures_work_ = wanted; }
+  /// Whether `TermEnergy::taken` is computed, for the energy ledger, and whether a chord step, which has no use for it, evaluates `TermEnergy::start`; off at first.
+  void measure_work(bool taken, bool start_of_chord_steps) {
+    measures_work_ = taken;
+    measures_start_ = start_of_chord_steps;
+  }
   /// Where `quiet()` holds once the terms have begun a step, that step is tried as a chord step: from the state to which the velocities of linked bodies and nodes lead, by
   /// Newton's method with the Hessian of an earlier chord step, taken along by `linkage`. What does not contract becomes an ordinary step, from its start. `quiet` must
   /// mean that the Hessian changes by little else than the turning of the linked bodies: no contact began or ended. It must not allocate.
@@ -159,6 +162,7 @@ class NewtonSolver {
   VectorX displacement_;  // the increment from start_ to the state evaluated last
   State start_, base_, best_;
   bool measures_work_ = false;
+  bool measures_start_ = false;
 };
 
 }  // namespace softhand

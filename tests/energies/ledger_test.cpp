@@ -33,7 +33,7 @@ SolverOptions exact() {
 class Books {
  public:
   Books(std::vector<Energy*> terms, const State& state) : terms_(std::move(terms)), solver_(terms_, state.layout(), exact()) {
-    solver_.measure_work(true);
+    solver_.measure_work(true, true);
   }
 
   void step(State& state, double time_step) {

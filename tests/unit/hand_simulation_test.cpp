@@ -369,6 +369,34 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
   EXPECT_LE(std::sqrt(difference / total), 0.01);
 }
 
+// What a potential stored when the step before ended is what it starts from: the books of a hand in the air cost no evaluation, but in the first step and after the hand was put elsewhere.
+TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
+  HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
+  booked.keep_ledger(true);
+  const auto evaluations = [](HandSimulation& simulation, int step) {
+    const std::uint64_t before = simulation.work().tissue_elements;
+    set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * step), 0, 0), rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * step), 0))});
+    EXPECT_TRUE(simulation.step(kStep).chord);
+    return (simulation.work().tissue_elements - before) / simulation.hand().tetrahedra.size();
+  };
+  for (int i = 0; i < 60; ++i) {
+    if (i == 30) {
+      for (HandSimulation* simulation : {&plain, &booked}) {
+        State stretched = simulation->state();
+        stretched.node_positions *= 1.001;
+        simulation->restore(stretched);
+      }
+      booked.keep_ledger(false);
+      booked.keep_ledger(true);
+    }
+    EXPECT_EQ(evaluations(booked, i), evaluations(plain, i) + (i % 30 == 0 ? 1 : 0)) << i;
+    if (i == 29) {
+      EXPECT_LE(booked.ledger().defect(), 1e-3);
+    }
+  }
+  EXPECT_LE(booked.ledger().defect(), 1e-3);
+}
+
 TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
   HandSimulation simulation(hand(), options(), 1, 0);
   const ShapeGeometry geometry(cube_shape(0.02));
