@@ -178,6 +178,12 @@ int Tissue::inverted_elements(const State& state) const {
   return count;
 }
 
+bool Tissue::is_folded(const State& state, int element) const {
+  if (tetrahedron_volume(state.node_positions, corners_[static_cast<std::size_t>(element)]) >= 0.0) return false;
+  const CorotationalMaterial constants = material(element);
+  return energy_density(state, element) > 4 * constants.mu + 2 * constants.lambda;
+}
+
 double Tissue::energy_density(const State& state, int element) const {
   return evaluate_corotational(material(element), deformation_gradient(state, element)).density;
 }

@@ -115,8 +115,6 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     terms_.push_back(std::move(objects));
   }
 
-  if (tissue_ != nullptr) tissue_energy_ = [this](const State& state) { return tissue_->value(state) + attachments_->value(state); };
-
   std::vector<Energy*> list;
   for (const auto& term : terms_) list.push_back(term.get());
   SolverOptions solver_options = options.solver;
@@ -268,12 +266,12 @@ void HandSimulation::enter_step(const StepReport& report) {
 }
 
 void HandSimulation::untangle(double time_step) {
-  if (!untangler_.due(time_step)) return;
+  if (tissue_ == nullptr || !untangler_.due(time_step)) return;
   std::fill(touching_.begin(), touching_.end(), 0);
   if (contacts_) {
     for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
   }
-  const int moved = untangler_.look(state_, touching_, kinetic_energy(), tissue_energy_);
+  const int moved = untangler_.look(state_, touching_, kinetic_energy(), *tissue_, *attachments_);
   if (moved == 0) return;
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;

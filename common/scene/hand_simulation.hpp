@@ -6,7 +6,6 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -143,7 +142,6 @@ class HandSimulation {
   Tissue* tissue_ = nullptr;  // null: the hand is bones alone
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
-  std::function<double(const State&)> tissue_energy_;  // of tissue and attachments, J; null: bones alone
   Untangler untangler_;
   std::vector<std::uint8_t> touching_;  // by node
   std::uint64_t untangled_nodes_ = 0;

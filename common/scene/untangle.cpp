@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "math/tetrahedron.hpp"
-
 namespace softhand {
 namespace {
 
@@ -18,7 +16,7 @@ Untangler::Untangler(const HandModel& hand, double patience)
     : patience_(patience),
       tetrahedra_(hand.tetrahedra),
       node_body_(hand.node_body),
-      inverted_(hand.tetrahedra.size(), 0),
+      folded_(hand.tetrahedra.size(), 0),
       move_(hand.nodes.size(), 0),
       more_(hand.nodes.size(), 0) {
   carried_.node_positions = carried_.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
@@ -36,12 +34,13 @@ void Untangler::put_back(State& state, std::size_t node) const {
 }
 
 // Tissue that rests, touching nothing, goes to where the bones carry it or below that in energy: it would, from there. What holds more is caught in another minimum.
-int Untangler::untwist(State& state, double kinetic_energy, const std::function<double(const State&)>& energy) {
-  const double held = energy(state);
+int Untangler::untwist(State& state, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
+  const auto energy = [&] { return tissue.value(state) + attachments.value(state); };
+  const double held = energy();
   carried_.node_positions = state.node_positions;
   carried_.node_velocities = state.node_velocities;
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(state, n);
-  const double excess = held - energy(state);
+  const double excess = held - energy();
   const bool stays = std::exchange(twisted_, excess > kTwistedEnergy && kinetic_energy < kAtRest * excess);
   if (twisted_ && stays) {
     twisted_ = false;
@@ -60,22 +59,22 @@ bool Untangler::due(double time_step) {
   return true;
 }
 
-int Untangler::look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const std::function<double(const State&)>& energy) {
+int Untangler::look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
   bool any_free = false, tangled = false;
   std::fill(move_.begin(), move_.end(), 0);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const auto& nodes = tetrahedra_[t];
-    const bool inverted = tetrahedron_volume(state.node_positions, nodes) < 0;
-    const bool stays = inverted && inverted_[t] != 0;
-    inverted_[t] = inverted ? 1 : 0;
-    if (!inverted || std::any_of(nodes.begin(), nodes.end(), [&touching](std::int32_t n) { return touching[static_cast<std::size_t>(n)] != 0; })) continue;
+    const bool folded = tissue.is_folded(state, static_cast<int>(t));
+    const bool stays = folded && folded_[t] != 0;
+    folded_[t] = folded ? 1 : 0;
+    if (!folded || std::any_of(nodes.begin(), nodes.end(), [&touching](std::int32_t n) { return touching[static_cast<std::size_t>(n)] != 0; })) continue;
     any_free = true;
     if (!stays) continue;
     tangled = true;
     for (const std::int32_t n : nodes) move_[static_cast<std::size_t>(n)] = 1;
   }
   if (!any_free) attempts_ = 0;
-  if (!any_free && energy && std::find(touching.begin(), touching.end(), 1) == touching.end()) return untwist(state, kinetic_energy, energy);
+  if (!any_free && std::find(touching.begin(), touching.end(), 1) == touching.end()) return untwist(state, kinetic_energy, tissue, attachments);
   if (!tangled || attempts_ >= static_cast<int>(kRings.size())) return 0;
   for (int ring = 0, grown = 1; ring < kRings[static_cast<std::size_t>(attempts_)] && grown > 0; ++ring) {
     more_ = move_;
@@ -97,8 +96,8 @@ int Untangler::look(State& state, std::span<const std::uint8_t> touching, double
     put_back(state, n);
     ++moved;
   }
-  // What was inverted before the stroke says nothing about after it.
-  std::fill(inverted_.begin(), inverted_.end(), 0);
+  // What was folded before the stroke says nothing about after it.
+  std::fill(folded_.begin(), folded_.end(), 0);
   return moved;
 }
 
