@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -20,9 +21,16 @@ constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
 constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
-constexpr double kCarries = 0.3;   // of two residuals: beyond it a new factor costs less than the iterations that an earlier step's would take
-constexpr double kNear = 100;  // of the residual's tolerance: within it an old factor still leads on
+constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
+constexpr double kWorth = 8;         // iterations with a kept factor that cost as much as one with a new Hessian and factor
+constexpr double kNear = 100;        // of the residual's tolerance: a kept factor alone may leave as much where the time is over
+constexpr double kSlowest = 0.9;     // of two increments, when the rest is estimated: beyond it a series says nothing
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
+constexpr int kMaxBracketings = 6;
+constexpr double kLevel = 0.5;       // of the slope at the start: no more may be left at the end of a line search, beyond the minimum
+constexpr double kShort = 0.05;      // likewise short of the minimum, but for a full step
+constexpr double kInside = 0.05;     // of a bracket: how near to its ends the next trial may be
+constexpr double kNoise = 100;       // of the energy's rounding: what falls by less has no slope worth a search
 
 double steady_seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
@@ -39,6 +47,12 @@ double rounding_of_energy(const StepReport& report) {
   double sum = 0;
   for (std::size_t t = 0; t < report.term_count; ++t) sum += std::abs(report.terms[t].joules);
   return 1e-14 * sum;
+}
+
+// How many more iterations it takes at this contraction.
+double iterations_until(double now, double tolerance, double contraction) {
+  if (now <= tolerance) return 0;
+  return contraction < 1 ? std::log(tolerance / now) / std::log(contraction) : std::numeric_limits<double>::infinity();
 }
 
 bool fits(const State& state, DofLayout layout) {
@@ -175,20 +189,54 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
   return false;
 }
 
-// Backtracks along the direction until Armijo's rule holds. Returns the part of the step that was taken; 0 where E does not fall in floating point (then `state` and `report`
-// are unchanged). `measured`: evaluates there, its derivatives too; the full step nearly always holds, so it is evaluated with them at once.
+// Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of the step that was taken; 0 where E does not fall in
+// floating point (then `state` and `report` are unchanged). `measured`: the energy and the gradient there are evaluated, at a full step with the Hessian too if it is wanted.
+//
+// E has kinks in its slope's slope: contacts that begin and end, friction that sticks and slides. Short of one the Hessian does not know what lies beyond, and steps that were
+// halved until E falls would come nearer in each iteration and never cross. So the search brackets the minimum by the slope and ends at it or beyond, where the next Hessian is another.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   const double rounding = rounding_of_energy(report);
   const StepReport before = report;
   base_ = state;
-  double scale = 1.0;
+  // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
+  const auto bound = [&](double scale) { return before.energy + kArmijo * scale * slope + rounding; };
+  double scale = 1;
+  if (measured) {
+    double low = 0, low_slope = slope;  // where E still falls
+    double high = 0, high_slope = 0;    // where it rises again, or has not fallen
+    int side = 0;
+    for (int trial = 0; trial <= kMaxBracketings; ++trial) {
+      apply_increment(state, direction_, scale);
+      const bool finite = evaluate(state, report, with_hessian && trial == 0);
+      const double there = finite ? gradient_.dot(direction_) : 0.0;
+      const bool falls = finite && report.energy <= bound(scale);
+      const bool level = there <= -kLevel * slope && (there >= kShort * slope || trial == 0 || trial == kMaxBracketings);
+      if (falls && (level || -slope <= kNoise * rounding)) {
+        report.increment *= scale;
+        return scale;
+      }
+      state = base_;
+      // Regula falsi; an end that stays twice is taken for less than it is (Illinois), so that the other moves.
+      if (falls && there < 0) {
+        low = scale;
+        low_slope = there;
+        if (side < 0) high_slope *= 0.5;
+        side = -1;
+      } else {
+        high = scale;
+        high_slope = there;
+        if (side > 0) low_slope *= 0.5;
+        side = 1;
+      }
+      const double root = high_slope > 0 ? low_slope / (low_slope - high_slope) : 0.5;
+      scale = low + std::clamp(root, kInside, 1 - kInside) * (high - low);
+    }
+    scale = low > 0 ? low : 0.5 * high;
+  }
   for (int halving = 0; halving <= kMaxHalvings; ++halving, scale *= 0.5) {
     apply_increment(state, direction_, scale);
-    // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
-    const double bound = before.energy + kArmijo * scale * slope + rounding;
-    const bool falls = (measured && halving == 0) || energy_at(state, report) <= bound;
-    if (falls && (!measured || (evaluate(state, report, with_hessian) && report.energy <= bound))) {
+    if (energy_at(state, report) <= bound(scale) && (!measured || (evaluate(state, report, false) && report.energy <= bound(scale)))) {
       report.increment *= scale;
       return scale;
     }
@@ -198,6 +246,13 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
   report = before;
   report.timing = timing;
   return 0;
+}
+
+// Of the last iteration's increment: the longest way of a node or of a body's centre, m.
+double NewtonSolver::longest_move() const {
+  double longest = layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() : 0.0;
+  for (int body = 0; body < layout_.body_count; ++body) longest = std::max(longest, direction_.segment<3>(3 * layout_.body_translation_block(body)).lpNorm<Eigen::Infinity>());
+  return longest;
 }
 
 StepReport NewtonSolver::step(State& state, double time_step) {
@@ -226,22 +281,24 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.timing = spent;
   }
   kept_time_step_ = 0;
-  // The factor of the step before leads on. Not where each iteration has a new one anyway.
-  bool carries = options_.carry_factor && options_.line_search && carried_time_step_ == time_step && options_.max_iterations > options_.max_factorisations;
+  // Whether a factor serves for more than one iteration, that of the step before too; and whether the last one does. Few iterations are Newton's own.
+  const bool may_keep = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations;
+  bool pays = may_keep && carried_time_step_ == time_step;
   carried_time_step_ = 0;
   bool have_best = false;
   bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = !carries;  // so is `hessian_`
-  bool keeps = false;          // the last factor leads on
+  bool linearised = !pays;     // so is `hessian_`
   bool in_double = false;      // factors from now on
   double best_energy = 0;
+  double moved_before = 0;
+  double left = std::numeric_limits<double>::infinity();  // to move, m
+  const auto has_converged = [&] { return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && left <= options_.movement_tolerance; };
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, linearised, false)) return give_up();
   for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     const double iteration_begin = clock_();
-    // The fast mode always takes its one step, so that nothing sticks below a tolerance.
-    if (report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
+    if (has_converged()) {
       report.status = StepStatus::converged;
       break;
     }
@@ -252,7 +309,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    bool renews = !carries && (!keeps || report.factorisations < options_.max_factorisations);
+    bool renews = !pays;
     const bool last = iteration + 1 == options_.max_iterations;
     evaluated = !last || options_.measure_result || have_best;
     const double before = report.residual;
@@ -272,14 +329,13 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.timing.solve += clock_() - solve_begin;
       if (!direction_.allFinite()) return give_up();
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-      linearised = !last && !carries && report.factorisations < options_.max_factorisations && kUsualReduction * report.residual > options_.residual_tolerance;
+      linearised = !last && !may_keep && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
+      linearised = linearised && scale == 1;
       if (scale > 0 || (renews && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
       if (renews) in_double = true;
       renews = true;
-      carries = false;
-      linearised = false;
     }
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
@@ -294,10 +350,15 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       apply_increment(state, direction_);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
-    if (scale < 1 || report.residual > kCarries * before) carries = false;
-    const bool stalls = scale == 1 && evaluated && report.residual > kStalled * before;
-    if (stalls && renews) in_double = true;
-    keeps = scale == 1 && !stalls && report.residual <= kNear * options_.residual_tolerance;
+    const double moved = (scale > 0 ? scale : 1.0) * longest_move();
+    // With one factor increments shrink alike; a new one's contraction shows in the residual alone.
+    const double of_residual = before > 0 ? report.residual / before : 0.0;
+    const double contraction = renews || moved_before == 0 ? of_residual : moved / moved_before;
+    left = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
+    moved_before = moved;
+    pays = may_keep && scale == 1 &&
+           std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(left, options_.movement_tolerance, contraction)) <= kWorth;
+    if (renews && scale == 1 && evaluated && report.residual > kStalled * before) in_double = true;
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
@@ -311,7 +372,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       break;
     }
   }
-  if (evaluated && report.status == StepStatus::iteration_limit && report.residual <= options_.residual_tolerance && options_.max_iterations > 1) {
+  if (evaluated && report.status == StepStatus::iteration_limit && has_converged()) {
     report.status = StepStatus::converged;
   }
   if (have_best && best_energy + rounding_of_energy(report) < report.energy) {
@@ -324,7 +385,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  if (carries || report.factorisations > 0) carried_time_step_ = time_step;
+  if (pays || report.factorisations > 0) carried_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -383,12 +444,15 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     if (iteration > 0 && renews && moved > kStalled * before) return false;
     tired_ = iteration > 0 ? moved > kTired * before : tired_ && !renews;
     const bool moved_little = moved <= options_.chord_tolerance;
-    renews = !moved_little && tired_;
+    const bool renewed = std::exchange(renews, !moved_little && tired_);
+    const double residual = report.residual;
     if (!evaluate(state, report, renews, moved_little)) return false;
     // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
     const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
-    if (moved_little && fell) {
+    // A factor that is much too stiff moves little however much is left.
+    const bool shrank = report.residual <= std::max(options_.residual_tolerance, kStalled * residual);
+    if (moved_little && fell && shrank) {
       const double end = clock_();
       for (Energy* term : terms_) term->end_step(state);
       report.timing.end = clock_() - end;
@@ -399,6 +463,11 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       return report.state_changed;
     }
     before = moved;
+    if (!shrank && !renewed && !renews) {
+      renews = true;
+      before = std::numeric_limits<double>::infinity();  // it says nothing about what a better factor moves
+      if (!evaluate(state, report, true, false)) return false;
+    }
   }
   return false;
 }

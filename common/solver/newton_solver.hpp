@@ -1,9 +1,9 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
 // While nothing touches the hand most of that is left out: a chord step starts from where the velocities lead and reuses an earlier step's factor, turned along with the bones
-// (linkage.hpp). In contact a step begins with the factor of the step before, and goes on with it while each iteration takes most of the residual away. Neither is in the source.
+// (linkage.hpp). In contact a factor is kept from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner. Neither is in the source.
 //
-// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a backtracking line search
+// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
 #pragma once
 
@@ -25,9 +25,9 @@ namespace softhand {
 
 struct SolverOptions {
   std::int64_t max_iterations = 60;
-  std::int64_t max_factorisations = 2;
-  bool carry_factor = true;
+  bool keep_factor = true;
   double residual_tolerance = 1e-3;
+  double movement_tolerance = 5e-6;
   double increment_tolerance = 1e-9;
   double time_budget = 0;
   double chord_tolerance = 2e-5;
@@ -43,12 +43,11 @@ struct SolverOptions {
 
 inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles where the tracker is noisy.");
-  v.integer("max_factorisations", o.max_factorisations, "", {1, 10000},
-            "Once an earlier step's factor does no longer, how many iterations compute a new Hessian and factor in any case; the others keep the last near the minimum, and cost a quarter.");
-  v.flag("carry_factor", o.carry_factor,
-         "A step begins with the factor of the step before and goes on with it while each iteration takes most of what is left; steps of `max_factorisations` iterations or fewer do not.");
-  v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this.");
-  v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged when an iteration moves nothing by more than this (m, rad).");
+  v.flag("keep_factor", o.keep_factor,
+         "An iteration goes on with the factor of the one before, the first with that of the step before, while so it gets there sooner than with a new Hessian and factor; with three iterations and more.");
+  v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this,");
+  v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. Estimated from how the iterations shrank.");
+  v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged too when an iteration moves nothing by more than this (m, rad).");
   v.number("time_budget", o.time_budget, "s", {0, 10},
            "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
@@ -141,6 +140,7 @@ class NewtonSolver {
   bool factorize(StepReport& report, bool in_double);
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
+  double longest_move() const;
 
   std::vector<Energy*> terms_;
   DofLayout layout_;

@@ -32,7 +32,7 @@ std::string increment(double metres) { return fmt::format("simulation.solver.inc
 std::string rate(double hertz) { return fmt::format("rate_hz={}", hertz); }
 
 // Chord steps end by a tolerance of their own, and a carried factor is no Newton iteration: only the default has them.
-const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoCarry = "simulation.solver.carry_factor=false";
+const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoKeep = "simulation.solver.keep_factor=false";
 
 // Solved so well that only what is under study shows.
 std::vector<std::string> well_solved() { return {iterations(60), residual(1e-6)}; }
@@ -79,11 +79,11 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
   for (Run& run : runs) {
     if (run.knob == "default") continue;
     run.overrides.push_back(kNoChord);
-    run.overrides.push_back(kNoCarry);
+    run.overrides.push_back(kNoKeep);
   }
   runs.push_back({"left_out", "new factors in free motion alone", plan.hand, {kNoChord}, "R0"});
-  runs.push_back({"left_out", "new factors in contact alone", plan.hand, {kNoCarry}, "R0"});
-  runs.push_back({"left_out", "nothing", plan.hand, {kNoChord, kNoCarry}, "R0"});
+  runs.push_back({"left_out", "new factors in contact alone", plan.hand, {kNoKeep}, "R0"});
+  runs.push_back({"left_out", "nothing", plan.hand, {kNoChord, kNoKeep}, "R0"});
   return runs;
 }
 
@@ -217,7 +217,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.grasp = scene.grasp;
 
   // R0, and beside it the single steps of the settings with the same mesh and step.
-  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, kNoCarry, "simulation.solver.factor=double"}, "R0"};
+  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, kNoKeep, "simulation.solver.factor=double"}, "R0"};
   Restarted restarted;
   for (std::size_t i = 0; i < runs.size(); ++i) {
     if (runs[i].knob == "default" || runs[i].knob == "newton_iterations") restarted.add(i, stage.ready(runs[i].hand, runs[i].overrides));

@@ -335,7 +335,7 @@ TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
   // A slot that no object takes gives the matrix other columns and sums another order.
   HandOptions exact = loop_options();
   exact.simulation.solver.factor = "double";
-  exact.simulation.solver.max_factorisations = exact.simulation.solver.max_iterations;
+  exact.simulation.solver.keep_factor = false;
   exact.simulation.solver.residual_tolerance = 1e-9;
   HandOptions spare = exact;
   spare.mirrored_objects = 3;

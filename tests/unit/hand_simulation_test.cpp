@@ -225,7 +225,7 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
 // A factor that is carried from step to step ends where new ones do: within 0.05 mm RMS and 1 % of the force.
 TEST(HandSimulation, HoldsAnObjectAsWellWithTheFactorOfTheStepBefore) {
   SimulationOptions carrying = options(), exact = options();
-  exact.solver.carry_factor = false;
+  exact.solver.keep_factor = false;
   exact.solver.residual_tolerance = 1e-9;
   exact.solver.factor = "double";
   HandSimulation quick(hand(), carrying, 1, 0), slow(hand(), exact, 1, 0);

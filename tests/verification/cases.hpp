@@ -23,7 +23,8 @@ inline constexpr double kGravity = 9.81;  // m/s^2
 /// Down to rounding: what is measured is then the discretisation, not the solver.
 inline SolverOptions converging() {
   SolverOptions options;
-  options.max_iterations = options.max_factorisations = 200;
+  options.max_iterations = 200;
+  options.keep_factor = false;
   options.factor = "double";
   options.residual_tolerance = 1e-13;
   options.increment_tolerance = 1e-14;
