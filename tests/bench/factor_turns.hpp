@@ -1,6 +1,5 @@
 // Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD supernodal, Eigen's SimplicialLDLT and its conjugate gradients with
-// an incomplete Cholesky factor, and against dgemm's rate. The
-// solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
+// an incomplete Cholesky factor, and against dgemm's rate. The solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
 #pragma once
 
 #include <Eigen/IterativeLinearSolvers>

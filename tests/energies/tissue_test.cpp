@@ -233,6 +233,20 @@ TEST(Tissue, StatisticsOfUniaxialTension) {
   EXPECT_EQ(tissue.inverted_elements(state), tissue.element_count());
 }
 
+TEST(Tissue, FoldedIsBeyondTheMirrorImageNotJustBeyondFlat) {
+  const HandModel box = distorted(7);
+  const Tissue tissue(box);
+  State state = testing::rest_state(box);
+  const auto folded = [&](double third) {
+    place(state, box, Vector3(1, 1, third).asDiagonal());
+    return tissue.is_folded(state, 0);
+  };
+  EXPECT_FALSE(folded(1));
+  EXPECT_FALSE(folded(3)) << "stretched so far it holds as much, but is not inside out";
+  EXPECT_FALSE(folded(-0.1));
+  EXPECT_TRUE(folded(-1.1));
+}
+
 TEST(Tissue, RefusesFlatTetrahedraAndWrongIndices) {
   HandModel box = distorted(8);
   HandModel flat = box;
