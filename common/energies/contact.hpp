@@ -200,6 +200,7 @@ class ContactEnergy final : public Energy {
  public:
   explicit ContactEnergy(ContactSet& contacts) : contacts_(contacts) {}
   std::string_view name() const override { return "contact"; }
+  bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
   void begin_step(const State& state, double time_step) override { contacts_.begin_step(state, time_step); }

@@ -22,6 +22,8 @@ class Energy {
  public:
   virtual ~Energy() = default;
   virtual std::string_view name() const = 0;
+  /// Whether the Hessian jumps from one iteration to the next, where contact begins or friction slips; else it changes with the state alone, and little in a step.
+  virtual bool has_kinks() const { return false; }
   /// Declares every block that `add_hessian` may ever touch.
   virtual void add_pattern(BlockPattern& pattern) const = 0;
   /// Looks up and keeps the slots of those blocks.

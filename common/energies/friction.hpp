@@ -23,6 +23,7 @@ class FrictionEnergy final : public Energy {
   /// Comes after the set's `ContactEnergy` in the list of terms.
   explicit FrictionEnergy(ContactSet& contacts) : contacts_(contacts) {}
   std::string_view name() const override { return "friction"; }
+  bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
   double value(const State& state) const override;

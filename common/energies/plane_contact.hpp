@@ -48,6 +48,7 @@ class PlaneContact final : public Energy {
   double dissipated() const { return dissipated_; }
 
   std::string_view name() const override { return "plane_contact"; }
+  bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   void begin_step(const State& state, double time_step) override;

@@ -38,6 +38,9 @@ BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
   }
   for (std::size_t c = 1; c < column_start_.size(); ++c) column_start_[c] += column_start_[c - 1];
   values_.assign(9 * row_.size(), 0.0);
+  journal_.reserve(row_.size());
+  before_.reserve(values_.size());
+  is_noted_.assign(row_.size(), 0);
 }
 
 BlockSlot BlockMatrix::find(int row, int column) const {
@@ -53,7 +56,35 @@ BlockSlot BlockMatrix::find(int row, int column) const {
   throw std::out_of_range("BlockMatrix: no block (" + std::to_string(row) + ", " + std::to_string(column) + ") in the pattern");
 }
 
-void BlockMatrix::set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
+void BlockMatrix::set_zero() {
+  std::fill(values_.begin(), values_.end(), 0.0);
+  begin_journal();
+  journals_ = false;
+}
+
+void BlockMatrix::begin_journal() {
+  for (const std::int32_t block : journal_) is_noted_[static_cast<std::size_t>(block)] = 0;
+  journal_.clear();
+  before_.clear();
+  journals_ = true;
+}
+
+void BlockMatrix::note(std::int32_t block) {
+  std::uint8_t& noted = is_noted_[static_cast<std::size_t>(block)];
+  if (noted != 0) return;
+  noted = 1;
+  journal_.push_back(block);
+  const auto value = values_.begin() + 9 * static_cast<std::ptrdiff_t>(block);
+  before_.insert(before_.end(), value, value + 9);
+}
+
+void BlockMatrix::take_back() {
+  for (std::size_t k = 0; k < journal_.size(); ++k) {
+    const auto before = before_.begin() + 9 * static_cast<std::ptrdiff_t>(k);
+    std::copy(before, before + 9, values_.begin() + 9 * static_cast<std::ptrdiff_t>(journal_[k]));
+  }
+  begin_journal();
+}
 
 void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
   y.setZero(3 * block_count());

@@ -57,6 +57,7 @@ class BlockMatrix {
   /// Adds `block` as the (row, column) block that `slot` was looked up for. A symmetric matrix holds each off-diagonal pair once:
   /// add the pair's block for one order only.
   void add(BlockSlot slot, const Matrix3& block) {
+    if (journals_) note(slot.index);
     Eigen::Map<Matrix3> stored(values_.data() + 9 * static_cast<std::ptrdiff_t>(slot.index));
     if (slot.transposed) {
       stored += block.transpose();
@@ -64,6 +65,12 @@ class BlockMatrix {
       stored += block;
     }
   }
+  /// From here on `add` remembers what the blocks were that it adds to, until `take_back` or `set_zero`.
+  void begin_journal();
+  /// The stored blocks that were added to since.
+  std::span<const std::int32_t> journal() const { return journal_; }
+  /// Makes these blocks what they were, to the bit, and goes on remembering.
+  void take_back();
   /// y = A x, both halves counted. Sizes 3 * block_count().
   void multiply(const VectorX& x, VectorX& y) const;
   /// The full matrix, for tests.
@@ -73,6 +80,12 @@ class BlockMatrix {
   std::vector<std::int32_t> column_start_{0};
   std::vector<std::int32_t> row_;
   std::vector<double> values_;
+
+  void note(std::int32_t block);
+  bool journals_ = false;
+  std::vector<std::int32_t> journal_;
+  std::vector<double> before_;         // nine a block of the journal
+  std::vector<std::uint8_t> is_noted_; // by stored block
 };
 
 }  // namespace softhand

@@ -70,6 +70,8 @@ double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
   return kPerFront + kPerPivotTile * p + kPerTileClearedAndSolved * p * (q + 0.5 * p) + 1.1 * strips + q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
 }
 
+constexpr double kKeptSubtree = 0.05;  // of the whole factorisation: those that cost less are done again with what they are part of
+
 double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 
 // Columns of the factor as supernodes, children before parents; merged ones are left empty.
@@ -279,9 +281,19 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     front_of_node[at(visits[f].node)] = static_cast<Index>(f);
   }
 
-  std::int64_t panel_size = 0;
-  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist.
+  std::int64_t panel_size = 0, update_size = 0;
+  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist. Those of large subtrees have a place of their own,
+  // where they outlast the factorisation.
   std::int64_t top[3][2] = {}, highest[3][2] = {};
+  std::vector<double> cost(visits.size(), 0.0);  // of the front's subtree
+  keeps_update_.assign(visits.size(), 0);
+  for (std::size_t f = 0; f < visits.size(); ++f) {
+    const Supernode& node = nodes[at(visits[f].node)];
+    cost[f] += front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
+    for (const Index child : node.children) cost[f] += cost[at(front_of_node[at(child)])];
+  }
+  double total_cost = 0;
+  for (std::size_t f = 0; f < visits.size(); ++f) total_cost += visits[f].depth == 0 ? cost[f] : 0.0;
   Index longest = 0;
   operations_ = 0;
   for (std::size_t f = 0; f < visits.size(); ++f) {
@@ -304,26 +316,35 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
 
     const std::uint8_t group = visits[f].group;
     const int parity = visits[f].depth % 2;
-    front.update = top[group][parity];
-    top[group][parity] += static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
-    highest[group][parity] = std::max(highest[group][parity], top[group][parity]);
+    const std::int64_t size = static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
+    if (cost[f] >= kKeptSubtree * total_cost) {
+      keeps_update_[f] = 1;
+      front.update = update_size;
+      update_size += size;
+    } else {
+      front.update = top[group][parity];
+      top[group][parity] += size;
+      highest[group][parity] = std::max(highest[group][parity], top[group][parity]);
+    }
     // Its children's are used up; those of the two groups' subtrees stay below what their groups still stack.
-    const auto is_of_group = [&](Index child) { return visits[at(child)].group == group; };
-    const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_of_group);
+    const auto is_stacked = [&](Index child) { return visits[at(child)].group == group && keeps_update_[at(child)] == 0; };
+    const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_stacked);
     if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
     for (Index p = 0; p < front.pivots; ++p) {
       const double length = front.pivots + front.rows - p;
       operations_ += length * (length + 1);
     }
   }
-  std::int64_t stack[3][2], update_size = 0;
+  std::int64_t stack[3][2];
   for (int group = 0; group < 3; ++group) {
     for (int parity = 0; parity < 2; ++parity) {
       stack[group][parity] = update_size;
       update_size += highest[group][parity];
     }
   }
-  for (std::size_t f = 0; f < visits.size(); ++f) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
+  for (std::size_t f = 0; f < visits.size(); ++f) {
+    if (keeps_update_[f] == 0) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
+  }
 
   const auto panel_row = [](const CholeskyFront& front, const Index* rows, Index position) {
     if (position < front.first_pivot + front.pivots) return position - front.first_pivot;
@@ -352,6 +373,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     Index front, column, row, source;
   };
   std::vector<Entry> entries;
+  front_of_stored_.assign(at(matrix.stored_blocks()), 0);
   for (Index column = 0; column < count; ++column) {
     for (Index k = matrix.column_start()[at(column)]; k < matrix.column_start()[at(column) + 1]; ++k) {
       const Index row = matrix.row()[at(k)];
@@ -359,6 +381,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
       const Index low = transposed ? row : column, high = transposed ? column : row;
       const Index f = front_of_block[at(low)];
       const CholeskyFront& front = fronts_[at(f)];
+      front_of_stored_[at(k)] = f;
       entries.push_back({f, position_[at(low)] - front.first_pivot, panel_row(front, row_position_.data(), position_[at(high)]), transposed ? ~k : k});
     }
   }
@@ -374,10 +397,13 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
   entries_.resize(entries_.size() + kCholeskyEntriesAhead);
 
+  stale_.assign(fronts_.size(), 1);
+  has_updates_ = false;
   const std::size_t unknowns = 3 * at(count);
   panel_size_ = static_cast<std::size_t>(panel_size);
   panels_ = make_buffer(panel_size_);
-  updates_ = make_buffer(static_cast<std::size_t>(update_size) + kCholeskyTile);
+  update_size_ = static_cast<std::size_t>(update_size);
+  updates_ = make_buffer(update_size_ + kCholeskyTile);
   inverse_diagonal_ = make_buffer(unknowns);
   x_ = make_buffer(unknowns);
   scratch_ = make_buffer(at(longest * kCholeskyTile));
@@ -395,14 +421,46 @@ CholeskyPlan BlockCholesky<Scalar>::plan() const {
 
 template <typename Scalar>
 bool BlockCholesky<Scalar>::factorize() {
-  bool one = false, other = false;
-  run_halves(helper_, [&] { one = factorize(0); }, [&] { other = factorize(1); });
-  return one && other && factorize(kAncestors);
+  std::fill(stale_.begin(), stale_.end(), 1);
+  return factorize_stale();
 }
 
 template <typename Scalar>
-bool BlockCholesky<Scalar>::factorize(int group) {
-  return kernel_.factorize(plan(), group_[at(group)], group_[at(group + 1)], values_, panels_.get(), updates_.get(), inverse_diagonal_.get());
+bool BlockCholesky<Scalar>::refactorize(std::span<const std::int32_t> changed) {
+  if (!has_updates_) return factorize();
+  std::fill(stale_.begin(), stale_.end(), 0);
+  for (const std::int32_t block : changed) stale_[at(front_of_stored_[at(block)])] = 1;
+  for (std::size_t f = 0; f < fronts_.size(); ++f) {
+    for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) stale_[f] |= stale_[at(child_[at(k)])];
+  }
+  // What small subtrees gave to a front is no more.
+  for (std::size_t f = fronts_.size(); f-- > 0;) {
+    for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) {
+      if (keeps_update_[at(child_[at(k)])] == 0) stale_[at(child_[at(k)])] |= stale_[f];
+    }
+  }
+  return factorize_stale();
+}
+
+template <typename Scalar>
+bool BlockCholesky<Scalar>::factorize_stale() {
+  bool one = false, other = false;
+  run_halves(helper_, [&] { one = factorize_stale(0); }, [&] { other = factorize_stale(1); });
+  has_updates_ = one && other && factorize_stale(kAncestors);
+  return has_updates_;
+}
+
+template <typename Scalar>
+bool BlockCholesky<Scalar>::factorize_stale(int group) {
+  const auto begin = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group)]), end = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group + 1)]);
+  for (auto first = std::find(begin, end, 1); first != end;) {
+    const auto last = std::find(first, end, 0);
+    if (!kernel_.factorize(plan(), static_cast<std::size_t>(first - stale_.begin()), static_cast<std::size_t>(last - stale_.begin()), values_, panels_.get(), updates_.get(), inverse_diagonal_.get())) {
+      return false;
+    }
+    first = std::find(last, end, 1);
+  }
+  return true;
 }
 
 template <typename Scalar>
@@ -422,6 +480,8 @@ bool BlockCholesky<Scalar>::take_factor(const LinearSolver& other) {
   if (same == nullptr || same->position_ != position_ || same->panel_size_ != panel_size_) return false;
   std::copy_n(same->panels_.get(), panel_size_, panels_.get());
   std::copy_n(same->inverse_diagonal_.get(), 3 * position_.size(), inverse_diagonal_.get());
+  has_updates_ = same->has_updates_;
+  if (has_updates_) std::copy_n(same->updates_.get(), update_size_, updates_.get());
   return true;
 }
 

@@ -2,13 +2,16 @@
 //
 // Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD; the cheapest of a few), supernodes merged where a model of the kernels' time gains, blocks
 // added straight into the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). Subtrees of the elimination tree are dealt out to two groups of about the
-// same cost, which a second thread may share; their common ancestors follow. The same matrix gives the same bits on each run and with one thread or two, with one instruction
+// same cost, which a second thread may share; their common ancestors follow. Update matrices are kept, so that a few changed blocks cost no more than the fronts above them.
+// The same matrix gives the same bits on each run and with one thread or two, with one instruction
 // set; sets differ by rounding. Figures: docs/performance.md.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "math/helper_thread.hpp"
@@ -31,12 +34,16 @@ class BlockCholesky final : public LinearSolver {
   void load(const BlockMatrix& matrix) override;
   /// False too where a number is not finite.
   bool factorize() override;
+  /// Only the fronts on the ways from the changed blocks to the tree's root; the same bits as all of them.
+  bool refactorize(std::span<const std::int32_t> changed) override;
   void solve(const VectorX& rhs, VectorX& x) override;
   bool take_factor(const LinearSolver& other) override;
 
   /// Of one factorisation without padding: a multiplication with an addition counts as two.
   double floating_point_operations() const { return operations_; }
   std::size_t front_count() const { return fronts_.size(); }
+  /// In the last factorisation.
+  std::size_t factorised_fronts() const { return static_cast<std::size_t>(std::count(stale_.begin(), stale_.end(), 1)); }
 
  private:
   struct Free {
@@ -47,7 +54,8 @@ class BlockCholesky final : public LinearSolver {
 
   CholeskyPlan plan() const;
 
-  bool factorize(int group);
+  bool factorize_stale();
+  bool factorize_stale(int group);
 
   CholeskyKernel<Scalar> kernel_;
   HelperThread* helper_ = nullptr;
@@ -58,8 +66,12 @@ class BlockCholesky final : public LinearSolver {
   std::vector<std::int32_t> child_, row_position_, row_in_parent_;
   std::vector<CholeskyEntry> entries_;
   std::vector<CholeskyTileRows> tile_rows_;
+  std::vector<std::int32_t> front_of_stored_;  // by stored block of the matrix
+  std::vector<std::uint8_t> keeps_update_;     // by front: beyond the factorisation
+  std::vector<std::uint8_t> stale_;            // by front
+  bool has_updates_ = false;                   // of the last matrix, in full
   const double* values_ = nullptr;  // of the matrix that was loaded
-  std::size_t panel_size_ = 0;
+  std::size_t panel_size_ = 0, update_size_ = 0;
   Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };
 

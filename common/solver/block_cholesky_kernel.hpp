@@ -21,7 +21,7 @@ struct CholeskyFront {
   std::int32_t rows = 0, row_tiles = 0;
   std::int32_t first_pivot = 0;    ///< in elimination order
   std::int64_t panel = 0;          ///< offset into the panels
-  std::int64_t update = 0;         ///< offset into the update matrices; shared by fronts that are never alive together
+  std::int64_t update = 0;         ///< offset into the update matrices
   std::int32_t row_begin = 0;      ///< into `row_position` and `row_in_parent`: one entry per three rows
   std::int32_t child_begin = 0, child_end = 0;
   std::int32_t entry_begin = 0, entry_end = 0;  ///< blocks of the matrix

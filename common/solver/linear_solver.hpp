@@ -1,6 +1,9 @@
 // Sparse symmetric positive definite systems in the block pattern of the step.
 #pragma once
 
+#include <cstdint>
+#include <span>
+
 #include "math/block_matrix.hpp"
 
 namespace softhand {
@@ -14,6 +17,8 @@ class LinearSolver {
   virtual void load(const BlockMatrix& matrix) = 0;
   /// Factorises it; false where they are not positive definite.
   virtual bool factorize() = 0;
+  /// The same, where no other stored blocks than `changed` differ from the last matrix that was factorised, which was positive definite.
+  virtual bool refactorize(std::span<const std::int32_t> /*changed*/) { return factorize(); }
   /// x = A^-1 rhs after a successful factorisation; `x` has the size of `rhs`.
   virtual void solve(const VectorX& rhs, VectorX& x) = 0;
   /// Copies the factor of a solver of the same kind that analysed the same pattern; false, and nothing is done, where it is not one.

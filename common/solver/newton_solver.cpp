@@ -23,6 +23,7 @@ constexpr double kStalled = 0.5;   // of two increments of a chord step, or two 
 constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
 constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
 constexpr double kWorth = 8;         // iterations with a kept factor that cost as much as one with a new Hessian and factor
+constexpr int kMostKinksInTurn = 2;  // then the rest of the Hessian may be what is too old
 constexpr double kNear = 100;        // of the residual's tolerance: a kept factor alone may leave as much where the time is over
 constexpr double kSlowest = 0.9;     // of two increments, when the rest is estimated: beyond it a series says nothing
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
@@ -97,6 +98,13 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   linear_solver_->analyze(hessian_);
   if (precise_solver_) precise_solver_->analyze(hessian_);
   factor_ = linear_solver_.get();
+  for (const bool kinked : {false, true}) {
+    for (std::size_t t = 0; t < terms_.size(); ++t) {
+      if (terms_[t]->has_kinks() == kinked) order_.push_back(t);
+    }
+    if (!kinked) first_kinked_ = order_.size();
+  }
+  changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
 }
@@ -127,7 +135,9 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   const bool with_work = measures_work_ && may_be_result;
   if (with_work) measure_displacement(state);
   double taken = 0;
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
+  for (std::size_t k = 0; k < order_.size(); ++k) {
+    const std::size_t t = order_[k];
+    if (with_hessian && k == first_kinked_) hessian_.begin_journal();
     const double energy =
         with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_value_and_gradient(state, gradient_);
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
@@ -152,6 +162,7 @@ double NewtonSolver::energy_at(const State& state, StepReport& report) const {
 
 bool NewtonSolver::factorize(StepReport& report, bool in_double) {
   ++report.factorisations;
+  has_smooth_ = false;
   double shift = 0;
   factor_ = in_double && precise_solver_ ? precise_solver_.get() : linear_solver_.get();
   for (int attempt = 0; attempt <= kMaxShifts;) {
@@ -165,6 +176,7 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
     report.timing.factorisation += now - time;
     if (positive) {
       if (factor_ == precise_solver_.get()) ++report.double_factors;
+      has_smooth_ = shift == 0;
       return true;
     }
     if (precise_solver_ && factor_ != precise_solver_.get()) {
@@ -187,6 +199,24 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
     report.timing.assembly += clock_() - now;
   }
   return false;
+}
+
+// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where the sum is not positive definite: then it is no factor any more.
+bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
+  double time = clock_();
+  changed_.assign(hessian_.journal().begin(), hessian_.journal().end());
+  hessian_.take_back();
+  for (std::size_t k = first_kinked_; k < order_.size(); ++k) terms_[order_[k]]->add_hessian(state, hessian_, curvature_);
+  changed_.insert(changed_.end(), hessian_.journal().begin(), hessian_.journal().end());
+  double now = clock_();
+  report.timing.energies += now - time;
+  time = now;
+  ++report.factorisations;
+  ++report.kink_factors;
+  factor_->load(hessian_);
+  has_smooth_ = factor_->refactorize(changed_);
+  report.timing.factorisation += clock_() - time;
+  return has_smooth_;
 }
 
 // Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of the step that was taken; 0 where E does not fall in
@@ -289,6 +319,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
   bool linearised = !pays;     // so is `hessian_`
   bool in_double = false;      // factors from now on
+  int kinks_in_turn = pays ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
   double best_energy = 0;
   double moved_before = 0;
   double left = std::numeric_limits<double>::infinity();  // to move, m
@@ -310,6 +341,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       }
     }
     bool renews = !pays;
+    bool renews_kinks = renews && may_keep && has_smooth_ && kinks_in_turn < kMostKinksInTurn && !in_double;
     const bool last = iteration + 1 == options_.max_iterations;
     evaluated = !last || options_.measure_result || have_best;
     const double before = report.residual;
@@ -317,7 +349,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     bool factorised = true;
     // Once; again with a new factor where the kept one leads nowhere, and with one in double where that does not either.
     for (;;) {
-      if (renews) {
+      if (renews_kinks) renews_kinks = renew_kinks(state, report);
+      if (renews && !renews_kinks) {
         if (!linearised) evaluate(state, report, true);
         factorised = factorize(report, in_double);
         if (!factorised) break;
@@ -333,9 +366,10 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
       linearised = linearised && scale == 1;
-      if (scale > 0 || (renews && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
-      if (renews) in_double = true;
+      if (scale > 0 || (renews && !renews_kinks && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
+      if (renews && !renews_kinks) in_double = true;
       renews = true;
+      renews_kinks = false;
     }
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
@@ -358,7 +392,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     moved_before = moved;
     pays = may_keep && scale == 1 &&
            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(left, options_.movement_tolerance, contraction)) <= kWorth;
-    if (renews && scale == 1 && evaluated && report.residual > kStalled * before) in_double = true;
+    kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
+    if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) in_double = true;
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
@@ -401,6 +436,8 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   LinearSolver* const mine = is_precise ? precise_solver_.get() : linear_solver_.get();
   if (mine == nullptr || !mine->take_factor(*other.factor_)) return;
   factor_ = mine;
+  has_smooth_ = other.has_smooth_;
+  if (has_smooth_) hessian_ = other.hessian_;
   linkage_ = other.linkage_;
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;

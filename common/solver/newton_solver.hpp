@@ -1,7 +1,8 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
 // While nothing touches the hand most of that is left out: a chord step starts from where the velocities lead and reuses an earlier step's factor, turned along with the bones
-// (linkage.hpp). In contact a factor is kept from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner. Neither is in the source.
+// (linkage.hpp). In contact a factor is kept from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner; then the part of
+// contact and friction is renewed, with the fronts above what is touched, and only then the rest. None of it is in the source.
 //
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
@@ -44,7 +45,8 @@ struct SolverOptions {
 inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.integer("max_iterations", o.max_iterations, "", {1, 10000}, "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles where the tracker is noisy.");
   v.flag("keep_factor", o.keep_factor,
-         "An iteration goes on with the factor of the one before, the first with that of the step before, while so it gets there sooner than with a new Hessian and factor; with three iterations and more.");
+         "An iteration goes on with the factor of the one before, the first with that of the step before, while so it gets there sooner than with a new Hessian and factor; then contact and friction "
+         "are renewed, and only then the rest. With three iterations and more.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this,");
   v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. Estimated from how the iterations shrank.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged too when an iteration moves nothing by more than this (m, rad).");
@@ -95,6 +97,7 @@ struct StepReport {
   StepStatus status = StepStatus::refused;
   int iterations = 0;      ///< Newton steps taken
   int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor, or that of the step before
+  int kink_factors = 0;    ///< of them, new in the terms with kinks alone
   int double_factors = 0;  ///< of them, taken in double because the float factor failed, or led nowhere
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
@@ -138,11 +141,14 @@ class NewtonSolver {
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
   bool factorize(StepReport& report, bool in_double);
+  bool renew_kinks(const State& state, StepReport& report);
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
   double longest_move() const;
 
   std::vector<Energy*> terms_;
+  std::vector<std::size_t> order_;  // of evaluation: those with kinks last, so that their part of the Hessian can be taken back
+  std::size_t first_kinked_ = 0;    // in `order_`
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
@@ -157,6 +163,8 @@ class NewtonSolver {
   LinearSolver* factor_ = nullptr;                // which of the two holds the last factor
   std::function<double()> clock_;
   BlockMatrix hessian_;
+  bool has_smooth_ = false;            // the last factor is that of `hessian_`, whose journal is the terms' with kinks
+  std::vector<std::int32_t> changed_;  // stored blocks
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
   VectorX gradient_, direction_;
   VectorX displacement_;  // the increment from start_ to the state evaluated last

@@ -175,6 +175,52 @@ TYPED_TEST(BlockCholeskyTest, TwoThreadsGiveTheBitsOfOne) {
   }
 }
 
+TYPED_TEST(BlockCholeskyTest, AFewChangedBlocksGiveTheBitsOfANewFactorForLess) {
+  HelperThread helper;
+  for (const char* size : {"400", "1450"}) {
+    BlockMatrix matrix = testing::hand_matrix(hand_path(size));
+    const VectorX rhs = random_vector(3 * matrix.block_count(), 3);
+    VectorX x(rhs.size()), expected(rhs.size());
+    BlockCholesky<TypeParam> fresh, kept(widest_instruction_set(), &helper), copied;
+    for (BlockCholesky<TypeParam>* solver : {&fresh, &kept, &copied}) solver->analyze(matrix);
+    kept.load(matrix);
+    ASSERT_TRUE(kept.refactorize({})) << "nothing to start from: all of it";
+    EXPECT_EQ(kept.factorised_fronts(), kept.front_count());
+    std::size_t fronts = 0;
+    for (int run = 0; run < 40; ++run) {
+      // Two of neighbouring nodes, as where a finger touches; one more than really changes.
+      std::vector<std::int32_t> changed;
+      for (const int node : {37 * run % (matrix.block_count() - 60), 37 * run % (matrix.block_count() - 60) + 1}) {
+        const std::int32_t block = matrix.find(node, node).index;
+        matrix.values()[9 * static_cast<std::size_t>(block)] *= node % 2 == 0 ? 1.0 : 1.5;
+        changed.push_back(block);
+      }
+      if (run == 20) {
+        ASSERT_TRUE(copied.take_factor(kept));
+      }
+      BlockCholesky<TypeParam>& solver = run < 20 ? kept : copied;
+      solver.load(matrix);
+      ASSERT_TRUE(solver.refactorize(changed));
+      fronts += solver.factorised_fronts();
+      solver.solve(rhs, x);
+      fresh.load(matrix);
+      ASSERT_TRUE(fresh.factorize());
+      fresh.solve(rhs, expected);
+      ASSERT_EQ(x, expected) << size << ' ' << run;
+    }
+    EXPECT_LE(fronts, 40 * fresh.front_count() / 2) << size;
+    // After a failure nothing is there to build on.
+    double& pivot = matrix.values()[9 * static_cast<std::size_t>(matrix.find(5, 5).index)];
+    const double was = std::exchange(pivot, -1.0);
+    const std::int32_t changed[1] = {matrix.find(5, 5).index};
+    EXPECT_FALSE(copied.refactorize(changed));
+    pivot = was;
+    ASSERT_TRUE(copied.refactorize({}));
+    copied.solve(rhs, x);
+    EXPECT_EQ(x, expected);
+  }
+}
+
 TYPED_TEST(BlockCholeskyTest, RefusesWhatIsNotPositiveDefiniteAndRecovers) {
   const BlockMatrix good = testing::hand_matrix(hand_path("400"));
   for (const InstructionSet set : this->sets()) {

@@ -181,5 +181,30 @@ TEST(BlockMatrix, AddsAndMultipliesLikeItsDenseSelf) {
   EXPECT_EQ(matrix.dense().norm(), 0);
 }
 
+TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
+  BlockPattern pattern(4);
+  pattern.add(3, 1);
+  BlockMatrix matrix(pattern);
+  const Matrix3 block = Matrix3::Random();
+  matrix.add(matrix.find(3, 1), block);
+  matrix.add(matrix.find(2, 2), 0.1 * block);
+  EXPECT_TRUE(matrix.journal().empty()) << "it was not asked for";
+  const Eigen::MatrixXd before = matrix.dense();
+  matrix.begin_journal();
+  for (int round = 0; round < 2; ++round) {
+    matrix.add(matrix.find(2, 2), 1e9 * block);
+    matrix.add(matrix.find(1, 3), block);
+    matrix.add(matrix.find(2, 2), block);
+    EXPECT_EQ(std::vector(matrix.journal().begin(), matrix.journal().end()), (std::vector{matrix.find(2, 2).index, matrix.find(3, 1).index}));
+    EXPECT_NE(matrix.dense(), before);
+    matrix.take_back();
+    EXPECT_EQ(matrix.dense(), before) << "to the bit, which subtraction would not give";
+    EXPECT_TRUE(matrix.journal().empty());
+  }
+  matrix.set_zero();
+  matrix.add(matrix.find(0, 0), block);
+  EXPECT_TRUE(matrix.journal().empty());
+}
+
 }  // namespace
 }  // namespace softhand
