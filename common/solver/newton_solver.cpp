@@ -125,6 +125,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
+    has_smooth_ = false;
     hessian_.set_zero();
     const double cleared = clock_();
     report.timing.assembly += cleared - time;
@@ -341,7 +342,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       }
     }
     bool renews = !pays;
-    bool renews_kinks = renews && may_keep && has_smooth_ && kinks_in_turn < kMostKinksInTurn && !in_double;
+    bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() && kinks_in_turn < kMostKinksInTurn && !in_double;
     const bool last = iteration + 1 == options_.max_iterations;
     evaluated = !last || options_.measure_result || have_best;
     const double before = report.residual;
@@ -400,8 +401,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       break;
     }
     const double now = clock_();
-    // A carried factor alone may leave more than a Newton step would.
-    const bool may_stop = report.factorisations > 0 || report.residual <= kNear * options_.residual_tolerance;
+    // Without a new factor more may be left than a Newton step would leave.
+    const bool may_stop = report.factorisations > report.kink_factors || report.residual <= kNear * options_.residual_tolerance;
     if (options_.time_budget > 0 && may_stop && iteration + 1 < options_.max_iterations && now - begin + (now - iteration_begin) > options_.time_budget) {
       report.status = StepStatus::budget_spent;
       break;
@@ -420,7 +421,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  if (pays || report.factorisations > 0) carried_time_step_ = time_step;
+  if (pays || report.factorisations > report.kink_factors) carried_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
