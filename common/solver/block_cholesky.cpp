@@ -70,7 +70,7 @@ double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
   return kPerFront + kPerPivotTile * p + kPerTileClearedAndSolved * p * (q + 0.5 * p) + 1.1 * strips + q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
 }
 
-constexpr double kKeptSubtree = 0.05;  // of the whole factorisation: those that cost less are done again with what they are part of
+constexpr double kKeptSubtree = 0.08;  // of the whole factorisation: those that cost less are done again with what they are part of
 
 double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 

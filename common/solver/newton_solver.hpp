@@ -55,7 +55,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
            "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until an iteration moves tissue and bones by no more "
            "than this (root mean square); what is left is a fraction of it. 0: never.");
-  v.flag("line_search", o.line_search, "Backtracking on the energy. Without it, one or two iterations hurl gripped objects.");
+  v.flag("line_search", o.line_search, "On the energy, along each iteration's direction. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},
            "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");

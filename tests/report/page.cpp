@@ -74,11 +74,12 @@ std::string error_runtime_in_a_line(const Json& rows) {
 
 }  // namespace
 
-std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, double minutes) {
+std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, std::optional<double> minutes) {
   const Provenance from = provenance();
+  const std::string took = minutes ? fmt::format(" in {:.0f} minutes", *minutes) : "";
   std::string page = fmt::format(
-      "# Report\n\nMade by `softhand report` in {:.0f} minutes on {}, {}, commit {}. Where a part was run again alone, its section says so.\n\n| part | what came |\n| --- | --- |\n", minutes,
-      from.processor, from.compiler, from.commit);
+      "# Report\n\nMade by `softhand report`{} on {}, {}, commit {}. Where a part was run again alone, its section says so.\n\n| part | what came |\n| --- | --- |\n", took, from.processor,
+      from.compiler, from.commit);
   for (const Part& part : parts) page += fmt::format("| `{}` | {} |\n", part.command, part.result);
   std::string tables;
   for (const Part& part : parts) {
@@ -119,7 +120,8 @@ int run_report(const ReportArguments& arguments) {
   add("verify", verification::VerifyArguments{}, verification::run_verify, known_answers_in_a_line);
   add("human", human::HumanArguments{}, human::run_human, [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
 
-  const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
+  std::optional<double> minutes;
+  if (!arguments.resume) minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
   write_file((out / "report.md").string(), assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));
   fmt::print("{}\n", (out / "report.md").string());
   return good ? 0 : 1;

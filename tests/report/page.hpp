@@ -1,6 +1,7 @@
 // `softhand report`: all parts, and the page that they make together.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,7 +23,8 @@ struct Part {
   std::string result;    ///< in a line, for the summary
   std::string markdown;  ///< one section or more
 };
-/// The page: where the figures come from, a line a part, then every part's sections; those whose heading stands in `long_sections` come last.
-std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, double minutes);
+/// The page: where the figures come from, a line a part, then every part's sections; those whose heading stands in `long_sections` come last. `minutes`: that all parts
+/// took, where they were computed together.
+std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, std::optional<double> minutes);
 
 }  // namespace softhand::report

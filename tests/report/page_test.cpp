@@ -24,6 +24,7 @@ TEST(Page, BeginsWithWhatCameAndEndsWithLongTables) {
     EXPECT_GE(found, at) << piece << " stands too early";
     at = found;
   }
+  EXPECT_EQ(assemble(parts, {}, std::nullopt).find("minutes"), std::string::npos) << "some parts were computed another time";
 }
 
 TEST(Cell, StaysOne) { EXPECT_EQ(in_cell("|x| < 1\nor not"), "\\|x\\| < 1; or not"); }

@@ -1,4 +1,4 @@
-# Run by the test build_options: cmake -DSOURCE=... -DBINARY=... -P check_build_options.cmake
+# Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake, FULL a finished build with all options
 cmake_minimum_required(VERSION 3.25)
 set(features viewer socket_trackers hand_builder)
 # What the commands of a build, its compilations and links, name where it has the feature, and only there.
@@ -29,7 +29,8 @@ function(check name)
   run(${CMAKE_COMMAND} -S ${SOURCE} -B ${BINARY}/${name} -G Ninja -DCMAKE_BUILD_TYPE=Release ${arguments})
   file(READ ${BINARY}/${name}/CMakeCache.txt cache)
   string(REGEX MATCH "\nCMAKE_MAKE_PROGRAM:[A-Z]*=([^\n]*)" ignored "${cache}")
-  run(${CMAKE_MATCH_1} -C ${BINARY}/${name} -t commands all)
+  set(ninja ${CMAKE_MATCH_1})
+  run(${ninja} -C ${BINARY}/${name} -t commands all)
   foreach(feature ${features} web)
     foreach(word ${only_${feature}})
       string(FIND "${output}" "${word}" place)
@@ -40,6 +41,8 @@ function(check name)
       endif()
     endforeach()
   endforeach()
+  run(${SOURCE}/tests/support/build_from_objects.sh ${ninja} ${FULL} ${BINARY}/${name})
+  message(STATUS "${name}: ${output}")
   # What the features' libraries leave behind in the cache.
   if(web IN_LIST off AND hand_builder IN_LIST off AND cache MATCHES "\nBoost_DIR:")
     message(SEND_ERROR "${name}: Boost was looked for")
