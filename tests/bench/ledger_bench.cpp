@@ -10,6 +10,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "model/hand_model.hpp"
+#include "support/skeleton.hpp"
 #include "tracking/tracking_loop.hpp"
 
 namespace {
@@ -17,16 +18,7 @@ using namespace softhand;
 
 Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequence) {
   const Pose wrist{Vector3(0.01 * std::sin(4 * seconds), -0.006 * std::sin(2 * seconds), 0), rotation_exp(Vector3(0, 0.2 * std::sin(5 * seconds), 0))};
-  Skeleton skeleton;
-  skeleton.stamp.sequence = sequence;
-  skeleton.stamp.sample_time = static_cast<Nanoseconds>((1 + seconds) * 1e9);
-  for (std::size_t j = 0; j < kJointCount; ++j) {
-    const Pose pose = wrist * hand.rest_joints[j];
-    skeleton.joints[j].position = to_wire(pose.position);
-    skeleton.joints[j].orientation = to_wire(pose.orientation);
-    skeleton.joints[j].flags = kJointValid | kJointTracked;
-  }
-  return skeleton;
+  return testing::skeleton_at(hand, wrist, static_cast<Nanoseconds>((1 + seconds) * 1e9), sequence);
 }
 
 // `step(kept, skeleton, now)` for both loops, each first in half of the pairs.

@@ -10,11 +10,13 @@
 #include "support/block_hand.hpp"
 #include "support/count_allocations.hpp"
 #include "support/shapes.hpp"
+#include "support/skeleton.hpp"
 
 namespace softhand {
 namespace {
 
 using testing::cube_shape;
+using testing::skeleton_at;
 
 constexpr Nanoseconds kSecond = 1'000'000'000;
 
@@ -22,19 +24,6 @@ std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)
 
 // A hand whose tissue is attached well enough to follow its bones.
 HandModel hand() { return testing::block_hand(1); }
-
-Skeleton skeleton_at(const HandModel& model, const Pose& wrist, Nanoseconds time, std::uint64_t sequence) {
-  Skeleton skeleton;
-  skeleton.stamp.sequence = sequence;
-  skeleton.stamp.sample_time = time;
-  for (std::size_t j = 0; j < kJointCount; ++j) {
-    const Pose pose = wrist * model.rest_joints[j];
-    skeleton.joints[j].position = to_wire(pose.position);
-    skeleton.joints[j].orientation = to_wire(pose.orientation);
-    skeleton.joints[j].flags = kJointValid | kJointTracked;
-  }
-  return skeleton;
-}
 
 HandOptions loop_options() {
   HandOptions o;
