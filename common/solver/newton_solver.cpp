@@ -248,7 +248,7 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
         return scale;
       }
       state = base_;
-      // Regula falsi; an end that stays twice is taken for less than it is (Illinois), so that the other moves.
+      // Regula falsi; an end that stays twice is taken for less than it is, so that the other moves (Illinois: Dowell and Jarratt 1971, BIT 11:168).
       if (falls && there < 0) {
         low = scale;
         low_slope = there;
