@@ -121,39 +121,41 @@ double BodyCoupling::stretch(int site, const State& state) const {
   return ((state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame).position - s.target.position).norm();
 }
 
-Wrench BodyCoupling::wrench(int site, const State& state) const {
-  const Site& s = at(site);
-  if (!s.pulls) return {};
+BodyCoupling::Pull BodyCoupling::pull_of(const Site& s, const State& state) {
   const Pose frame = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
   const Vector3 stretch = frame.position - s.position_target;
   const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
-  return {-capped_spring(s.stiffness, s.gains.force_cap, stretch.norm()).secant * stretch,
-          -capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn};
+  const CappedSpring linear = capped_spring(s.stiffness, s.gains.force_cap, stretch.norm());
+  const CappedSpring angular = capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm());
+  return {linear.energy + angular.energy, {-linear.secant * stretch, -angular.secant * turn}};
+}
+
+Wrench BodyCoupling::wrench(int site, const State& state) const {
+  const Site& s = at(site);
+  return s.pulls ? pull_of(s, state).wrench : Wrench{};
 }
 
 double BodyCoupling::value(const State& state) const {
   double energy = 0;
   for (const Site& s : sites_) {
-    if (!s.pulls) continue;
-    const Pose frame = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
-    const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
-    energy += capped_spring(s.stiffness, s.gains.force_cap, (frame.position - s.position_target).norm()).energy +
-              capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm()).energy;
+    if (s.pulls) energy += pull_of(s, state).energy;
   }
   return energy;
 }
 
-void BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
-  for (int site = 0; site < site_count(); ++site) {
-    const Site& s = at(site);
+double BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
+  double energy = 0;
+  for (const Site& s : sites_) {
     if (!s.pulls) continue;
+    const Pull pull = pull_of(s, state);
+    energy += pull.energy;
     // The log's Jacobian leaves the turn itself unchanged, J^-T phi = phi, so the gradient of the angular part is the torque.
-    const Wrench w = wrench(site, state);
     const Vector3 arm = state.body_poses[static_cast<std::size_t>(s.body)].orientation * s.body_from_frame.position;
     Clique<2>::Gradient local;
-    local << -w.force, -(w.torque + arm.cross(w.force));
+    local << -pull.wrench.force, -(pull.wrench.torque + arm.cross(pull.wrench.force));
     s.blocks.add(gradient, local);
   }
+  return energy;
 }
 
 void BodyCoupling::end_step(State& state) {

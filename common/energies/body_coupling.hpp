@@ -70,7 +70,7 @@ class BodyCoupling final : public Energy {
   void bind(const BlockMatrix& matrix) override;
   void begin_step(const State& state, double time_step) override;
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
   /// Stored: the springs alone, capped, as U of eq. 18. What the force on a body is more than its spring's is the damper's.
@@ -99,6 +99,11 @@ class BodyCoupling final : public Energy {
     Pose end_target;
     double stored = 0;          // J
   };
+  struct Pull {
+    double energy = 0;
+    Wrench wrench;  // on the body, about the coupled frame's origin
+  };
+  static Pull pull_of(const Site& site, const State& state);
   static double spring_energy(const Site& site, const Pose& body, const Pose& target);
   const Site& at(int site) const { return sites_[static_cast<std::size_t>(site)]; }
   Site& at(int site) { return sites_[static_cast<std::size_t>(site)]; }

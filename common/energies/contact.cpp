@@ -600,11 +600,15 @@ double ContactEnergy::value(const State& state) const {
   return energy;
 }
 
-void ContactEnergy::add_gradient(const State& state, VectorX& gradient) const {
+double ContactEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  double energy = 0;
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     const ContactSet::Offset o = contacts_.offset(anchor, state);
-    if (anchor.fresh || o.depth < 0) contacts_.scatter_gradient(anchor, o.lever, anchor.stiffness * o.depth * o.normal, gradient);
+    if (!anchor.fresh && !(o.depth < 0)) continue;
+    energy += 0.5 * anchor.stiffness * o.depth * o.depth;
+    contacts_.scatter_gradient(anchor, o.lever, anchor.stiffness * o.depth * o.normal, gradient);
   }
+  return energy;
 }
 
 void ContactEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {

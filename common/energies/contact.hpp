@@ -205,7 +205,7 @@ class ContactEnergy final : public Energy {
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
   void begin_step(const State& state, double time_step) override { contacts_.begin_step(state, time_step); }
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override { contacts_.end_step(state); }
   EnergyFlow flow(double, double, double) const override { return contacts_.normal_flow(); }

@@ -31,18 +31,13 @@ class Energy {
   /// `state` is that at the start of the step of `time_step` seconds (> 0).
   virtual void begin_step(const State& /*state*/, double /*time_step*/) {}
   virtual double value(const State& state) const = 0;
-  virtual void add_gradient(const State& state, VectorX& gradient) const = 0;
+  /// Returns the value too: the two share most of their work.
+  virtual double add_gradient(const State& state, VectorX& gradient) const = 0;
   virtual void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const = 0;
-  /// Both at one state, for terms that share work between them; returns the value.
-  virtual double add_value_and_gradient(const State& state, VectorX& gradient) const {
-    add_gradient(state, gradient);
-    return value(state);
-  }
-  /// All three at one state, likewise.
+  /// All three at one state; returns the value.
   virtual double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
-    add_gradient(state, gradient);
     add_hessian(state, hessian, curvature);
-    return value(state);
+    return add_gradient(state, gradient);
   }
   /// After the solver is done with the step: anchors slide, contacts begin and end, inertia writes the new velocities into `state`.
   virtual void end_step(State& /*state*/) {}

@@ -29,12 +29,16 @@ double FrictionEnergy::value(const State& state) const {
   return energy;
 }
 
-void FrictionEnergy::add_gradient(const State& state, VectorX& gradient) const {
+double FrictionEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  double energy = 0;
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     if (!(anchor.friction_bound > 0)) continue;
     const ContactSet::Offset o = contacts_.offset(anchor, state);
-    contacts_.scatter_gradient(anchor, o.lever, spring_of(anchor).secant(o.stretch.norm()) * o.stretch, gradient);
+    const double length = o.stretch.norm();
+    energy += spring_of(anchor).energy(length);
+    contacts_.scatter_gradient(anchor, o.lever, spring_of(anchor).secant(length) * o.stretch, gradient);
   }
+  return energy;
 }
 
 void FrictionEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {

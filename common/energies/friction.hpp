@@ -27,7 +27,7 @@ class FrictionEnergy final : public Energy {
   void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   EnergyFlow flow(double, double, double) const override { return contacts_.friction_flow(); }
 

@@ -123,21 +123,29 @@ double Inertia::value(const State& state) const {
   return energy;
 }
 
-void Inertia::add_gradient(const State& state, VectorX& gradient) const {
+double Inertia::add_gradient(const State& state, VectorX& gradient) const {
   const DofLayout layout = state.layout();
   const double inverse_square = 1.0 / (time_step_ * time_step_);
+  double twice_energy = 0;
   for (int n = 0; n < layout.node_count; ++n) {
-    gradient.segment<3>(3 * layout.node_block(n)) +=
-        node_masses_[static_cast<std::size_t>(n)] * inverse_square * (state.node_positions.col(n) - node_target_.col(n));
+    const Vector3 off = state.node_positions.col(n) - node_target_.col(n);
+    const Vector3 force = node_masses_[static_cast<std::size_t>(n)] * inverse_square * off;
+    gradient.segment<3>(3 * layout.node_block(n)) += force;
+    twice_energy += force.dot(off);
   }
   for (int body = 0; body < layout.body_count; ++body) {
     const BodyInertia& b = bodies_[static_cast<std::size_t>(body)];
     const Pose& pose = state.body_poses[static_cast<std::size_t>(body)];
+    const Vector3 off = pose.position - b.position_target;
     const Vector3 turn = turn_from(b.start, pose);
-    gradient.segment<3>(3 * layout.body_translation_block(body)) += b.translation_weight * (pose.position - b.position_target);
-    gradient.segment<3>(3 * layout.body_rotation_block(body)) +=
-        left_jacobian_inverse(turn).transpose() * (b.rotation_weight * (turn - b.turn_target));
+    const Vector3 turn_off = turn - b.turn_target;
+    const Vector3 force = b.translation_weight * off;
+    const Vector3 moment = b.rotation_weight * turn_off;
+    gradient.segment<3>(3 * layout.body_translation_block(body)) += force;
+    gradient.segment<3>(3 * layout.body_rotation_block(body)) += left_jacobian_inverse_transpose(turn, moment);
+    twice_energy += force.dot(off) + moment.dot(turn_off);
   }
+  return 0.5 * twice_energy;
 }
 
 void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {

@@ -46,7 +46,7 @@ class Inertia final : public Energy {
   void bind(const BlockMatrix& matrix) override;
   void begin_step(const State& state, double time_step) override;
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
   /// Stored: the kinetic energy. Loss: 1/2 |dv|^2_M of nodes and translations; of a turn L_end - L_start paired with it, less what its energy rose.

@@ -105,21 +105,26 @@ double JointEnergy::value(const State& state) const {
   return energy;
 }
 
-void JointEnergy::add_gradient(const State& state, VectorX& gradient) const {
+double JointEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  double twice_energy = 0;
   for (const JointData& joint : joints_) {
     const JointGeometry g = geometry_of(joint.site, state);
     Vector3 moment;  // dU/dphi
     for (int i = 0; i < 3; ++i) {
       const AxisLaw& law = joint.axes[static_cast<std::size_t>(i)];
-      moment[i] = law.stiffness * excess(g.angles[i], law.minimum, law.maximum);
+      const double outside = excess(g.angles[i], law.minimum, law.maximum);
+      moment[i] = law.stiffness * outside;
+      twice_energy += moment[i] * outside;
     }
     // phi moves by J^-1 Q_a^T (w_child - w_parent).
-    const Vector3 torque = g.parent_frame * Vector3(left_jacobian_inverse(g.angles).transpose() * moment);
+    const Vector3 torque = g.parent_frame * left_jacobian_inverse_transpose(g.angles, moment);
     const Vector3 pull = joint.site.model.position_stiffness * g.gap;
+    twice_energy += pull.dot(g.gap);
     Clique<4>::Gradient local;
     local << pull, g.parent_arm.cross(pull) - torque, -pull, torque - g.child_arm.cross(pull);
     joint.blocks.add(gradient, local);
   }
+  return 0.5 * twice_energy;
 }
 
 void JointEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {

@@ -192,19 +192,22 @@ double PlaneContact::value(const State& state) const {
   return energy;
 }
 
-void PlaneContact::add_gradient(const State& state, VectorX& gradient) const {
+double PlaneContact::add_gradient(const State& state, VectorX& gradient) const {
+  double energy = 0;
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
     Clique<2>::Gradient local = Clique<2>::Gradient::Zero();
     for (const Plane& plane : planes_of(slots_[i])) {
       for (const Point& point : points_of(plane)) {
         const Response r = respond(plane, point, body);
+        energy += r.energy;
         local.head<3>() += r.normal_force + r.friction_force;
         local.tail<3>() += r.normal_arm.cross(r.normal_force) + r.friction_arm.cross(r.friction_force);
       }
     }
     if (slots_[i].plane_count > 0) slots_[i].blocks.add(gradient, local);
   }
+  return energy;
 }
 
 void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {

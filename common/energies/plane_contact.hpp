@@ -53,7 +53,7 @@ class PlaneContact final : public Energy {
   void bind(const BlockMatrix& matrix) override;
   void begin_step(const State& state, double time_step) override;
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
   /// Stored: 1/2 k min(0, u)^2 and the friction's springs; what the normal force is more than k u is the damper's.

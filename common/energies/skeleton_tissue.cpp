@@ -8,6 +8,11 @@
 #include "math/rotation.hpp"
 
 namespace softhand {
+namespace {
+
+using Vector4 = Eigen::Vector4d;
+
+}  // namespace
 
 SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout_(layout) {
   if (layout.node_count < hand.node_count() || layout.body_count < kBodyCount) {
@@ -35,42 +40,51 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
     const Pose rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(body))))] *
                       hand.bodies[static_cast<std::size_t>(body)].joint_from_body;
     const Pose body_from_rest = rest.inverse();
-    std::map<std::int32_t, std::int32_t> tie_of_node;
+    std::map<std::int32_t, int> partners;
     for (const auto& [pair, k] : stiffness) {
-      const auto& [i, j] = pair;
-      if (i != j) continue;
-      tie_of_node[i] = static_cast<std::int32_t>(bone.ties.size());
-      Tie tie;
-      tie.node = i;
-      tie.rest = body_from_rest * hand.nodes[static_cast<std::size_t>(i)];
-      bone.ties.push_back(tie);
-      bone.diagonal.push_back(k);
+      ++partners[pair.first];
+      if (pair.first != pair.second) ++partners[pair.second];
     }
-    const auto accumulate = [&bone](std::int32_t i, std::int32_t j, double k) {
-      Tie& tie = bone.ties[static_cast<std::size_t>(i)];
-      const Vector3& other = bone.ties[static_cast<std::size_t>(j)].rest;
-      tie.row_sum += k;
-      tie.moment += k * other;
+    // Rows of one length follow each other, so that the processor foresees where they end.
+    std::vector<std::pair<int, std::int32_t>> order;
+    for (const auto& [node, count] : partners) order.emplace_back(count, node);
+    std::sort(order.begin(), order.end());
+    std::map<std::int32_t, std::int32_t> tie_of_node;
+    for (const auto& [count, node] : order) {
+      tie_of_node[node] = static_cast<std::int32_t>(bone.ties.size());
+      Tie tie;
+      tie.node = node;
+      tie.rest = body_from_rest * hand.nodes[static_cast<std::size_t>(node)];
+      bone.ties.push_back(tie);
+    }
+    bone.blocks.resize(bone.ties.size());
+    std::vector<std::vector<Entry>> rows(bone.ties.size());
+    const auto accumulate = [&bone, &rows](std::int32_t row, std::int32_t column, double k) {
+      const auto i = static_cast<std::size_t>(row), j = static_cast<std::size_t>(column);
+      const Vector3& other = bone.ties[j].rest;
+      rows[i].push_back({column, k});
+      bone.blocks[i].row_sum += k;
+      bone.blocks[i].moment += k * other;
       bone.total += k;
       bone.moment += k * other;
-      bone.second_moment += k * skew(tie.rest).transpose() * skew(other);
+      bone.second_moment += k * skew(bone.ties[i].rest).transpose() * skew(other);
     };
     for (const auto& [pair, k] : stiffness) {
       const std::int32_t i = tie_of_node.at(pair.first);
       const std::int32_t j = tie_of_node.at(pair.second);
       accumulate(i, j, k);
-      if (i != j) {
-        accumulate(j, i, k);
-        bone.pairs.push_back({i, j, k});
-      }
+      if (i != j) accumulate(j, i, k);
       node_stiffness[{pair.second, pair.first}] += k;
+    }
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      bone.entries.insert(bone.entries.end(), rows[i].begin(), rows[i].end());
+      bone.ties[i].row_end = static_cast<std::int32_t>(bone.entries.size());
     }
     most_ties = std::max(most_ties, bone.ties.size());
     bones_.push_back(std::move(bone));
   }
   for (const auto& [pair, k] : node_stiffness) node_pairs_.push_back({pair.second, pair.first, k, {}});
-  offset_.setZero(3, static_cast<Eigen::Index>(most_ties));
-  pull_ = offset_;
+  offset_.setZero(4, static_cast<Eigen::Index>(most_ties));
 }
 
 void SkeletonTissue::add_pattern(BlockPattern& pattern) const {
@@ -94,9 +108,9 @@ void SkeletonTissue::bind(const BlockMatrix& matrix) {
     bone.translation_slot = matrix.find(translation, translation);
     bone.coupling_slot = matrix.find(rotation, translation);
     bone.rotation_slot = matrix.find(rotation, rotation);
-    for (Tie& tie : bone.ties) {
-      tie.translation_slot = matrix.find(translation, layout_.node_block(tie.node));
-      tie.rotation_slot = matrix.find(rotation, layout_.node_block(tie.node));
+    for (std::size_t i = 0; i < bone.ties.size(); ++i) {
+      bone.blocks[i].translation_slot = matrix.find(translation, layout_.node_block(bone.ties[i].node));
+      bone.blocks[i].rotation_slot = matrix.find(rotation, layout_.node_block(bone.ties[i].node));
     }
   }
 }
@@ -112,30 +126,29 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
       const auto count = static_cast<Eigen::Index>(bone.ties.size());
       for (Eigen::Index i = 0; i < count; ++i) {
         const Tie& tie = bone.ties[static_cast<std::size_t>(i)];
-        offset_.col(i) = r * tie.rest + (pose.position - state.node_positions.col(tie.node));
-        pull_.col(i) = bone.diagonal[static_cast<std::size_t>(i)] * offset_.col(i);
+        offset_.col(i).head<3>() = r * tie.rest + (pose.position - state.node_positions.col(tie.node));
       }
-      for (const Pair& pair : bone.pairs) {
-        pull_.col(pair.i) += pair.stiffness * offset_.col(pair.j);
-        pull_.col(pair.j) += pair.stiffness * offset_.col(pair.i);
-      }
-      Vector3 force = Vector3::Zero();
-      Vector3 torque = Vector3::Zero();
+      Vector4 twice_energy = Vector4::Zero(), force = Vector4::Zero();
+      Eigen::Matrix<double, 4, 3> moment = Eigen::Matrix<double, 4, 3>::Zero();  // sum of pull X^T
+      const Entry* entry = bone.entries.data();
       for (Eigen::Index i = 0; i < count; ++i) {
         const Tie& tie = bone.ties[static_cast<std::size_t>(i)];
-        const Vector3 arm = r * tie.rest;
-        const Vector3 pull = pull_.col(i);
-        energy += 0.5 * pull.dot(offset_.col(i));
+        Vector4 pull = Vector4::Zero();  // sum_j K_ij z_j
+        for (const Entry* end = bone.entries.data() + tie.row_end; entry != end; ++entry) pull += entry->stiffness * offset_.col(entry->column);
+        twice_energy += pull.cwiseProduct(offset_.col(i));
         if (gradient != nullptr) {
-          gradient->segment<3>(3 * layout_.node_block(tie.node)) -= pull;
+          gradient->segment<3>(3 * layout_.node_block(tie.node)) -= pull.head<3>();
           force += pull;
-          torque += arm.cross(pull);
+          for (int k = 0; k < 3; ++k) moment.col(k) += tie.rest[k] * pull;
         }
-        if (hessian != nullptr && curvature == Curvature::exact) geometric += rotated_arm_second_derivative(arm, pull);
+        if (hessian != nullptr && curvature == Curvature::exact) geometric += rotated_arm_second_derivative(r * tie.rest, pull.head<3>());
       }
+      energy += 0.5 * twice_energy.sum();
       if (gradient != nullptr) {
-        gradient->segment<3>(3 * layout_.body_translation_block(bone.body)) += force;
-        gradient->segment<3>(3 * layout_.body_rotation_block(bone.body)) += torque;
+        const Matrix3 turned = moment.topRows<3>() * r.transpose();  // sum of pull (R X)^T, whose skew part is the torque
+        gradient->segment<3>(3 * layout_.body_translation_block(bone.body)) += force.head<3>();
+        gradient->segment<3>(3 * layout_.body_rotation_block(bone.body)) +=
+            Vector3(turned(2, 1) - turned(1, 2), turned(0, 2) - turned(2, 0), turned(1, 0) - turned(0, 1));
       }
     }
     if (hessian != nullptr) {
@@ -143,9 +156,9 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
       hessian->add(bone.translation_slot, bone.total * Matrix3::Identity());
       hessian->add(bone.coupling_slot, skew(r * bone.moment));
       hessian->add(bone.rotation_slot, r * bone.second_moment * r.transpose() + geometric);
-      for (const Tie& tie : bone.ties) {
-        hessian->add(tie.translation_slot, -tie.row_sum * Matrix3::Identity());
-        hessian->add(tie.rotation_slot, -skew(r * tie.moment));
+      for (const TieBlocks& blocks : bone.blocks) {
+        hessian->add(blocks.translation_slot, -blocks.row_sum * Matrix3::Identity());
+        hessian->add(blocks.rotation_slot, -skew(r * blocks.moment));
       }
     }
   }
@@ -164,16 +177,12 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
 
 double SkeletonTissue::value(const State& state) const { return evaluate(state, nullptr, nullptr, Curvature::projected); }
 
-void SkeletonTissue::add_gradient(const State& state, VectorX& gradient) const {
-  evaluate(state, &gradient, nullptr, Curvature::projected);
+double SkeletonTissue::add_gradient(const State& state, VectorX& gradient) const {
+  return evaluate(state, &gradient, nullptr, Curvature::projected);
 }
 
 void SkeletonTissue::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
   evaluate(state, nullptr, &hessian, curvature);
-}
-
-double SkeletonTissue::add_value_and_gradient(const State& state, VectorX& gradient) const {
-  return evaluate(state, &gradient, nullptr, Curvature::projected);
 }
 
 double SkeletonTissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {

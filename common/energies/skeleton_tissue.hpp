@@ -32,30 +32,31 @@ class SkeletonTissue final : public Energy {
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
-  double add_value_and_gradient(const State& state, VectorX& gradient) const override;
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
-  // One (node, bone) pair.
+  // One (node, bone) pair, and what of it the Hessian alone needs.
   struct Tie {
     std::int32_t node = 0;
-    Vector3 rest = Vector3::Zero();        // X_i, body frame
-    double row_sum = 0;                    // sum_j K_ij
-    Vector3 moment = Vector3::Zero();      // sum_j K_ij X_j, body frame
+    std::int32_t row_end = 0;        // in `entries`
+    Vector3 rest = Vector3::Zero();  // X_i, body frame
+  };
+  struct TieBlocks {
+    double row_sum = 0;                         // sum_j K_ij
+    Vector3 moment = Vector3::Zero();           // sum_j K_ij X_j, body frame
     BlockSlot translation_slot, rotation_slot;  // (bone's block, node)
   };
-  // K_ij of two ties of one bone, i > j; diagonal entries apart.
-  struct Pair {
-    std::int32_t i = 0, j = 0;
+  struct Entry {
+    std::int32_t column = 0;  // tie
     double stiffness = 0;
   };
   struct Bone {
     int body = 0;
     std::vector<Tie> ties;
-    std::vector<double> diagonal;  // K_ii
-    std::vector<Pair> pairs;
+    std::vector<TieBlocks> blocks;  // by tie
+    std::vector<Entry> entries;     // K, row by row
     double total = 0;                         // sum_ij K_ij
     Vector3 moment = Vector3::Zero();         // sum_ij K_ij X_j
     Matrix3 second_moment = Matrix3::Zero();  // sum_ij K_ij [X_i]^T [X_j]
@@ -73,8 +74,7 @@ class SkeletonTissue final : public Energy {
   DofLayout layout_;
   std::vector<Bone> bones_;
   std::vector<NodePair> node_pairs_;
-  mutable Eigen::Matrix3Xd offset_;  // z_i of one bone
-  mutable Eigen::Matrix3Xd pull_;    // sum_j K_ij z_j
+  mutable Eigen::Matrix4Xd offset_;  // z_i of one bone, and a zero: whole vectors of the processor
 };
 
 }  // namespace softhand

@@ -154,14 +154,10 @@ double Tissue::evaluate(const State& state, const TissueOutput& output) const {
 
 double Tissue::value(const State& state) const { return evaluate(state, {}); }
 
-void Tissue::add_gradient(const State& state, VectorX& gradient) const { evaluate(state, {.gradient = gradient.data()}); }
+double Tissue::add_gradient(const State& state, VectorX& gradient) const { return evaluate(state, {.gradient = gradient.data()}); }
 
 void Tissue::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
   evaluate(state, {.blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
-}
-
-double Tissue::add_value_and_gradient(const State& state, VectorX& gradient) const {
-  return evaluate(state, {.gradient = gradient.data()});
 }
 
 double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {

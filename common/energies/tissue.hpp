@@ -50,9 +50,8 @@ class Tissue final : public Energy {
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;
-  void add_gradient(const State& state, VectorX& gradient) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
-  double add_value_and_gradient(const State& state, VectorX& gradient) const override;
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:

@@ -67,6 +67,11 @@ Matrix3 left_jacobian_inverse(const Vector3& v) {
   return Matrix3::Identity() - 0.5 * k + inverse_jacobian_coefficients(v.norm()).c * k * k;
 }
 
+Vector3 left_jacobian_inverse_transpose(const Vector3& v, const Vector3& y) {
+  const Vector3 turned = v.cross(y);
+  return y + 0.5 * turned + inverse_jacobian_coefficients(v.norm()).c * v.cross(turned);
+}
+
 Matrix3 log_second_derivative(const Vector3& v, const Vector3& y) {
   // With v(s) = log(exp(s d) exp(v)): v' = J(v) d, v'' = (dJ/dv [v']) d. For a direction e = J d, with [v]^2 = v v^T - |v|^2 I:
   // dJ[e] = -[e]/2 + (c'/t)(v . e) [v]^2 + c (e v^T + v e^T - 2 (v . e) I).

@@ -18,6 +18,8 @@ Vector3 rotation_log(const Quaternion& q);
 /// Inverse of the left Jacobian: log(exp(d) exp(v)) = v + left_jacobian_inverse(v) d + O(d^2). Finite for |v| <= pi
 /// (singular only at 2 pi). The right one is its transpose.
 Matrix3 left_jacobian_inverse(const Vector3& v);
+/// left_jacobian_inverse(v)^T y, without the matrix.
+Vector3 left_jacobian_inverse_transpose(const Vector3& v, const Vector3& y);
 
 /// Second derivative of the logarithm, contracted: the symmetric H with
 /// y . log(exp(d) exp(v)) = y . v + y . J d + 1/2 d . H d + O(d^3), J = left_jacobian_inverse(v).

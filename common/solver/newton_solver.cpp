@@ -140,7 +140,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
     const std::size_t t = order_[k];
     if (with_hessian && k == first_kinked_) hessian_.begin_journal();
     const double energy =
-        with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_value_and_gradient(state, gradient_);
+        with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_gradient(state, gradient_);
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;

@@ -185,8 +185,8 @@ inline void check_term(Energy& term, const State& start, double time_step, const
     EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force) << "add_all, gradient";
   }
   VectorX together = VectorX::Constant(size, force);
-  EXPECT_NEAR(term.add_value_and_gradient(state, together), value, 1e-10 * std::abs(value));
-  EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force) << "add_value_and_gradient";
+  EXPECT_NEAR(term.add_gradient(state, together), value, 1e-10 * std::abs(value));
+  EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force) << "add_gradient";
 }
 
 /// The same with a step that begins at the state itself.

@@ -354,7 +354,10 @@ TEST(EnergyLedger, SeesWhatATermHides) {
     void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
     void begin_step(const State&, double time_step) override { target_ += time_step; }
     double value(const State& state) const override { return 0.5 * 100 * std::pow(state.node_positions(0, 0) - target_, 2); }
-    void add_gradient(const State& state, VectorX& gradient) const override { gradient(0) += 100 * (state.node_positions(0, 0) - target_); }
+    double add_gradient(const State& state, VectorX& gradient) const override {
+      gradient(0) += 100 * (state.node_positions(0, 0) - target_);
+      return value(state);
+    }
     void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, Vector3(100, 0, 0).asDiagonal()); }
 
    private:

@@ -33,11 +33,12 @@ class Anchors final : public Energy {
     }
     return sum;
   }
-  void add_gradient(const State& state, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     for (const int n : nodes_) {
       const Vector3 d = state.node_positions.col(n) - targets_.col(n);
       gradient.segment<3>(3 * n) += (stiffness_ + quartic_ * d.squaredNorm()) * d;
     }
+    return value(state);
   }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
     for (std::size_t k = 0; k < nodes_.size(); ++k) {
@@ -62,7 +63,10 @@ class Saboteur final : public Energy {
   void add_pattern(BlockPattern&) const override {}
   void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
   double value(const State&) const override { return 0; }
-  void add_gradient(const State&, VectorX& gradient) const override { gradient[0] += gradient_entry; }
+  double add_gradient(const State&, VectorX& gradient) const override {
+    gradient[0] += gradient_entry;
+    return 0;
+  }
   void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, curvature * Matrix3::Identity()); }
 
  private:

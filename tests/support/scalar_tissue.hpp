@@ -78,7 +78,7 @@ class ScalarTissue final : public Energy {
     }
   }
   double value(const State& state) const override { return evaluate(state, nullptr, nullptr, Curvature::projected); }
-  void add_gradient(const State& state, VectorX& gradient) const override { evaluate(state, &gradient, nullptr, Curvature::projected); }
+  double add_gradient(const State& state, VectorX& gradient) const override { return evaluate(state, &gradient, nullptr, Curvature::projected); }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override {
     evaluate(state, nullptr, &hessian, curvature);
   }

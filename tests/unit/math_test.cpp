@@ -81,6 +81,8 @@ TEST(Rotation, InverseJacobianIsTheDerivativeOfTheLog) {
       const Vector3 v = angle * axis;
       const Quaternion q = rotation_exp(v);
       const Matrix3 left = left_jacobian_inverse(v);
+      const Vector3 y(0.3, -1.1, 0.7);
+      EXPECT_LE((left_jacobian_inverse_transpose(v, y) - left.transpose() * y).norm(), 1e-14) << angle;
       for (int i = 0; i < 3; ++i) {
         const Vector3 d = h * Vector3::Unit(i);
         const Vector3 from_left = (rotation_log(rotation_exp(d) * q) - rotation_log(rotation_exp(-d) * q)) / (2 * h);

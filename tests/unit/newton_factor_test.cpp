@@ -34,8 +34,9 @@ class Rubbing final : public Energy {
     for (Eigen::Index n = 0; n < start_.cols(); ++n) sum += kSpring.energy(stretch(state, n).norm());
     return sum;
   }
-  void add_gradient(const State& state, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     for (Eigen::Index n = 0; n < start_.cols(); ++n) gradient.segment<3>(3 * n) += kSpring.secant(stretch(state, n).norm()) * stretch(state, n);
+    return value(state);
   }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
     for (Eigen::Index n = 0; n < start_.cols(); ++n) hessian.add(slots_[static_cast<std::size_t>(n)], kSpring.tangent(stretch(state, n), Vector3::UnitY()));
@@ -62,10 +63,11 @@ class Rod final : public Energy {
     for (int k = 0; k < 3; ++k) slots_[static_cast<std::size_t>(k)] = matrix.find(k == 0 ? 0 : 1, k == 2 ? 1 : 0);
   }
   double value(const State& state) const override { return 0.5 * stiffness_ * (state.node_positions.col(1) - state.node_positions.col(0)).squaredNorm(); }
-  void add_gradient(const State& state, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     const Vector3 pull = stiffness_ * (state.node_positions.col(1) - state.node_positions.col(0));
     gradient.segment<3>(0) -= pull;
     gradient.segment<3>(3) += pull;
+    return value(state);
   }
   void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
     hessian.add(slots_[0], stiffness_ * Matrix3::Identity());

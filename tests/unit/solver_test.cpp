@@ -41,8 +41,9 @@ class Load final : public Energy {
     for (const int n : nodes_) sum -= force_.dot(state.node_positions.col(n));
     return sum;
   }
-  void add_gradient(const State&, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     for (const int n : nodes_) gradient.segment<3>(3 * n) -= force_;
+    return value(state);
   }
   void add_hessian(const State&, BlockMatrix&, Curvature) const override {}
 

@@ -122,8 +122,9 @@ class LinearTissue final : public Energy {
     for (const Element& e : elements_) sum += 0.5 * e.displacement(state).dot(e.stiffness * e.displacement(state));
     return sum;
   }
-  void add_gradient(const State& state, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     for (const Element& e : elements_) e.blocks.add(gradient, Clique<4>::Gradient(e.stiffness * e.displacement(state)));
+    return value(state);
   }
   void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
     for (const Element& e : elements_) e.blocks.add(hessian, e.stiffness);

@@ -30,8 +30,9 @@ class Supports final : public Energy {
     }
     return sum;
   }
-  void add_gradient(const State& state, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     for (const int n : nodes_) gradient.segment<3>(3 * n) += stiffness_ * (state.node_positions.col(n) - places_.col(n));
+    return value(state);
   }
   void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
     for (const BlockSlot& slot : slots_) hessian.add(slot, stiffness_);
@@ -52,8 +53,9 @@ class Load final : public Energy {
   void add_pattern(BlockPattern&) const override {}
   void bind(const BlockMatrix&) override {}
   double value(const State& state) const override { return -forces_.cwiseProduct(state.node_positions).sum(); }
-  void add_gradient(const State&, VectorX& gradient) const override {
+  double add_gradient(const State& state, VectorX& gradient) const override {
     gradient.head(forces_.size()) -= Eigen::Map<const VectorX>(forces_.data(), forces_.size());
+    return value(state);
   }
   void add_hessian(const State&, BlockMatrix&, Curvature) const override {}
 
