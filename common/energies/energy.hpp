@@ -24,6 +24,9 @@ class Energy {
   virtual std::string_view name() const = 0;
   /// Whether the Hessian jumps from one iteration to the next, where contact begins or friction slips; else it changes with the state alone, and little in a step.
   virtual bool has_kinks() const { return false; }
+  /// Whether it depends on positions and poses alone, not on what a step froze: what it was at the end of a step it is at the start of the next.
+  /// Its pattern names each body on which it depends, be it in a pair.
+  virtual bool is_potential() const { return false; }
   /// Declares every block that `add_hessian` may ever touch.
   virtual void add_pattern(BlockPattern& pattern) const = 0;
   /// Looks up and keeps the slots of those blocks.

@@ -43,6 +43,7 @@ class JointEnergy final : public Energy {
   Vector3 angles(int joint, const State& state) const;
 
   std::string_view name() const override { return "joint"; }
+  bool is_potential() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;

@@ -29,6 +29,7 @@ class SkeletonTissue final : public Energy {
   SkeletonTissue(const HandModel& hand, DofLayout layout);
 
   std::string_view name() const override { return "skeleton_tissue"; }
+  bool is_potential() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;

@@ -47,6 +47,7 @@ class Tissue final : public Energy {
   double von_mises_stress(const State& state, int element) const;
 
   std::string_view name() const override { return "tissue"; }
+  bool is_potential() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;

@@ -98,13 +98,26 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   linear_solver_->analyze(hessian_);
   if (precise_solver_) precise_solver_->analyze(hessian_);
   factor_ = linear_solver_.get();
+  BlockPattern of_potentials(layout_.block_count());
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    if (!terms_[t]->is_potential()) continue;
+    order_.push_back(t);
+    terms_[t]->add_pattern(of_potentials);
+  }
+  first_frozen_ = order_.size();
   for (const bool kinked : {false, true}) {
     for (std::size_t t = 0; t < terms_.size(); ++t) {
-      if (terms_[t]->has_kinks() == kinked) order_.push_back(t);
+      if (!terms_[t]->is_potential() && terms_[t]->has_kinks() == kinked) order_.push_back(t);
     }
     if (!kinked) first_kinked_ = order_.size();
   }
+  for (const auto& [column, row] : of_potentials.lower_triangle()) {
+    if (column != row && row >= layout_.node_count) potentials_.bodies = std::max(potentials_.bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
+  }
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
+  potentials_.gradient = VectorX::Zero(layout_.dof_count());
+  potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
+  potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
 }
@@ -117,6 +130,15 @@ void NewtonSolver::measure_displacement(const State& state) {
     displacement_.segment<3>(3 * layout_.body_translation_block(body)) = now.position - start.position;
     displacement_.segment<3>(3 * layout_.body_rotation_block(body)) = rotation_log(now.orientation * start.orientation.conjugate());
   }
+}
+
+bool NewtonSolver::knows_potentials(const State& state) const {
+  if (!potentials_.known || potentials_.positions != state.node_positions) return false;
+  for (std::size_t b = 0; b < potentials_.bodies; ++b) {
+    const Pose &then = potentials_.poses[b], &now = state.body_poses[b];
+    if (then.position != now.position || then.orientation.coeffs() != now.orientation.coeffs()) return false;
+  }
+  return true;
 }
 
 // Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite. `may_be_result`: where work is
@@ -136,11 +158,22 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   const bool with_work = measures_work_ && may_be_result;
   if (with_work) measure_displacement(state);
   double taken = 0;
+  const bool knows = !with_hessian && !with_work && knows_potentials(state);
+  if (knows) gradient_ = potentials_.gradient;
   for (std::size_t k = 0; k < order_.size(); ++k) {
     const std::size_t t = order_[k];
+    if (k == first_frozen_ && !knows) {
+      potentials_.gradient = gradient_;
+      potentials_.positions = state.node_positions;
+      potentials_.poses = state.body_poses;
+      potentials_.known = true;
+    }
     if (with_hessian && k == first_kinked_) hessian_.begin_journal();
-    const double energy =
-        with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_) : terms_[t]->add_gradient(state, gradient_);
+    double& kept = potentials_.joules[k];
+    const double energy = knows && k < first_frozen_ ? kept
+                          : with_hessian             ? terms_[t]->add_all(state, gradient_, hessian_, curvature_)
+                                                     : terms_[t]->add_gradient(state, gradient_);
+    kept = energy;
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;

@@ -138,6 +138,7 @@ class NewtonSolver {
 
  private:
   bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true);
+  bool knows_potentials(const State& state) const;
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
   bool factorize(StepReport& report, bool in_double);
@@ -147,8 +148,8 @@ class NewtonSolver {
   double longest_move() const;
 
   std::vector<Energy*> terms_;
-  std::vector<std::size_t> order_;  // of evaluation: those with kinks last, so that their part of the Hessian can be taken back
-  std::size_t first_kinked_ = 0;    // in `order_`
+  std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept; those with kinks last, so that theirs of the Hessian can be taken back
+  std::size_t first_frozen_ = 0, first_kinked_ = 0;  // in `order_`: after the potentials, and of those with kinks
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
@@ -168,6 +169,15 @@ class NewtonSolver {
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
   VectorX gradient_, direction_;
   VectorX displacement_;  // the increment from start_ to the state evaluated last
+  // What the potentials were where they were evaluated last: mostly the start of the next step.
+  struct Potentials {
+    std::size_t bodies = 0;  // on which they depend: the first ones
+    bool known = false;
+    Eigen::Matrix3Xd positions;
+    std::vector<Pose> poses;
+    VectorX gradient;
+    std::array<double, kMaxTerms> joules{};  // by place in `order_`
+  } potentials_;
   State start_, base_, best_;
   bool measures_work_ = false;
   bool measures_start_ = false;
