@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "math/rotation.hpp"
+
 namespace softhand {
 
 Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers)
@@ -14,6 +16,7 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
       kept_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
       levers_(links_.size(), Vector3::Zero()),
       turns_(kept_.size(), Matrix3::Identity()),
+      coasted_(kept_.size(), Matrix3::Identity()),
       then_(kept_.size(), Vector3::Zero()),
       now_(kept_.size(), Vector3::Zero()) {
   if (carriers_.size() != static_cast<std::size_t>(layout.node_count)) throw std::invalid_argument("Linkage: one carrier a node expected");
@@ -40,6 +43,41 @@ double Linkage::root_mean_square(const VectorX& increment) const {
   if (layout_.node_count > 0) nodes = increment.head(3 * layout_.node_count).squaredNorm() / layout_.node_count;
   for (int body = 0; body < linked_bodies(); ++body) bodies += increment.segment<3>(translation(body)).squaredNorm() / linked_bodies();
   return std::sqrt(std::max(nodes, bodies));
+}
+
+void Linkage::coast(State& state, double time_step) {
+  for (std::size_t b = 0; b < links_.size(); ++b) {
+    const Twist& velocity = state.body_velocities[b];
+    then_[b] = state.body_poses[b].position;
+    coasted_[b] = rotation_exp(time_step * velocity.angular).toRotationMatrix();
+    state.body_poses[b] = increment(state.body_poses[b], time_step * velocity.linear, time_step * velocity.angular);
+  }
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(carriers_[n]);
+    const auto column = static_cast<Eigen::Index>(n);
+    if (b >= links_.size()) {
+      state.node_positions.col(column) += time_step * state.node_velocities.col(column);
+      continue;
+    }
+    const Twist& velocity = state.body_velocities[b];
+    const Vector3 arm = state.node_positions.col(column) - then_[b];
+    const Vector3 own = state.node_velocities.col(column) - velocity.linear - velocity.angular.cross(arm);
+    state.node_positions.col(column) = state.body_poses[b].position + coasted_[b] * (arm + time_step * own);
+  }
+}
+
+void Linkage::to_bodies(const State& state, VectorX& gradient) const {
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
+    row = state.body_poses[static_cast<std::size_t>(carriers_[n])].orientation.conjugate() * Vector3(row);
+  }
+}
+
+void Linkage::to_world(const State& state, VectorX& gradient) const {
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
+    row = state.body_poses[static_cast<std::size_t>(carriers_[n])].orientation * Vector3(row);
+  }
 }
 
 void Linkage::to_now(VectorX& increment) {

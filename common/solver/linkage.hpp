@@ -36,6 +36,11 @@ class Linkage {
   void turn(const State& state);
   /// Of an increment's translations, m: of the nodes or of the linked bodies, whichever is more.
   double root_mean_square(const VectorX& increment) const;
+  /// Moves the linked bodies of `state` on for `time_step` seconds as their velocities lead, and what they carry as it moves on them.
+  void coast(State& state, double time_step);
+  /// The nodes' rows of a gradient, from world axes to those of the bodies that carry them, and back.
+  void to_bodies(const State& state, VectorX& gradient) const;
+  void to_world(const State& state, VectorX& gradient) const;
   /// increment := G increment.
   void to_now(VectorX& increment);
   /// gradient := G^T gradient, from the later state to the earlier.
@@ -51,6 +56,7 @@ class Linkage {
   std::vector<Quaternion> kept_;     // by body, orientation at the earlier state
   std::vector<Vector3> levers_;      // by link, r_b
   std::vector<Matrix3> turns_;       // by body, W_b
+  std::vector<Matrix3> coasted_;     // scratch, by body: the turn of a step
   std::vector<Vector3> then_, now_;  // scratch, by body: t_b and T_b, or their gradients
 };
 

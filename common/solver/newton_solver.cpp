@@ -98,11 +98,16 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   linear_solver_->analyze(hessian_);
   if (precise_solver_) precise_solver_->analyze(hessian_);
   factor_ = linear_solver_.get();
-  BlockPattern of_potentials(layout_.block_count());
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     if (!terms_[t]->is_potential()) continue;
-    order_.push_back(t);
-    terms_[t]->add_pattern(of_potentials);
+    BlockPattern touched(layout_.block_count());
+    terms_[t]->add_pattern(touched);
+    std::size_t bodies = 0;
+    for (const auto& [column, row] : touched.lower_triangle()) {
+      if (column != row && row >= layout_.node_count) bodies = std::max(bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
+    }
+    potentials_.bodies = std::max(potentials_.bodies, bodies);
+    order_.insert(bodies == 0 ? order_.begin() + static_cast<std::ptrdiff_t>(first_bodily_++) : order_.end(), t);
   }
   first_frozen_ = order_.size();
   for (const bool kinked : {false, true}) {
@@ -111,11 +116,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
     }
     if (!kinked) first_kinked_ = order_.size();
   }
-  for (const auto& [column, row] : of_potentials.lower_triangle()) {
-    if (column != row && row >= layout_.node_count) potentials_.bodies = std::max(potentials_.bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
-  }
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
-  potentials_.gradient = VectorX::Zero(layout_.dof_count());
+  potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ = VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
@@ -142,8 +144,9 @@ bool NewtonSolver::knows_potentials(const State& state) const {
 }
 
 // Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite. `may_be_result`: where work is
-// measured, that of the step so far is; a step's start and what it surely goes on from do without.
-bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result) {
+// measured, that of the step so far is; a step's start and what it surely goes on from do without. `carried`: the gradient of the potentials of nodes alone, which are then not
+// evaluated, nor their energy.
+bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result, const VectorX* carried) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -158,22 +161,28 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   const bool with_work = measures_work_ && may_be_result;
   if (with_work) measure_displacement(state);
   double taken = 0;
-  const bool knows = !with_hessian && !with_work && knows_potentials(state);
-  if (knows) gradient_ = potentials_.gradient;
+  std::size_t known = 0;  // of the terms
+  if (carried != nullptr) {
+    known = first_bodily_;
+    gradient_ = *carried;
+  } else if (!with_hessian && !with_work && knows_potentials(state)) {
+    known = first_frozen_;
+    gradient_ = potentials_.gradient;
+  }
   for (std::size_t k = 0; k < order_.size(); ++k) {
     const std::size_t t = order_[k];
-    if (k == first_frozen_ && !knows) {
+    if (k == first_bodily_ && known == 0) potentials_.of_nodes = gradient_;
+    if (k == first_frozen_ && known == 0) {
       potentials_.gradient = gradient_;
       potentials_.positions = state.node_positions;
       potentials_.poses = state.body_poses;
       potentials_.known = true;
     }
     if (with_hessian && k == first_kinked_) hessian_.begin_journal();
-    double& kept = potentials_.joules[k];
-    const double energy = knows && k < first_frozen_ ? kept
-                          : with_hessian             ? terms_[t]->add_all(state, gradient_, hessian_, curvature_)
-                                                     : terms_[t]->add_gradient(state, gradient_);
-    kept = energy;
+    const double energy = k < known      ? potentials_.joules[k]
+                          : with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_)
+                                         : terms_[t]->add_gradient(state, gradient_);
+    if (known == 0) potentials_.joules[k] = energy;
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;
@@ -344,7 +353,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report = {};
     report.timing = spent;
   }
-  kept_time_step_ = 0;
+  kept_time_step_ = carried_for_ = 0;
   // Whether a factor serves for more than one iteration, that of the step before too; and whether the last one does. Few iterations are Newton's own.
   const bool may_keep = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations;
   bool pays = may_keep && carried_time_step_ == time_step;
@@ -476,6 +485,10 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;
   tired_ = other.tired_;
+  potentials_ = other.potentials_;
+  carried_ = other.carried_;
+  carried_before_ = other.carried_before_;
+  carried_for_ = other.carried_for_;
 }
 
 // False where the iteration does not contract; `state` is then anywhere.
@@ -484,16 +497,23 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   if (measures_start_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }
-  state.node_positions += time_step * state.node_velocities;
-  for (int b = 0; b < linkage_.linked_bodies(); ++b) {
-    Pose& pose = state.body_poses[static_cast<std::size_t>(b)];
-    const Twist& velocity = state.body_velocities[static_cast<std::size_t>(b)];
-    pose = increment(pose, time_step * velocity.linear, time_step * velocity.angular);
-  }
   double before = 0;
   bool renews = tired_ || kept_time_step_ != time_step;
-  if (!evaluate(state, report, renews, false)) return false;
-  double least = report.energy;
+  const bool knows = knows_potentials(state);
+  const bool extrapolates = knows && carried_for_ == time_step && !renews;
+  if (knows) {
+    carried_before_.swap(carried_);
+    carried_ = potentials_.of_nodes;
+    linkage_.to_bodies(state, carried_);
+  }
+  carried_for_ = knows ? time_step : 0;
+  linkage_.coast(state, time_step);
+  if (extrapolates) {
+    extrapolated_ = 2 * carried_ - carried_before_;
+    linkage_.to_world(state, extrapolated_);
+  }
+  if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return false;
+  double least = extrapolates ? std::numeric_limits<double>::infinity() : report.energy;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
     if (renews) {
       if (!factorize(report, false) || report.shifts > 0) return false;

@@ -1,8 +1,9 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
-// While nothing touches the hand most of that is left out: a chord step starts from where the velocities lead and reuses an earlier step's factor, turned along with the bones
-// (linkage.hpp). In contact a factor is kept from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner; then the part of
-// contact and friction is renewed, with the fronts above what is touched, and only then the rest. None of it is in the source.
+// A step begins with what potentials were where the last one ended. While nothing touches the hand, most of the rest is left out too: a chord step starts from where velocities
+// lead, with the tissue's forces where those of the last two ends lead, and reuses an earlier step's factor, turned along with the bones (linkage.hpp). In contact a factor is kept
+// from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner; then the part of contact and friction is renewed, with the
+// fronts above what is touched, and only then the rest. None of it is in the source.
 //
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
@@ -131,13 +132,14 @@ class NewtonSolver {
   /// mean that the Hessian changes by little else than the turning of the linked bodies: no contact began or ended. It must not allocate.
   void allow_chord_steps(Linkage linkage, std::function<bool()> quiet);
 
-  /// Between steps: goes on with the factor that `other`, of as many terms of the same pattern, would go on with, where both have linear solvers of one kind; else with its own.
+  /// Between steps: goes on with the factor that `other`, of as many terms of the same pattern, would go on with, and what else it kept, where both have linear solvers of one kind; else
+  /// with its own.
   void take_factor(const NewtonSolver& other);
 
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
  private:
-  bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true);
+  bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true, const VectorX* carried = nullptr);
   bool knows_potentials(const State& state) const;
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
@@ -149,7 +151,7 @@ class NewtonSolver {
 
   std::vector<Energy*> terms_;
   std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept; those with kinks last, so that theirs of the Hessian can be taken back
-  std::size_t first_frozen_ = 0, first_kinked_ = 0;  // in `order_`: after the potentials, and of those with kinks
+  std::size_t first_bodily_ = 0, first_frozen_ = 0, first_kinked_ = 0;  // in `order_`: of potentials that touch bodies, after the potentials, of those with kinks
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
@@ -167,6 +169,9 @@ class NewtonSolver {
   bool has_smooth_ = false;            // the last factor is that of `hessian_`, whose journal is the terms' with kinks
   std::vector<std::int32_t> changed_;  // stored blocks
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
+  // Of chord steps: potentials_.of_nodes at the start of this one and of the one before, in the axes of the bodies that carry the nodes, and where the two lead.
+  VectorX carried_, carried_before_, extrapolated_;
+  double carried_for_ = 0;  // seconds, the step of `carried_`; 0: it says nothing of the next one
   VectorX gradient_, direction_;
   VectorX displacement_;  // the increment from start_ to the state evaluated last
   // What the potentials were where they were evaluated last: mostly the start of the next step.
@@ -176,6 +181,7 @@ class NewtonSolver {
     Eigen::Matrix3Xd positions;
     std::vector<Pose> poses;
     VectorX gradient;
+    VectorX of_nodes;        // likewise of those that touch no body
     std::array<double, kMaxTerms> joules{};  // by place in `order_`
   } potentials_;
   State start_, base_, best_;

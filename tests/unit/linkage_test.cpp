@@ -1,6 +1,8 @@
 // Increments taken along by turning bodies: a rigid turn of all, stiff joints, the transpose.
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "math/rotation.hpp"
 #include "solver/linkage.hpp"
 #include "support/box_mesh.hpp"
@@ -89,6 +91,44 @@ TEST(Linkage, ToThenIsTheTransposeOfToNow) {
   chain.linkage.to_then(then);
   ASSERT_GT((now - x).norm(), 1);
   EXPECT_NEAR(g.dot(now), then.dot(x), 1e-12);
+}
+
+// Each body on its own screw, what it carries at rest on it but for one node; the body alone stays.
+TEST(Linkage, CoastsWithWhatItCarries) {
+  constexpr double kStep = 0.01;
+  Chain chain;
+  for (Eigen::Index n = 0; n < kNodes; ++n) chain.state.node_positions.col(n) = chain.random.vector();
+  const std::array<std::size_t, kNodes> carrier{0, 1, 2, 2, 1};
+  for (std::size_t b = 0; b < 4; ++b) {
+    chain.state.body_poses[b].position = chain.random.vector();
+    chain.state.body_velocities[b] = {10 * chain.random.vector(), 30 * chain.random.vector()};
+  }
+  for (std::size_t n = 0; n < kNodes; ++n) {
+    const auto column = static_cast<Eigen::Index>(n);
+    const Twist& velocity = chain.state.body_velocities[carrier[n]];
+    chain.state.node_velocities.col(column) =
+        velocity.linear + velocity.angular.cross(chain.state.node_positions.col(column) - chain.state.body_poses[carrier[n]].position);
+  }
+  const Vector3 own(0.3, 0.1, -0.2);
+  chain.state.node_velocities.col(4) += own;
+  const State start = chain.state;
+  chain.linkage.coast(chain.state, kStep);
+  for (std::size_t n = 0; n < kNodes; ++n) {
+    const auto column = static_cast<Eigen::Index>(n);
+    const Pose &before = start.body_poses[carrier[n]], &after = chain.state.body_poses[carrier[n]];
+    const Vector3 moved = after.inverse() * Vector3(chain.state.node_positions.col(column)) - before.inverse() * Vector3(start.node_positions.col(column));
+    EXPECT_LE((moved - before.orientation.conjugate() * Vector3(n == 4 ? Vector3(kStep * own) : Vector3::Zero())).norm(), 1e-13) << n;
+    EXPECT_GE((after.position - before.position).norm(), 0.01);
+  }
+  EXPECT_EQ(chain.state.body_poses[3].position, start.body_poses[3].position);
+
+  const VectorX world = chain.increment();
+  VectorX x = world;
+  chain.linkage.to_bodies(chain.state, x);
+  EXPECT_LE((chain.state.body_poses[2].orientation * Vector3(x.segment<3>(6)) - world.segment<3>(6)).norm(), 1e-14);
+  EXPECT_EQ(x.tail(24), world.tail(24));
+  chain.linkage.to_world(chain.state, x);
+  EXPECT_LE((x - world).lpNorm<Eigen::Infinity>(), 1e-14);
 }
 
 TEST(Linkage, RefusesIndicesOutOfRange) {
