@@ -487,6 +487,7 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;
   tired_ = other.tired_;
+  node_stiffness_ = other.node_stiffness_;
   potentials_ = other.potentials_;
   carried_ = other.carried_;
   carried_before_ = other.carried_before_;

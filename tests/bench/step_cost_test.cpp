@@ -80,7 +80,7 @@ TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
   EXPECT_LE(near, 0.05 * line.slope);
   EXPECT_LE(crowded.instructions, 1.1 * alone.instructions);
   // Debian 12's compiler and libraries, AVX2 (valgrind has no AVX-512).
-  constexpr double kRecorded = 7.96e6;
+  constexpr double kRecorded = 7.80e6;
   EXPECT_NEAR(alone.instructions / kRecorded, 1, 0.03) << "another count is no error in itself: find out why, and record it";
 }
 

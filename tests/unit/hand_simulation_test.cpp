@@ -373,6 +373,24 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
   EXPECT_LE(std::sqrt(difference / total), 0.01);
 }
 
+// Factor, forces and all that chord steps keep are taken over with the state.
+TEST(HandSimulation, ACopyInTheAirGoesOnLikeTheOriginal) {
+  HandSimulation one(hand(), options(), 1, 0), two(hand(), options(), 1, 0);
+  const auto step = [](HandSimulation& simulation, int i) {
+    set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * i), 0, 0), rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * i), 0))});
+    const StepReport report = simulation.step(kStep);
+    EXPECT_TRUE(report.chord) << i;
+    return report.iterations;
+  };
+  step(two, 1);
+  for (int i = 0; i < 30; ++i) step(one, i);
+  two.take_state(one);
+  for (int i = 30; i < 40; ++i) {
+    EXPECT_EQ(step(one, i), step(two, i)) << i;
+    ASSERT_EQ((one.state().node_positions - two.state().node_positions).cwiseAbs().maxCoeff(), 0) << i;
+  }
+}
+
 // What a potential stored when the step before ended is what it starts from: the books of a hand in the air cost no evaluation, but in the first step and after the hand was put elsewhere.
 TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
   HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
