@@ -8,11 +8,6 @@
 #include "math/rotation.hpp"
 
 namespace softhand {
-namespace {
-
-using Vector4 = Eigen::Vector4d;
-
-}  // namespace
 
 SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout_(layout) {
   if (layout.node_count < hand.node_count() || layout.body_count < kBodyCount) {
@@ -128,12 +123,12 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
         const Tie& tie = bone.ties[static_cast<std::size_t>(i)];
         offset_.col(i).head<3>() = r * tie.rest + (pose.position - state.node_positions.col(tie.node));
       }
-      Vector4 twice_energy = Vector4::Zero(), force = Vector4::Zero();
+      Eigen::Vector4d twice_energy = Eigen::Vector4d::Zero(), force = Eigen::Vector4d::Zero();
       Eigen::Matrix<double, 4, 3> moment = Eigen::Matrix<double, 4, 3>::Zero();  // sum of pull X^T
       const Entry* entry = bone.entries.data();
       for (Eigen::Index i = 0; i < count; ++i) {
         const Tie& tie = bone.ties[static_cast<std::size_t>(i)];
-        Vector4 pull = Vector4::Zero();  // sum_j K_ij z_j
+        Eigen::Vector4d pull = Eigen::Vector4d::Zero();  // sum_j K_ij z_j
         for (const Entry* end = bone.entries.data() + tie.row_end; entry != end; ++entry) pull += entry->stiffness * offset_.col(entry->column);
         twice_energy += pull.cwiseProduct(offset_.col(i));
         if (gradient != nullptr) {
