@@ -517,13 +517,19 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     linkage_.to_bodies(state, carried_);
   }
   carried_for_ = knows ? time_step : 0;
+  // Of the start, where an ordinary step would descend from, and of where velocities lead, if that is evaluated.
+  double least = std::numeric_limits<double>::infinity();
+  if (knows) {
+    if (!evaluate(state, report, false, false)) return false;
+    least = report.energy;
+  }
   linkage_.coast(state, time_step);
   if (extrapolates) {
     extrapolated_ = 2 * carried_ - carried_before_;
     linkage_.to_world(state, extrapolated_);
   }
   if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return false;
-  double least = extrapolates ? std::numeric_limits<double>::infinity() : report.energy;
+  if (!extrapolates) least = std::min(least, report.energy);
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
     if (renews) {
       if (!factorize(report, false) || report.shifts > 0) return false;
