@@ -294,6 +294,30 @@ TEST(NewtonSolver, AChordStepDoesNotTakeAFactorThatIsTooStiffForConvergence) {
   EXPECT_LE((state.node_positions - brick.state.node_positions).colwise().norm().maxCoeff(), 5e-6);
 }
 
+// Almost steel, where what is little left to move is no little energy.
+TEST(NewtonSolver, AChordStepEndsNoHigherThanItBegan) {
+  Brick brick({3, 2, 2}, testing::soft(0.45, 1e11));
+  State state = brick.state;
+  state.body_poses.resize(1);  // carries the nodes
+  state.body_velocities.resize(1);
+  Inertia inertia(lumped_masses(brick.box), 1);
+  inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
+  const DofLayout layout = state.layout();
+  NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors}, layout, SolverOptions{});
+  solver.allow_chord_steps(Linkage(layout, {Linkage::Link{}}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)), [] { return true; });
+  const auto energy = [&] { return inertia.kinetic_energy(state) + brick.tissue.value(state) + brick.anchors.value(state); };
+  testing::Random random(5);
+  for (int i = 0; i < 60; ++i) {
+    if (i % 20 == 0) {
+      for (int n = 0; n < layout.node_count; ++n) state.node_velocities.col(n) += random.vector();
+      state.body_velocities[0].angular += 10 * random.vector();
+    }
+    const double before = energy();
+    solver.step(state, 0.01);
+    EXPECT_LE(energy(), 1.001 * before + 1e-9) << i;
+  }
+}
+
 // Where each iteration has a factor of its own anyway, none is carried.
 TEST(NewtonSolver, AFewIterationsCarryNoFactor) {
   Brick carrying, other;
