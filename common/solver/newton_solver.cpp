@@ -20,7 +20,6 @@ constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
 constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
-constexpr double kAlone = 5;       // of the chord tolerance: what may be left of a node alone, in a crease mostly
 constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
 constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
 constexpr double kWorth = 8;         // iterations with a kept factor that cost as much as one with a new Hessian and factor
@@ -121,7 +120,6 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ = VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
-  node_stiffness_ = VectorX::Zero(layout_.node_count);
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
 }
@@ -487,18 +485,10 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;
   tired_ = other.tired_;
-  node_stiffness_ = other.node_stiffness_;
   potentials_ = other.potentials_;
   carried_ = other.carried_;
   carried_before_ = other.carried_before_;
   carried_for_ = other.carried_for_;
-}
-
-// How far the node that is farthest would move to where its force vanishes, the others held and by the stiffness of the last factor, m.
-double NewtonSolver::farthest_alone() const {
-  double farthest = 0;
-  for (int n = 0; n < layout_.node_count; ++n) farthest = std::max(farthest, gradient_.segment<3>(3 * n).norm() / node_stiffness_[n]);
-  return farthest;
 }
 
 // False where the iteration does not contract; `state` is then anywhere.
@@ -535,11 +525,6 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       if (!factorize(report, false) || report.shifts > 0) return false;
       linkage_.keep(state);
       kept_time_step_ = time_step;
-      for (int n = 0; n < layout_.node_count; ++n) {
-        const std::span<const double> values = hessian_.values();
-        const auto first = 9 * static_cast<std::size_t>(diagonal_[static_cast<std::size_t>(n)]);
-        node_stiffness_[n] = (values[first] + values[first + 4] + values[first + 8]) / 3;
-      }
     }
     const double begin = clock_();
     gradient_ = -gradient_;
@@ -558,15 +543,13 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     const bool moved_little = moved <= options_.chord_tolerance;
     const bool renewed = std::exchange(renews, !moved_little && tired_);
     const double residual = report.residual;
-    if (!evaluate(state, report, renews)) return false;
+    if (!evaluate(state, report, renews, moved_little)) return false;
     // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
     const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
     // A factor that is much too stiff moves little however much is left.
     const bool shrank = report.residual <= std::max(options_.residual_tolerance, kStalled * residual);
-    // What is left to move: of all together by as much less as the residual is less; a single node can swing up from step to step unseen in that.
-    const double left = residual > 0 ? moved * report.residual / residual : 0.0;
-    if (left <= options_.chord_tolerance && farthest_alone() <= kAlone * options_.chord_tolerance && fell && shrank) {
+    if (moved_little && fell && shrank) {
       const double end = clock_();
       for (Energy* term : terms_) term->end_step(state);
       report.timing.end = clock_() - end;

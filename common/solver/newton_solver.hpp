@@ -54,8 +54,8 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number("time_budget", o.time_budget, "s", {0, 10},
            "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
-           "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until what tissue and bones have left to move is, by "
-           "estimate, no more than this (root mean square), and of no node alone more than five times as much. 0: never.");
+           "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until an iteration moves tissue and bones by no more "
+           "than this (root mean square); what is left is a fraction of it. 0: never.");
   v.flag("line_search", o.line_search, "On the energy, along each iteration's direction. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"projected", "exact"},
@@ -148,7 +148,6 @@ class NewtonSolver {
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
   double longest_move() const;
-  double farthest_alone() const;
 
   std::vector<Energy*> terms_;
   std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept; those with kinks last, so that theirs of the Hessian can be taken back
@@ -162,7 +161,6 @@ class NewtonSolver {
   std::function<bool()> quiet_;
   double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
   bool tired_ = false;         // the factor contracted slowly when last used
-  VectorX node_stiffness_;     // of a node alone in the matrix of that factor, N/m
   double carried_time_step_ = 0;                  // of the factor that the last step left, unless it was a chord step's; 0: none
   std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor does not do; null without one
   LinearSolver* factor_ = nullptr;                // which of the two holds the last factor

@@ -360,7 +360,7 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
   ASSERT_GE((exact.nodes.back() - exact.nodes.front()).colwise().norm().minCoeff(), 0.002) << "the whole hand moved";
   EXPECT_EQ(idle.chord_steps, 180);
   EXPECT_LE(idle.factorised_steps, 180 / 4);
-  EXPECT_LE(idle.tissue_evaluations, 1.6) << "after each of one or two iterations, but not where the step starts from";
+  EXPECT_LE(idle.tissue_evaluations, 2.5) << "after each of two iterations, but not where the step starts from";
   double difference = 0, total = 0, worst_rms = 0;
   for (std::size_t i = 0; i < exact.nodes.size(); ++i) {
     worst_rms = std::max(worst_rms, (idle.nodes[i] - exact.nodes[i]).norm() / std::sqrt(static_cast<double>(exact.nodes[i].cols())));
@@ -412,10 +412,10 @@ TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
     }
     EXPECT_EQ(evaluations(booked, i), evaluations(plain, i) + (i % 30 == 0 ? 1 : 0)) << i;
     if (i == 29) {
-      EXPECT_LE(booked.ledger().defect(), 5e-3);
+      EXPECT_LE(booked.ledger().defect(), 1e-3);
     }
   }
-  EXPECT_LE(booked.ledger().defect(), 5e-3);
+  EXPECT_LE(booked.ledger().defect(), 1e-3);
 }
 
 TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
