@@ -44,9 +44,12 @@ class Builder {
   ConvexHull result() const {
     ConvexHull hull;
     std::map<int, int> index;
-    for (const Face& face : faces_) {
-      if (!face.alive) continue;
-      for (const int corner : face.corners) index.emplace(corner, 0);
+    std::vector<int> place(faces_.size(), -1);
+    int alive = 0;
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      if (!faces_[f].alive) continue;
+      place[f] = alive++;
+      for (const int corner : faces_[f].corners) index.emplace(corner, 0);
     }
     for (auto& [point, position] : index) {
       position = static_cast<int>(hull.vertices.size());
@@ -55,6 +58,9 @@ class Builder {
     for (const Face& face : faces_) {
       if (!face.alive) continue;
       hull.faces.push_back({index.at(face.corners[0]), index.at(face.corners[1]), index.at(face.corners[2])});
+      std::array<int, 3> across{};
+      for (std::size_t k = 0; k < 3; ++k) across[k] = place[at(edges_.at({face.corners[(k + 1) % 3], face.corners[k]}))];
+      hull.neighbours.push_back(across);
       hull.normals.push_back(face.normal);
       hull.offsets.push_back(face.offset);
     }

@@ -12,6 +12,7 @@ namespace softhand {
 struct ConvexHull {
   std::vector<Vector3> vertices;                  ///< those of the input that are corners
   std::vector<std::array<int, 3>> faces;          ///< outward, counter-clockwise
+  std::vector<std::array<int, 3>> neighbours;     ///< by face, the face across its edge from corner k to corner k + 1
   std::vector<Vector3> normals;                   ///< unit, by face
   std::vector<double> offsets;                    ///< normal . p = offset on the face
 };

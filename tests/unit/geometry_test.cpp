@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -119,8 +120,68 @@ TEST(Geometry, HullHoldsAllPointsAndIsClosed) {
     const int v = static_cast<int>(hull.vertices.size()), f = static_cast<int>(hull.faces.size());
     EXPECT_EQ(2 * v - 4, f) << "Euler's formula, seed " << seed;
     for (std::size_t k = 0; k < hull.faces.size(); ++k) {
+      for (std::size_t edge = 0; edge < 3; ++edge) {
+        const auto& there = hull.faces[static_cast<std::size_t>(hull.neighbours[k][edge])];
+        const auto end = std::find(there.begin(), there.end(), hull.faces[k][edge]);
+        ASSERT_NE(end, there.end());
+        EXPECT_EQ(there[static_cast<std::size_t>(end - there.begin() + 2) % 3], hull.faces[k][(edge + 1) % 3]) << "the same edge, the other way";
+      }
+    }
+    for (std::size_t k = 0; k < hull.faces.size(); ++k) {
       for (const Vector3& p : points) EXPECT_LE(hull.normals[k].dot(p) - hull.offsets[k], 1e-9);
     }
+  }
+}
+
+// To the feet on all faces that have one, and to all edges.
+double distance_to_all_faces(const ConvexHull& hull, const Vector3& p) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t f = 0; f < hull.faces.size(); ++f) {
+    const auto corner = [&](std::size_t k) { return hull.vertices[static_cast<std::size_t>(hull.faces[f][k])]; };
+    const Vector3 u = corner(1) - corner(0), v = corner(2) - corner(0), w = p - corner(0);
+    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), determinant = uu * vv - uv * uv;
+    const double a = (vv * w.dot(u) - uv * w.dot(v)) / determinant, b = (uu * w.dot(v) - uv * w.dot(u)) / determinant;
+    if (a >= 0 && b >= 0 && a + b <= 1) least = std::min(least, std::abs(w.dot(hull.normals[f])));
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3 from = corner(k), edge = corner((k + 1) % 3) - from;
+      least = std::min(least, (p - from - std::clamp(edge.dot(p - from) / edge.squaredNorm(), 0.0, 1.0) * edge).norm());
+    }
+  }
+  return least;
+}
+
+// Plates, needles and grids of coplanar points too, from anywhere outside: over corners, edges and faces, near and far.
+TEST(Geometry, NoPointOfAHullIsNearerThanTheClosest) {
+  std::vector<std::vector<Vector3>> solids{cloud(4, 1), cloud(60, 2), cloud(256, 3), box_points({0.02, 0.03, 0.01}, 2), box_points({0.02, 0.03, 0.01}, 6), box_points({0.03, 0.00025, 0.03}, 4)};
+  solids.push_back(cloud(256, 4));
+  for (Vector3& p : solids.back()) p = 0.03 * p.normalized();
+  solids.push_back(solids.back());
+  for (Vector3& p : solids.back()) p = p.cwiseProduct(Vector3(1, 0.02, 0.02));
+  solids.push_back(solids[6]);
+  for (Vector3& p : solids.back()) p = p.cwiseProduct(Vector3(1, 0.01, 1)) + Vector3(0.2, 0, 0);  // and its frame's origin far away
+  for (std::size_t solid = 0; solid < solids.size(); ++solid) {
+    SCOPED_TRACE(solid);
+    const ShapeGeometry shape(hull_of(solids[solid]));
+    const ConvexHull hull = convex_hull(solids[solid]);
+    Random random(17 + solid);
+    int outside = 0;
+    for (int i = 0; i < 3000; ++i) {
+      const auto any = [&] { return static_cast<std::size_t>(std::abs(random.uniform()) * static_cast<double>(hull.faces.size() - 1)); };
+      const auto& face = hull.faces[any()];
+      const Vector3 corner = hull.vertices[static_cast<std::size_t>(face[0])], other = hull.vertices[static_cast<std::size_t>(face[1])];
+      const Vector3 about = i % 3 == 0 ? corner : i % 3 == 1 ? Vector3(0.5 * (corner + other)) : hull.vertices[0];
+      const Vector3 p = about + random.vector(std::pow(10.0, -5 + 4 * std::abs(random.uniform())));
+      double highest = -std::numeric_limits<double>::infinity();
+      for (std::size_t f = 0; f < hull.faces.size(); ++f) highest = std::max(highest, hull.normals[f].dot(p) - hull.offsets[f]);
+      if (highest <= 1e-9) continue;
+      ++outside;
+      const SurfacePoint closest = shape.closest(p);
+      const double least = distance_to_all_faces(hull, p);
+      ASSERT_NEAR(closest.distance, least, 1e-12 + 1e-9 * least) << p.transpose();
+      ASSERT_NEAR((p - closest.point).norm(), closest.distance, 1e-12);
+      ASSERT_NEAR((closest.point + closest.distance * closest.normal - p).norm(), 0, 1e-12);
+    }
+    EXPECT_GT(outside, 1000);
   }
 }
 
