@@ -4,6 +4,7 @@
 
 #include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -27,25 +28,35 @@ class FactorTurns {
     analysis_ = seconds_of([&] { block_.analyze(matrix_); });
     single_.analyze(matrix_);
     cholmod_.analyze(matrix_);
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int column = 0; column < matrix_.block_count(); ++column) {
+      for (std::int32_t k = matrix_.column_start()[static_cast<std::size_t>(column)]; k < matrix_.column_start()[static_cast<std::size_t>(column) + 1]; ++k) {
+        const int row = matrix_.row()[static_cast<std::size_t>(k)];
+        for (int i = 0; i < 9; ++i) {
+          const double value = matrix_.values()[static_cast<std::size_t>(9 * k + i)];
+          entries.emplace_back(3 * row + i % 3, 3 * column + i / 3, value);
+          if (row != column) entries.emplace_back(3 * column + i / 3, 3 * row + i % 3, value);
+        }
+      }
+    }
+    sparse_.resize(rhs_.size(), rhs_.size());
+    sparse_.setFromTriplets(entries.begin(), entries.end());
+    eigen_.analyzePattern(sparse_);
+    gradients_.setTolerance(1e-4);
+    gradients_.analyzePattern(sparse_);
   }
 
-  /// Each solver once, `with_eigen` Eigen's too: they are slow.
-  void turn(bool with_eigen) {
+  /// Each solver once, but for those that iterate: they are slow.
+  void turn(bool with_conjugate_gradients) {
     time(block_, block_times_);
     solve_times_.push_back(seconds_of([&] { block_.solve(rhs_, x_); }));
     time(single_, single_times_);
     time(cholmod_, cholmod_times_);
-    if (with_eigen) {
-      if (sparse_.size() == 0) {
-        sparse_ = matrix_.dense().sparseView();
-        eigen_.analyzePattern(sparse_);
-        gradients_.setTolerance(1e-4);
-        gradients_.analyzePattern(sparse_);
-      }
-      eigen_times_.push_back(seconds_of([&] {
-        eigen_.factorize(sparse_);
-        x_ = eigen_.solve(rhs_);
-      }));
+    eigen_times_.push_back(seconds_of([&] {
+      eigen_.factorize(sparse_);
+      x_ = eigen_.solve(rhs_);
+    }));
+    if (with_conjugate_gradients) {
       gradients_times_.push_back(seconds_of([&] {
         gradients_.factorize(sparse_);
         x_ = gradients_.solve(rhs_);

@@ -28,6 +28,9 @@
 #include "bus/bus.hpp"
 #include "cli/virtual_rig.hpp"
 #include "energies/tissue.hpp"
+#include "error_runtime/peer.hpp"
+#include "error_runtime/scenes.hpp"
+#include "error_runtime/trial.hpp"
 #include "messages/convert.hpp"
 #include "report/report.hpp"
 #include "support/count_allocations.hpp"
@@ -41,6 +44,8 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the cube is lifted and held
+
+constexpr int kPeerSteps = 15;
 
 struct Size {
   int file;  ///< config/hands/right_<file>.hand.json
@@ -153,6 +158,34 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
   std::vector<PressingCost> costs;
   for (std::size_t k = 0; k < hands.size(); ++k) costs.push_back({median(times[k]), median(contact[k]), hands[k]->touched_objects(), hands[k]->contacts()});
   return costs;
+}
+
+// Seconds of a step of all hands by how many there are; each has a loop of its own, as its service has.
+std::vector<std::pair<double, double>> by_hands() {
+  constexpr int kSteps = 20;
+  std::vector<std::unique_ptr<Pressing>> hands;
+  std::vector<std::pair<double, double>> seconds;
+  for (const std::size_t count : {1u, 2u, 4u, 8u}) {
+    while (hands.size() < count) {
+      hands.push_back(std::make_unique<Pressing>(5, 0));
+      hands.back()->settle();
+    }
+    std::vector<double> times;
+    for (int i = 0; i < kSteps; ++i) {
+      double all = 0;
+      for (const auto& hand : hands) all += hand->step([](auto&& work) { return seconds_of(work); });
+      times.push_back(all);
+    }
+    seconds.emplace_back(count, median(times));
+  }
+  return seconds;
+}
+
+double scene_step_seconds(const error_runtime::Scene& scene) {
+  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_1450.hand.json");
+  error_runtime::Player player(scene, hand, scene.motion(hand), error_runtime::options_of(scene, {}));
+  player.settle();
+  return 1e-3 * median(error_runtime::play(scene, player).step_ms);
 }
 
 double allocations_per_step() {
@@ -289,6 +322,7 @@ Json run() {
     FactorTurns turns(size.file);
     for (int i = 0; i < 15; ++i) turns.turn(false);
     put(fmt::format("factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.block(), "double against double");
+    put(fmt::format("factor_solve_speedup_over_simplicial_ldlt_{}", size.key), turns.eigen() / turns.block(), "Eigen's, double");
     put(fmt::format("float_factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.single(), "float against double");
     put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with taking over the values");
     put(fmt::format("factor_fraction_of_peak_{}", size.key), turns.fraction_of_peak(), "of dgemm's rate, double");
@@ -324,6 +358,19 @@ Json run() {
   put("default_step_p99_over_p50", quantile(reference.whole, 0.99) / median(reference.whole), "1,450 nodes, approach to hold: as many iterations as it takes");
   put("allocations_per_step", allocations_per_step(), "five objects touched");
 
+  fmt::print("a step in each scene of the report, default mode, 1,450 nodes\n");
+  for (const error_runtime::Scene& scene : error_runtime::all_scenes()) {
+    put("scene_step_ms_" + scene.name, 1e3 * scene_step_seconds(scene), scene.statement.c_str());
+  }
+
+  fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
+  for (const Size& size : kSizes) {
+    const error_runtime::PeerSteps peer = error_runtime::compare_steps(fmt::format("right_{}", size.file), kPeerSteps);
+    put(fmt::format("step_speedup_over_bullet_{}", size.key), peer.bullet_seconds / peer.own_seconds, "soft fingers fall, no bones, no contact; both as they come");
+    put(fmt::format("peer_error_mm_{}", size.key), peer.own_rms_mm, "of ours, skin from the converged, RMS");
+    put(fmt::format("peer_error_mm_bullet_{}", size.key), peer.bullet_rms_mm, "of Bullet's");
+  }
+
   fmt::print("what a scene does not need\n");
   put("idle_hand_cost_fraction", idle_hand_cost_fraction({1450, 1450}), "free motion over grasp, in turns, 1,450 nodes");
   const auto clutter = measure_pressing({{5, 0}, {5, 95}}, 60);
@@ -347,6 +394,7 @@ Json run() {
   std::vector<std::pair<double, double>> by_objects;
   for (std::size_t k = 0; k < crowd.size(); ++k) by_objects.emplace_back(std::array{12, 25, 50, 100}[k], crowd[k].step);
   put("step_exponent_objects", exponent(by_objects), "near, none touched");
+  put("step_exponent_hands", exponent(by_hands()), "1 to 8 hands that touch 5 objects each, one after another on a core");
 
   fmt::print("the hand's service\n");
   const ServiceCost service = measure_service();

@@ -68,24 +68,42 @@ Sample sample_at(const Problem& p, int step, const Eigen::Matrix3Xd& nodes) {
 }
 
 // This project's terms of the problem.
-Trajectory run_own(const Problem& p, const SolverOptions& options) {
-  State state;
-  state.node_positions.resize(3, p.hand.node_count());
-  for (int n = 0; n < p.hand.node_count(); ++n) state.node_positions.col(n) = p.hand.nodes[static_cast<std::size_t>(n)];
-  state.node_velocities = Eigen::Matrix3Xd::Zero(3, p.hand.node_count());
-  Inertia inertia(p.masses, 0);
-  inertia.set_node_gravity(kWeight);
-  Tissue tissue(p.hand);
-  verification::Supports palm(p.held, 1e6 * Matrix3::Identity(), state.node_positions);
-  NewtonSolver solver({&inertia, &tissue, &palm}, state.layout(), options);
+class OwnFall {
+ public:
+  OwnFall(const Problem& p, const SolverOptions& options)
+      : state_(at_rest(p)), inertia_(p.masses, 0), tissue_(p.hand), palm_(p.held, 1e6 * Matrix3::Identity(), state_.node_positions),
+        solver_({&inertia_, &tissue_, &palm_}, state_.layout(), options) {
+    inertia_.set_node_gravity(kWeight);
+  }
+  void step() { report_ = solver_.step(state_, kStep); }
+  Eigen::Matrix3Xd nodes() const { return state_.node_positions; }
+  const StepReport& report() const { return report_; }
+
+ private:
+  static State at_rest(const Problem& p) {
+    State state;
+    state.node_positions.resize(3, p.hand.node_count());
+    for (int n = 0; n < p.hand.node_count(); ++n) state.node_positions.col(n) = p.hand.nodes[static_cast<std::size_t>(n)];
+    state.node_velocities = Eigen::Matrix3Xd::Zero(3, p.hand.node_count());
+    return state;
+  }
+  State state_;
+  Inertia inertia_;
+  Tissue tissue_;
+  verification::Supports palm_;
+  NewtonSolver solver_;
+  StepReport report_;
+};
+
+Trajectory run_own(const Problem& p, const SolverOptions& options, int steps = kSteps) {
+  OwnFall fall(p, options);
   Trajectory trajectory;
-  for (int step = 1; step <= kSteps; ++step) {
-    StepReport report;
-    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { report = solver.step(state, kStep); }));
-    trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
-    trajectory.iterations += static_cast<double>(report.iterations) / kSteps;
-    if (!report.state_changed) ++trajectory.failed_steps;
-    trajectory.samples.push_back(sample_at(p, step, state.node_positions));
+  for (int step = 1; step <= steps; ++step) {
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { fall.step(); }));
+    trajectory.worst_residual = std::max(trajectory.worst_residual, fall.report().residual);
+    trajectory.iterations += static_cast<double>(fall.report().iterations) / steps;
+    if (!fall.report().state_changed) ++trajectory.failed_steps;
+    trajectory.samples.push_back(sample_at(p, step, fall.nodes()));
   }
   return trajectory;
 }
@@ -112,66 +130,84 @@ class BulletSolver final : public btDeformableBodySolver {
 
 btVector3 to_bullet(const Vector3& v) { return {static_cast<btScalar>(v.x()), static_cast<btScalar>(v.y()), static_cast<btScalar>(v.z())}; }
 
-Trajectory run_bullet(const Problem& p, const BulletSolver::Limits& limits) {
-  btSoftBodyRigidBodyCollisionConfiguration configuration;
-  btCollisionDispatcher dispatcher(&configuration);
-  btDbvtBroadphase broadphase;
-  BulletSolver solver(limits);
-  btDeformableMultiBodyConstraintSolver constraints;
-  constraints.setDeformableSolver(&solver);
-  btDeformableMultiBodyDynamicsWorld world(&dispatcher, &broadphase, &constraints, &configuration, &solver);
-  world.setGravity(to_bullet(kWeight));
-  world.getWorldInfo().m_gravity = to_bullet(kWeight);
+class BulletFall {
+ public:
+  BulletFall(const Problem& p, const BulletSolver::Limits& limits) : solver_(limits) {
+    constraints_.setDeformableSolver(&solver_);
+    world_.setGravity(to_bullet(kWeight));
+    world_.getWorldInfo().m_gravity = to_bullet(kWeight);
 
-  btAlignedObjectArray<btVector3> places;
-  for (const Vector3& x : p.hand.nodes) places.push_back(to_bullet(x));
-  auto body = std::make_unique<btSoftBody>(&world.getWorldInfo(), places.size(), &places[0], nullptr);
-  // Without links the body hangs in rebuildNodeTree.
-  std::set<std::pair<int, int>> edges;
-  for (const auto& t : p.hand.tetrahedra) {
-    body->appendTetra(t[0], t[1], t[2], t[3]);
-    for (std::size_t a = 0; a < 4; ++a) {
-      for (std::size_t b = a + 1; b < 4; ++b) edges.insert(std::minmax(t[a], t[b]));
+    btAlignedObjectArray<btVector3> places;
+    for (const Vector3& x : p.hand.nodes) places.push_back(to_bullet(x));
+    body_ = std::make_unique<btSoftBody>(&world_.getWorldInfo(), places.size(), &places[0], nullptr);
+    // Without links the body hangs in rebuildNodeTree.
+    std::set<std::pair<int, int>> edges;
+    for (const auto& t : p.hand.tetrahedra) {
+      body_->appendTetra(t[0], t[1], t[2], t[3]);
+      for (std::size_t a = 0; a < 4; ++a) {
+        for (std::size_t b = a + 1; b < 4; ++b) edges.insert(std::minmax(t[a], t[b]));
+      }
     }
+    for (const auto& [a, b] : edges) body_->appendLink(a, b, nullptr, true);
+    btSoftBodyHelpers::generateBoundaryFaces(body_.get());
+    body_->initializeDmInverse();
+    body_->m_tetraScratches.resize(body_->m_tetras.size());
+    body_->m_tetraScratchesTn.resize(body_->m_tetras.size());
+    for (std::size_t n = 0; n < p.masses.size(); ++n) body_->setMass(static_cast<int>(n), static_cast<btScalar>(p.masses[n]));
+    for (const int n : p.held) body_->setMass(n, 0);
+    body_->m_cfg.collisions = 0;
+    body_->m_cfg.drag = 0;
+    body_->m_cfg.kDP = 0;
+    body_->m_sleepingThreshold = 0;
+    body_->setActivationState(DISABLE_DEACTIVATION);
+    world_.addSoftBody(body_.get());
+    elasticity_.setYoungsModulus(static_cast<btScalar>(kYoungsModulus));
+    elasticity_.setPoissonRatio(static_cast<btScalar>(kPoissonRatio));
+    elasticity_.setDamping(0, 0);
+    world_.addForce(body_.get(), &elasticity_);
+    world_.addForce(body_.get(), &gravity_);
+    world_.setImplicit(true);
+    world_.setLineSearch(false);
+    world_.setUseProjection(true);  // without it nothing moves
   }
-  for (const auto& [a, b] : edges) body->appendLink(a, b, nullptr, true);
-  btSoftBodyHelpers::generateBoundaryFaces(body.get());
-  body->initializeDmInverse();
-  body->m_tetraScratches.resize(body->m_tetras.size());
-  body->m_tetraScratchesTn.resize(body->m_tetras.size());
-  for (std::size_t n = 0; n < p.masses.size(); ++n) body->setMass(static_cast<int>(n), static_cast<btScalar>(p.masses[n]));
-  for (const int n : p.held) body->setMass(n, 0);
-  body->m_cfg.collisions = 0;
-  body->m_cfg.drag = 0;
-  body->m_cfg.kDP = 0;
-  body->m_sleepingThreshold = 0;
-  body->setActivationState(DISABLE_DEACTIVATION);
-  world.addSoftBody(body.get());
-  btDeformableLinearElasticityForce elasticity;
-  elasticity.setYoungsModulus(static_cast<btScalar>(kYoungsModulus));
-  elasticity.setPoissonRatio(static_cast<btScalar>(kPoissonRatio));
-  elasticity.setDamping(0, 0);
-  btDeformableGravityForce gravity(to_bullet(kWeight));
-  world.addForce(body.get(), &elasticity);
-  world.addForce(body.get(), &gravity);
-  world.setImplicit(true);
-  world.setLineSearch(false);
-  world.setUseProjection(true);  // without it nothing moves
-
-  Trajectory trajectory;
-  std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
-  Eigen::Matrix3Xd nodes(3, p.hand.node_count());
-  for (int step = 1; step <= kSteps; ++step) {
-    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { world.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep)); }));
-    for (int n = 0; n < p.hand.node_count(); ++n) {
-      const btVector3& x = body->m_nodes[n].m_x;
+  ~BulletFall() { world_.removeSoftBody(body_.get()); }
+  BulletFall(const BulletFall&) = delete;
+  BulletFall& operator=(const BulletFall&) = delete;
+  void step() {
+    std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
+    world_.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep));
+    std::cout.rdbuf(terminal);
+  }
+  Eigen::Matrix3Xd nodes() const {
+    Eigen::Matrix3Xd nodes(3, body_->m_nodes.size());
+    for (int n = 0; n < body_->m_nodes.size(); ++n) {
+      const btVector3& x = body_->m_nodes[n].m_x;
       nodes.col(n) = Vector3(x.x(), x.y(), x.z());
     }
+    return nodes;
+  }
+
+ private:
+  btSoftBodyRigidBodyCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  btDbvtBroadphase broadphase_;
+  BulletSolver solver_;
+  btDeformableMultiBodyConstraintSolver constraints_;
+  btDeformableMultiBodyDynamicsWorld world_{&dispatcher_, &broadphase_, &constraints_, &configuration_, &solver_};
+  btDeformableLinearElasticityForce elasticity_;
+  btDeformableGravityForce gravity_{to_bullet(kWeight)};
+  std::unique_ptr<btSoftBody> body_;
+};
+
+Trajectory run_bullet(const Problem& p, const BulletSolver::Limits& limits) {
+  BulletFall fall(p, limits);
+  Trajectory trajectory;
+  for (int step = 1; step <= kSteps; ++step) {
+    trajectory.step_ms.push_back(1e3 * bench::seconds_of([&] { fall.step(); }));
+    const Eigen::Matrix3Xd nodes = fall.nodes();
     trajectory.samples.push_back(sample_at(p, step, nodes));
     trajectory.finite = trajectory.finite && nodes.allFinite();
   }
-  std::cout.rdbuf(terminal);
-  world.removeSoftBody(body.get());
   return trajectory;
 }
 
@@ -180,6 +216,12 @@ SolverOptions iterations(std::int64_t count, double residual) {
   options.max_iterations = count;
   options.residual_tolerance = residual;
   options.increment_tolerance = 1e-12;
+  return options;
+}
+
+SolverOptions converged() {
+  SolverOptions options = iterations(200, 0);
+  options.factor = "double";
   return options;
 }
 
@@ -196,9 +238,7 @@ PeerStudy study_peer(const std::string& hand) {
       "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside elements (anchors hold nodes), joints with ranges and couplings in the same "
       "minimisation, contact inside the implicit solve, a result that repeats in double precision.";
   const std::vector<double> weights = skin_weights(p.hand);
-  SolverOptions converged = iterations(200, 0);
-  converged.factor = "double";
-  const Trajectory exact = run_own(p, converged);
+  const Trajectory exact = run_own(p, converged());
   const auto add = [&](const std::string& setting, const Trajectory& t) {
     Row row;
     row.scene = "soft_fingers_peer";
@@ -224,6 +264,26 @@ PeerStudy study_peer(const std::string& hand) {
   for (const int count : {10, 25, 100, 400}) add(fmt::format("Bullet, 1 Newton, {} CG", count), run_bullet(p, {1, count, 1e-8}));
   add("Bullet, 5 Newton, 200 CG", run_bullet(p, {5, 200, 1e-8}));
   return study;
+}
+
+PeerSteps compare_steps(const std::string& hand, int steps) {
+  const Problem p = problem_of(hand);
+  OwnFall own(p, SolverOptions{});
+  BulletFall bullet(p, {});
+  std::vector<double> own_seconds, bullet_seconds;
+  for (int step = 0; step < steps; ++step) {
+    own_seconds.push_back(bench::seconds_of([&] { own.step(); }));
+    bullet_seconds.push_back(bench::seconds_of([&] { bullet.step(); }));
+  }
+  Trajectory exact = run_own(p, converged(), steps);
+  exact.samples.erase(exact.samples.begin(), exact.samples.end() - 1);
+  const std::vector<double> weights = skin_weights(p.hand);
+  const auto error = [&](const Eigen::Matrix3Xd& nodes) {
+    Trajectory last;
+    last.samples.push_back(sample_at(p, steps, nodes));
+    return difference(last, exact, weights).tissue_rms_mm;
+  };
+  return {bench::median(own_seconds), bench::median(bullet_seconds), error(own.nodes()), error(bullet.nodes())};
 }
 
 }  // namespace softhand::error_runtime
