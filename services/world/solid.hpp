@@ -30,8 +30,8 @@ struct SeparatingPlane {
   double gap = 0;      ///< m, negative when overlapping
 };
 
-/// The best of: `direction` (unit, from neighbour to object, with the engine's single-precision noise), and the faces of either shape near it. The gap is
-/// measured on the true shapes, without an engine's margins. For convex shapes no plane has a larger gap than their distance.
+/// The best of: `direction` (unit, from neighbour to object, with the engine's single-precision noise, or now and then none at all), and the flat faces of either shape; where all of
+/// them overlap, what a search from the best finds. The gap is measured on the true shapes, without an engine's margins. For convex shapes no plane has a larger gap than their distance.
 SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour, const Pose& neighbour_pose,
                                  const Vector3& direction);
 

@@ -5,12 +5,14 @@
 
 namespace softhand::testing {
 
-/// A cube of half edges `half`, m.
-inline Shape cube_shape(double half) {
+/// A box of these half extents, m.
+inline Shape box_shape(const Vec3& half) {
   Shape shape;
   shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
-  shape.size = {half, half, half};
+  shape.size = half;
   return shape;
 }
+/// A cube of half edges `half`, m.
+inline Shape cube_shape(double half) { return box_shape({half, half, half}); }
 
 }  // namespace softhand::testing

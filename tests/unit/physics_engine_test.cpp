@@ -1,11 +1,15 @@
 // What the world asks of a physics engine, without the world: who rests sleeps, and wakes in time.
 #include "world/physics_engine.hpp"
+#include "math/rotation.hpp"
+#include "world/solid.hpp"
 #include "support/shapes.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <memory>
+#include <numbers>
+#include <random>
 
 namespace softhand {
 namespace {
@@ -73,6 +77,58 @@ TEST(PhysicsEngineSleep, ACreepOfATenthOfAMillimetreASecondGoesOn) {
   ASSERT_TRUE(world.engine->asleep(1)) << "nothing sleeps at all: this shows nothing";
   EXPECT_FALSE(world.engine->asleep(3));
   EXPECT_NEAR(world.engine->pose(3).position.z(), 1e-3, 1e-5);
+}
+
+// The direction that Bullet once gave of a cube tipping on a table: by it, it lay 216 mm deep in the table.
+TEST(SeparatingPlane, AWrongDirectionIsNotTaken) {
+  const Shape table = testing::box_shape({0.4, 0.02, 0.4}), cube = testing::cube_shape(0.02);
+  const Pose pose{{0, 0.02 + 0.02 * std::sqrt(2.0), 0}, Quaternion(Eigen::AngleAxisd(0.25 * std::numbers::pi, Vector3::UnitZ()))};
+  for (const Vector3& direction : {Vector3(0.4574, 0.8875, 0.0561), Vector3(1, 0, 0), Vector3(0, -1, 0)}) {
+    const SeparatingPlane plane = separating_plane(cube, pose, table, Pose{}, direction.normalized());
+    EXPECT_NEAR(plane.gap, 0, 1e-12);
+    EXPECT_NEAR(plane.normal.y(), 1, 1e-12);
+  }
+}
+
+// Around touching, in the poses of things that lie, stand and tip. The known plane's gap is what any other may fall short of by little.
+TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
+  std::mt19937_64 generator(1);
+  const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
+  const auto vector = [&uniform](double scale) {
+    const double x = uniform(), y = uniform(), z = uniform();
+    return Vector3(scale * Vector3(x, y, z));
+  };
+  Shape hull;
+  hull.kind = static_cast<std::uint32_t>(ShapeKind::convex_hull);
+  for (int i = 0; i < 40; ++i) {
+    const Vector3 v = 0.02 * vector(1).normalized();
+    hull.vertices.push_back({v.x(), v.y(), v.z()});
+  }
+  Shape cylinder;
+  cylinder.kind = static_cast<std::uint32_t>(ShapeKind::cylinder);
+  cylinder.size = {0.02, 0.03, 0};
+  const Shape table = testing::box_shape({0.4, 0.02, 0.4}), plate = testing::box_shape({0.03, 0.001, 0.02}), cube = testing::cube_shape(0.02);
+  double worst = 0;
+  for (const Shape& neighbour : {table, cylinder, cube}) {
+    for (const Shape& object : {cube, plate, cylinder, hull}) {
+      const auto engine = make_physics_engine("bullet");
+      for (int i = 0; i < 3000; ++i) {
+        const Vector3 normal = i % 2 == 0 ? Vector3::UnitY() : Vector3(vector(1).normalized());
+        const double gap = (i % 4 < 2 ? 1 : -1) * std::pow(10.0, -8 + 5 * std::abs(uniform()));  // m
+        Pose pose;
+        pose.orientation = rotation_exp(vector(i % 3 == 0 ? 1e-3 : i % 3 == 1 ? 0.3 : 3));
+        pose.position = support(neighbour, Pose{}, normal) + gap * normal - support(object, pose, -normal);
+        engine->add(0, {neighbour, 0, Vector3::Zero(), 0.5, Pose{}});
+        engine->add(1, {object, 0.05, Vector3::Constant(1e-5), 0.5, pose});
+        Vector3 direction;
+        ASSERT_TRUE(engine->closest_direction(1, 0, 0.05, direction));
+        worst = std::max(worst, gap - separating_plane(object, pose, neighbour, Pose{}, direction).gap);
+        engine->remove(1);
+        engine->remove(0);
+      }
+    }
+  }
+  EXPECT_LE(worst, 0.6e-3) << "of two cylinders rim to rim; 20 mm where the engine's direction alone was asked";
 }
 
 }  // namespace
