@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 #include "device/answer.hpp"
 #include "math/rotation.hpp"
@@ -19,9 +20,35 @@ bool usable(const JointSample& joint) {
          all_finite(joint.angular_velocity) && std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
 }
 
+// Metres, metres and radians a second, and so on: larger is no scene's, and would overflow the step in which it is first touched.
+bool moderate(const Vec3& values) {
+  return std::all_of(values.begin(), values.end(), [](double x) { return std::abs(x) <= 1e4; });
+}
+bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
+bool usable(const NeighbourPlane& plane) {
+  const auto not_negative = [](double x) { return x >= 0 && std::isfinite(x); };
+  return moderate(plane.point) && moderate(plane.normal) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) && not_negative(plane.friction) &&
+         not_negative(plane.stiffness);
+}
 bool usable(const ObjectState& object) {
-  return all_finite(object.position) && all_finite(object.orientation) && all_finite(object.linear_velocity) && all_finite(object.angular_velocity) &&
-         std::abs(to_quaternion(object.orientation).norm() - 1.0) < 0.01;
+  return moderate(object.position) && all_finite(object.orientation) && is_unit(to_quaternion(object.orientation).norm()) && moderate(object.linear_velocity) &&
+         moderate(object.angular_velocity) && moderate(object.gravity) && std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
+}
+
+// std::invalid_argument where a step that touches the object would fail, or throw.
+void check(const ObjectDescription& description) {
+  const auto demand = [](const char* what, double value, bool in_range, const char* expected) {
+    if (!in_range) throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
+  };
+  constexpr double kMost = 1e9;  // kg, kg m^2, 1: a thousand times what a scene file may have, and far from overflowing
+  demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
+  if (description.is_static != 0) return;
+  demand("mass", description.mass, description.mass > 0 && description.mass <= kMost, "of what moves more than 0, to 1e9 kg");
+  for (const double inertia : description.inertia) demand("inertia", inertia, inertia > 0 && inertia <= kMost, "of what moves more than 0, to 1e9 kg m^2");
+}
+
+bool is_same(const Shape& a, const Shape& b) {
+  return a.kind == b.kind && a.size == b.size && std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end());
 }
 
 Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
@@ -104,7 +131,10 @@ void HandLoop::describe_object(const ObjectDescription& description) {
     }
     return;
   }
-  auto shape = std::make_shared<const ShapeGeometry>(description.shape);
+  check(description);
+  // A large hull takes longer to load than a step may.
+  const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
+  auto shape = has_shape ? known->shape : std::make_shared<const ShapeGeometry>(description.shape);
   if (known == objects_.end()) {
     if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
     known = objects_.emplace(objects_.end());
@@ -207,11 +237,13 @@ void HandLoop::set_targets(Nanoseconds now) {
 
 void HandLoop::take_world(const WorldObjects& world) {
   if (world.stamp.sample_time <= reset_time_) return;
+  for (KnownObject& object : objects_) object.listed = false;
   auto next = objects_.begin();  // worlds list their objects in the order in which they announced them
   for (const ObjectState& state : world.objects) {
     const auto is_it = [&state](const KnownObject& o) { return o.id == state.object; };
     const auto known = next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
     if (known == objects_.end()) continue;
+    known->listed = true;
     if (!usable(state)) {
       ++counters_.refused_nonfinite;
       continue;
@@ -219,6 +251,12 @@ void HandLoop::take_world(const WorldObjects& world) {
     known->state = state;
     known->seen = true;
     next = std::next(known);
+  }
+  // Another world may have fewer objects, and the one that left told nobody so.
+  for (KnownObject& object : objects_) {
+    if (object.listed || !object.seen) continue;
+    clear_slot(object);
+    object.seen = object.owned = false;
   }
   world_time_ = world.stamp.sample_time;
 }

@@ -89,6 +89,7 @@ class HandLoop {
     double bounding_radius = 0;
     ObjectState state;       // newest from the world
     bool seen = false;       // `state` holds something
+    bool listed = false;     // in the newest sample
     double distance = 0;     // to the hand, m; infinity where it is surely beyond all reach
     int slot = -1;
     bool owned = false;

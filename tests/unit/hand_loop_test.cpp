@@ -1,7 +1,10 @@
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <limits>
 #include <memory>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -240,6 +243,97 @@ TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
   gone.removed = 1;
   loop.describe_object(gone);
   EXPECT_TRUE(loop.step(kSecond + 11'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.empty());
+}
+
+// A world is another process: what it describes may be anything.
+TEST(HandLoop, ADescriptionThatAStepCouldNotUseIsRefused) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  HandLoop loop(hand(), loop_options(), {});
+  const auto refused = [&loop](const char* field, auto&& spoil) {
+    ObjectDescription description = cube(3);
+    spoil(description);
+    try {
+      loop.describe_object(description);
+      ADD_FAILURE() << field;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(field), std::string::npos) << error.what();
+    }
+  };
+  for (const double friction : {kNan, -0.1, 1e300}) refused("friction", [=](ObjectDescription& d) { d.friction = friction; });
+  for (const double mass : {kNan, 0.0, -1.0, 1e300}) refused("mass", [=](ObjectDescription& d) { d.mass = mass; });
+  for (const double inertia : {kNan, 0.0, -1.0, 1e300}) refused("inertia", [=](ObjectDescription& d) { d.inertia[1] = inertia; });
+  ObjectDescription fixed = cube(3);
+  fixed.is_static = 1;
+  fixed.mass = 0;
+  fixed.inertia = {};
+  EXPECT_NO_THROW(loop.describe_object(fixed));
+}
+
+TEST(HandLoop, AStateThatIsNoneIsRefusedAndTheHandGoesOn) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  const HandModel model = hand();
+  NeighbourPlane plane;
+  plane.normal = {0, 1, 0};
+  const std::vector<std::function<void(ObjectState&)>> spoils{[](ObjectState& s) { s.gravity[1] = kNan; }, [](ObjectState& s) { s.angular_velocity[0] = 1e200; },
+                                                              [](ObjectState& s) { s.position[0] = 1e200; },
+                                                              [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].normal = {}; },
+                                                              [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].friction = kNan; }};
+  for (const auto& spoil : spoils) {
+    HandLoop loop(model, loop_options(), {});
+    loop.describe_object(cube(3));
+    Nanoseconds now = kSecond;
+    std::uint64_t sequence = 0;
+    const auto step = [&](double wrist_y, bool spoiled) -> const HandOutput& {
+      now += 11'111'111;
+      const Skeleton sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
+      WorldObjects world = world_with(3, Vector3(-0.012, -0.039, -0.092), now);
+      if (spoiled) spoil(world.objects[0]);
+      return loop.step(now, {&sample, nullptr, &world}, {});
+    };
+    step(0, false);
+    for (int i = 0; i < 60; ++i) step(-0.004, true);
+    EXPECT_EQ(loop.counters().refused_nonfinite, 60u);
+    EXPECT_EQ(loop.counters().failed_steps, 0u);
+    for (int i = 0; i < 120; ++i) step(0.1, false);
+    EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.y(), 0.1, 5e-3);
+    EXPECT_EQ(loop.counters().failed_steps, 0u);
+  }
+}
+
+TEST(HandLoop, WhatTheWorldNoLongerListsIsGone) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  loop.describe_object(cube(3));
+  const Skeleton sample = skeleton_at(model, {}, kSecond, 1);
+  const WorldObjects world = world_with(3, Vector3(-0.012, -0.045, -0.092), kSecond);
+  ASSERT_EQ(loop.step(kSecond, {&sample, nullptr, &world}, {}).coupling.twins.size(), 1u);
+  const WorldObjects other = world_with(4, Vector3(1, 0, 0), kSecond + 11'000'000);
+  EXPECT_TRUE(loop.step(kSecond + 11'000'000, {nullptr, nullptr, &other}, {}).coupling.twins.empty());
+  const WorldObjects again = world_with(3, Vector3(-0.012, -0.045, -0.092), kSecond + 22'000'000);
+  EXPECT_EQ(loop.step(kSecond + 22'000'000, {nullptr, nullptr, &again}, {}).coupling.twins.size(), 1u);
+}
+
+// 256 vertices take some 30 ms to load: three periods.
+TEST(HandLoop, AShapeThatItKnowsIsNotLoadedAgain) {
+#ifndef SOFTHAND_COUNT_MALLOC
+  GTEST_SKIP() << "the sanitizer brings its own malloc";
+#endif
+  HandLoop loop(hand(), loop_options(), {});
+  ObjectDescription hull = cube(3);
+  hull.shape.kind = static_cast<std::uint32_t>(ShapeKind::convex_hull);
+  for (int i = 0; i < 8; ++i) hull.shape.vertices.push_back({i & 1 ? 0.02 : -0.02, i & 2 ? 0.02 : -0.02, i & 4 ? 0.02 : -0.02});
+  loop.describe_object(hull);
+  hull.mass = 0.1;
+  allocations = 0;
+  counting = true;
+  loop.describe_object(hull);
+  counting = false;
+  EXPECT_EQ(std::exchange(allocations, 0), 0);
+  hull.shape.vertices[0][0] = -0.03;
+  counting = true;
+  loop.describe_object(hull);
+  counting = false;
+  EXPECT_GT(std::exchange(allocations, 0), 0);
 }
 
 TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
