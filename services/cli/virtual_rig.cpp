@@ -75,9 +75,10 @@ void VirtualRig::send(const Message& message) {
   if (tracking_) tracking_->answer(message, "tracking");
   hand_->answer(message, "hand");
   world_->answer(message);
-  if (world_->descriptions_version() == descriptions_heard_) return;
+  for (const ObjectDescription& description : world_->descriptions()) {
+    if (description.stamp.sequence > descriptions_heard_) hand_->describe_object(description);
+  }
   descriptions_heard_ = world_->descriptions_version();
-  for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
 }
 
 void VirtualRig::step_tracker(Nanoseconds now) {

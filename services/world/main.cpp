@@ -1,5 +1,7 @@
 // softhand-world: the bridge to a physics engine.
+#include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "scene_file.hpp"
@@ -22,9 +24,10 @@ void run(int argc, char** argv) {
 
   std::uint64_t described = 0;
   const auto describe_objects = [&] {
-    if (described == loop.descriptions_version()) return;
-    described = loop.descriptions_version();
+    const std::uint64_t before = std::exchange(described, loop.descriptions_version());
+    if (described == before) return;
     for (ObjectDescription description : loop.descriptions()) {
+      if (description.stamp.sequence <= before) continue;  // a hand lets go of what is described anew
       service.stamp(description.stamp);
       descriptions.write(description);
     }

@@ -64,6 +64,7 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
     description.inertia = to_wire(object.solid.inertia);
     description.friction = from.friction;
     description.shape = object.solid.shape;
+    description.stamp.sequence = ++descriptions_version_;
     insert(objects_.size() - 1);
   }
 }
@@ -91,8 +92,12 @@ void WorldLoop::insert(std::size_t slot) {
 void WorldLoop::restore(std::size_t slot) {
   engine_->remove(slot);
   insert(slot);
-  descriptions_[slot].removed = 0;
-  ++descriptions_version_;
+  describe(slot, false);
+}
+
+void WorldLoop::describe(std::size_t slot, bool removed) {
+  descriptions_[slot].removed = removed ? 1 : 0;
+  descriptions_[slot].stamp.sequence = ++descriptions_version_;
 }
 
 void WorldLoop::reset(Nanoseconds time) {
@@ -353,8 +358,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
     object->planes.clear();
-    descriptions_[slot].removed = 1;
-    ++descriptions_version_;
+    describe(slot, true);
     return result_of(kReplyApplied, "removed");
   }
   Vector3 to;

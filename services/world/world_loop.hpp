@@ -46,7 +46,7 @@ class WorldLoop {
 
   /// As the last step left them.
   const WorldObjects& objects() const { return output_->objects; }
-  /// One a scene object, removed ones flagged. Publish again when `descriptions_version` has changed.
+  /// One a scene object, removed ones flagged. Those whose `stamp.sequence` is beyond an earlier `descriptions_version` have changed since: publish them again.
   const std::vector<ObjectDescription>& descriptions() const { return descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
@@ -87,6 +87,7 @@ class WorldLoop {
 
   void insert(std::size_t slot);
   void restore(std::size_t slot);
+  void describe(std::size_t slot, bool removed);
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
@@ -101,7 +102,7 @@ class WorldLoop {
   std::unique_ptr<PhysicsEngine> engine_;
   std::vector<Object> objects_;
   std::vector<ObjectDescription> descriptions_;
-  std::uint64_t descriptions_version_ = 1;
+  std::uint64_t descriptions_version_ = 0;
   WorldCounters counters_;
   Nanoseconds newest_input_ = 0;
   Nanoseconds reset_time_ = -1;

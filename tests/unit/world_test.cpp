@@ -687,6 +687,11 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   EXPECT_EQ(send("object.reset", "*", "*").result, kReplyApplied);
   EXPECT_EQ(world.step(12000000, {}).objects.objects.size(), 2u);
   EXPECT_EQ(world.descriptions()[1].removed, 0u);
+  // A hand lets go of what is described anew, so that is only what was put back.
+  const auto reset = world.descriptions_version();
+  EXPECT_EQ(send("object.reset", "cube").result, kReplyApplied);
+  EXPECT_LE(world.descriptions()[0].stamp.sequence, reset);
+  EXPECT_GT(world.descriptions()[1].stamp.sequence, reset);
 }
 
 }  // namespace
