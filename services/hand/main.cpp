@@ -20,7 +20,7 @@ void run(int argc, char** argv) {
   // In real time a step that would not be done in time is worth less than one that is a little less exact.
   if (options.simulation.solver.time_budget == 0) options.simulation.solver.time_budget = kBudgetFraction / options.rate_hz;
   const HandKey key = hand_key(scene);
-  HandLoop loop(load_scene_hand(scene), options, key, object_spring(scene.options.world));
+  const HandModel hand = load_scene_hand(scene);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto& p = service.participant();
@@ -35,6 +35,8 @@ void run(int argc, char** argv) {
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
 
+  // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its urgency, which the helper shall have too.
+  HandLoop loop(hand, options, key, object_spring(scene.options.world));
   const auto description = std::make_unique<HandDescription>(loop.description());
   service.stamp(description->stamp);
   description_writer.write(*description);

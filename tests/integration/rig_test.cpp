@@ -1,12 +1,14 @@
 // The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages. Times are asserted
 // with room for a busy machine; what was measured is printed.
 #include <gtest/gtest.h>
+#include <sched.h>
 #include <signal.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -374,6 +376,25 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   const Finished refused = send("haptic", "gain", "2");
   EXPECT_EQ(answers(refused)["haptic"], "REFUSED") << refused.output;
   EXPECT_EQ(refused.exit_code, 1);
+}
+
+// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as much, go where there is room.
+TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
+  if (sysconf(_SC_NPROCESSORS_ONLN) < 2) GTEST_SKIP() << "one core: no helper";
+  Ears ears;
+  Up up(kDemo, {"--set", "hand.simulation.threads=2"});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  int bound = 0;
+  std::set<int> policies;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(ears.process_id("hand")) + "/task")) {
+    const int thread = std::stoi(task.path().filename().string());
+    cpu_set_t cores;
+    if (sched_getaffinity(thread, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) > 1) continue;
+    ++bound;
+    policies.insert(sched_getscheduler(thread));
+  }
+  EXPECT_EQ(bound, 2);
+  EXPECT_EQ(policies.size(), 1u);
 }
 
 TEST_F(Rig, NothingIsSentThatNobodyReads) {
