@@ -30,6 +30,8 @@ constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: de
 constexpr int kMaxBracketings = 6;
 constexpr double kLevel = 0.5;       // of the slope at the start: no more may be left at the end of a line search, beyond the minimum
 constexpr double kShort = 0.05;      // likewise short of the minimum, but for a full step
+constexpr double kFar = 0.6;         // likewise of a full step: with more left the Hessian is too stiff along it
+constexpr double kLeastStride = 1.5, kLongestStride = 4;  // of a step that goes on then, over the one before
 constexpr double kInside = 0.05;     // of a bracket: how near to its ends the next trial may be
 constexpr double kNoise = 100;       // of the energy's rounding: what falls by less has no slope worth a search
 
@@ -267,6 +269,7 @@ bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
 //
 // E has kinks in its slope's slope: contacts that begin and end, friction that sticks and slides. Short of one the Hessian does not know what lies beyond, and steps that were
 // halved until E falls would come nearer in each iteration and never cross. So the search brackets the minimum by the slope and ends at it or beyond, where the next Hessian is another.
+// And a full step may stop far short: a Hessian made positive semi-definite is too stiff where tissue snaps through, for dozens of iterations. There the search goes on.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   const double rounding = rounding_of_energy(report);
@@ -284,12 +287,21 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
       const bool finite = evaluate(state, report, with_hessian && trial == 0);
       const double there = finite ? gradient_.dot(direction_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
-      const bool level = there <= -kLevel * slope && (there >= kShort * slope || trial == 0 || trial == kMaxBracketings);
-      if (falls && (level || -slope <= kNoise * rounding)) {
+      const bool is_bracketed = high > 0;
+      const bool goes_on = falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
+      const bool level = there <= -kLevel * slope && (there >= kShort * slope || !is_bracketed || trial == kMaxBracketings);
+      if (falls && !goes_on && (level || -slope <= kNoise * rounding)) {
         report.increment *= scale;
         return scale;
       }
       state = base_;
+      if (goes_on) {
+        const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low) : std::numeric_limits<double>::infinity();
+        low = scale;
+        low_slope = there;
+        scale = std::clamp(root, kLeastStride * low, kLongestStride * low);
+        continue;
+      }
       // Regula falsi; an end that stays twice is taken for less than it is, so that the other moves (Illinois: Dowell and Jarratt 1971, BIT 11:168).
       if (falls && there < 0) {
         low = scale;
@@ -362,6 +374,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
   bool linearised = !pays;     // so is `hessian_`
   bool in_double = false;      // factors from now on
+  bool needs_double = false;   // one in float led nowhere
+  bool double_helps = true;    // as far as is known, where float does little
   int kinks_in_turn = pays ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
   double best_energy = 0;
   double moved_before = 0;
@@ -410,7 +424,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       scale = search(state, report, evaluated, linearised);
       linearised = linearised && scale == 1;
       if (scale > 0 || (renews && !renews_kinks && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
-      if (renews && !renews_kinks) in_double = true;
+      if (renews && !renews_kinks) in_double = needs_double = true;
       renews = true;
       renews_kinks = false;
     }
@@ -436,7 +450,10 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     pays = may_keep && scale == 1 &&
            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(left, options_.movement_tolerance, contraction)) <= kWorth;
     kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
-    if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) in_double = true;
+    if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
+      double_helps = double_helps && !in_double;
+      in_double = needs_double || double_helps;
+    }
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;

@@ -52,6 +52,32 @@ class Load final : public Energy {
   Vector3 force_;
 };
 
+/// A spring of 1 N/m between a node and the origin whose Hessian says that it is stiffer.
+class Overstated final : public Energy {
+ public:
+  explicit Overstated(double factor) : factor_(factor) {}
+  std::string_view name() const override { return "overstated"; }
+  void add_pattern(BlockPattern& pattern) const override { pattern.add(0, 0); }
+  void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
+  double value(const State& state) const override { return 0.5 * state.node_positions.col(0).squaredNorm(); }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    gradient.head<3>() += state.node_positions.col(0);
+    return value(state);
+  }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, factor_ * Matrix3::Identity()); }
+
+ private:
+  double factor_;
+  BlockSlot slot_;
+};
+
+State one_node(const Vector3& position) {
+  State state;
+  state.node_positions = position;
+  state.node_velocities = Vector3::Zero();
+  return state;
+}
+
 /// Eigen's simplicial LDL^T, to compare with.
 class EigenSolver final : public LinearSolver {
  public:
@@ -214,6 +240,32 @@ TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
   EXPECT_TRUE(report.status == StepStatus::failed_factorisation || report.status == StepStatus::nonfinite) << to_string(report.status);
   EXPECT_FALSE(report.state_changed);
   EXPECT_TRUE(same_bits(brick.state.node_positions, before.node_positions));
+}
+
+// A full step leaves 4/5 of the way, and did so for 60 iterations.
+TEST(NewtonSolver, GoesOnWhereTheHessianIsTooStiff) {
+  Overstated spring(5);
+  State state = one_node(Vector3(1, 2, 3));
+  SolverOptions options = converging();
+  options.residual_tolerance = 1e-3;
+  NewtonSolver solver({&spring}, state.layout(), options);
+  const StepReport report = solver.step(state, 0.01);
+  EXPECT_EQ(report.status, StepStatus::converged);
+  EXPECT_LE(report.iterations, 12);
+  EXPECT_LE(state.node_positions.col(0).norm(), 2e-3);
+}
+
+// What float leaves because the Hessian is wrong, double leaves too.
+TEST(NewtonSolver, DoubleIsNotTakenAgainWhereItDidNotHelp) {
+  Overstated spring(2.2);
+  State state = one_node(Vector3(1, 2, 3));
+  SolverOptions options = converging();
+  options.residual_tolerance = 1e-6;
+  NewtonSolver solver({&spring}, state.layout(), options);
+  const StepReport report = solver.step(state, 0.01);
+  EXPECT_EQ(report.status, StepStatus::converged);
+  EXPECT_GT(report.factorisations, 10);
+  EXPECT_EQ(report.double_factors, 1);
 }
 
 TEST(NewtonSolver, ReportsWhatItDid) {
