@@ -63,6 +63,7 @@ class FieldReader {
     return json_.size();
   }
   void expect_keys(std::initializer_list<const char*> keys) const {
+    if (!json_.is_object()) fail("an object");
     for (const auto& [key, value] : json_.items()) {
       if (std::none_of(keys.begin(), keys.end(), [&key](const char* known) { return key == known; })) {
         throw std::runtime_error(file_ + ": " + (path_.empty() ? key : path_ + "." + key) + ": unknown field");
@@ -149,17 +150,20 @@ BodyModel read_body(const FieldReader& reader) {
   const auto i = [&inertia](std::size_t k) { return inertia.at(k).number(); };
   body.inertia << i(0), i(3), i(4), i(3), i(1), i(5), i(4), i(5), i(2);
   const FieldReader bone = reader["bone"];
+  bone.expect_keys({"start", "end", "start_radius", "end_radius"});
   body.bone_start = bone["start"].vector();
   body.bone_end = bone["end"].vector();
   body.bone_start_radius = bone["start_radius"].number();
   body.bone_end_radius = bone["end_radius"].number();
   const FieldReader joint = reader["joint"];
+  joint.expect_keys({"kind", "position_stiffness", "orientation_stiffness", "limit_stiffness", "flexion_range", "abduction_range"});
   const std::string kind = joint["kind"].string();
   const auto found = std::find_if(kKindNames.begin(), kKindNames.end(), [&kind](const auto& entry) { return entry.second == kind; });
   if (found == kKindNames.end()) joint["kind"].fail("free, ball, saddle or hinge");
   body.joint = {found->first, joint["position_stiffness"].number(), joint["orientation_stiffness"].number(), joint["limit_stiffness"].number(),
                 joint["flexion_range"].range(), joint["abduction_range"].range()};
   const FieldReader coupling = reader["coupling"];
+  coupling.expect_keys({"linear_stiffness", "angular_stiffness", "force_cap", "torque_cap"});
   body.coupling_linear_stiffness = coupling["linear_stiffness"].number();
   body.coupling_angular_stiffness = coupling["angular_stiffness"].number();
   body.coupling_force_cap = coupling["force_cap"].number();

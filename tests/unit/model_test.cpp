@@ -126,6 +126,12 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
   refused(replaced("\"version\": 1", "\"version\": 2"), "version");
   refused(replaced("\"units\": \"m ", "\"units\": \"mm "), "units");
   refused(replaced("\"notice\"", "\"colour\": 3,\n\"notice\""), "colour");
+  refused(replaced("\"mass\"", "\"colour\":3,\"mass\""), "bodies[0].colour: unknown field");
+  refused(replaced("\"bone\":{", "\"bone\":{\"colour\":3,"), "bodies[0].bone.colour: unknown field");
+  refused(replaced("\"joint\":{", "\"joint\":{\"colour\":3,"), "bodies[0].joint.colour: unknown field");
+  refused(replaced("\"coupling\":{", "\"coupling\":{\"colour\":3,"), "bodies[0].coupling.colour: unknown field");
+  const auto bone = good.find("\"bone\":") + 7;
+  refused(std::string(good).replace(bone, good.find('}', bone) + 1 - bone, "3"), "bodies[0].bone: expected an object");
   refused(replaced("\"kind\":\"hinge\"", "\"kind\":\"slider\""), "joint.kind");
   refused(replaced("\"mass\":0.02", "\"mass\":\"light\""), "mass");
   EXPECT_THROW(load_hand("/nonexistent/x.hand.json"), std::runtime_error);
