@@ -244,13 +244,13 @@ class WriterImpl final : public dds::DataWriterListener {
   }
   ~WriterImpl() override {
     // The news of a departure takes another socket than the data: a reader that hears it first drops the last sample, a device's zero.
-    if (readers() > 0) std::this_thread::sleep_until(last_write_ + kLastSampleTime);
+    if (readers() > 0) std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
     writer_->set_listener(nullptr);
     participant_->publisher().delete_datawriter(writer_);
   }
 
   void write(const void* message) noexcept {
-    last_write_ = std::chrono::steady_clock::now();
+    last_write_.store(std::chrono::steady_clock::now(), std::memory_order_relaxed);
     try {
       if (writer_->write(const_cast<void*>(message))) {
         written_.fetch_add(1, std::memory_order_relaxed);
@@ -270,7 +270,7 @@ class WriterImpl final : public dds::DataWriterListener {
  private:
   std::shared_ptr<ParticipantImpl> participant_;
   dds::DataWriter* writer_ = nullptr;
-  std::chrono::steady_clock::time_point last_write_{};
+  std::atomic<std::chrono::steady_clock::time_point> last_write_{};
   std::atomic<int> readers_ = 0;
   std::atomic<std::uint64_t> written_ = 0;
   std::atomic<std::uint64_t> failed_ = 0;

@@ -7,8 +7,8 @@
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
 // Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority before. One thread at a
-// time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when DDS refuses; everything else is noexcept and
-// does not allocate on our side. Writers and readers keep their participant alive.
+// time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when DDS refuses, `take_all` whatever its callback throws;
+// all else of Participant, Writer and Reader throws nothing and does not allocate on our side. Writers and readers keep their participant alive.
 #pragma once
 
 #include <chrono>
