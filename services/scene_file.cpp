@@ -52,7 +52,7 @@ const ObjectOptions* judged_object(const SceneOptions& options) {
 void describe(OptionVisitor& v, SceneOptions& o) {
   v.string("name", o.name, "Name of the scene.");
   v.integer("user", o.user, "1", {0, 15}, "Which user's hand; part of the key of every topic about a hand.");
-  v.string("motion", o.motion, "Recorded motion (CSV as in data/quest3) that the replay tracker plays; empty = the generator's.");
+  v.string("motion", o.motion, "Recorded motion (CSV of WebXR joint poses; columns: services/trackers/replay/recording.hpp) that the replay tracker plays; empty = the generator's.");
   v.flag("fit_hand", o.fit_hand, "With a recorded motion: give the hand the recording's bone lengths and thickness.");
   describe_section(v, "generator", "A made motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
@@ -77,7 +77,7 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
   }
-  // No more slots than the scene has objects: one that can move costs columns of the step's matrix, whether it is used or not.
+  // No more slots than the scene has objects, where it has any: one that can move costs columns of the step's matrix, whether it is used or not.
   const auto& objects = scene.options.objects;
   if (!objects.empty()) {
     const auto movable = static_cast<std::int64_t>(std::count_if(objects.begin(), objects.end(), [](const ObjectOptions& o) { return o.mass > 0; }));

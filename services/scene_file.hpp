@@ -84,7 +84,8 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
 };
 
-/// Reads a scene and applies `--set` assignments. Relative paths inside are relative to the file. Throws ConfigError.
+/// Reads a scene and applies `--set` assignments. Relative paths inside are sought beside the file, in the folder of their kind beside its
+/// folder, and from where we are. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
 /// The motion that the scene's tracker plays: its recording, or the generator's. `hand` as from `load_scene_hand`.

@@ -197,7 +197,7 @@ struct ObjectState {
   Vec3 gravity{};                 ///< m/s^2 that acts on the object now; zero while it floats, waiting for its first touch
   BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< only while the object is near a hand
 };
-/// objects: one consistent snapshot of every dynamic object, a world step.
+/// objects: one consistent snapshot of every object that has not been removed, static ones too, a world step.
 struct WorldObjects {
   std::uint32_t world = 0;  ///< key
   Stamp stamp;
@@ -254,8 +254,8 @@ struct DeviceState {
   Stamp stamp;
   std::uint32_t kind = 0;      ///< 0 haptic, 1 tactile
   std::uint32_t live = 0;      ///< 1: input fresh, commands follow it; 0: zeroed
-  std::uint32_t clamped = 0;   ///< commands limited by force clamp since start
-  std::uint32_t slewed = 0;    ///< commands limited by slew since start
+  std::uint32_t clamped = 0;   ///< steps in which the force clamp limited a command, since start
+  std::uint32_t slewed = 0;    ///< steps in which the slew rate limited a command, since start
   std::uint32_t stale = 0;     ///< times the input went stale since start
   BoundedVector<double, kMaxActuators> commands;  ///< in the device's unit: N for haptic, N or 0..1 for tactile
 };
@@ -299,7 +299,7 @@ struct LoopStatus {
   double step_ms_p999 = 0;       ///< the slowest step, in a loop of less than 1000 Hz
   std::uint64_t steps = 0;
   std::uint64_t deadline_misses = 0;
-  double input_age_ms = 0;       ///< of the newest input sample, by its sample time; negative = none yet
+  double input_age_ms = 0;       ///< of the newest input sample, by its sample time, of devices since its arrival; negative = none yet
   std::uint64_t input_drops = 0;  ///< input samples lost or malformed on the way, as far as DDS knows
   double residual = 0;           ///< N, hand only
   std::uint32_t iterations = 0;
@@ -311,7 +311,7 @@ struct LoopStatus {
   double passivity_energy = 0;   ///< J that the user put into the loop less what it gave back, haptic only; negative = it was active
   BoundedVector<NamedValue, kMaxEnergyTerms> energies;  ///< joules, by term
   BoundedVector<NamedValue, kMaxLedgerRows> ledger;     ///< joules since the loop began; docs/equations.md; empty = none is kept
-  BoundedVector<NamedValue, kMaxCounters> counters;     ///< refused_nonfinite, refused_stale, teleports, ...
+  BoundedVector<NamedValue, kMaxCounters> counters;     ///< refused_nonfinite, refused_order, repositioned, ...
 };
 
 inline constexpr std::size_t kMaxSkinVertices = 20000;

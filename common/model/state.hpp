@@ -1,5 +1,5 @@
-// State: everything that varies, in one process's hand simulation. Written by the solver only (the scene places it at start and on
-// repositioning).
+// State: everything that varies, in one process's hand simulation. Written by the solver; between steps the scene places
+// the hand and the objects, and puts tangled tissue back.
 #pragma once
 
 #include <vector>

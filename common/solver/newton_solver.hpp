@@ -106,7 +106,7 @@ struct StepReport {
   bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
   bool measured = false;       ///< energy, residual and terms are those of the result
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
-  bool chord = false;      ///< the step kept an earlier factor
+  bool chord = false;      ///< the step was a chord step (`allow_chord_steps`)
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
   StepTiming timing;

@@ -47,14 +47,14 @@ int main(int argc, char** argv) {
   command->callback([&] { run = [&status] { return run_status(status); }; });
 
   std::string file;
-  command = app.add_subcommand("check", "Check a scene, rig (.toml) or hand (.json) file: says what it is, or every error with its line");
+  command = app.add_subcommand("check", "Check a scene, rig (.toml) or hand (.json) file: says what it is, or what is wrong, with line, key or field");
   command->add_option("file", file, "The file")->required()->type_name("FILE");
   command->callback([&] { run = [&file] { return run_check(file); }; });
 
   SendArguments send;
   command = app.add_subcommand("send", "Send a named parameter to every running module and print what each did with it");
   command->add_option("module", send.module, "Name of the addressed module as `softhand status` shows it, or * for all")->required();
-  command->add_option("key", send.key, "Name of the parameter, e.g. enabled")->required();
+  command->add_option("key", send.key, "Name of the parameter, e.g. motors")->required();
   command->add_option("value", send.value, "Its value")->required();
   command->add_option("--seconds", send.seconds, "How long to wait for an answer, and for one more after the last")->capture_default_str()->type_name("S")->check(CLI::PositiveNumber);
   command->callback([&] { run = [&send] { return run_send(send); }; });
@@ -126,7 +126,7 @@ int main(int argc, char** argv) {
 
   stress::StressArguments stress;
   command = report->add_subcommand("stress", "Extreme inputs through the real loops, each classified by the invariants; exit code 1 where a number that is not finite was "
-                                             "published, or fewer than 95 % pass or were rightly refused");
+                                             "published, or fewer than 95 % outside the sweep pass or were rightly refused");
   command->add_flag("--quick", stress.quick, "Under a minute and a half: marked rows and a small sweep");
   outputs(command, stress, "case, parameter, class, figure, invariant", "Summary, what did not pass and why", "stress_map.png and stress_sweep.png");
   command->add_option("--case", stress.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);

@@ -33,7 +33,7 @@ class Outcome {
   void on_bone_wrench(const BoneWrench& wrench);
   void on_device(const DeviceState& state);
 
-  /// Keys and meaning: docs/outcome.md. A figure that cannot be told from what was seen is null.
+  /// Keys and meaning: docs/outcome.md. A figure that cannot be told from what was seen is null, a largest force 0.
   nlohmann::ordered_json summary(const OutcomeFrame& frame) const;
 
  private:

@@ -100,7 +100,7 @@ class VirtualRig {
   void describe_object(const ObjectDescription& description) { hand_->describe_object(description); }
 
   const Outcome& outcome() const { return outcome_; }
-  /// SHA-256 over every dynamic state at every step of every loop.
+  /// SHA-256 of the tracked and intermediate joints, the hand's nodes and bodies, and the objects' poses and velocities at every step.
   std::string state_hash() { return hasher_.hex(); }
   const HandLoop& hand() const { return *hand_; }
   const TrackingLoop* tracking() const { return tracking_.get(); }

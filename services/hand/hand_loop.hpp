@@ -45,7 +45,7 @@ struct HandCounters {
   std::uint64_t stale_steps = 0;         ///< steps whose newest skeleton was older than `stale_after`
   std::uint64_t failed_steps = 0;        ///< steps that the solver gave up, keeping the state
   std::uint64_t budget_steps = 0;        ///< steps that ended for want of time before they had converged
-  std::uint64_t chord_steps = 0;         ///< steps of a hand that touched nothing, by an earlier step's factor
+  std::uint64_t chord_steps = 0;         ///< chord steps (`NewtonSolver::allow_chord_steps`)
   std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs that were near the hand while all slots were taken
 };
 

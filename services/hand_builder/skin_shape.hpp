@@ -7,7 +7,7 @@
 
 namespace softhand::builder {
 
-/// A closed surface as the zero set of a function with |gradient| <= 1 that is negative inside.
+/// A closed surface as the zero set of a function that is negative inside, |gradient| about 1 at most (1.3 is tested).
 class SkinShape {
  public:
   virtual ~SkinShape() = default;

@@ -4,8 +4,8 @@
 // Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its absolute damping and
 // two couplings of eq. 18. The unknowns of one bone are its joint frame's position and orientation. The bone's mass is lumped at the joint
 // with an isotropic inertia: the layer's inertia is a regulariser of ours, not anatomy, and lumped it has no lever arm, so that translation
-// and rotation separate and both have closed forms. The coupling to the tracker is capped like the hand's own, `stiffness_ratio` times
-// higher.
+// and rotation separate: translation has a closed form, rotation takes a few Newton iterations. The coupling to the tracker is capped like
+// the hand's own, `stiffness_ratio` times higher.
 #pragma once
 
 #include <array>

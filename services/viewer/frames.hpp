@@ -3,7 +3,7 @@
 // A frame is a header of 16 bytes and a payload, both multiples of 4 long:
 //   u32 magic "SHVF", u16 version, u16 type, u32 payload bytes, u32 instance
 // A WebSocket message from the gateway is one or more frames, one to the gateway is exactly one. `instance` tells hands (2 * user + side),
-// objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one.
+// objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one, but of message_reply.
 #pragma once
 
 #include <array>
@@ -89,7 +89,7 @@ Frame encode(const GatewayState& state);
 /// A page tells what it shows, and how often it wants it.
 struct ShowRequest {
   TypeSet types = 0;
-  float rate_hz = 0;  ///< at most; 0 = as it comes
+  float rate_hz = 0;  ///< of frames of a stream, at most; 0 = `viewer.rate_hz`
 };
 using PageRequest = std::variant<ShowRequest, Message>;
 /// `out` is written only where the answer is `none`. Anything goes in: sizes, versions, numbers and texts are checked.

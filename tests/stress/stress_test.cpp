@@ -1,4 +1,4 @@
-// The rows of `softhand report stress --quick`, and the rules by which rows are classified.
+// The marked rows of `softhand report stress`, those of `--quick` without its sweep, and the rules by which rows are classified.
 #include "stress/stress.hpp"
 
 #include <gtest/gtest.h>

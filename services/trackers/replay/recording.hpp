@@ -1,4 +1,4 @@
-// Recorded hands: CSV with a column `t_s` and, for each WebXR joint, `<joint>.px py pz qx qy qz qw r` (metres, xyzw), as in data/quest3.
+// Recorded hands: CSV with a column `t_s` and, for each WebXR joint, `<joint>.px py pz qx qy qz qw r` (metres, xyzw).
 #pragma once
 
 #include <iosfwd>

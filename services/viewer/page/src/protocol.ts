@@ -390,7 +390,7 @@ function build(type: Type, payloadBytes: number): { bytes: ArrayBuffer; payload:
   return { bytes, payload: new DataView(bytes, HEADER) };
 }
 
-/** Asks for these types, at most `rate` times a second (0: as they come). */
+/** Asks for these types, each at most `rate` times a second (0: `viewer.rate_hz`). */
 export function show(types: Type[], rate: number): ArrayBuffer {
   const { bytes, payload } = build(Type.show, 8);
   payload.setUint32(
