@@ -34,7 +34,7 @@ using Clock = std::chrono::steady_clock;
 constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misses none
 constexpr std::string_view kDeskModule = "rig";
 
-// Listens to what a summary needs, and to nothing when no summary is asked for: a topic that nobody reads is not computed.
+// Listens to what a summary needs, and to statuses alone when no summary is asked for: a topic that nobody reads is not computed.
 class Listener {
  public:
   Listener(const bus::Participant& participant, bool everything)
