@@ -570,7 +570,8 @@ void ContactSet::write(const State& state, Contacts& out) {
     sum.slip += pressure * anchor.slip_speed;
     sum.area += areas_[skin];
     ++sum.count;
-    finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] += pressure;
+    // More than nothing, so that what is touched without pressure yet comes before what is not touched.
+    finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] += pressure + std::numeric_limits<double>::min();
   }
   for (std::size_t f = 0; f < sums.size(); ++f) {
     const Sums& sum = sums[f];

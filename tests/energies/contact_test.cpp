@@ -402,6 +402,25 @@ TEST(Contact, WhatIsPublished) {
   EXPECT_EQ(message.contacts.size(), 0u);
 }
 
+// Nodes that a step carries across a surface for which they were not heading touch it without pressure: the finger touches that object, not the first one.
+TEST(Contact, WhatIsTouchedWithoutPressureIsNamed) {
+  Rig rig(4, 1000, 1e-4, 0, 2);
+  const ShapeGeometry ball(make(ShapeKind::sphere, {0.02, 0, 0})), table(make(ShapeKind::box, {0.5, 0.02, 0.5}));
+  rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  rig.contacts.set_object(1, &table, 0.5, 9, ContactObject::fixed);
+  rig.state.body_poses[0].position = {5, 5, 5};
+  rig.state.body_poses[1].position = {0, -0.02 - 1e-4, 0};
+  rig.contacts.begin_step(rig.state, 1.0 / 90);
+  rig.state.node_positions.row(1).array() -= 2e-4;
+  rig.contacts.end_step(rig.state);
+  Contacts message{};
+  rig.contacts.write(rig.state, message);
+  const FingerContact& finger = message.fingers[static_cast<std::size_t>(Finger::index)];
+  EXPECT_EQ(finger.contact_count, 12u);
+  EXPECT_EQ(finger.object, 9u);
+  EXPECT_EQ(finger.force, Vec3{});
+}
+
 TEST(Contact, RefusesBadNumbers) {
   Rig rig(1, 500, 1e-3, 1, 2);
   const ShapeGeometry plane(make(ShapeKind::plane));
