@@ -397,6 +397,19 @@ TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
   EXPECT_EQ(policies.size(), 1u);
 }
 
+TEST_F(Rig, ATrackerThatStartsItsMotionAgainIsFollowedAtOnce) {
+  Ears ears;
+  Up up(kDemo, {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && follows(ears, 0); })) << up.output();
+  ears.listen(3s);  // for as long samples of the new motion were refused
+  const double refused = ears.counter("tracking", "refused_order");
+  ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "tracker", "restart", "now"}).exit_code, 0);
+  const Nanoseconds sent = now();
+  EXPECT_TRUE(ears.wait(1500ms, [&] { return follows(ears, sent); }));
+  ears.listen(300ms);
+  EXPECT_LE(ears.counter("tracking", "refused_order"), refused + 2);
+}
+
 TEST_F(Rig, NothingIsSentThatNobodyReads) {
   Ears ears;
   Up up(kDemo, {});

@@ -23,6 +23,7 @@ void run(int argc, char** argv) {
   std::uint64_t published = 0;
   Nanoseconds newest = 0;
   Nanoseconds motion_start = 0;  // when the motion's time was 0
+  std::uint64_t restarts = 0;
   const auto step = [&](Nanoseconds now) {
     const bool starts = motion_start == 0;
     if (starts) motion_start = now - static_cast<Nanoseconds>(options.start_time * 1e9);
@@ -33,6 +34,7 @@ void run(int argc, char** argv) {
     newest = sample.stamp.sample_time;
     ++published;
     service.stamp(sample.stamp);
+    sample.stamp.epoch += restarts;  // sequences begin anew: to whoever hears them, as of a process that was started again
     sample.stamp.chain.tracker_sample = service.clock().when(sample.stamp.sample_time);
     sample.stamp.chain.tracked_published = sample.stamp.publish_time;
     writer.write(sample);
@@ -40,6 +42,7 @@ void run(int argc, char** argv) {
   const auto restart = [&] {
     tracker = ReplayTracker(motion, options, hand_key(scene), arguments.source);
     motion_start = 0;
+    ++restarts;
   };
   const auto answer = [&](const Message& message) {
     if (!is_addressed(message, arguments.module)) return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
