@@ -75,8 +75,10 @@ void VirtualRig::send(const Message& message) {
   if (tracking_) tracking_->answer(message, "tracking");
   hand_->answer(message, "hand");
   world_->answer(message);
-  for (const ObjectDescription& description : world_->descriptions()) {
-    if (description.stamp.sequence > descriptions_heard_) hand_->describe_object(description);
+  for (ObjectDescription description : world_->descriptions()) {
+    if (description.stamp.sequence <= descriptions_heard_) continue;
+    description.stamp.sample_time = world_->objects().stamp.sample_time + 1;  // the world's next step
+    hand_->describe_object(description);
   }
   descriptions_heard_ = world_->descriptions_version();
 }

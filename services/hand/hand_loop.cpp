@@ -143,7 +143,9 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   known->description = description;
   known->shape = std::move(shape);
   known->bounding_radius = known->shape->bounding_radius();
-  known->owned = false;
+  // A world that puts an object elsewhere describes it anew: where it was before says nothing of where it is.
+  known->owned = known->seen = false;
+  known->last_touch = 0;
   known->mirrored = {description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
                      description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()), description.friction};
 }
@@ -244,6 +246,7 @@ void HandLoop::take_world(const WorldObjects& world) {
     const auto known = next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
     if (known == objects_.end()) continue;
     known->listed = true;
+    if (world.stamp.sample_time < known->description.stamp.sample_time) continue;
     if (!usable(state)) {
       ++counters_.refused_nonfinite;
       continue;

@@ -23,22 +23,23 @@ void run(int argc, char** argv) {
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
 
   std::uint64_t described = 0;
-  const auto describe_objects = [&] {
+  const auto describe_objects = [&](Nanoseconds now) {
     const std::uint64_t before = std::exchange(described, loop.descriptions_version());
     if (described == before) return;
     for (ObjectDescription description : loop.descriptions()) {
       if (description.stamp.sequence <= before) continue;  // a hand lets go of what is described anew
       service.stamp(description.stamp);
+      description.stamp.sample_time = now;
       descriptions.write(description);
     }
   };
-  describe_objects();
+  describe_objects(0);
 
   std::vector<ObjectCoupling> newest;
   newest.reserve(bus::topics::kHands);
   auto out = std::make_unique<WorldObjects>();
   const auto step = [&](Nanoseconds now) {
-    describe_objects();
+    describe_objects(now);
     couplings.take_all([&](const ObjectCoupling& each) {
       for (ObjectCoupling& known : newest) {
         if (known.hand != each.hand) continue;

@@ -16,6 +16,7 @@ constexpr double kSeconds = 1e-9;
 constexpr double kForceStall = 0.030;   // s: older contact forces are not believed
 constexpr double kMotionStall = 0.100;  // s: nor velocities
 constexpr double kVanished = 0.500;     // s: nor the owner
+constexpr double kLetsGo = 0.200;       // s: by then a hand has heard that the object was put elsewhere, or takes it anew
 constexpr double kNearestPlane = 0.005; // m
 constexpr double kFarthestPlane = 0.050;
 constexpr double kTouching = 0.001;     // m: nearer neighbours take part of the hand's force
@@ -93,11 +94,18 @@ void WorldLoop::restore(std::size_t slot) {
   engine_->remove(slot);
   insert(slot);
   describe(slot, false);
+  take_from_hands(objects_[slot]);
 }
 
 void WorldLoop::describe(std::size_t slot, bool removed) {
   descriptions_[slot].removed = removed ? 1 : 0;
   descriptions_[slot].stamp.sequence = ++descriptions_version_;
+}
+
+void WorldLoop::take_from_hands(Object& object) {
+  object.owned = object.near_hand = object.stalled = false;
+  object.put = true;
+  object.put_at = 0;
 }
 
 void WorldLoop::reset(Nanoseconds time) {
@@ -110,6 +118,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const auto id = static_cast<std::uint32_t>(slot + 1);
   const bool symmetric = options_.mode == "symmetric";
   object.near_hand = false;
+  bool still_held = false;  // by who has not heard that it was put elsewhere
+  if (object.put_at == 0) object.put_at = now;
   const ObjectCoupling* owner = nullptr;
   const ObjectTwin* owner_twin = nullptr;
   Wrench wrench;
@@ -140,6 +150,10 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
       ++counters_.refused_nonfinite;
       continue;
     }
+    if (object.put && (symmetric || twin->owned != 0)) {
+      still_held = true;
+      continue;
+    }
     object.near_hand = true;
     if (!symmetric) {
       // The present owner keeps the object until it lets go; a free one goes to the first key that claims it.
@@ -162,6 +176,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     wrench.torque += one.torque;
     pulled = true;
   }
+  object.put = object.put && still_held && static_cast<double>(now - object.put_at) * kSeconds < kLetsGo;
   if (symmetric) {
     if (pulled) engine_->apply(slot, wrench);
     return;
@@ -367,9 +382,10 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
   object->pose.position = to;
   object->velocity = object->previous_velocity = {};
-  object->owned = false;
   object->planes.clear();
   engine_->place(slot, object->pose, {});
+  describe(slot, false);
+  take_from_hands(*object);
   return result_of(kReplyApplied, "moved");
 }
 

@@ -54,7 +54,7 @@ class WorldLoop {
   void reset(Nanoseconds time);
 
   /// Between steps. Keys: `object.reset` NAME or * (back to its place of the scene, at rest; a removed one returns), `object.remove` NAME,
-  /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Any other key is ignored, and so is
+  /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Whoever holds the object lets go of it. Any other key is ignored, and so is
   /// what is addressed to another module than `module`.
   MessageReply answer(const Message& message, std::string_view module = "world");
 
@@ -77,6 +77,8 @@ class WorldLoop {
     bool near_hand = false;
     bool owned = false;
     bool stalled = false;
+    bool put = false;       ///< somewhere else by a message, of which a hand that held it has not heard yet
+    Nanoseconds put_at = 0; ///< the first step since; 0: there was none
     HandKey owner;
     double owner_step = 0;
     Pose pose;
@@ -88,6 +90,7 @@ class WorldLoop {
   void insert(std::size_t slot);
   void restore(std::size_t slot);
   void describe(std::size_t slot, bool removed);
+  void take_from_hands(Object& object);
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "cli/virtual_rig.hpp"
 #include "messages/convert.hpp"
@@ -157,6 +158,40 @@ TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_GT(result.tracker.refused_implausible + result.tracker.repositioned, 0u);
   EXPECT_LT(result.object_speed_max, 5);
+}
+
+// By a message, out of the fingers: at rest, and it is not pulled back to who held it.
+TEST(HeldCube, StaysWhereAMessagePutsIt) {
+  for (const auto& [key, value, place] : {std::tuple{"object.reset", "cube", Vector3(0, 0.02, 0)}, std::tuple{"object.reset", "*", Vector3(0, 0.02, 0)},
+                                          std::tuple{"object.teleport", "cube 0.3 0.02 0", Vector3(0.3, 0.02, 0)}}) {
+    SCOPED_TRACE(std::string(key) + " " + value);
+    const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+    const HandModel hand = load_scene_hand(scene);
+    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+    const std::uint32_t cube = outcome_frame(scene, VirtualRig::kStart).object;
+    bool sent = false;
+    double height = 0, fastest = 0;
+    Vector3 position = Vector3::Zero();
+    rig.run(5.5, [&](const HandStepView& view) {
+      for (const ObjectState& object : rig.world().objects().objects) {
+        if (object.object != cube) continue;
+        position = to_vector(object.position);
+        if (!sent) height = position.y();
+        if (sent) fastest = std::max(fastest, to_vector(object.linear_velocity).norm());
+      }
+      if (sent || view.time < VirtualRig::kStart + 4'500'000'000) return;
+      sent = true;
+      Message message;
+      set_text(message.module, "world");
+      set_text(message.key, key);
+      set_text(message.value, value);
+      rig.send(message);
+    });
+    EXPECT_GT(height, 0.1) << "held, and lifted";
+    EXPECT_LE((position - place).norm(), 2e-3);
+    // In the step in which it is put the world's last word of it may still be of before.
+    EXPECT_LE(fastest, 0.1);
+  }
 }
 
 TEST(HeldCube, StaysWhereABoneIsNotANumber) {
