@@ -4,6 +4,7 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/context.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/ssl.hpp>
@@ -33,6 +34,7 @@ using Request = http::request<http::string_body>;
 constexpr int kSendBuffer = 256 * 1024;       // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
 constexpr std::size_t kLargestRequest = 16384; // bytes, HTTP
 constexpr std::chrono::seconds kPatience{30};  // with a request or a handshake that does not come
+constexpr std::chrono::milliseconds kAcceptPause{100};  // after a visitor who could not be let in
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
@@ -306,15 +308,19 @@ class WebServer::Impl {
 
   void accept() {
     acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
-      if (!error) {
-        beast::error_code ignored;
-        socket.set_option(tcp::no_delay(true), ignored);
-        socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
-        if (shared_.tls) {
-          std::make_shared<Door>(Plain(std::move(socket)), shared_)->open();
-        } else {
-          welcome(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
-        }
+      if (error == asio::error::operation_aborted) return;
+      if (error) {
+        // No file descriptor is left, say. The visitor still waits, so that without a pause the next try fails at once, and so on, on a whole core.
+        pause_.expires_after(kAcceptPause);
+        return pause_.async_wait([this](beast::error_code) { accept(); });
+      }
+      beast::error_code ignored;
+      socket.set_option(tcp::no_delay(true), ignored);
+      socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
+      if (shared_.tls) {
+        std::make_shared<Door>(Plain(std::move(socket)), shared_)->open();
+      } else {
+        welcome(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
       }
       accept();
     });
@@ -323,6 +329,7 @@ class WebServer::Impl {
   Shared shared_;  // outlives the connections, which die with the context
   asio::io_context context_{1};
   tcp::acceptor acceptor_;
+  asio::steady_timer pause_{context_};
   std::string url_;
   std::vector<std::string> urls_elsewhere_;
   std::thread thread_;

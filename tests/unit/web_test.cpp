@@ -1,0 +1,85 @@
+// The server that browsers meet, over real sockets: what it does where no file can be opened.
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <ctime>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "web/web_server.hpp"
+
+namespace softhand::web {
+namespace {
+
+using namespace std::chrono_literals;
+
+Site site() {
+  Site site;
+  site.get = [](const std::string&) { return Answer{200, "text/plain", "here"}; };
+  site.connect = [] { return nullptr; };
+  site.refused = [] {};
+  return site;
+}
+
+/// Asks for one page.
+class Visitor {
+ public:
+  Visitor() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const timeval patience{10, 0};
+    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  }
+  ~Visitor() { close(socket_); }
+  Visitor(const Visitor&) = delete;
+  Visitor& operator=(const Visitor&) = delete;
+  void knock(const WebServer& server) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(server.port());
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  }
+  /// The answer's first line.
+  std::string ask(const std::string& host) {
+    const std::string request = "GET / HTTP/1.1\r\nHost: " + host + "\r\nConnection: close\r\n\r\n";
+    send(socket_, request.data(), request.size(), MSG_NOSIGNAL);
+    std::string line;
+    for (char c = 0; recv(socket_, &c, 1, 0) == 1 && c != '\r';) line += c;
+    return line;
+  }
+
+ private:
+  int socket_;
+};
+
+double cpu_seconds() {
+  timespec time{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+TEST(WebServer, RestsWhereNoFileDescriptorIsLeftAndGoesOnAfterwards) {
+  const WebServer server({}, site());
+  Visitor visitor;
+  rlimit usual{};
+  getrlimit(RLIMIT_NOFILE, &usual);
+  const rlimit low{128, usual.rlim_max};
+  setrlimit(RLIMIT_NOFILE, &low);
+  std::vector<int> taken;
+  for (int file = 0; (file = open("/dev/null", O_RDONLY)) >= 0;) taken.push_back(file);
+  visitor.knock(server);
+  const double before = cpu_seconds();
+  std::this_thread::sleep_for(500ms);
+  EXPECT_LT(cpu_seconds() - before, 0.1);
+  for (const int file : taken) close(file);
+  setrlimit(RLIMIT_NOFILE, &usual);
+  EXPECT_EQ(visitor.ask("localhost"), "HTTP/1.1 200 OK");
+}
+
+}  // namespace
+}  // namespace softhand::web
