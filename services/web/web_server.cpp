@@ -10,6 +10,7 @@
 #include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
 #include <boost/beast/websocket/ssl.hpp>
+#include <cctype>
 #include <chrono>
 #include <optional>
 #include <set>
@@ -38,12 +39,25 @@ constexpr std::chrono::milliseconds kAcceptPause{100};  // after a visitor who c
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
+// Names do not tell capitals apart, and browsers send none.
+std::string lower_case(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
 // Of "name:port" or "[::1]:port".
 std::string host_name(std::string_view authority) {
   const std::size_t colon = authority.rfind(':');
   const std::size_t bracket = authority.rfind(']');
   if (colon != std::string_view::npos && (bracket == std::string_view::npos || colon > bracket)) authority = authority.substr(0, colon);
-  return std::string(authority);
+  return lower_case(std::string(authority));
+}
+
+// A name or an address as it stands in URLs: an IPv6 address in brackets, for it has colons of its own.
+std::string in_url(const std::string& host) {
+  beast::error_code error;
+  const auto address = asio::ip::make_address_v6(host, error);
+  return error ? lower_case(host) : "[" + address.to_string() + "]";
 }
 
 bool is_local(const std::string& host) { return host == "localhost" || host == "127.0.0.1" || host == "[::1]"; }
@@ -265,13 +279,13 @@ class WebServer::Impl {
     if (!listening.certificate.empty()) shared_.tls = tls_of(listening);
     listen(listening, ports);
     const auto url_of = [this](const std::string& host) { return (shared_.tls ? "https://" : "http://") + host + ":" + std::to_string(port()); };
-    const bool everywhere = listening.address == "0.0.0.0";
-    url_ = url_of(everywhere ? "localhost" : listening.address);
-    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", listening.address};
+    const bool everywhere = acceptor_.local_endpoint().address().is_unspecified();
+    url_ = url_of(everywhere ? "localhost" : in_url(listening.address));
+    shared_.hosts = {"localhost", "127.0.0.1", "[::1]", in_url(listening.address)};
     std::istringstream hosts(listening.hosts);
     for (std::string host; hosts >> host;) {
-      shared_.hosts.insert(host);
-      if (everywhere) urls_elsewhere_.push_back(url_of(host));
+      shared_.hosts.insert(in_url(host));
+      if (everywhere) urls_elsewhere_.push_back(url_of(in_url(host)));
     }
     accept();
     thread_ = std::thread([this] { context_.run(); });

@@ -72,7 +72,7 @@ class WebServer {
   std::uint16_t port() const;
   /// Where it is reached, e.g. http://127.0.0.1:8080
   const std::string& url() const;
-  /// Where other machines reach it: one a name of `hosts` where it listens on 0.0.0.0, else none.
+  /// Where other machines reach it: one a name of `hosts` where it listens on 0.0.0.0 or ::, else none.
   const std::vector<std::string>& urls_elsewhere() const;
   /// Has the server's thread do something.
   void post(std::function<void()> work);

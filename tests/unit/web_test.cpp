@@ -1,4 +1,4 @@
-// The server that browsers meet, over real sockets: what it does where no file can be opened.
+// The server that browsers meet, over real sockets: under which names it answers, and what it does where no file can be opened.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <ctime>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -56,6 +57,35 @@ class Visitor {
  private:
   int socket_;
 };
+
+std::string ask(const WebServer& server, const std::string& host) {
+  Visitor visitor;
+  visitor.knock(server);
+  return visitor.ask(host);
+}
+
+TEST(WebServer, AnswersUnderItsNamesHoweverTheyAreWritten) {
+  const WebServer server({.address = "0.0.0.0", .hosts = "Quest-PC.local FD00::1"}, site());
+  for (const char* host : {"Quest-PC.local:80", "quest-pc.local:80", "quest-pc.local", "LOCALHOST", "[fd00::1]:80", "[FD00::1]"})
+    EXPECT_EQ(ask(server, host), "HTTP/1.1 200 OK") << host;
+  for (const char* host : {"quest-pc", "elsewhere.example", "[fd00::2]:80", "fd00::1"}) EXPECT_EQ(ask(server, host), "HTTP/1.1 403 Forbidden") << host;
+  const std::string port = ":" + std::to_string(server.port());
+  EXPECT_EQ(server.url(), "http://localhost" + port);
+  EXPECT_EQ(server.urls_elsewhere(), (std::vector<std::string>{"http://quest-pc.local" + port, "http://[fd00::1]" + port}));
+}
+
+TEST(WebServer, TellsAnIpv6AddressInBrackets) {
+  try {
+    const WebServer one({.address = "0:0::1"}, site());
+    EXPECT_EQ(one.url(), "http://[::1]:" + std::to_string(one.port()));
+    const WebServer every({.address = "::", .hosts = "quest-pc.local"}, site());
+    const std::string port = ":" + std::to_string(every.port());
+    EXPECT_EQ(every.url(), "http://localhost" + port);
+    EXPECT_EQ(every.urls_elsewhere(), std::vector<std::string>{"http://quest-pc.local" + port});
+  } catch (const std::runtime_error& error) {
+    GTEST_SKIP() << "skipped: " << error.what();
+  }
+}
 
 double cpu_seconds() {
   timespec time{};
