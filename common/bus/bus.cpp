@@ -233,7 +233,7 @@ class WriterImpl final : public dds::DataWriterListener {
       : participant_(std::move(participant)) {
     dds::DataWriterQos qos = dds::DATAWRITER_QOS_DEFAULT;
     apply(qos, row);
-    if (row.exclusive) qos.ownership_strength().value = static_cast<std::uint32_t>(strength);
+    if (row.exclusive) qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
     qos.endpoint().history_memory_policy = memory_policy(codec);
     // Samples of many packets are sent by a thread of their own, so that the loop which writes them goes on.
     qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;

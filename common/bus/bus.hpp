@@ -99,7 +99,8 @@ concept AboutAHand = requires(const T& message) {
 template <typename T>
 class Writer {
  public:
-  /// `strength` decides between writers of one instance where the topic is exclusive (tracked_skeleton): the highest owns it.
+  /// `strength` decides between writers of one instance where the topic is exclusive (tracked_skeleton): the highest owns it; below 0
+  /// is 0.
   Writer(const Participant& participant, const Topic<T>& topic, int strength = 0)
       : endpoint_(participant, topic, codec_of<T>(topic.type), strength) {}
 

@@ -47,7 +47,9 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
   TrackerArguments arguments;
   static_cast<ServiceArguments&>(arguments) = parse_arguments(argc, argv, "tracker", about, [&](CLI::App& app) {
-    app.add_option("--strength", arguments.strength, "Of several trackers of one hand the strongest owns it")->capture_default_str();
+    app.add_option("--strength", arguments.strength, "Of several trackers of one hand the strongest owns it")
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber);
     app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
   });
   return arguments;

@@ -301,6 +301,17 @@ TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   std::printf("restart heard after %.1f ms\n", std::chrono::duration<double, std::milli>(Clock::now() - start).count());
 }
 
+TEST(Bus, ANegativeStrengthIsNotTheGreatest) {
+  const Participant here("here", test_domain());
+  Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
+  const std::string domain = std::to_string(test_domain());
+  Skeleton skeleton;
+  Child negative({BUS_PUBLISHER, domain, "-1"});
+  ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton); }));
+  Child strong({BUS_PUBLISHER, domain, "1"});
+  EXPECT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 1; }));
+}
+
 }  // namespace
 
 /// device_state as a writer with a greater bound would send it.

@@ -1,0 +1,3 @@
+if(TARGET softhand_service)
+  softhand_test(service ${CMAKE_CURRENT_LIST_DIR}/service_test.cpp LINK softhand_service)
+endif()
