@@ -1,5 +1,7 @@
 #include "device/passivity_observer.hpp"
 
+#include <cmath>
+
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 
@@ -11,12 +13,14 @@ void PassivityObserver::add(const BoneWrench& wrench) {
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       const BoneSample& from = last_.bones[b];
       const BoneSample& to = wrench.bones[b];
-      if (!all_finite(to.tracked_position) || !all_finite(to.tracked_orientation) || !all_finite(from.coupling_force) || !all_finite(from.coupling_torque)) continue;
       const Pose before = to_pose(from.tracked_position, from.tracked_orientation);
       const Pose now = to_pose(to.tracked_position, to.tracked_orientation);
       const Vector3 moved = now.position - before.position;
       if (!(moved.norm() <= kTeleport)) continue;
-      given += to_vector(from.coupling_force).dot(moved) + to_vector(from.coupling_torque).dot(rotation_log(now.orientation * before.orientation.conjugate()));
+      const double work =
+          to_vector(from.coupling_force).dot(moved) + to_vector(from.coupling_torque).dot(rotation_log(now.orientation * before.orientation.conjugate()));
+      // One number that is none, or an orientation of zeros, in either message; in the sum it would stay for ever.
+      if (std::isfinite(work)) given += work;
     }
     energy_ -= share_ * given;
   }

@@ -121,6 +121,25 @@ TEST_F(Device, WhatIsSwitchedOffOrJumpsDoesNoWork) {
   EXPECT_NEAR(loop.passivity().energy(), -1e-3, 1e-12);
 }
 
+TEST(Passivity, WhatIsNoOrientationDoesNoWorkAndIsForgotten) {
+  PassivityObserver observer;
+  BoneWrench w;
+  w.simulated_valid = 1;
+  w.bones[0].coupling_force = {1, 0, 0};
+  w.bones[0].coupling_torque = {0, 1, 0};
+  observer.add(w);
+  for (const Vec4& none : {Vec4{std::nan(""), 0, 0, 1}, Vec4{0, 0, 0, 0}}) {
+    const BoneWrench good = w;
+    w.bones[0].tracked_orientation = none;
+    observer.add(w);
+    observer.add(w = good);
+    EXPECT_EQ(observer.energy(), 0);
+  }
+  w.bones[0].tracked_position[0] = 0.001;
+  observer.add(w);
+  EXPECT_NEAR(observer.energy(), -1e-3, 1e-12);
+}
+
 TEST_F(Device, CommandsAreClampedAndSlewed) {
   const DeviceState first = feed(10, -10);
   EXPECT_NEAR(first.commands[0], 0.5, 1e-9);  // 500 N/s for 1 ms
