@@ -77,6 +77,9 @@ void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   check.number(body.coupling_angular_stiffness, 0, 1e4, field + "coupling.angular_stiffness");
   check.number(body.coupling_force_cap, 0, kMaximumFingerCap, field + "coupling.force_cap");
   check.number(body.coupling_torque_cap, 0, 100.0, field + "coupling.torque_cap");
+  // The coupling takes no cap of zero. A bone is let go by stiffnesses of zero.
+  check(body.coupling_force_cap > 0, field + "coupling.force_cap", "a number > 0");
+  check(body.coupling_torque_cap > 0, field + "coupling.torque_cap", "a number > 0");
 }
 
 void validate_caps(const HandModel& hand, const Checker& check) {

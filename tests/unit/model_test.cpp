@@ -98,6 +98,8 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"IndefiniteInertia", [](HandModel& h) { h.bodies[4].inertia(1, 1) = -1e-6; }, "bodies[thumb_distal].inertia"},
         Fault{"LimitsCrossed", [](HandModel& h) { h.bodies[8].joint.flexion_range = {0.3, -0.3}; }, "bodies[index_distal].joint.flexion_range"},
         Fault{"FingerCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 19; }, "bodies.coupling.force_cap"},
+        Fault{"NoForceCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 0; }, "bodies[index_distal].coupling.force_cap"},
+        Fault{"NoTorqueCap", [](HandModel& h) { h.bodies[8].coupling_torque_cap = 0; }, "bodies[index_distal].coupling.torque_cap"},
         Fault{"AttachmentWeights", [](HandModel& h) { h.attachments[2].weights[0] += 0.1; }, "attachment_weights[2]"},
         Fault{"Wrist", [](HandModel& h) { h.rest_joints[1].position.x() = 0.01; }, "joints[wrist]"}),
     [](const auto& instance) { return std::string(instance.param.name); });
