@@ -314,8 +314,6 @@ struct LoopStatus {
   BoundedVector<NamedValue, kMaxCounters> counters;     ///< refused_nonfinite, refused_order, repositioned, ...
 };
 
-inline constexpr std::size_t kMaxSkinVertices = 20000;
-inline constexpr std::size_t kMaxSkinTriangles = 40000;
 /// hand_description (transient local): what a display needs once; about 1 MB, so allocate it on the heap.
 struct HandDescription {
   HandKey hand;

@@ -163,6 +163,11 @@ void validate_embedding(const HandModel& hand, const Checker& check) {
     }
     check(std::abs(sum - 1.0) < 1e-6, at("attachment_weights", a), "a sum of 1");
   }
+  const auto fits = [&check](std::size_t count, std::size_t most, const char* field) {
+    check(count <= most, field, "at most " + std::to_string(most) + ", got " + std::to_string(count));
+  };
+  fits(hand.skin_vertices.size(), kMaxSkinVertices, "skin_tetrahedron");
+  fits(hand.skin_triangles.size(), kMaxSkinTriangles, "skin_triangles");
   for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) {
     check(hand.skin_vertices[v].tetrahedron >= 0 && hand.skin_vertices[v].tetrahedron < tetrahedron_count, at("skin_tetrahedron", v),
           "an index of a tetrahedron");

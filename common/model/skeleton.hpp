@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
@@ -11,6 +12,10 @@ namespace softhand {
 inline constexpr int kJointCount = 26;
 inline constexpr int kBodyCount = 21;
 inline constexpr int kFingerCount = 5;
+
+/// Of the skin that a display draws, a hand file has no more: what hand_description has room for.
+inline constexpr std::size_t kMaxSkinVertices = 20000;
+inline constexpr std::size_t kMaxSkinTriangles = 40000;
 
 /// OpenXR's hand joints in its order (XrHandJointEXT). A joint is named after the bone that lies distally of it; its frame has
 /// -Z along that bone towards the tip and +Y dorsal, on both hands.

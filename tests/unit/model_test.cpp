@@ -101,6 +101,8 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"NoForceCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 0; }, "bodies[index_distal].coupling.force_cap"},
         Fault{"NoTorqueCap", [](HandModel& h) { h.bodies[8].coupling_torque_cap = 0; }, "bodies[index_distal].coupling.torque_cap"},
         Fault{"AttachmentWeights", [](HandModel& h) { h.attachments[2].weights[0] += 0.1; }, "attachment_weights[2]"},
+        Fault{"SkinVertices", [](HandModel& h) { h.skin_vertices.resize(20001, h.skin_vertices[0]); }, "skin_tetrahedron: expected at most 20000, got 20001"},
+        Fault{"SkinTriangles", [](HandModel& h) { h.skin_triangles.resize(40001, h.skin_triangles[0]); }, "skin_triangles: expected at most 40000, got 40001"},
         Fault{"Wrist", [](HandModel& h) { h.rest_joints[1].position.x() = 0.01; }, "joints[wrist]"}),
     [](const auto& instance) { return std::string(instance.param.name); });
 
