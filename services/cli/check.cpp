@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
+#include <stdexcept>
 #include <string>
 
 #include "cli/check.hpp"
@@ -9,6 +10,7 @@
 #include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
+#include "tracking/tracking_loop.hpp"
 #include "world/world_options.hpp"
 
 namespace softhand {
@@ -35,6 +37,16 @@ void check_scene(const std::string& path) {
              hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(), make_scene_motion(scene, hand)->duration());
 }
 
+// What a process does at its start; where it refuses to, the message begins with `where`.
+template <typename Start>
+void try_start(const std::string& where, Start&& start) {
+  try {
+    start();
+  } catch (const std::invalid_argument& error) {
+    throw ConfigError(where + error.what());
+  }
+}
+
 }  // namespace
 
 bool is_rig(const std::string& path) {
@@ -54,11 +66,13 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   }
   if (!wrong.empty()) throw ConfigError(wrong);
   const HandModel hand = load_scene_hand(scene);
-  try {
-    make_scene_motion(scene, hand);
-  } catch (const std::invalid_argument& error) {
-    throw ConfigError(path + ": generator: " + error.what());
-  }
+  const HandOptions& options = scene.options.hand;
+  const TrackingOptions& tracking = scene.options.tracking;
+  try_start(path + ": generator: ", [&] { make_scene_motion(scene, hand); });
+  try_start(path + ": hand.tracked_input.", [&] { TrackedInput{options.tracked_input}; });
+  if (options.direct) return scene;  // without the intermediate layer
+  try_start(path + ": tracking.input.", [&] { TrackedInput{tracking.input}; });
+  try_start(path + ": ", [&] { check_stability(tracking, options.rate_hz, hand); });
   return scene;
 }
 

@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kSource = SOFTHAND_SOURCE_DIR;
+const std::string kShippedHand = "[hand]\nmodel = \"" SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json\"\n";
 
 std::string text_of(const fs::path& path) {
   std::ifstream in(path);
@@ -84,6 +85,22 @@ TEST_F(FilesTest, AnUnstableWorldIsRefusedWithItsFile) {
   const std::string path = write("scene.toml", "[world]\nfollow_stiffness = 4\n");
   const std::string what = complaint(path);
   EXPECT_NE(what.find(path + ": world.follow_stiffness"), std::string::npos) << what;
+}
+
+TEST_F(FilesTest, WhatTrackingAndHandWouldRefuseAtTheirStartIsRefused) {
+  const std::string mount = "_mount_orientation = [0, 0, 0, 0]\n";
+  const std::string unstable = "[tracking]\nstiffness_ratio = 1\nfeedback_ratio = 1\nmass_fraction = 0.9\n";
+  const std::pair<std::string, std::string> cases[]{
+      {unstable, "tracking: stiffness_ratio"},
+      {"[tracking.input]\ndesk" + mount, "tracking.input.desk_mount_orientation"},
+      {"[hand.tracked_input]\nheadset" + mount, "hand.tracked_input.headset_mount_orientation"},
+  };
+  for (const auto& [text, key] : cases) {
+    const std::string path = write("scene.toml", kShippedHand + text);
+    EXPECT_NE(complaint(path).find(path + ": " + key), std::string::npos) << complaint(path);
+  }
+  // Where the hand does without the intermediate layer nobody reads its options.
+  EXPECT_EQ(complaint(write("scene.toml", kShippedHand + "direct = true\n" + unstable)), "");
 }
 
 TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
