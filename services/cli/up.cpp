@@ -103,7 +103,8 @@ class Desk {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     scene_ = read_checked_scene(rig_.scene, overrides_);
-    for (const auto& entry : fs::directory_iterator(fs::path(rig_.scene).parent_path())) {
+    const fs::path folder = fs::path(rig_.scene).parent_path();
+    for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {
       if (entry.path().extension() == ".toml" && !is_rig(entry.path().string())) scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());

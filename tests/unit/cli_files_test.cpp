@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -101,6 +102,19 @@ TEST_F(FilesTest, WhatTrackingAndHandWouldRefuseAtTheirStartIsRefused) {
   }
   // Where the hand does without the intermediate layer nobody reads its options.
   EXPECT_EQ(complaint(write("scene.toml", kShippedHand + "direct = true\n" + unstable)), "");
+}
+
+TEST_F(FilesTest, ARigComesUpInItsOwnFolder) {
+  write("scene.toml", kShippedHand);
+  write("rig.toml", "scene = \"scene.toml\"\n");
+  setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 120).c_str(), 1);
+  const fs::path before = fs::current_path();
+  fs::current_path(folder_);
+  UpArguments arguments;
+  arguments.rig = "rig.toml";
+  arguments.seconds = 0.01;
+  EXPECT_EQ(run_up(arguments), 0);
+  fs::current_path(before);
 }
 
 TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
