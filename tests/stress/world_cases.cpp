@@ -31,7 +31,7 @@ Findings world_stops_and_jumps() {
   setting.at_step = [&jumped](VirtualRig& rig, double time) {
     if (time < kEvent + 2 || jumped) return;
     jumped = true;
-    tell_world(rig, "object.teleport", "cube 0.5 0.09 0");
+    tell_world(rig, "object.teleport", "cube 0.35 0.09 0.35");  // on the table still
   };
   Grasped result = grasp(setting);
   result.demand_slow_cube();
