@@ -378,9 +378,11 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   EXPECT_EQ(refused.exit_code, 1);
 }
 
-// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as much, go where there is room.
+// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as much, go where there is room. With one core there is no helper, and nobody
+// is bound to less than there is.
 TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
-  if (sysconf(_SC_NPROCESSORS_ONLN) < 2) GTEST_SKIP() << "one core: no helper";
+  cpu_set_t usable;
+  ASSERT_EQ(sched_getaffinity(0, sizeof usable, &usable), 0);
   Ears ears;
   Up up(kDemo, {"--set", "hand.simulation.threads=2"});
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
@@ -389,12 +391,12 @@ TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
   for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(ears.process_id("hand")) + "/task")) {
     const int thread = std::stoi(task.path().filename().string());
     cpu_set_t cores;
-    if (sched_getaffinity(thread, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) > 1) continue;
+    if (sched_getaffinity(thread, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) == CPU_COUNT(&usable)) continue;
     ++bound;
     policies.insert(sched_getscheduler(thread));
   }
-  EXPECT_EQ(bound, 2);
-  EXPECT_EQ(policies.size(), 1u);
+  EXPECT_EQ(bound, CPU_COUNT(&usable) > 1 ? 2 : 0);
+  EXPECT_LE(policies.size(), 1u);
 }
 
 TEST_F(Rig, ATrackerThatStartsItsMotionAgainIsFollowedAtOnce) {

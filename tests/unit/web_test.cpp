@@ -8,7 +8,6 @@
 
 #include <chrono>
 #include <ctime>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -74,17 +73,25 @@ TEST(WebServer, AnswersUnderItsNamesHoweverTheyAreWritten) {
   EXPECT_EQ(server.urls_elsewhere(), (std::vector<std::string>{"http://quest-pc.local" + port, "http://[fd00::1]" + port}));
 }
 
+// Asked without the server: what it refuses is no reason to skip.
+bool has_ipv6() {
+  const int probe = ::socket(AF_INET6, SOCK_STREAM, 0);
+  sockaddr_in6 loopback{};
+  loopback.sin6_family = AF_INET6;
+  loopback.sin6_addr = in6addr_loopback;
+  const bool bound = probe >= 0 && bind(probe, reinterpret_cast<const sockaddr*>(&loopback), sizeof loopback) == 0;
+  if (probe >= 0) close(probe);
+  return bound;
+}
+
 TEST(WebServer, TellsAnIpv6AddressInBrackets) {
-  try {
-    const WebServer one({.address = "0:0::1"}, site());
-    EXPECT_EQ(one.url(), "http://[::1]:" + std::to_string(one.port()));
-    const WebServer every({.address = "::", .hosts = "quest-pc.local"}, site());
-    const std::string port = ":" + std::to_string(every.port());
-    EXPECT_EQ(every.url(), "http://localhost" + port);
-    EXPECT_EQ(every.urls_elsewhere(), std::vector<std::string>{"http://quest-pc.local" + port});
-  } catch (const std::runtime_error& error) {
-    GTEST_SKIP() << "skipped: " << error.what();
-  }
+  if (!has_ipv6()) GTEST_SKIP() << "the machine has no ::1";
+  const WebServer one({.address = "0:0::1"}, site());
+  EXPECT_EQ(one.url(), "http://[::1]:" + std::to_string(one.port()));
+  const WebServer every({.address = "::", .hosts = "quest-pc.local"}, site());
+  const std::string port = ":" + std::to_string(every.port());
+  EXPECT_EQ(every.url(), "http://localhost" + port);
+  EXPECT_EQ(every.urls_elsewhere(), std::vector<std::string>{"http://quest-pc.local" + port});
 }
 
 double cpu_seconds() {
@@ -102,6 +109,7 @@ TEST(WebServer, RestsWhereNoFileDescriptorIsLeftAndGoesOnAfterwards) {
   setrlimit(RLIMIT_NOFILE, &low);
   std::vector<int> taken;
   for (int file = 0; (file = open("/dev/null", O_RDONLY)) >= 0;) taken.push_back(file);
+  ASSERT_FALSE(taken.empty());
   visitor.knock(server);
   const double before = cpu_seconds();
   std::this_thread::sleep_for(500ms);
