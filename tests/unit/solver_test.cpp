@@ -242,14 +242,17 @@ TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
   EXPECT_TRUE(same_bits(brick.state.node_positions, before.node_positions));
 }
 
+StepReport step_with_overstated(double factor, double residual_tolerance, State& state) {
+  Overstated spring(factor);
+  SolverOptions options = converging();
+  options.residual_tolerance = residual_tolerance;
+  return NewtonSolver({&spring}, state.layout(), options).step(state, 0.01);
+}
+
 // A full step leaves 4/5 of the way, and did so for 60 iterations.
 TEST(NewtonSolver, GoesOnWhereTheHessianIsTooStiff) {
-  Overstated spring(5);
   State state = one_node(Vector3(1, 2, 3));
-  SolverOptions options = converging();
-  options.residual_tolerance = 1e-3;
-  NewtonSolver solver({&spring}, state.layout(), options);
-  const StepReport report = solver.step(state, 0.01);
+  const StepReport report = step_with_overstated(5, 1e-3, state);
   EXPECT_EQ(report.status, StepStatus::converged);
   EXPECT_LE(report.iterations, 12);
   EXPECT_LE(state.node_positions.col(0).norm(), 2e-3);
@@ -257,12 +260,8 @@ TEST(NewtonSolver, GoesOnWhereTheHessianIsTooStiff) {
 
 // What float leaves because the Hessian is wrong, double leaves too.
 TEST(NewtonSolver, DoubleIsNotTakenAgainWhereItDidNotHelp) {
-  Overstated spring(2.2);
   State state = one_node(Vector3(1, 2, 3));
-  SolverOptions options = converging();
-  options.residual_tolerance = 1e-6;
-  NewtonSolver solver({&spring}, state.layout(), options);
-  const StepReport report = solver.step(state, 0.01);
+  const StepReport report = step_with_overstated(2.2, 1e-6, state);
   EXPECT_EQ(report.status, StepStatus::converged);
   EXPECT_GT(report.factorisations, 10);
   EXPECT_EQ(report.double_factors, 1);
