@@ -156,7 +156,7 @@ struct Shape {
 /// object_description (transient local), key object id.
 struct ObjectDescription {
   std::uint32_t object = 0;
-  Stamp stamp;
+  Stamp stamp;  ///< `sample_time`: states of before tell of the object as it was described before; 0: all tell of this
   std::array<char, 64> name{};  ///< zero-terminated
   std::uint32_t is_static = 0;
   double mass = 0;       ///< kg; 0 when static

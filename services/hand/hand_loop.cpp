@@ -15,23 +15,24 @@ namespace {
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
+bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
+
 bool usable(const JointSample& joint) {
   return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
-         all_finite(joint.angular_velocity) && std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
+         all_finite(joint.angular_velocity) && is_unit(to_quaternion(joint.orientation).norm());
 }
 
 // Metres, metres and radians a second, and so on: larger is no scene's, and would overflow the step in which it is first touched.
 bool moderate(const Vec3& values) {
   return std::all_of(values.begin(), values.end(), [](double x) { return std::abs(x) <= 1e4; });
 }
-bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
 bool usable(const NeighbourPlane& plane) {
   const auto not_negative = [](double x) { return x >= 0 && std::isfinite(x); };
-  return moderate(plane.point) && moderate(plane.normal) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) && not_negative(plane.friction) &&
+  return moderate(plane.point) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) && not_negative(plane.friction) &&
          not_negative(plane.stiffness);
 }
 bool usable(const ObjectState& object) {
-  return moderate(object.position) && all_finite(object.orientation) && is_unit(to_quaternion(object.orientation).norm()) && moderate(object.linear_velocity) &&
+  return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) && moderate(object.linear_velocity) &&
          moderate(object.angular_velocity) && moderate(object.gravity) && std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
 }
 
@@ -40,7 +41,7 @@ void check(const ObjectDescription& description) {
   const auto demand = [](const char* what, double value, bool in_range, const char* expected) {
     if (!in_range) throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
   };
-  constexpr double kMost = 1e9;  // kg, kg m^2, 1: a thousand times what a scene file may have, and far from overflowing
+  constexpr double kMost = 1e9;  // kg, kg m^2, 1: far more than a scene file may have, and far from overflowing
   demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
   if (description.is_static != 0) return;
   demand("mass", description.mass, description.mass > 0 && description.mass <= kMost, "of what moves more than 0, to 1e9 kg");

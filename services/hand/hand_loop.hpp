@@ -55,7 +55,8 @@ class HandLoop {
   HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {});
   ~HandLoop();
 
-  /// An object that the world announced, or removed. Between steps; builds the shape, so it allocates. Throws std::invalid_argument on a bad shape.
+  /// An object that the world announced, or removed, or put elsewhere: it is let go, and states sampled before the description are not used. Between steps; builds a shape that it does not know,
+  /// which allocates. Throws std::invalid_argument on a bad shape, friction out of [0, 1e9], and, of what moves, mass (kg) or inertia (kg m^2) out of (0, 1e9]; it is then described as before.
   void describe_object(const ObjectDescription& description);
 
   /// Becomes what `other` is: both then go on alike where their options allow it. `other` was made of the same hand with as many slots, and heard of the same

@@ -26,8 +26,9 @@ void run(int argc, char** argv) {
   const auto describe_objects = [&](Nanoseconds now) {
     const std::uint64_t before = std::exchange(described, loop.descriptions_version());
     if (described == before) return;
-    for (ObjectDescription description : loop.descriptions()) {
-      if (description.stamp.sequence <= before) continue;  // a hand lets go of what is described anew
+    for (const ObjectDescription& each : loop.descriptions()) {
+      if (each.stamp.sequence <= before) continue;  // a hand lets go of what is described anew
+      ObjectDescription description = each;
       service.stamp(description.stamp);
       description.stamp.sample_time = now;
       descriptions.write(description);

@@ -119,7 +119,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const bool symmetric = options_.mode == "symmetric";
   object.near_hand = false;
   bool still_held = false;  // by who has not heard that it was put elsewhere
-  if (object.put_at == 0) object.put_at = now;
+  if (object.put && object.put_at == 0) object.put_at = now;
   const ObjectCoupling* owner = nullptr;
   const ObjectTwin* owner_twin = nullptr;
   Wrench wrench;
