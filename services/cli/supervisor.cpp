@@ -59,9 +59,19 @@ void Supervisor::launch(Child& child) {
   for (const std::string& word : child.spec.command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   const pid_t parent = getpid();
+  // Until it is another program the child has our handlers, which would take a stop that comes at once for one of ours: it waits until theirs is the default.
+  sigset_t stops, before;
+  sigemptyset(&stops);
+  sigaddset(&stops, SIGINT);
+  sigaddset(&stops, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &stops, &before);
   const pid_t pid = fork();
+  if (pid != 0) pthread_sigmask(SIG_SETMASK, &before, nullptr);
   if (pid < 0) throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(errno));
   if (pid == 0) {
+    signal(SIGINT, SIG_DFL);
+    signal(SIGTERM, SIG_DFL);
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
     // The child dies with its supervisor, however that one ends; and it leaves Ctrl-C to the supervisor's ordered stop.
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);

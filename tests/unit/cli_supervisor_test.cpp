@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "runtime/signals.hpp"
+
 namespace softhand {
 namespace {
 
@@ -98,6 +100,16 @@ TEST_F(SupervisorTest, StopsAllByTerm) {
   EXPECT_EQ(supervisor_.process_id("first"), -1);
   EXPECT_EQ(supervisor_.process_id("second"), -1);
   EXPECT_EQ(supervisor_.restarts("first"), 0u) << "nobody is restarted while stopping";
+}
+
+// `softhand up` stops by a handler, which a child has too until it is another program: a stop in that moment set a flag that nobody would read.
+TEST_F(SupervisorTest, StopsWhoWasStartedAMomentAgo) {
+  const StopSignal handler;
+  for (int i = 0; i < 50; ++i) {
+    Supervisor supervisor([](const std::string&, const std::string&) {});
+    supervisor.start({"newborn", {"/bin/sleep", "60"}});
+    ASSERT_TRUE(supervisor.stop(milliseconds(2000))) << "start " << i;
+  }
 }
 
 TEST_F(SupervisorTest, KillsWhoDoesNotStopInTimeAndSaysSo) {
