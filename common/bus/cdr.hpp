@@ -2,6 +2,7 @@
 // and to the plain struct: no intermediate object, no allocation. The same bytes may be logged (MCAP's `cdr`) and decoded again.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -65,7 +66,8 @@ struct Measure {
       items(value.data(), value.size());
     } else if constexpr (is_sequence<T>) {
       number(4, 1);
-      items(value.items.data(), at_capacity ? value.max_size() : value.size());
+      // A count beyond the capacity is refused when encoding; there are no elements to be measured.
+      items(value.items.data(), at_capacity ? value.max_size() : std::min(value.size(), value.max_size()));
     } else {
       visit_fields(*this, value);
     }

@@ -291,6 +291,12 @@ TEST(BusWire, SequencesAndTextsBeyondTheirBoundsAreRefused) {
   std::vector<std::byte> room(4096);
   EXPECT_EQ(encode(state, room), 0u);
 
+  // No count leads outside the message, though its elements are of variable size.
+  const auto world = std::make_unique<WorldObjects>();
+  world->objects.count = huge;
+  EXPECT_LE(encoded_size(*world), max_encoded_size<WorldObjects>());
+  EXPECT_EQ(encode(*world, room), 0u);
+
   Message message;
   message.value.fill('x');  // no terminating zero: the last character makes room for it
   const auto cut = bytes_of(message);
