@@ -153,7 +153,13 @@ void RecordWriter::put_bytes(const void* bytes, std::size_t size) {
   while (size > 0) {
     const ssize_t written = ::write(file_, next, size);
     if (written < 0 && errno == EINTR) continue;
-    if (written < 0) throw std::runtime_error(path_ + ": cannot be written: " + std::strerror(errno));
+    if (written < 0) {
+      const std::string reason = std::strerror(errno);
+      // Part of a record may be in the file: a reader would take what followed for the rest of it.
+      close(file_);
+      file_ = -1;
+      throw std::runtime_error(path_ + ": cannot be written: " + reason);
+    }
     next += written;
     size -= static_cast<std::size_t>(written);
   }

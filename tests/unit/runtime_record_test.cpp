@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -99,6 +101,31 @@ TEST_F(RecordFile, ReadsUpToTheLastWholeMessageWhereverItWasCut) {
     EXPECT_EQ(messages, cut >= second_end ? 2 : cut >= first_end ? 1 : 0) << cut;
     EXPECT_EQ(reader.truncated(), cut < whole.size() - footer) << cut;
   }
+}
+
+// A disk that was full when a message was written may have room again when the file is closed.
+TEST_F(RecordFile, NothingFollowsAMessageThatWasCut) {
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto former = std::signal(SIGXFSZ, SIG_IGN);
+  {
+    RecordWriter writer(path_);
+    const std::uint16_t channel = writer.add_channel(objects_);
+    writer.write(channel, 1, 1, 1, bytes("one"));
+    rlimit full = before;
+    full.rlim_cur = std::filesystem::file_size(path_) + 40;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &full), 0);
+    EXPECT_THROW(writer.write(channel, 2, 2, 2, bytes("twotwotwotwo")), std::runtime_error);
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_THROW(writer.write(channel, 3, 3, 3, bytes("three")), std::runtime_error);
+  }
+  std::signal(SIGXFSZ, former);
+  RecordReader reader(path_);
+  RecordedMessage m;
+  ASSERT_TRUE(reader.next(m));
+  EXPECT_EQ(text_of(m.payload), "one");
+  EXPECT_FALSE(reader.next(m)) << text_of(m.payload);
+  EXPECT_TRUE(reader.truncated());
 }
 
 TEST_F(RecordFile, RefusesWhatIsNoRecording) {
