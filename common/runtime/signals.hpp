@@ -1,4 +1,4 @@
-// Clean stop on SIGINT and SIGTERM.
+// Clean stop on SIGINT, SIGTERM and SIGHUP.
 #pragma once
 
 #include <atomic>
@@ -6,8 +6,8 @@
 
 namespace softhand {
 
-/// While one lives, SIGINT and SIGTERM set a flag instead of ending the process; the destructor puts the former handlers back. One at a
-/// time in a process. Signals that came before construction are forgotten.
+/// While one lives, SIGINT, SIGTERM and SIGHUP (unless that is ignored) set a flag instead of ending the process; the destructor puts the
+/// former handlers back. One at a time in a process. Signals that came before construction are forgotten.
 class StopSignal {
  public:
   StopSignal();
@@ -22,6 +22,7 @@ class StopSignal {
  private:
   struct sigaction former_interrupt_ {};
   struct sigaction former_terminate_ {};
+  struct sigaction former_hang_up_ {};
 };
 
 /// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused, or when the parent

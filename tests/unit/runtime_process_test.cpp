@@ -32,8 +32,8 @@ TEST(Clock, IdIsConstantOnAHostAndEpochsDiffer) {
   EXPECT_NE(epoch, make_epoch());
 }
 
-TEST(StopSignal, TakesBothSignalsAndForgetsOldOnes) {
-  for (const int signal : {SIGINT, SIGTERM}) {
+TEST(StopSignal, TakesEverySignalAndForgetsOldOnes) {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     const StopSignal stop;
     EXPECT_FALSE(stop.requested());
     std::raise(signal);
@@ -49,6 +49,19 @@ TEST(StopSignal, PutsFormerHandlersBack) {
   struct sigaction after {};
   sigaction(SIGTERM, nullptr, &after);
   EXPECT_EQ(before.sa_handler, after.sa_handler);
+}
+
+TEST(StopSignal, AHangUpThatIsIgnoredStaysSo) {
+  struct sigaction before {};
+  struct sigaction ignored {};  // as nohup leaves it
+  ignored.sa_handler = SIG_IGN;
+  sigaction(SIGHUP, &ignored, &before);
+  {
+    const StopSignal stop;
+    std::raise(SIGHUP);
+    EXPECT_FALSE(stop.requested());
+  }
+  sigaction(SIGHUP, &before, nullptr);
 }
 
 TEST(StopSignal, FollowsItsParent) {
