@@ -67,6 +67,8 @@ class PeriodicLoop {
         step_times_.add(ended, ended - started);
         ++steps_;
         schedule_.advance(clock.at(ended));
+      } else {
+        step_times_.expire(ended);  // a loop that stands has no rate
       }
       sleep_until(std::min(clock.when(schedule_.due()), ended + kLongestSleep));
     }

@@ -227,5 +227,24 @@ TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
   EXPECT_GE(betweens, static_cast<int>(steps.size()) + 15);
 }
 
+TEST(PeriodicLoop, SaysThatItStands) {
+  auto loop = std::make_unique<PeriodicLoop>(500);
+  std::atomic<bool> stop{false};
+  SimulatedClock clock;
+  const Nanoseconds begin = now();
+  clock.command(begin + kSecond / 5, 0);
+  LoopStatus status;
+  double rate = 0;
+  loop->run(stop, clock, [](Nanoseconds) {},
+            [&](Nanoseconds real) {
+              loop->fill(status);
+              rate = std::max(rate, status.rate_hz);
+              stop = real > begin + 3 * kSecond / 2;
+            });
+  EXPECT_GT(rate, 300);
+  EXPECT_EQ(status.rate_hz, 0);
+  EXPECT_EQ(status.step_ms_p99, 0);
+}
+
 }  // namespace
 }  // namespace softhand
