@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "device/answer.hpp"
+#include "runtime/clock.hpp"
 
 namespace softhand {
 namespace {
@@ -19,7 +20,7 @@ void describe(OptionVisitor& v, DeviceLoopOptions& o) {
 }
 
 DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind)
-    : options_(options), limits_(limits), gain_(options.gain), enabled_(options.enabled) {
+    : options_(options), limits_(limits), clock_id_(clock_id()), gain_(options.gain), enabled_(options.enabled) {
   if (limits.actuators < 1 || limits.actuators > kMaxActuators) throw std::invalid_argument("device: actuators: expected 1 to 32");
   if (!(limits.minimum_command <= 0) || !(limits.maximum_command > 0) || !std::isfinite(limits.maximum_command) ||
       !std::isfinite(limits.minimum_command)) {
@@ -46,10 +47,12 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
 
 bool DeviceGuard::fresh(Nanoseconds now) const {
   if (!any_) return false;
-  // By arrival; and by the publisher's stamp, so that a backlog does not count as news. A stamp of another clock says nothing.
+  // By arrival; and by the publisher's stamp, so that a backlog does not count as news: however old it is on this host's clock, and within
+  // reason on one that does not say whose it is. A stamp of another clock says nothing.
   const double since_arrival = static_cast<double>(now - arrival_) * kSecondsPerNanosecond;
   const double since_publish = static_cast<double>(now - stamp_.publish_time) * kSecondsPerNanosecond;
-  const double age = since_publish >= 0 && since_publish < 10 ? std::max(since_arrival, since_publish) : since_arrival;
+  const bool comparable = stamp_.publish_time != 0 && (stamp_.clock_id == clock_id_ || (since_publish >= 0 && since_publish < 10));
+  const double age = comparable ? std::max(since_arrival, since_publish) : since_arrival;
   return age <= options_.stale_after;
 }
 

@@ -78,6 +78,7 @@ class DeviceGuard {
  private:
   DeviceLoopOptions options_;
   DeviceLimits limits_;
+  std::uint32_t clock_id_;  // of this host
   double gain_;
   bool enabled_;
   bool any_ = false;

@@ -11,6 +11,7 @@
 #include "device/record_log.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "messages/convert.hpp"
+#include "runtime/clock.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 
 namespace softhand {
@@ -184,6 +185,20 @@ TEST_F(Device, RepeatedAndBackloggedInputDoesNotKeepItAlive) {
   EXPECT_EQ(loop.counters().repeated, 60u);
   const BoneWrench backlog = wrench(2, 2, sequence + 1, now - 60 * kMillisecond);
   EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0);
+}
+
+// A stopped process (SIGSTOP, a debugger) finds what came meanwhile in its sockets. This host's clock tells how old that is, a stranger's does not.
+TEST_F(Device, ABacklogIsOldAfterAnyTime) {
+  for (const double seconds : {0.06, 9.9, 12.0, 3600.0}) {
+    BoneWrench backlog = wrench(2, 2, ++sequence, now - static_cast<Nanoseconds>(seconds * 1e9));
+    backlog.stamp.clock_id = clock_id();
+    EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0) << seconds;
+  }
+  for (const bool own : {false, true}) {
+    BoneWrench untold = wrench(2, 2, ++sequence, own ? 0 : now - static_cast<Nanoseconds>(3600e9));  // 0: unknown
+    untold.stamp.clock_id = clock_id() + (own ? 0 : 1);
+    EXPECT_GT(loop.step(now += kMillisecond, &untold).commands[0], 0) << own;
+  }
 }
 
 TEST_F(Device, DeadSimulationZeroes) {
