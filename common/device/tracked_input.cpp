@@ -64,7 +64,7 @@ TrackedInput::TrackedInput(const TrackedInputOptions& options)
 void TrackedInput::add_head_pose(const HeadPose& head) {
   if (head.valid == 0 || !all_finite(head.position) || !all_finite(head.orientation)) return;
   const Quaternion orientation = to_quaternion(head.orientation);
-  if (!(orientation.norm() > 0.5 && orientation.norm() < 2)) return;
+  if (!(orientation.norm() > 0.5 && orientation.norm() < 2) || !(to_vector(head.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate)) return;
   if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) {
     // A head tracker whose clock went back starts a new history; a late sample is not worth keeping.
     if (head.stamp.sample_time > heads_[(head_count_ - 1) % heads_.size()].time - kPast) return;

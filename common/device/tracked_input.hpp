@@ -49,7 +49,8 @@ class TrackedInput {
   /// Throws std::invalid_argument where a mount's quaternion is not close to unit length.
   explicit TrackedInput(const TrackedInputOptions& options);
 
-  /// Head poses in the order of their times; refused (silently, keeping what is known) when not finite or not newer.
+  /// Head poses in the order of their times; refused (silently, keeping what is known) when not finite, beyond
+  /// 1 km or not newer.
   void add_head_pose(const HeadPose& head);
   /// False when the sample as a whole was refused. Single refused joints keep their place relative to their neighbour.
   bool add_sample(const Skeleton& sample, Nanoseconds now);

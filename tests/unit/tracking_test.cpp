@@ -411,6 +411,28 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
   }
 }
 
+TEST(Tracking, AHeadThatCannotBeDoesNotReachTheSkeleton) {
+  TrackingLoop loop({}, kHandRate, hand(), {});
+  HeadPose head;
+  head.valid = 1;
+  const auto step = [&](int i, double head_x) {
+    const Nanoseconds now = kStart + i * 11 * kMillisecond;
+    head.stamp.sample_time = now;
+    head.position[0] = head_x;
+    Skeleton sample = skeleton_at(still(), static_cast<std::uint64_t>(i) + 1, now + kMillisecond);
+    sample.frame = 1;
+    TrackingInput input;
+    input.head = &head;
+    input.tracked = &sample;
+    return loop.step(now + kMillisecond, input);
+  };
+  for (int i = 0; i < 10; ++i) step(i, 0);
+  for (int i = 10; i < 30; ++i) {
+    const TrackingOutput& out = step(i, i == 10 ? 1e300 : i == 11 ? -1e300 : 0);
+    EXPECT_LT((position(out.intermediate, kWrist) - (still() * hand().rest_joints[kWrist]).position).norm(), 1e-6) << i;
+  }
+}
+
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
   // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
