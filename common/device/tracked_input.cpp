@@ -48,7 +48,7 @@ void describe(OptionVisitor& v, TrackedInputOptions& o) {
   v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100},
            "A jump of the wrist beyond this between samples moves the skeleton there at once.");
   v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100},
-           "A joint faster than this between samples counts as having jumped: no velocity is made of it.");
+           "A joint or head faster than this between samples counts as having jumped: no velocity is made of it.");
   v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10},
             "Where a device on a headset sits, in the head's frame.");
   v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
@@ -96,9 +96,12 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
   const TimedPose& newer = back(i - 1);
   const double span = static_cast<double>(newer.time - older.time) * kSecondsPerNanosecond;
   const double wanted = static_cast<double>(time - older.time) * kSecondsPerNanosecond;
-  const double fraction = std::clamp(wanted, 0.0, span + options_.extrapolation_limit) / span;
+  const Vector3 moved = newer.pose.position - older.pose.position;
   const Vector3 turn = rotation_log(newer.pose.orientation * older.pose.orientation.conjugate());
-  out = increment(older.pose, fraction * (newer.pose.position - older.pose.position), fraction * turn) * headset_mount_;
+  // A head that was put elsewhere, as when an XR runtime is recentred, does not go on so.
+  const bool jumped = moved.norm() > options_.maximum_speed * span || turn.norm() > kMaximumAngularSpeed * span;
+  const double fraction = std::clamp(wanted, 0.0, span + (jumped ? 0.0 : options_.extrapolation_limit)) / span;
+  out = increment(older.pose, fraction * moved, fraction * turn) * headset_mount_;
   return true;
 }
 

@@ -433,6 +433,23 @@ TEST(Tracking, AHeadThatCannotBeDoesNotReachTheSkeleton) {
   }
 }
 
+// An XR runtime that is recentred moves the head by metres between two poses: no speed to extrapolate with.
+TEST(Tracking, AHeadThatIsPutElsewhereIsNotExtrapolated) {
+  TrackedInput input({});
+  HeadPose head;
+  head.valid = 1;
+  for (int i = 0; i < 20; ++i) {
+    head.stamp.sample_time = kStart + i * 11 * kMillisecond;
+    head.position[0] = i < 19 ? 0 : 2;
+    input.add_head_pose(head);
+  }
+  const Nanoseconds time = head.stamp.sample_time + 8 * kMillisecond;
+  Skeleton sample = skeleton_at(still(), 1, time);
+  sample.frame = 1;
+  ASSERT_TRUE(input.add_sample(sample, time));
+  EXPECT_NEAR(input.targets(time)[1].pose.position.x(), 2 + (still() * hand().rest_joints[kWrist]).position.x(), 1e-9);
+}
+
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
   // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
