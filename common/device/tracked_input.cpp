@@ -56,6 +56,8 @@ void describe(OptionVisitor& v, TrackedInputOptions& o) {
   v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
 }
 
+bool is_plausible(Nanoseconds sample_time, Nanoseconds now) { return sample_time <= now + kFuture && sample_time >= now - kPast; }
+
 TrackedInput::TrackedInput(const TrackedInputOptions& options)
     : options_(options),
       headset_mount_(mount(options.headset_mount_position, options.headset_mount_orientation, "headset_mount_orientation")),
@@ -124,7 +126,7 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     return false;
   }
   Nanoseconds time = sample.stamp.sample_time;
-  if (time > now + kFuture || time < now - kPast) {
+  if (!is_plausible(time, now)) {
     ++counters_.implausible_clock;
     time = now;
   }

@@ -44,6 +44,9 @@ struct TrackedInputCounters {
   std::uint64_t repositioned = 0;         ///< jumps of the wrist beyond the reposition distance
 };
 
+/// False where a sample's time cannot be of the clock that says `now`: it is in the future, or more than a second ago.
+bool is_plausible(Nanoseconds sample_time, Nanoseconds now);
+
 class TrackedInput {
  public:
   /// Throws std::invalid_argument where a mount's quaternion is not close to unit length.

@@ -184,7 +184,9 @@ void HandLoop::reset(Nanoseconds time) {
 }
 
 void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
-  if (skeleton.stamp.sample_time <= reset_time_) return;
+  // A tracker of another clock does not tell what it took before the reset.
+  const bool timed = !options_.direct || is_plausible(skeleton.stamp.sample_time, now);
+  if (timed && skeleton.stamp.sample_time <= reset_time_) return;
   if (options_.direct) {
     tracked_.add_sample(skeleton, now);
     return;

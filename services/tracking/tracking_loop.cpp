@@ -268,7 +268,9 @@ void TrackingLoop::reset(Nanoseconds time) {
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
   if (input.head != nullptr) input_.add_head_pose(*input.head);
   const auto is_usable = [this](const auto* sample) { return sample != nullptr && sample->stamp.sample_time > reset_time_; };
-  if (is_usable(input.tracked)) input_.add_sample(*input.tracked, now);
+  // A tracker of another clock does not tell what it took before the reset.
+  const bool is_timed = input.tracked != nullptr && is_plausible(input.tracked->stamp.sample_time, now);
+  if (input.tracked != nullptr && (!is_timed || is_usable(input.tracked))) input_.add_sample(*input.tracked, now);
   if (is_usable(input.simulated)) take_simulated(*input.simulated, now);
   if (is_usable(input.contacts)) {
     contact_forces_.fill(Vector3::Zero());

@@ -354,6 +354,23 @@ TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
   EXPECT_EQ(output.bone_wrench.simulated_valid, 1u);
 }
 
+TEST(HandLoop, WithoutTheIntermediateLayerATrackerOfAnotherClockIsHeardAfterAReset) {
+  HandOptions o = loop_options();
+  o.direct = true;
+  const HandModel model = hand();
+  HandLoop loop(model, o, {});
+  constexpr Nanoseconds hour = 3600 * kSecond;
+  Skeleton sample = skeleton_at(model, {}, 1, 1);
+  loop.step(hour, {&sample}, {});
+  loop.reset(hour + 5'000'000);
+  const Skeleton before = skeleton_at(model, {Vector3(2, 0, 0), Quaternion::Identity()}, hour + 4'000'000, 2);
+  loop.step(hour + 11'000'000, {&before}, {});
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(), model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
+  sample = skeleton_at(model, {Vector3(1, 0, 0), Quaternion::Identity()}, 22'000'000, 3);
+  loop.step(hour + 22'000'000, {&sample}, {});
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(), 1 + model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
+}
+
 // What latencies are made of: without it no glove's chain would ever count as complete.
 TEST(HandLoop, WithoutTheIntermediateLayerTheChainIsCompleteToo) {
   HandOptions o = loop_options();

@@ -450,6 +450,24 @@ TEST(Tracking, AHeadThatIsPutElsewhereIsNotExtrapolated) {
   EXPECT_NEAR(input.targets(time)[1].pose.position.x(), 2 + (still() * hand().rest_joints[kWrist]).position.x(), 1e-9);
 }
 
+TEST(Tracking, AfterAResetATrackerOfAnotherClockIsHeardAgain) {
+  for (const Nanoseconds shift : {Nanoseconds{0}, -3'600'000 * kMillisecond}) {
+    TrackingLoop loop({}, kHandRate, hand(), {});
+    const auto step = [&](int i, Nanoseconds taken) {
+      const Skeleton sample = skeleton_at(still(), static_cast<std::uint64_t>(i), taken + shift);
+      TrackingInput input;
+      input.tracked = &sample;
+      return loop.step(kStart + i * 11 * kMillisecond, input).valid;
+    };
+    ASSERT_TRUE(step(1, kStart + 11 * kMillisecond));
+    loop.reset(kStart + 20 * kMillisecond);
+    if (shift == 0) {
+      EXPECT_FALSE(step(2, kStart + 20 * kMillisecond)) << "taken before the reset";
+    }
+    EXPECT_TRUE(step(3, kStart + 33 * kMillisecond)) << shift;
+  }
+}
+
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
   // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
