@@ -17,6 +17,7 @@ constexpr double kSecondsPerNanosecond = 1e-9;
 // A bone that the hand file leaves uncoupled follows its tracker all the same, with at least this bandwidth.
 constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
 constexpr int kRotationIterations = 4;
+constexpr double kBeyondBelief = 1e4;  // m, m/s, rad/s, of the simulated skeleton
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
@@ -146,7 +147,8 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
     const JointSample& joint = simulated.joints[index(joint_of(static_cast<Body>(b)))];
     const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
                       all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
-                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 && to_vector(joint.position).norm() < 1e4;
+                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 && to_vector(joint.position).norm() < kBeyondBelief &&
+                      to_vector(joint.linear_velocity).norm() < kBeyondBelief && to_vector(joint.angular_velocity).norm() < kBeyondBelief;
     bone.simulated_seen = good;
     if (!good) {
       ++simulated_refused_;

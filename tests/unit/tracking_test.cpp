@@ -468,6 +468,33 @@ TEST(Tracking, AfterAResetATrackerOfAnotherClockIsHeardAgain) {
   }
 }
 
+TEST(Tracking, ASimulatedSkeletonOfAbsurdSpeedIsRefused) {
+  for (const bool turns : {false, true}) {
+    TrackingLoop loop({}, kHandRate, hand(), {});
+    Vector3 last = Vector3::Zero();
+    for (int i = 0; i < 500; ++i) {
+      const Nanoseconds now = kStart + i * kMillisecond;
+      const Skeleton tracked = skeleton_at(still(), static_cast<std::uint64_t>(i) + 1, now);
+      Skeleton simulated = tracked;
+      simulated.stamp.sample_time = now - 5 * kMillisecond;
+      if (i == 100) (turns ? simulated.joints[kIndexDistal].angular_velocity : simulated.joints[kIndexDistal].linear_velocity)[0] = 1e200;
+      TrackingInput input;
+      input.tracked = &tracked;
+      input.simulated = &simulated;
+      const TrackingOutput& out = loop.step(now, input);
+      for (const BoneSample& bone : out.wrench.bones) {
+        ASSERT_TRUE(all_finite(bone.coupling_force) && all_finite(bone.coupling_torque) && all_finite(bone.simulated_position) &&
+                    all_finite(bone.simulated_orientation) && to_vector(bone.simulated_position).norm() < 1e4)
+            << i;
+      }
+      const JointSample& joint = out.intermediate.joints[kIndexDistal];
+      ASSERT_TRUE(all_finite(joint.position) && all_finite(joint.orientation)) << i;
+      last = position(out.intermediate, kIndexDistal);
+    }
+    EXPECT_LT((last - (still() * hand().rest_joints[kIndexDistal]).position).norm(), 1e-3);
+  }
+}
+
 TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
   // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
