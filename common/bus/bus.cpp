@@ -38,6 +38,7 @@ constexpr int kMaxDomain = 230;  // beyond, the ports of the participants above 
 constexpr std::size_t kPooledSize = 32 * 1024;
 /// A writer goes no sooner after its last sample. On a machine with six busy threads a core 20 ms were once too few.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
+constexpr int kOwnersDepth = 4;  ///< of a reader of a topic that one of several writers owns
 /// After so long without a sign of life a process is dead. Fast DDS 2.9 looks once in this time at each of its peers, and aborts by a failed assertion where one
 /// takes its leave in that very moment (PDP.cpp, check_remote_participant_liveliness): seen once in 160 tests with 2 s, so it must be rare. Nothing that hurries
 /// waits for it: streams grow stale, trackers' leases are 50 ms.
@@ -281,7 +282,11 @@ class ReaderImpl final : public dds::DataReaderListener {
   ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec)
       : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
-    apply(qos, row);
+    // Fast DDS 2.9 puts a sample into the history before it asks who owns the instance, and then takes a weaker writer's out again. Without a place
+    // for it the owner's sample that was not read yet would be gone.
+    TopicRow roomy = row;
+    if (row.exclusive) roomy.depth = std::max(row.depth, kOwnersDepth);
+    apply(qos, roomy);
     // Buffers that may grow, so that a payload which is too long reaches our decoder to be refused and counted.
     const auto policy = memory_policy(codec);
     qos.endpoint().history_memory_policy = policy == rtps::PREALLOCATED_MEMORY_MODE ? rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE : policy;

@@ -301,6 +301,30 @@ TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   std::printf("restart heard after %.1f ms\n", std::chrono::duration<double, std::milli>(Clock::now() - start).count());
 }
 
+TEST(Bus, AWeakerTrackersSamplesEraseNoneOfTheOwners) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain());
+  Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
+  Writer strong(there, topics::tracked_skeleton, 2);
+  Writer weak(there, topics::tracked_skeleton, 1);
+  ASSERT_TRUE(eventually([&] { return reader.live_writer_count() == 2 && strong.has_readers() && weak.has_readers(); }));
+  Skeleton skeleton;
+  const auto send = [&skeleton](auto& writer, std::uint32_t source) {
+    skeleton.source = source;
+    writer.write(skeleton);
+    std::this_thread::sleep_for(2ms);
+  };
+  // Read as slowly as a hand of 90 Hz reads: the weak one's sample is always between the strong one's and the look at it.
+  int of_strong = 0;
+  for (int i = 0; i < 100; ++i) {
+    send(strong, 2);
+    for (int k = 0; k < 3; ++k) send(weak, 1);
+    Skeleton out;
+    if (reader.take_latest(out) && out.source == 2) ++of_strong;
+  }
+  EXPECT_GT(of_strong, 80);
+}
+
 TEST(Bus, ANegativeStrengthIsNotTheGreatest) {
   const Participant here("here", test_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
