@@ -32,7 +32,7 @@ int run_status(const StatusArguments& arguments) {
     if (arguments.json) {
       nlohmann::ordered_json json = nlohmann::ordered_json::object();
       for (const auto& [name, status] : modules) json[name] = status_json(status);
-      fmt::print("{}\n", json.dump(2));
+      fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
       fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module heard on this domain\n" : "");

@@ -77,4 +77,6 @@ nlohmann::ordered_json status_json(const LoopStatus& status) {
   return json;
 }
 
+std::string json_text(const nlohmann::ordered_json& json) { return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace); }
+
 }  // namespace softhand

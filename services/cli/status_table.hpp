@@ -14,5 +14,7 @@ namespace softhand {
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now);
 /// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, ledger_j, counters.
 nlohmann::ordered_json status_json(const LoopStatus& status);
+/// `json` indented, whatever its texts hold: DDS says nothing of a string's encoding, and a name that is not UTF-8 gets U+FFFD where it is none.
+std::string json_text(const nlohmann::ordered_json& json);
 
 }  // namespace softhand

@@ -268,7 +268,7 @@ int run_up(const UpArguments& arguments) {
   if (!arguments.json.empty()) {
     summary["clean_stop"] = clean;
     std::ofstream out(arguments.json);
-    out << summary.dump(2) << "\n";
+    out << json_text(summary) << "\n";
     out.flush();
     if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
     say("softhand", "summary in " + arguments.json);

@@ -258,6 +258,16 @@ TEST(StatusTable, JsonCarriesTheContractsKeys) {
   EXPECT_EQ(json["counters"]["teleports"], 3);
 }
 
+// Any process may publish a status under a name of another encoding: here "Gerät" in Latin-1.
+TEST(StatusTable, ANameThatIsNotUtf8EndsNoSummary) {
+  LoopStatus status = status_of("hand", 1);
+  add_counter(status, "Ger\xe4t", 4);
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  json["Ger\xe4t"] = status_json(status);
+  const auto read = nlohmann::ordered_json::parse(json_text(json));
+  EXPECT_EQ(read["Ger\ufffdt"]["counters"]["Ger\ufffdt"], 4);
+}
+
 TEST(IdlText, DeclaresTheTypeAndAllThatItNeeds) {
   const std::string idl = idl_of("softhand::v1::BoneWrench");
   for (const char* part : {"struct BoneWrench {", "struct BoneSample {", "struct Stamp {", "module softhand"}) {
