@@ -323,6 +323,27 @@ TEST(HapticLog, RendersWhatHoldsAFingerOffClosingAndWritesItDown) {
   EXPECT_GE(count, 30);
 }
 
+TEST(HapticLog, WritesDownThatItLetsGo) {
+  HapticLogOptions options;
+  options.file = ::testing::TempDir() + "softhand_haptic_log_end.jsonl";
+  {
+    DeviceLoop<BoneWrench> loop({}, std::make_unique<HapticLogDriver>(options), 1, 0);
+    BoneWrench w = wrench(0, 0, 0, 0);
+    w.bones[static_cast<std::size_t>(index_of(distal_of(Finger::index)))].coupling_force = {0, 3, 0};
+    for (int i = 1; i <= 33; ++i) {
+      w.stamp.sequence = static_cast<std::uint64_t>(i);
+      w.stamp.publish_time = kStart + i * kMillisecond;
+      loop.step(kStart + i * kMillisecond, &w);
+    }
+    loop.stop(kStart + 34 * kMillisecond);
+  }
+  std::istringstream lines(read_all(options.file));
+  std::string line, last;
+  while (std::getline(lines, line)) last = line;
+  EXPECT_EQ(nlohmann::json::parse(last)["commands_N"][1], 0) << last.substr(0, 200);
+  EXPECT_EQ(nlohmann::json::parse(last)["time_ns"], kStart + 34 * kMillisecond);
+}
+
 TEST(TactileLog, EventsBeginAndEnd) {
   TactileLogOptions options;
   options.file = ::testing::TempDir() + "softhand_tactile_log.csv";

@@ -49,7 +49,11 @@ void HapticLogDriver::command(const BoneWrench& input, std::span<double> wanted)
 }
 
 void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {
-  if (log_ == nullptr || static_cast<double>(now - last_logged_) * 1e-9 * options_.log_rate_hz < 1 - 1e-6) return;
+  if (log_ == nullptr) return;
+  // That all forces are gone stands in the file at once: nothing may follow it, as on exit.
+  const auto pulls = [](double command) { return command != 0; };
+  const bool lets_go = std::any_of(record_.commands.begin(), record_.commands.end(), pulls) && std::none_of(commands.begin(), commands.end(), pulls);
+  if (!lets_go && static_cast<double>(now - last_logged_) * 1e-9 * options_.log_rate_hz < 1 - 1e-6) return;
   last_logged_ = now;
   record_.time = now;
   std::copy(commands.begin(), commands.end(), record_.commands.begin());
