@@ -18,6 +18,7 @@ constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
+constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
 constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees, of the surface under a node since the last step: beyond it the old plane is no plane for it
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
@@ -208,7 +209,7 @@ void ContactSet::find_candidates(int slot, const State& state) {
     if (s.jumped) {
       if (const auto crossing = s.geometry->first_crossing(before, now)) {
         // Of an object that turned under it a node that stays outside only grazes the chord of its way; one that is behind it now was passed.
-        if (nearest.distance < 0 || !same_side(s, crossing->normal, nearest.normal)) {
+        if (nearest.distance < 0 || !same_side(s.last_pose, crossing->normal, s.start_pose, nearest.normal)) {
           create(slot, node, crossing->point, crossing->normal);
           return;
         }
@@ -217,6 +218,8 @@ void ContactSet::find_candidates(int slot, const State& state) {
     if (nearest.distance < 0) {
       if (Anchor* anchor = create(slot, node, now, nearest.normal)) anchor->kept_recess = -nearest.distance;
     } else if (const auto crossing = s.geometry->first_crossing(now, next)) {
+      const Vector3 end = position + time_step_ * state.node_velocities.col(node);
+      if (only_turns_past(*s.geometry, s.start_pose, s.predicted_pose, position, end, crossing->normal)) return;
       if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) anchor->fresh = true;
     }
   });
@@ -274,9 +277,25 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
 }
 
-// Whether the surface with normal `now` has come to where that with `before` was when the object was moved from outside, and not the far side of the object. Object's frame.
-bool ContactSet::same_side(const Slot& s, const Vector3& before, const Vector3& now) {
-  return (s.last_pose.orientation * before).dot(s.start_pose.orientation * now) > 0;
+// Whether the surface with normal `now` has come to where that with `before` was when the object went from one pose to the other, and not the far side of the object. Object's frame.
+bool ContactSet::same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now) {
+  return (from.orientation * before).dot(to.orientation * now) > 0;
+}
+
+// Whether a node that goes from `start` to `end` in the world crosses the object, whose surface it meets with `normal`, only because the chord of its way in the object's frame
+// cuts the arc that it truly goes round an object that turns: a ball that spins beside a node does not touch it.
+bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end, const Vector3& normal) {
+  const Vector3 turn = rotation_log(to.orientation * from.orientation.conjugate());
+  if (turn.isZero(0)) return false;
+  const SurfacePoint there = geometry.closest(to_local(to, end));
+  if (there.distance < 0 || !same_side(from, normal, to, there.normal)) return false;
+  if (geometry.first_crossing(to_local(from, start), to_local({to.position, from.orientation}, end))) return false;
+  for (int k = 1; k < kArcPoints; ++k) {
+    const double part = static_cast<double>(k) / kArcPoints;
+    const Pose between = increment(from, part * (to.position - from.position), part * turn);
+    if (geometry.signed_distance(to_local(between, start + part * (end - start))) < 0) return false;
+  }
+  return true;
 }
 
 // An object that was moved from outside may have carried anchor and plane away from under the node: a drum that turns by 64 degrees in a step. Such a contact slides: it
@@ -287,7 +306,7 @@ bool ContactSet::sweep(Anchor& anchor, const Vector3& position) {
   const Vector3 now = to_local(s.start_pose, position);
   ++queries_;
   const SurfacePoint nearest = s.geometry->closest(now);
-  if (nearest.normal.dot(anchor.normal) > kSweptTurn || !same_side(s, anchor.normal, nearest.normal)) return false;
+  if (nearest.normal.dot(anchor.normal) > kSweptTurn || !same_side(s.last_pose, anchor.normal, s.start_pose, nearest.normal)) return false;
   const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -nearest.distance);
   if (anchor.friction_stiffness * (nearest.point - anchor.anchor).norm() <= limit) return false;
   const Vector3 moved = now - to_local(s.last_pose, position);
@@ -367,6 +386,7 @@ void ContactSet::find_missed(int slot, const State& state) {
     ++queries_;
     if (s.geometry->signed_distance(end) > (end - start).norm()) return;
     if (const auto crossing = s.geometry->first_crossing(start, end)) {
+      if (only_turns_past(*s.geometry, s.start_pose, end_pose, start_positions_.col(node), state.node_positions.col(node), crossing->normal)) return;
       if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) settle(*anchor, offset(*anchor, state));
     }
   });

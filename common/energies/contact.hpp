@@ -157,7 +157,8 @@ class ContactSet {
   void remove_if(Ends&& ends);
   void begin_anchor(Anchor& anchor, const State& state);
   bool sweep(Anchor& anchor, const Vector3& position);
-  static bool same_side(const Slot& slot, const Vector3& before, const Vector3& now);
+  static bool same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now);
+  static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end, const Vector3& normal);
   void find_candidates(int slot, const State& state);
   void find_missed(int slot, const State& state);
   void slide(Anchor& anchor, double drag, const State& state);

@@ -319,6 +319,43 @@ TEST(Contact, DrumSlidesUnderNodes) {
   }
 }
 
+// The way of a node in the frame of a body that turns is an arc, and its chord cuts the body.
+TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
+  for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::capsule, ShapeKind::cylinder}) {
+    const ShapeGeometry round(make(kind, {0.03, 0.03, 0}));
+    for (const double speed : {10.0, 30.0, 100.0}) {
+      for (const double gap : {1e-6, 1e-4, 1e-3}) {
+        Rig rig(1, 700, 1e-4);
+        rig.contacts.set_object(0, &round, 0.5, 1, ContactObject::moving);
+        rig.inertia.set_dynamic(0, 0.05, 1e-5 * Matrix3::Identity(), Vector3::Zero());
+        rig.state.body_velocities[0].angular = Vector3(0, speed, 0);
+        for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = (0.03 + gap) * Vector3(std::cos(2.0 * n), 0, std::sin(2.0 * n));
+        testing::DenseStepper stepper = rig.stepper();
+        for (int i = 0; i < 5; ++i) stepper.step(rig.state, 1.0 / 90);
+        EXPECT_LE(rig.state.node_velocities.cwiseAbs().maxCoeff(), 1e-9) << "kind " << static_cast<int>(kind) << ", " << speed << " rad/s, gap " << gap;
+        EXPECT_NEAR(rig.state.body_velocities[0].angular.y(), speed, 1e-6 * speed);
+      }
+    }
+  }
+}
+
+// A node that the blade of a fan meets, or the corner of a box, is met although it was outside before and is outside after.
+TEST(Contact, WhatTurnsIntoANodeStillMeetsIt) {
+  const ShapeGeometry blade(make(ShapeKind::box, {0.05, 0.0005, 0.05})), cube(make(ShapeKind::box, {0.03, 0.03, 0.03}));
+  const auto touched = [](const ShapeGeometry& shape, const Vector3& spin, const Vector3& node) {
+    Rig rig(1, 700, 1e-4);
+    rig.contacts.set_object(0, &shape, 0.5, 1, ContactObject::moving);
+    rig.inertia.set_dynamic(0, 0.5, 1e-3 * Matrix3::Identity(), Vector3::Zero());
+    rig.state.body_velocities[0].angular = spin;
+    for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = node;
+    testing::DenseStepper stepper = rig.stepper();
+    stepper.step(rig.state, 1.0 / 90);
+    return rig.state.node_velocities.colwise().norm().minCoeff() > 1e-3;
+  };
+  EXPECT_TRUE(touched(blade, Vector3(0, 0, 30), Vector3(0.04, 0.005, 0)));
+  EXPECT_TRUE(touched(cube, Vector3(0, 0, 40), Vector3(0.0346, -0.02, 0)));
+}
+
 TEST(Contact, StartsInsideAndComesOutAtOneMetrePerSecond) {
   const ShapeGeometry box(make(ShapeKind::box, {0.04, 0.04, 0.04}));
   for (const double dt : {1.0 / 90, 1.0 / 1000}) {
