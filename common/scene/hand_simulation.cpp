@@ -154,6 +154,10 @@ void HandSimulation::restore(const State& state) {
 
 void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
 
+void HandSimulation::clear_targets() {
+  for (int b = 0; b < kBodyCount; ++b) coupling_->clear_target(b);
+}
+
 void HandSimulation::set_slot(int slot, const MirroredObject& object) {
   objects_[static_cast<std::size_t>(slot)] = object;
   if (object_coupling_ != nullptr && !slot_is_static(slot)) {

@@ -69,6 +69,8 @@ class HandSimulation {
 
   /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until changed.
   void set_target(Body body, const Pose& joint, const Twist& velocity);
+  /// Of all bones: none is pulled until it has a target again.
+  void clear_targets();
 
   void set_slot(int slot, const MirroredObject& object);
   void clear_slot(int slot);

@@ -175,6 +175,9 @@ void HandLoop::clear_slot(KnownObject& object) {
 void HandLoop::reset(Nanoseconds time) {
   reset_time_ = time;
   tracked_ = TrackedInput(options_.tracked_input);
+  // Where a joint was last believed says nothing of where the hand comes back.
+  skeleton_ = {};
+  simulation_->clear_targets();
   any_skeleton_ = reposition_asked_ = false;
   for (KnownObject& object : objects_) {
     clear_slot(object);

@@ -200,6 +200,26 @@ TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
   }
 }
 
+// Where joints were before says nothing about a hand that comes back elsewhere, seen in part.
+TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  const Skeleton here = skeleton_at(model, {}, kSecond, 1);
+  loop.step(kSecond, {&here}, {});
+  loop.reset(kSecond);
+  Skeleton there = skeleton_at(model, {Vector3(0.4, 0, 0), Quaternion::Identity()}, kSecond + 11'111'111, 2);
+  there.joints[index(Joint::wrist)].flags = 0;
+  EXPECT_FALSE(loop.step(kSecond + 11'111'111, {&there}, {}).valid) << "without a wrist it is nowhere yet";
+  for (int i = 2; i < 20; ++i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    there = skeleton_at(model, {Vector3(0.4, 0, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    there.joints[index(Joint::index_distal)].flags = 0;
+    loop.step(now, {&there}, {});
+  }
+  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 1e-9) << "N, towards where the finger was before";
+  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) - model.rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+}
+
 TEST(HandLoop, SlotsGoToTheNearestObjectsAndTheTouchedKeepTheirs) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});  // one slot
