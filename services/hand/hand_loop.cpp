@@ -59,7 +59,8 @@ Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
 Twist twist_of(const JointSample& joint) { return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)}; }
 Twist twist_of(const ObjectState& object) { return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)}; }
 
-constexpr double kForgetDistance = 1.5;    // of `near_distance`, from which on an object loses its slot
+constexpr double kForgetDistance = 1.5;    // of the distance from which on an object is mirrored: there it loses its slot
+constexpr double kSkinDistance = 0.02;     // m, of skin from the bones
 constexpr double kSlotPreference = 0.005;  // m; an object must be nearer by this to take another's slot
 
 // The bones as segments from joint to joint, side by side: a hundred objects ask for their distances in each step.
@@ -284,11 +285,17 @@ void HandLoop::measure_distances() {
   }
   const Vector3 middle = simulation_->joint_pose(Joint::palm).position;
   const double reach = bones.reach(middle);
+  double fastest = 0;  // m/s, of a bone
+  for (std::size_t b = 0; b < kBodyCount; ++b) fastest = std::max(fastest, simulation_->joint_velocity(joint_of(static_cast<Body>(b))).linear.norm());
   for (KnownObject& object : objects_) {
     if (!object.seen) continue;
     const Vector3 position = to_vector(object.state.position);
+    // It is swept from where it was in its slot: it has to have one a step before it can meet the skin.
+    const double spin = to_vector(object.state.angular_velocity).norm();
+    const double speed = fastest + to_vector(object.state.linear_velocity).norm() + (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
+    object.near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
     // One distance tells of most objects that they are out of reach.
-    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * options_.near_distance) {
+    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * object.near) {
       object.distance = std::numeric_limits<double>::infinity();
     } else if (object.bounding_radius < 0.5) {
       object.distance = bones.distance(position) - object.bounding_radius;
@@ -304,8 +311,8 @@ void HandLoop::give_slots(Nanoseconds now) {
   for (std::size_t o = 0; o < objects_.size(); ++o) {
     KnownObject& object = objects_[o];
     if (!object.seen) continue;
-    if (object.slot >= 0 && object.distance > kForgetDistance * options_.near_distance && !object.owned) clear_slot(object);
-    if (object.slot < 0 && object.distance <= options_.near_distance) waiting_.push_back(static_cast<int>(o));
+    if (object.slot >= 0 && object.distance > kForgetDistance * object.near && !object.owned) clear_slot(object);
+    if (object.slot < 0 && object.distance <= object.near) waiting_.push_back(static_cast<int>(o));
   }
   const auto at = [this](int o) -> KnownObject& { return objects_[static_cast<std::size_t>(o)]; };
   std::sort(waiting_.begin(), waiting_.end(),

@@ -92,6 +92,7 @@ class HandLoop {
     bool seen = false;       // `state` holds something
     bool listed = false;     // in the newest sample
     double distance = 0;     // to the hand, m; infinity where it is surely beyond all reach
+    double near = 0;         // m; mirrored from this distance on
     int slot = -1;
     bool owned = false;
     Nanoseconds last_touch = 0;

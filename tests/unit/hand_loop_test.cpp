@@ -220,6 +220,29 @@ TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
   EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) - model.rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
 }
 
+// A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored.
+TEST(HandLoop, NothingIsTooFastToBeMet) {
+  const HandModel model = hand();
+  HandOptions options = loop_options();
+  options.rate_hz = 60;
+  constexpr double kSpeed = 10, kTimeStep = 1.0 / 60;
+  for (int trial = 0; trial < 20; ++trial) {
+    HandLoop loop(model, options, {});
+    ObjectDescription coin = cube(3);
+    coin.shape.size = {0.012, 0.00025, 0.012};
+    loop.describe_object(coin);
+    bool touched = false;
+    for (int i = 0; i < 6; ++i) {
+      const Nanoseconds now = kSecond + i * 16'666'667;
+      const Skeleton sample = skeleton_at(model, {}, now, static_cast<std::uint64_t>(i) + 1);
+      WorldObjects world = world_with(3, Vector3(-0.012, kSpeed * kTimeStep * (i - 3 + trial / 20.0), -0.092), now);
+      world.objects[0].linear_velocity = {0, kSpeed, 0};
+      touched = loop.step(now, {&sample, nullptr, &world}, {}).contacts.contacts.size() > 0 || touched;
+    }
+    EXPECT_TRUE(touched) << "phase " << trial;
+  }
+}
+
 TEST(HandLoop, SlotsGoToTheNearestObjectsAndTheTouchedKeepTheirs) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});  // one slot
