@@ -480,7 +480,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  if (pays || report.factorisations > report.kink_factors) carried_time_step_ = time_step;
+  // One that failed leaves no factor.
+  if (report.status != StepStatus::failed_factorisation && (pays || report.factorisations > report.kink_factors)) carried_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;

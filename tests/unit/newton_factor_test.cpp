@@ -113,6 +113,42 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereFloatCannotTellTheMatrixFromASingula
   EXPECT_TRUE(same_bits(results[0].node_positions, results[1].node_positions));
 }
 
+/// The block factorisation, until it is told to find no matrix positive definite.
+class Failing final : public LinearSolver {
+ public:
+  Failing(const bool& fails, int& solved_without) : fails_(fails), solved_without_(solved_without) {}
+  void analyze(const BlockMatrix& matrix) override { sound_.analyze(matrix); }
+  void load(const BlockMatrix& matrix) override { sound_.load(matrix); }
+  bool factorize() override { return has_factor_ = sound_.factorize() && !(fails_ && ++factorisations_ > 1); }
+  void solve(const VectorX& rhs, VectorX& x) override {
+    solved_without_ += has_factor_ ? 0 : 1;
+    sound_.solve(rhs, x);
+  }
+
+ private:
+  const bool& fails_;
+  int& solved_without_;
+  int factorisations_ = 0;
+  bool has_factor_ = false;
+  BlockCholesky<double> sound_;
+};
+
+TEST(NewtonSolver, GoesOnWithNoFactorThatFailed) {
+  Brick brick;
+  brick.shake(0.004, 4);
+  bool fails = true;
+  int solved_without = 0;
+  SolverOptions options;
+  options.linear_solver = [&] { return std::make_unique<Failing>(fails, solved_without); };
+  NewtonSolver solver(brick.terms(), brick.state.layout(), options);
+  const StepReport failed = solver.step(brick.state, 0.01);
+  ASSERT_EQ(failed.status, StepStatus::failed_factorisation);
+  ASSERT_GT(failed.iterations, 0);
+  fails = false;
+  EXPECT_EQ(solver.step(brick.state, 0.01).status, StepStatus::converged);
+  EXPECT_EQ(solved_without, 0);
+}
+
 TEST(NewtonSolver, FloatFactorAndKeptFactorLeadToTheSameMinimum) {
   Brick brick;
   brick.shake(0.002, 4);
