@@ -57,6 +57,15 @@ void PlaneContact::clear_object(int slot) {
   s.count = 0;
 }
 
+void PlaneContact::reset() {
+  std::fill(points_.begin(), points_.end(), Point{});
+  for (Slot& s : slots_) {
+    cleared_ += std::exchange(s.stored, 0.0);
+    s.wrench = {};
+    s.count = 0;
+  }
+}
+
 void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) {
   Slot& s = at(slot);
   if (s.geometry == nullptr) return;

@@ -35,6 +35,8 @@ class PlaneContact final : public Energy {
   /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its contacts.
   void set_object(int slot, const ShapeGeometry* geometry, double mass, double weight);
   void clear_object(int slot);
+  /// The objects were put elsewhere: no point holds anything any more. Planes stay.
+  void reset();
   /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps its friction when
   /// its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most 0.2 of its stiffness is used (more would
   /// not be stable).

@@ -148,6 +148,7 @@ void HandSimulation::restore(const State& state) {
   }
   state_ = state;
   if (contacts_) contacts_->reset();
+  if (planes_ != nullptr) planes_->reset();
   ledger_.restart();
   stored_holds_ = false;
 }

@@ -86,6 +86,35 @@ TEST(HandSimulation, GoesOnFromAKeptState) {
   EXPECT_THROW(simulation.restore(other), std::invalid_argument);
 }
 
+// What it rested on does not rub it where it was put.
+TEST(HandSimulation, AnObjectOfAnotherStateIsFreeOfThePlaneThatCarriedIt) {
+  HandSimulation simulation(hand(), options(), 1, 0);
+  set_rest_targets(simulation, {});
+  const ShapeGeometry cube(cube_shape(0.02));
+  MirroredObject object;
+  object.id = 1;
+  object.shape = &cube;
+  object.mass = 0.05;
+  object.inertia = 1.33e-5 * Matrix3::Identity();
+  object.friction = 0.8;
+  simulation.set_slot(0, object);
+  simulation.set_slot_motion(0, {Vector3(1, 0.02, 0), Quaternion::Identity()}, {});
+  simulation.make_dynamic(0, Vector3(0, -9.81, 0));
+  NeighbourPlane table;
+  table.neighbour = 2;
+  table.normal = {0, 1, 0};
+  table.friction = 0.5;
+  simulation.set_planes(0, {&table, 1});
+  for (int i = 0; i < 30; ++i) simulation.step(kStep);
+  State thrown = simulation.state();
+  thrown.body_poses[kBodyCount].position.y() += 1;
+  thrown.body_velocities[kBodyCount] = {Vector3(1, 0, 0), Vector3::Zero()};
+  simulation.restore(thrown);
+  simulation.step(kStep);
+  EXPECT_NEAR(simulation.slot_velocity(0).linear.x(), 1, 1e-5);
+  EXPECT_LE(simulation.slot_velocity(0).angular.norm(), 1e-5);
+}
+
 TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
   // Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
   const auto inverted_after = [](double patience, std::uint64_t& untangled) {
