@@ -210,6 +210,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
   untangler_ = other.untangler_;
   untangled_nodes_ = other.untangled_nodes_;
+  untangled_ = other.untangled_;
   modes_ = other.modes_;
   objects_ = other.objects_;
   bone_contact_forces_ = other.bone_contact_forces_;

@@ -140,6 +140,30 @@ TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
   EXPECT_GT(untangled, 0u);
 }
 
+// Taken over just when nodes were put back: what that worked is in the books of both.
+TEST(HandSimulation, TheBooksOfATakenStateGoOnAlike) {
+  HandSimulation one(hand(), options(), 0, 0), two(hand(), options(), 0, 0);
+  for (HandSimulation* simulation : {&one, &two}) {
+    set_rest_targets(*simulation, {});
+    simulation->keep_ledger(true);
+    simulation->step(kStep);
+  }
+  State state = one.state();
+  const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
+  testing::Random random(1);
+  for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+    state.node_positions.col(n) = 0.5 * (low + high) + 0.5 * (high - low).cwiseProduct(random.vector());
+  }
+  one.restore(state);
+  for (int i = 0; i < 180 && one.untangled_nodes() == 0; ++i) one.step(kStep);
+  ASSERT_GT(one.untangled_nodes(), 0u);
+  two.take_state(one);
+  one.step(kStep);
+  two.step(kStep);
+  EXPECT_EQ((one.state().node_positions - two.state().node_positions).cwiseAbs().maxCoeff(), 0);
+  EXPECT_EQ(one.ledger().total().work, two.ledger().total().work);
+}
+
 TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
   // Collapsed to a line it is wound about its bones when it comes out again, and none of it is inside out.
   const HandModel shipped = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
