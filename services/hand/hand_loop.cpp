@@ -271,9 +271,10 @@ void HandLoop::take_world(const WorldObjects& world) {
   world_time_ = world.stamp.sample_time;
 }
 
+double HandLoop::age_of_world(Nanoseconds now) const { return std::clamp(static_cast<double>(now - world_time_) * 1e-9, 0.0, options_.extrapolation_limit); }
+
 Pose HandLoop::copy_pose(const KnownObject& object, Nanoseconds now) const {
-  const double age = std::clamp(static_cast<double>(now - world_time_) * 1e-9, 0.0, options_.extrapolation_limit);
-  return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age);
+  return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age_of_world(now));
 }
 
 void HandLoop::measure_distances() {
@@ -379,7 +380,10 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   }
   if (object.owned) {
     simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
-    simulation_->set_planes(object.slot, std::span(object.state.planes.items.data(), object.state.planes.size()));
+    // As they are at the step's start, like the copies: a sample may serve for several steps.
+    auto planes = object.state.planes;
+    for (NeighbourPlane& plane : planes) plane.point = to_wire(Vector3(to_vector(plane.point) + age_of_world(now - step) * to_vector(plane.velocity)));
+    simulation_->set_planes(object.slot, std::span(planes.items.data(), planes.size()));
   } else {
     // A copy of the world's object, from where it was at the start of this step.
     simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));

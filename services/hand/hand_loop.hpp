@@ -107,6 +107,7 @@ class HandLoop {
   void measure_distances();
   void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const HandWants& wants);
+  double age_of_world(Nanoseconds now) const;
   Pose copy_pose(const KnownObject& object, Nanoseconds now) const;
 
   HandOptions options_;

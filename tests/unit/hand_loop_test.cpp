@@ -220,6 +220,44 @@ TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
   EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) - model.rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
 }
 
+// Ten steps to a sample of the world, in which what carries a held object moves by 4 mm.
+TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
+  const HandModel model = hand();
+  HandOptions options = loop_options();
+  options.rate_hz = 500;
+  HandLoop loop(model, options, {});
+  loop.describe_object(cube(3));
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  constexpr double kRise = 0.2;  // m/s
+  double height = 0, deepest = 0;
+  bool owned = false;
+  WorldObjects world;
+  int rising = 0;
+  for (int i = 0; i < 400 && rising < 50; ++i) {
+    const Nanoseconds now = kSecond + i * 2'000'000;
+    height = kRise * 0.002 * rising;
+    Skeleton sample = skeleton_at(model, {Vector3(0, height - 0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    for (JointSample& joint : sample.joints) joint.linear_velocity = {0, rising > 0 ? kRise : 0, 0};
+    const bool sampled = i % 10 == 0;
+    if (sampled) {
+      world = world_with(3, below + Vector3(0, height, 0), now);
+      world.objects[0].gravity = {0, -9.81, 0};
+      NeighbourPlane table;
+      table.neighbour = 9;
+      table.point = to_wire(Vector3(below + Vector3(0, height - 0.02, 0)));
+      table.normal = {0, 1, 0};
+      table.velocity = {0, owned ? kRise : 0, 0};
+      world.objects[0].planes.push_back(table);
+    }
+    const HandOutput& output = loop.step(now, {&sample, nullptr, sampled ? &world : nullptr}, {});
+    if (sampled && rising == 0 && output.coupling.twins.size() == 1 && output.coupling.twins[0].owned != 0) owned = true;
+    if (owned && (rising > 0 || i % 10 == 9)) ++rising;
+    if (rising > 1) deepest = std::max(deepest, below.y() + height - loop.simulation().slot_pose(0).position.y());
+  }
+  ASSERT_EQ(rising, 50) << "it was never owned";
+  EXPECT_LE(deepest, 1e-3);
+}
+
 // A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored.
 TEST(HandLoop, NothingIsTooFastToBeMet) {
   const HandModel model = hand();
