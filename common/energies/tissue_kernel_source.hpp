@@ -21,6 +21,11 @@ template <typename Row>
 constexpr double kDiagonal = 1e-30;
 template <>
 constexpr double kDiagonal<Singles> = 1e-13;
+// And what does so beside any diagonal: squares of less lose digits, and axes that are turned by them their length.
+template <typename Row>
+constexpr double kSmallestSquare = kSmallestProduct;
+template <>
+constexpr double kSmallestSquare<Singles> = 1e-30;
 constexpr int kMaxPolarIterations = 7;     // Newton's: a stretch of two takes 5, of five or a fifth 7
 constexpr int kUsualPolarIterations = 3;   // of them before the first look at the change: with the next, enough for strains up to 0.14
 constexpr double kFlat = 1e-6;             // of a determinant's square against the sixth power of the norm: 1/27 where all stretches are equal
@@ -187,7 +192,7 @@ SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<
     least = least + stretch[j] * stretch[j];
     v[j] = {j == 0 ? one : zero, j == 1 ? one : zero, j == 2 ? one : zero};
   }
-  least = rounded<Row>(splat(kDiagonal<Row>)) * least;
+  least = rounded<Row>(splat(kDiagonal<Row>)) * least + rounded<Row>(splat(kSmallestSquare<Row>));
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
     if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least))) break;

@@ -262,6 +262,26 @@ TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
   }
 }
 
+// Squares of what little is left of the edges lose their digits, and axes made of them would not be of unit length.
+TEST(TissueKernel, WhatIsAllButAPointStaysPositiveSemidefinite) {
+  Random random(8);
+  const int count = 40;
+  const HandModel hand = loose_tetrahedra(count, random);
+  for (const bool in_float : {false, true}) {
+    Tissue tissue(hand);
+    if (in_float) tissue.use_single_hessian();
+    for (int exponent = in_float ? 12 : 150; exponent < (in_float ? 30 : 170); ++exponent) {
+      State state = testing::rest_state(hand);
+      for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) state.node_positions.col(n) = std::pow(10.0, -exponent) * random.vector();
+      const Eigen::MatrixXd hessian = evaluate(tissue, state).hessian.dense();
+      for (int e = 0; e < count; ++e) {
+        const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(hessian.block<12, 12>(12 * e, 12 * e)).eigenvalues();
+        EXPECT_GE(values[0], -(in_float ? 1e-5 : 1e-9) * values[11]) << "1e-" << exponent << " m, element " << e << (in_float ? ", float" : "");
+      }
+    }
+  }
+}
+
 TEST(TissueKernel, NotANumberStaysInItsElement) {
   Random random(4);
   const int count = 40, bad = 21;
