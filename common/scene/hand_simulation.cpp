@@ -199,7 +199,12 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
   const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
   const bool was_dynamic = slot_mode(slot) == SlotMode::dynamic;
   modes_[static_cast<std::size_t>(slot)] = SlotMode::dynamic;
-  if (planes_ != nullptr && !was_dynamic) planes_->set_object(slot, object.shape, object.mass, object.mass * kStandardGravity);
+  if (planes_ != nullptr) {
+    // What floats until it is touched weighs something afterwards.
+    const double weight = object.mass * std::max(kStandardGravity, gravity.norm());
+    if (!was_dynamic) planes_->set_object(slot, object.shape, object.mass, weight);
+    planes_->set_weight(slot, weight);
+  }
   inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
   contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
 }

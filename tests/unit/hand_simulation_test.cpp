@@ -115,6 +115,33 @@ TEST(HandSimulation, AnObjectOfAnotherStateIsFreeOfThePlaneThatCarriedIt) {
   EXPECT_LE(simulation.slot_velocity(0).angular.norm(), 1e-5);
 }
 
+// Half a millimetre, whatever the world's gravity, and although a floating object had none when it was touched first.
+TEST(HandSimulation, AnObjectSinksNoDeeperIntoAPlaneWhereGravityIsStronger) {
+  for (const bool floating : {false, true}) {
+    HandSimulation simulation(hand(), options(), 1, 0);
+    set_rest_targets(simulation, {});
+    const ShapeGeometry cube(cube_shape(0.02));
+    MirroredObject object;
+    object.id = 1;
+    object.shape = &cube;
+    object.mass = 5;
+    object.inertia = 1.33e-3 * Matrix3::Identity();
+    simulation.set_slot(0, object);
+    simulation.set_slot_motion(0, {Vector3(1, 0.02, 0), Quaternion::Identity()}, {});
+    const Vector3 gravity(0, -50, 0);
+    NeighbourPlane table;
+    table.neighbour = 2;
+    table.normal = {0, 1, 0};
+    for (int i = 0; i < 60; ++i) {
+      simulation.make_dynamic(0, floating && i == 0 ? Vector3(Vector3::Zero()) : gravity);
+      simulation.set_planes(0, {&table, 1});
+      simulation.step(kStep);
+    }
+    EXPECT_GT(0.02 - simulation.slot_pose(0).position.y(), 1e-4);
+    EXPECT_LE(0.02 - simulation.slot_pose(0).position.y(), 0.51e-3);
+  }
+}
+
 TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
   // Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
   const auto inverted_after = [](double patience, std::uint64_t& untangled) {
