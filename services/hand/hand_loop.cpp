@@ -214,6 +214,17 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     simulation_->reposition(to_pose(wrist));
     if (any_skeleton_) ++counters_.repositioned;
     reposition_asked_ = false;
+    // Nor does a joint stay behind that was not to be believed just now.
+    const JointSample& wrist_before = before.joints[index(Joint::wrist)];
+    const Pose leap = (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      if (usable(skeleton.joints[j])) continue;
+      JointSample& joint = skeleton_.joints[j];
+      const Pose carried = leap * to_pose(joint);
+      joint.position = to_wire(carried.position);
+      joint.orientation = to_wire(carried.orientation);
+      joint.linear_velocity = joint.angular_velocity = {};
+    }
   }
   any_skeleton_ = true;
 }

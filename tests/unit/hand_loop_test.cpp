@@ -56,6 +56,22 @@ TEST(HandLoop, AJumpRepositionsAndIsCounted) {
   EXPECT_NEAR(output.simulated.joints[index(Joint::wrist)].position[0], 10, 1e-3);
 }
 
+TEST(HandLoop, ABoneThatIsNotSeenInAJumpComesAlong) {
+  HandLoop loop(hand(), loop_options(), {});
+  const Skeleton first = skeleton_at(hand(), {}, kSecond, 1);
+  loop.step(kSecond, {&first}, {});
+  const Pose far{Vector3(10, 0, 0), Quaternion(Eigen::AngleAxisd(1, Vector3::UnitY()))};
+  for (int i = 1; i <= 10; ++i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    Skeleton sample = skeleton_at(hand(), far, now, static_cast<std::uint64_t>(i) + 1);
+    sample.joints[index(Joint::index_distal)].position[1] = std::numeric_limits<double>::quiet_NaN();
+    loop.step(now, {&sample}, {});
+  }
+  EXPECT_EQ(loop.counters().repositioned, 1u);
+  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 0.01) << "N, towards ten metres away";
+  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - far * hand().rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+}
+
 TEST(HandLoop, ABoneThatIsNotANumberIsRefusedAndTheOthersLive) {
   HandLoop loop(hand(), loop_options(), {});
   Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
