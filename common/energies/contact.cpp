@@ -183,7 +183,8 @@ void ContactSet::begin_step(const State& state, double time_step) {
       const Twist& twist = state.body_velocities[body];
       s.predicted_pose = increment(s.start_pose, time_step * twist.linear, time_step * twist.angular);
     }
-    if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport) {
+    // What its velocity accounts for it moved by.
+    if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport + time_step * state.body_velocities[body].linear.norm()) {
       remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
       s.seen = false;
     }
