@@ -15,6 +15,7 @@ const key = (frame: Frame): number => frame.type * 65536 + frame.instance;
 export class Timeline {
   private entries: Entry[] = [];
   private descriptions = new Map<number, Frame>();
+  private missed = new Map<number, Entry>(); // the newest of each stream since entries are not kept
   private cursor = 0; // entries before it are shown
   private clock = 0; // ms, what is shown; runs behind the newest in slow motion
   paused = false;
@@ -35,6 +36,12 @@ export class Timeline {
       this.apply(frame);
       return;
     }
+    // A paused picture may stand for hours: of what comes long after it only the newest is kept, for when it goes on.
+    if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
+      this.missed.set(key(frame), { time, frame });
+      return;
+    }
+    this.catchUp();
     this.entries.push({ time, frame });
   }
 
@@ -44,6 +51,7 @@ export class Timeline {
 
   /** Shows what is due. `elapsed` in ms since the last call. */
   advance(now: number, elapsed: number): void {
+    if (!this.opened && !this.paused) this.catchUp();
     if (this.live) {
       this.runTo(this.entries.length);
       this.clock = now;
@@ -141,11 +149,17 @@ export class Timeline {
       at += 12 + length;
     }
     this.entries = entries;
+    this.missed.clear();
     this.opened = true;
     this.paused = false;
     this.cursor = 0;
     this.clock = 0;
     descriptions.forEach(this.apply);
+  }
+
+  private catchUp(): void {
+    this.entries.push(...[...this.missed.values()].sort((a, b) => a.time - b.time));
+    this.missed.clear();
   }
 
   private runTo(end: number): void {

@@ -1,0 +1,66 @@
+// What the page keeps of the stream and of files, without a browser: its module alone, on a clock of the test's.
+import assert from "node:assert/strict";
+import { createRequire } from "node:module";
+import { test } from "node:test";
+import { build, source } from "./harness.mjs";
+
+const { buildSync } = createRequire(`${build}/services/viewer/page/work/`)("esbuild");
+const { outputFiles } = buildSync({ entryPoints: [`${source}/services/viewer/page/src/timeline.ts`], bundle: true, format: "esm", write: false });
+const { Timeline } = await import(`data:text/javascript;base64,${Buffer.from(outputFiles[0].contents).toString("base64")}`);
+
+const [HAND, NODES, CONTACTS, OBJECT, STATUS] = [1, 2, 6, 8, 10];
+/** A frame whose payload is the number `value`. */
+function frame(type, value, instance = 1) {
+  const bytes = Buffer.alloc(24);
+  [0x46564853, 2 | (type << 16), 8, instance].forEach((word, i) => bytes.writeUInt32LE(word, 4 * i));
+  bytes.writeDoubleLE(value, 16);
+  return { type, instance, payload: new DataView(bytes.buffer, bytes.byteOffset + 16, 8) };
+}
+const text = ({ type, payload }) => `${type}:${payload.getFloat64(0, true)}`;
+
+/** A timeline, what it showed since the last look, and a stream of `streams` at 60 Hz. */
+function player(streams = [NODES]) {
+  const made = { shown: [], now: 0, sent: 0 };
+  made.timeline = new Timeline(
+    (each) => made.shown.push(text(each)),
+    () => {},
+    () => made.shown.push("clear"),
+  );
+  made.look = () => made.shown.splice(0);
+  made.run = (seconds) => {
+    for (let i = 0; i < 60 * seconds; ++i) {
+      made.now += 1000 / 60;
+      ++made.sent;
+      for (const type of streams) made.timeline.add(made.now, frame(type, made.sent));
+      made.timeline.advance(made.now, 1000 / 60);
+    }
+  };
+  return made;
+}
+/** Frames of a file, in its order. */
+async function saved(timeline) {
+  const file = await timeline.save().arrayBuffer();
+  const view = new DataView(file);
+  const frames = [];
+  for (let at = 8; at < file.byteLength; at += 12 + view.getUint32(at + 8, true))
+    frames.push(`${view.getUint16(at + 12 + 6, true)}:${view.getFloat64(at + 12 + 16, true)}`);
+  return { file, frames };
+}
+
+test("a paused picture keeps what is around it, however long it stands", async () => {
+  const player1 = player([NODES, CONTACTS]);
+  const { timeline, run, look } = player1;
+  run(20);
+  timeline.paused = true;
+  run(5);
+  const early = (await saved(timeline)).frames.length;
+  run(300);
+  assert.ok((await saved(timeline)).frames.length < early + 2 * 60 * 15, `${(await saved(timeline)).frames.length} frames are kept after five minutes, ${early} after five seconds`);
+  look();
+  timeline.step(1);
+  assert.ok(look().includes(`${NODES}:1201`), "the next sample is the one that came next");
+  timeline.goLive();
+  look();
+  run(1 / 60);
+  assert.ok(look().includes(`${NODES}:${player1.sent}`), "and what happens now is at hand");
+});
