@@ -64,3 +64,14 @@ test("a paused picture keeps what is around it, however long it stands", async (
   run(1 / 60);
   assert.ok(look().includes(`${NODES}:${player1.sent}`), "and what happens now is at hand");
 });
+
+test("a file that was opened is saved with its own descriptions", async () => {
+  const [one, other] = [player(), player()];
+  one.timeline.add(0, frame(HAND, 100));
+  one.run(1);
+  const { file, frames } = await saved(one.timeline);
+  other.timeline.add(0, frame(HAND, 200));
+  other.run(1);
+  other.timeline.open(file);
+  assert.deepEqual((await saved(other.timeline)).frames, frames);
+});

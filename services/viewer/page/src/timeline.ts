@@ -20,7 +20,7 @@ export class Timeline {
   private clock = 0; // ms, what is shown; runs behind the newest in slow motion
   paused = false;
   speed = 1;
-  private opened = false; // shows a file, not the stream
+  private opened: Frame[] | null = null; // descriptions of the file that is shown instead of the stream
 
   /** `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order. */
   constructor(
@@ -106,7 +106,7 @@ export class Timeline {
 
   goLive(): void {
     if (this.opened) {
-      this.opened = false;
+      this.opened = null;
       this.entries = [];
       this.cursor = 0;
       for (const frame of this.descriptions.values()) this.apply(frame);
@@ -126,7 +126,7 @@ export class Timeline {
       head.setUint32(8, bytes.length, true);
       parts.push(head.buffer as ArrayBuffer, bytes.slice());
     };
-    for (const frame of this.descriptions.values()) put(0, frame);
+    for (const frame of this.opened ?? this.descriptions.values()) put(0, frame);
     for (const { time, frame } of this.entries) put(time - first, frame);
     return new Blob(parts, { type: "application/octet-stream" });
   }
@@ -150,7 +150,7 @@ export class Timeline {
     }
     this.entries = entries;
     this.missed.clear();
-    this.opened = true;
+    this.opened = descriptions;
     this.paused = false;
     this.cursor = 0;
     this.clock = 0;
