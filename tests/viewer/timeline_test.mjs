@@ -75,3 +75,12 @@ test("a file that was opened is saved with its own descriptions", async () => {
   other.timeline.open(file);
   assert.deepEqual((await saved(other.timeline)).frames, frames);
 });
+
+test("modules are told of while a file plays", async () => {
+  const { timeline, run, look } = player();
+  run(1);
+  timeline.open((await saved(timeline)).file);
+  look();
+  timeline.add(2000, frame(STATUS, 5));
+  assert.deepEqual(look(), [`${STATUS}:5`]);
+});

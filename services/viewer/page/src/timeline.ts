@@ -31,11 +31,9 @@ export class Timeline {
   add(time: number, frame: Frame): void {
     const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
     if (description) this.descriptions.set(key(frame), frame);
-    if (this.opened) return;
-    if (description || frame.type >= Type.status) {
-      this.apply(frame);
-      return;
-    }
+    // Modules, which the page's buttons act on, are told of as they are now, whatever the picture shows.
+    if (frame.type >= Type.status || (description && !this.opened)) this.apply(frame);
+    if (this.opened || description || frame.type >= Type.status) return;
     // A paused picture may stand for hours: of what comes long after it only the newest is kept, for when it goes on.
     if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
       this.missed.set(key(frame), { time, frame });
