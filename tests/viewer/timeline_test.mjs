@@ -84,3 +84,22 @@ test("modules are told of while a file plays", async () => {
   timeline.add(2000, frame(STATUS, 5));
   assert.deepEqual(look(), [`${STATUS}:5`]);
 });
+
+test("what a file shows and what happens now are not mixed", async () => {
+  const [recorded, now] = [player(), player([NODES, CONTACTS])];
+  recorded.timeline.add(0, frame(HAND, 100));
+  recorded.run(1);
+  now.timeline.add(0, frame(HAND, 200));
+  now.timeline.add(0, frame(OBJECT, 300));
+  now.run(1);
+  now.look();
+  now.timeline.open((await saved(recorded.timeline)).file);
+  assert.deepEqual(now.look(), ["clear", `${HAND}:100`]);
+  now.run(0.5);
+  now.look();
+  now.timeline.goLive();
+  assert.deepEqual(now.look(), ["clear", `${HAND}:200`, `${OBJECT}:300`]);
+  // Of a simulation that is halted nothing more comes.
+  now.timeline.advance(now.now, 0);
+  assert.deepEqual(now.look(), [`${NODES}:90`, `${CONTACTS}:90`]);
+});

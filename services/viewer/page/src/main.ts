@@ -91,7 +91,7 @@ function bad(why: string): void {
   console.warn("frame refused:", why);
 }
 
-const timeline = new Timeline(applyFrame, passFrame);
+const timeline = new Timeline(applyFrame, passFrame, () => stage.clear());
 // A page that came by https may open no other sockets.
 const socketScheme = location.protocol === "https:" ? "wss" : "ws";
 const connection = new Connection(`${socketScheme}://${location.host}/stream`, {

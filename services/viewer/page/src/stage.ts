@@ -151,7 +151,7 @@ interface Hand {
   bones: Record<SkeletonKind, Bones>;
   contactArrows: Arrows;
   fingerArrows: Arrows;
-  points: THREE.InstancedMesh;
+  points: THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>;
   couplingArrows: Arrows;
 }
 
@@ -298,6 +298,29 @@ export class Stage {
     const seat = new THREE.Spherical().setFromVector3(this.camera.position.clone().sub(target));
     seat.set(seat.radius * distance, seat.phi - up, seat.theta + right).makeSafe();
     this.camera.position.setFromSpherical(seat).add(target);
+  }
+
+  /** Takes out all that was described and shown. */
+  clear(): void {
+    for (const hand of this.hands.values()) {
+      const groups = [...Object.values(hand.bones), hand.contactArrows, hand.fingerArrows, hand.couplingArrows].map(({ group }) => group);
+      this.scene.remove(hand.points, ...groups);
+      for (const mesh of [hand.points, ...groups.flatMap(({ children }) => children as THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>[])]) {
+        mesh.geometry.dispose();
+        mesh.material.dispose();
+        mesh.dispose();
+      }
+      if (!hand.skin) continue;
+      this.scene.remove(hand.skin.mesh);
+      hand.skin.dispose();
+    }
+    this.hands.clear();
+    for (const { mesh } of this.objects.values()) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+      (mesh.material as THREE.Material).dispose();
+    }
+    this.objects.clear();
   }
 
   describeHand(instance: number, description: HandDescription): void {

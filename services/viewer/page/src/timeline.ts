@@ -15,6 +15,7 @@ const key = (frame: Frame): number => frame.type * 65536 + frame.instance;
 export class Timeline {
   private entries: Entry[] = [];
   private descriptions = new Map<number, Frame>();
+  private newest = new Map<number, Entry>(); // of each stream, whatever is shown
   private missed = new Map<number, Entry>(); // the newest of each stream since entries are not kept
   private cursor = 0; // entries before it are shown
   private clock = 0; // ms, what is shown; runs behind the newest in slow motion
@@ -22,10 +23,13 @@ export class Timeline {
   speed = 1;
   private opened: Frame[] | null = null; // descriptions of the file that is shown instead of the stream
 
-  /** `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order. */
+  /**
+   * `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order; `clear` empties the picture.
+   */
   constructor(
     private readonly apply: (frame: Frame) => void,
     private readonly pass: (frame: Frame) => void,
+    private readonly clear: () => void,
   ) {}
 
   add(time: number, frame: Frame): void {
@@ -33,7 +37,9 @@ export class Timeline {
     if (description) this.descriptions.set(key(frame), frame);
     // Modules, which the page's buttons act on, are told of as they are now, whatever the picture shows.
     if (frame.type >= Type.status || (description && !this.opened)) this.apply(frame);
-    if (this.opened || description || frame.type >= Type.status) return;
+    if (description || frame.type >= Type.status) return;
+    this.newest.set(key(frame), { time, frame });
+    if (this.opened) return;
     // A paused picture may stand for hours: of what comes long after it only the newest is kept, for when it goes on.
     if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
       this.missed.set(key(frame), { time, frame });
@@ -107,6 +113,9 @@ export class Timeline {
       this.opened = null;
       this.entries = [];
       this.cursor = 0;
+      // A simulation that is halted sends nothing more.
+      this.missed = new Map(this.newest);
+      this.clear();
       for (const frame of this.descriptions.values()) this.apply(frame);
     }
     this.paused = false;
@@ -152,6 +161,7 @@ export class Timeline {
     this.paused = false;
     this.cursor = 0;
     this.clock = 0;
+    this.clear();
     descriptions.forEach(this.apply);
   }
 
