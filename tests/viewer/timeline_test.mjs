@@ -103,3 +103,17 @@ test("what a file shows and what happens now are not mixed", async () => {
   now.timeline.advance(now.now, 0);
   assert.deepEqual(now.look(), [`${NODES}:90`, `${CONTACTS}:90`]);
 });
+
+test("a step back shows another sample of the hand, and of skeletons where these alone are shown", () => {
+  const TRACKED = 3;
+  for (const streams of [[NODES, CONTACTS], [TRACKED, CONTACTS]]) {
+    const { timeline, run, look } = player(streams);
+    run(3);
+    timeline.paused = true;
+    for (const [direction, sample] of [[-1, 179], [-1, 178], [1, 179], [1, 180]]) {
+      look();
+      timeline.step(direction);
+      assert.ok(look().includes(`${streams[0]}:${sample}`), `${streams} ${direction} to ${sample}`);
+    }
+  }
+});

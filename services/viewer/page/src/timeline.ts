@@ -78,12 +78,16 @@ export class Timeline {
     if (first && this.clock < first.time) this.clock = first.time;
   }
 
-  /** One sample of the hand on (+1) or back (-1); pauses. */
+  /** One sample on (+1) or back (-1) of the first of the streams that are kept, with what came between it and the next; pauses. */
   step(direction: 1 | -1): void {
     this.paused = true;
-    let at = direction > 0 ? this.cursor : this.cursor - 2;
-    while (at >= 0 && at < this.entries.length && this.entries[at]!.frame.type !== Type.nodes) at += direction;
-    if (at >= 0 && at < this.entries.length) this.show(at + 1);
+    const first = this.entries.reduce((least, { frame }) => Math.min(least, key(frame)), Infinity);
+    const find = (at: number, by: 1 | -1): number => {
+      while (at >= 0 && at < this.entries.length && key(this.entries[at]!.frame) !== first) at += by;
+      return at;
+    };
+    const at = direction > 0 ? find(this.cursor, 1) : find(find(this.cursor - 1, -1) - 1, -1);
+    if (at >= 0 && at < this.entries.length) this.show(find(at + 1, 1));
   }
 
   /** 0..1 of what is kept; pauses where the stream would run on. */
