@@ -243,6 +243,28 @@ test("a killed gateway is reported and recovered from", async () => {
   await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes), 60);
 });
 
+test("what another gateway does not tell is gone", async () => {
+  const shown = ["#show-hand", "#show-objects", "#show-contacts", "#show-coupling", "#show-simulated"];
+  for (const id of shown) if (await pressed(id)) await page.click(id);
+  await drawn();
+  const empty = await pixels();
+  for (const id of shown) await page.click(id);
+  await pause(1000);
+  await drawn();
+  assert.ok(difference(empty, await pixels()) > 0.01);
+  await source.end();
+  await viewer.process.end("SIGKILL");
+  await until("the loss is told", async () => (await state()) === "lost");
+  viewer = await gateway(viewer.port);
+  await until("connected again", async () => (await state()) === "open");
+  await pause(1500); // its state comes twice a second
+  await drawn();
+  assert.equal(difference(empty, await pixels()), 0);
+  source = publisher();
+  await until("what there is", async () => difference(empty, await pixels()) > 0.01);
+  for (const id of shown.slice(3)) await page.click(id);
+});
+
 test("a gateway that hangs is reported, and recovered from", async () => {
   viewer.process.child.kill("SIGSTOP");
   await until("the loss is told", async () => (await state()) === "lost", 10);

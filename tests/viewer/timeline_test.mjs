@@ -98,10 +98,9 @@ test("what a file shows and what happens now are not mixed", async () => {
   now.run(0.5);
   now.look();
   now.timeline.goLive();
-  assert.deepEqual(now.look(), ["clear", `${HAND}:200`, `${OBJECT}:300`]);
   // Of a simulation that is halted nothing more comes.
   now.timeline.advance(now.now, 0);
-  assert.deepEqual(now.look(), [`${NODES}:90`, `${CONTACTS}:90`]);
+  assert.deepEqual(now.look(), ["clear", `${HAND}:200`, `${OBJECT}:300`, `${NODES}:90`, `${CONTACTS}:90`]);
 });
 
 test("a step back shows another sample of the hand, and of skeletons where these alone are shown", () => {
@@ -116,4 +115,25 @@ test("a step back shows another sample of the hand, and of skeletons where these
       assert.ok(look().includes(`${streams[0]}:${sample}`), `${streams} ${direction} to ${sample}`);
     }
   }
+});
+
+test("of another stream nothing is mixed with what was shown before, and a paused picture stays", async () => {
+  const { timeline, run, look } = player();
+  timeline.add(0, frame(HAND, 100));
+  run(1);
+  look();
+  timeline.forget();
+  timeline.add(1000, frame(OBJECT, 300));
+  run(1 / 60);
+  assert.deepEqual(look(), ["clear", `${OBJECT}:300`, `${NODES}:61`]);
+  timeline.paused = true;
+  timeline.forget();
+  timeline.add(1100, frame(HAND, 200));
+  run(1);
+  assert.deepEqual(look(), []);
+  assert.equal((await saved(timeline)).frames[0], `${OBJECT}:300`);
+  timeline.paused = false;
+  run(1 / 60);
+  assert.deepEqual(look(), ["clear", `${HAND}:200`, `${NODES}:122`]);
+  assert.deepEqual((await saved(timeline)).frames, [`${HAND}:200`, `${NODES}:122`]);
 });

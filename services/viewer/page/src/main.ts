@@ -44,6 +44,7 @@ const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
 // ---- frames ----
 
+let sent = 0; // bytes, by the gateway
 const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.handDescription(payload)),
   [Type.nodes]: (payload, instance) => {
@@ -70,7 +71,18 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
     simulation.status(status);
   },
   [Type.reply]: (payload) => panel.reply(protocol.reply(payload)),
-  [Type.gateway]: (payload) => panel.gateway(protocol.gateway(payload)),
+  [Type.gateway]: (payload) => {
+    const state = protocol.gateway(payload);
+    panel.gateway(state);
+    // A sum that begins anew is another gateway's, perhaps of another scene, whose hands and objects may not be those of before. Those that it has told
+    // by now come again where they are asked for again.
+    if (state.bytes < sent) {
+      timeline.forget();
+      connection.send(protocol.show([], 0));
+      subscribe();
+    }
+    sent = state.bytes;
+  },
 };
 function applyFrame(frame: Frame): void {
   checked(() => apply[frame.type]?.(frame.payload, frame.instance));

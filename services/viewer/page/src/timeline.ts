@@ -21,6 +21,8 @@ export class Timeline {
   private clock = 0; // ms, what is shown; runs behind the newest in slow motion
   paused = false;
   speed = 1;
+  private stale = false; // what is shown is none of the present stream's,
+  private past = new Map<number, Frame>(); // but described by these
   private opened: Frame[] | null = null; // descriptions of the file that is shown instead of the stream
 
   /**
@@ -36,10 +38,10 @@ export class Timeline {
     const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
     if (description) this.descriptions.set(key(frame), frame);
     // Modules, which the page's buttons act on, are told of as they are now, whatever the picture shows.
-    if (frame.type >= Type.status || (description && !this.opened)) this.apply(frame);
+    if (frame.type >= Type.status || (description && !this.opened && !this.stale)) this.apply(frame);
     if (description || frame.type >= Type.status) return;
     this.newest.set(key(frame), { time, frame });
-    if (this.opened) return;
+    if (this.opened || this.stale) return;
     // A paused picture may stand for hours: of what comes long after it only the newest is kept, for when it goes on.
     if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
       this.missed.set(key(frame), { time, frame });
@@ -55,7 +57,10 @@ export class Timeline {
 
   /** Shows what is due. `elapsed` in ms since the last call. */
   advance(now: number, elapsed: number): void {
-    if (!this.opened && !this.paused) this.catchUp();
+    if (!this.opened && !this.paused) {
+      if (this.stale) this.begin(now);
+      this.catchUp();
+    }
     if (this.live) {
       this.runTo(this.entries.length);
       this.clock = now;
@@ -115,15 +120,18 @@ export class Timeline {
   goLive(): void {
     if (this.opened) {
       this.opened = null;
-      this.entries = [];
-      this.cursor = 0;
-      // A simulation that is halted sends nothing more.
-      this.missed = new Map(this.newest);
-      this.clear();
-      for (const frame of this.descriptions.values()) this.apply(frame);
+      this.stale = true;
     }
     this.paused = false;
     this.speed = 1;
+  }
+
+  /** Another stream comes from now on. A paused picture stays. */
+  forget(): void {
+    if (!this.stale) this.past = this.descriptions;
+    this.descriptions = new Map();
+    this.newest.clear();
+    this.stale = true;
   }
 
   /** What is kept, as a file: for each frame its time (f64 ms), its length (u32) and itself, after "SHVR" and the version. */
@@ -137,7 +145,7 @@ export class Timeline {
       head.setUint32(8, bytes.length, true);
       parts.push(head.buffer as ArrayBuffer, bytes.slice());
     };
-    for (const frame of this.opened ?? this.descriptions.values()) put(0, frame);
+    for (const frame of this.opened ?? (this.stale ? this.past : this.descriptions).values()) put(0, frame);
     for (const { time, frame } of this.entries) put(time - first, frame);
     return new Blob(parts, { type: "application/octet-stream" });
   }
@@ -167,6 +175,17 @@ export class Timeline {
     this.clock = 0;
     this.clear();
     descriptions.forEach(this.apply);
+  }
+
+  private begin(now: number): void {
+    this.stale = false;
+    this.entries = [];
+    this.cursor = 0;
+    this.clock = now;
+    // A simulation that is halted sends nothing more.
+    this.missed = new Map(this.newest);
+    this.clear();
+    for (const frame of this.descriptions.values()) this.apply(frame);
   }
 
   private catchUp(): void {
