@@ -44,6 +44,14 @@ async function drawn(pictures = 4) {
   const end = (await page.evaluate(() => window.softhand.counts.drawn)) + pictures;
   await until("pictures", () => page.evaluate((n) => window.softhand.counts.drawn >= n, end), 60);
 }
+/** By the panel's form. */
+async function tell(module, key, value) {
+  await page.selectOption("#message select", module);
+  await page.fill("#message [name=key]", key);
+  await page.fill("#message [name=value]", value);
+  await page.click("#message button");
+  await page.focus("#stage");
+}
 const state = () => page.locator("#connection").getAttribute("data-state");
 const pressed = async (id) => (await page.locator(id).getAttribute("aria-pressed")) === "true";
 
@@ -196,6 +204,20 @@ test("another scene is chosen of those that run, and motors are switched", async
   await source.line(/message haptic motors off\n/);
   await until("off", async () => !(await pressed("#motors-haptic")));
   assert.equal(await page.locator('#modules tr[data-module="rig"]').count(), 0);
+});
+
+test("an object that the world does not list any more is gone", async () => {
+  const others = ["#show-hand", "#show-contacts", "#show-coupling", "#show-simulated"];
+  const on = [];
+  for (const id of others) if (await pressed(id)) on.push(id);
+  for (const id of on) await page.click(id);
+  await drawn();
+  const both = await pixels();
+  await tell("*", "cube", "gone");
+  await until("the cube is gone", async () => difference(both, await pixels()) > 0.001);
+  await tell("*", "cube", "listed");
+  await until("it is back", async () => difference(both, await pixels()) < 0.0002);
+  for (const id of on) await page.click(id);
 });
 
 test("pause freezes the picture, steps move it, live goes on", async () => {

@@ -121,6 +121,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   double pace = 1;  // these as asked
   std::string chosen = "demo";
   bool motors = true;
+  bool listed = true;  // the cube among the objects
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -174,7 +175,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     ObjectState cube;
     cube.object = 2;
     cube.position = {0.02, 0.02, 0};
-    world->objects.push_back(cube);
+    if (listed) world->objects.push_back(cube);
     objects.write(*world);
     wrench.simulated_valid = 1;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
@@ -226,6 +227,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       std::printf("message %s %s %s\n", message.module.data(), message.key.data(), message.value.data());
       if (get_text(message.key) == "pace") pace = std::strtod(message.value.data(), nullptr);
       if (get_text(message.key) == "scene") chosen = get_text(message.value);
+      if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
       MessageReply reply;
       reply.id = message.id;

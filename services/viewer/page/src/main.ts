@@ -59,7 +59,7 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
     stage.touch(instance, contacts);
     panel.forces(contacts);
   },
-  [Type.objects]: (payload) => stage.place(protocol.objects(payload).objects),
+  [Type.objects]: (payload, instance) => stage.place(instance, protocol.objects(payload).objects),
   [Type.objectDescription]: (payload, instance) => stage.describeObject(instance, protocol.objectDescription(payload)),
   [Type.wrench]: (payload, instance) => {
     const { valid, bones } = protocol.wrench(payload);

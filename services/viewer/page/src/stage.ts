@@ -403,24 +403,32 @@ export class Stage {
     if (old) {
       mesh.position.copy(old.mesh.position);
       mesh.quaternion.copy(old.mesh.quaternion);
-    } else {
-      // Static ones come among the states too; nothing is drawn where nobody said it is.
-      mesh.userData.placed = false;
+      mesh.userData.world = old.mesh.userData.world;
     }
     this.objects.set(id, { mesh, description });
     this.scene.add(mesh);
     this.applyShown();
   }
 
-  place(states: ObjectState[]): void {
+  /**
+   * Where the objects of a world are, all of them: one that is not listed is gone, though nobody removed it. Static ones are listed, too: nothing is drawn
+   * where nobody says it is.
+   */
+  place(world: number, states: ObjectState[]): void {
     let changed = false;
+    const listed = new Set(states.map(({ id }) => id));
+    for (const [id, { mesh }] of this.objects) {
+      if (mesh.userData.world !== world || listed.has(id)) continue;
+      mesh.userData.world = undefined;
+      changed = true;
+    }
     for (const state of states) {
       const object = this.objects.get(state.id);
       if (!object) continue;
       object.mesh.position.fromArray(state.position);
       object.mesh.quaternion.fromArray(state.orientation);
-      if (object.mesh.userData.placed === false) changed = true;
-      object.mesh.userData.placed = true;
+      if (object.mesh.userData.world === undefined) changed = true;
+      object.mesh.userData.world = world;
       const material = object.mesh.material as THREE.MeshStandardMaterial;
       material.emissive.set(state.owned ? 0x1c1206 : 0x000000);
     }
@@ -546,7 +554,7 @@ export class Stage {
       hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
       hand.couplingArrows.group.visible = this.shown.coupling;
     }
-    for (const { mesh } of this.objects.values()) mesh.visible = this.shown.objects && mesh.userData.placed !== false;
+    for (const { mesh } of this.objects.values()) mesh.visible = this.shown.objects && mesh.userData.world !== undefined;
     this.floor.visible = this.shown.floor && !this.seeThrough;
   }
 
@@ -554,7 +562,7 @@ export class Stage {
   private layFloor(): void {
     const box = new THREE.Box3();
     for (const { mesh, description } of this.objects.values())
-      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.placed) box.expandByObject(mesh);
+      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.world !== undefined) box.expandByObject(mesh);
     this.floor.position.y = box.isEmpty() ? -0.001 : Math.min(-0.001, box.min.y - 0.0005);
   }
 
