@@ -171,8 +171,8 @@ test("a message goes out and its answer comes back", async () => {
   await until("the answer", async () => /hand: done as asked/.test(await page.locator("#replies").textContent()));
 });
 
+const badge = () => page.locator("#pace-badge").textContent();
 test("the simulation is halted, stepped and slowed down, and the page shows it", async () => {
-  const badge = () => page.locator("#pace-badge").textContent();
   assert.ok(await page.locator("#pace-badge").isHidden());
   await page.click("#halt");
   await source.line(/message \* pace 0\n/);
@@ -189,6 +189,15 @@ test("the simulation is halted, stepped and slowed down, and the page shows it",
   await source.line(/message \* pace 0\.1\n/);
   await page.selectOption("#pace", "1");
   await until("real time", () => page.locator("#pace-badge").isHidden());
+});
+
+test("a page whose panel is closed knows of the simulation, too", async () => {
+  await page.click("#panel-button");
+  await page.keyboard.press("x");
+  await until("halted", async () => (await page.locator("#pace-badge").isVisible()) && (await badge()) === "simulation halted");
+  await page.keyboard.press("x");
+  await until("real time", () => page.locator("#pace-badge").isHidden());
+  await page.click("#panel-button");
 });
 
 test("another scene is chosen of those that run, and motors are switched", async () => {

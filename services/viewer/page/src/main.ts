@@ -133,7 +133,9 @@ function subscribe(): void {
     if (shown.simulated) types.push(Type.simulated);
     if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
     if (shown.coupling) types.push(Type.wrench);
-    if (panelOpen) types.push(Type.status, Type.reply);
+    // The head line shows the pace, and the keys of the simulation go by it, whatever else is shown.
+    types.push(Type.status);
+    if (panelOpen) types.push(Type.reply);
   }
   connection.send(protocol.show(types, 0));
 }
