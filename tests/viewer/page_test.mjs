@@ -191,6 +191,15 @@ test("the simulation is halted, stepped and slowed down, and the page shows it",
   await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
+test("slower is the next slower pace, whatever the simulation goes at", async () => {
+  await tell("*", "pace", "0.3");
+  await until("0.3", async () => (await badge()) === "simulation at 0.30");
+  await page.keyboard.press("m");
+  await source.line(/message \* pace 0\.25\n/);
+  await tell("*", "pace", "1");
+  await until("real time", () => page.locator("#pace-badge").isHidden());
+});
+
 test("a page whose panel is closed knows of the simulation, too", async () => {
   await page.click("#panel-button");
   await page.keyboard.press("x");

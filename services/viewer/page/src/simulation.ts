@@ -51,8 +51,8 @@ export class Simulation {
 
   /** To the next slower pace; from the slowest back to real time. */
   slower(): void {
-    const at = PACES.findIndex(([pace]) => pace <= this.running);
-    this.send("*", "pace", String(PACES[(at + 1) % PACES.length]![0]));
+    const [pace] = PACES.find(([pace]) => pace < this.running) ?? PACES[0]!;
+    this.send("*", "pace", String(pace));
   }
 
   startOver(): void {
