@@ -1,7 +1,7 @@
 // The page in a browser, fed by a gateway over real DDS.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { Process, browser, gateway, pause, publisher, until } from "./harness.mjs";
+import { Process, browser, frame, gateway, pause, publisher, until } from "./harness.mjs";
 
 let chromium, source, viewer, page;
 const errors = [];
@@ -270,6 +270,46 @@ test("what was seen is saved and played, and again, and keys go on", async () =>
   await page.setInputFiles("#open", file);
   await until("the same plays again", plays);
   assert.ok(await refused.isHidden());
+  await page.click("#live");
+});
+
+test("a plot has a file's samples once, however often it plays", async () => {
+  const contacts = (time) => {
+    const payload = Buffer.alloc(344);
+    payload.writeDoubleLE(time, 0);
+    return frame(6, payload);
+  };
+  const parts = [Buffer.from("SHVR\x01\0\0\0", "latin1")];
+  for (let i = 0; i < 10; ++i) {
+    const [head, content] = [Buffer.alloc(12), contacts(1000 + 0.05 * i)];
+    head.writeDoubleLE(50 * i, 0);
+    head.writeUInt32LE(content.length, 8);
+    parts.push(head, content);
+  }
+  await page.setInputFiles("#open", { name: "short.shv", mimeType: "application/octet-stream", buffer: Buffer.concat(parts) });
+  await pause(4000);
+  // Points of the longest line that is drawn in a second.
+  const longest = await page.evaluate(
+    () =>
+      new Promise((done) => {
+        const { prototype } = CanvasRenderingContext2D;
+        const { beginPath, lineTo } = prototype;
+        let [points, most] = [0, 0];
+        prototype.beginPath = function () {
+          points = 0;
+          beginPath.call(this);
+        };
+        prototype.lineTo = function (x, y) {
+          most = Math.max(most, ++points);
+          lineTo.call(this, x, y);
+        };
+        setTimeout(() => {
+          Object.assign(prototype, { beginPath, lineTo });
+          done(most);
+        }, 1000);
+      }),
+  );
+  assert.ok(longest > 1 && longest <= 10, `${longest} points`);
   await page.click("#live");
 });
 

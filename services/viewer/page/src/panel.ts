@@ -100,6 +100,8 @@ class Plot {
   ) {}
 
   add(time: number, values: number[]): void {
+    // A file that plays again, or another one, goes back in time.
+    while (this.samples.length > 0 && this.samples.at(-1)!.time >= time) this.samples.pop();
     this.samples.push({ time, values });
     while (this.samples.length > 0 && this.samples[0]!.time < time - PLOT_SECONDS) this.samples.shift();
   }
