@@ -155,7 +155,7 @@ Frame encode(FrameType which, const Skeleton& skeleton) {
     const bool valid = (joint.flags & kJointValid) != 0;
     out.reals(valid ? joint.position : Vec3{});
     out.reals(valid ? joint.orientation : Vec4{0, 0, 0, 1});
-    out.real(joint.radius);
+    out.real(valid ? joint.radius : 0);
     out.integer(joint.flags);
   }
   return out.finish();

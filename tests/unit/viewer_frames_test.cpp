@@ -89,7 +89,9 @@ TEST(ViewerFrames, WhatIsNoNumberIsNotSent) {
 
   Skeleton skeleton;
   skeleton.joints[4].position = {kNan, 0, 0};
+  skeleton.joints[4].radius = kNan;
   EXPECT_NE(encode(FrameType::tracked_skeleton, skeleton), nullptr) << "a joint that is not valid may hold anything";
+  skeleton.joints[4].radius = 0;
   skeleton.joints[4].flags = kJointValid;
   EXPECT_EQ(encode(FrameType::tracked_skeleton, skeleton), nullptr);
 
