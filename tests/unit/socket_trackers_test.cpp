@@ -124,6 +124,16 @@ TEST(ClockMapping, FollowsDriftAndAClockThatStartsAnew) {
   EXPECT_EQ(clock.map(5 * kMillisecond), 200'000 * kMillisecond);
 }
 
+TEST(ClockMapping, WhatWasHeardLongAgoIsForgotten) {
+  ClockMapping clock;
+  clock.add(10 * kMillisecond, 20 * kMillisecond);
+  // An hour without a message; the sender's clock went 50 ppm slow.
+  const Nanoseconds sent = 3'600'000 * kMillisecond;
+  const Nanoseconds arrival = sent + 190 * kMillisecond;
+  clock.add(sent, arrival);
+  EXPECT_EQ(clock.map(sent), arrival);
+}
+
 TEST(WebXrClock, StampsAscendAndNeverLieAhead) {
   WebXrClock clock;
   WebXrSample sample;

@@ -17,7 +17,8 @@ class ClockMapping {
     // No delay is that long: the sender's clock started anew.
     if (least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay) *this = {};
     if (window_start_ == 0 || arrival - window_start_ > kWindow) {
-      before_ = least_;
+      // After a silence the window before is none of the recent past: clocks have drifted meanwhile.
+      before_ = arrival - window_start_ > 2 * kWindow ? kNone : least_;
       least_ = kNone;
       window_start_ = arrival;
     }
