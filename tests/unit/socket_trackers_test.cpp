@@ -317,6 +317,7 @@ TEST(Landmarks, MessagesAreCheckedWhole) {
       {json(R"(,"score":"high")"), LandmarksRefusal::content},
       {json(R"(,"sample_time_ms":10)"), LandmarksRefusal::content},
       {json(R"(,"sample_time_ms":10,"sent_time_ms":9)"), LandmarksRefusal::content},
+      {json(R"(,"sample_time_ms":9.9e12,"sent_time_ms":9.9e12)"), LandmarksRefusal::content},  // more nanoseconds than a stamp holds
       {R"({"version":1,"hand":"left","coordinates":"image","landmarks":[]})", LandmarksRefusal::content},  // no aspect
   };
   for (std::size_t i = 0; i < std::size(cases); ++i) EXPECT_EQ(decode_landmarks(cases[i].first, message), cases[i].second) << "case " << i;

@@ -10,7 +10,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr double kFarthest = 100;      // metres or picture widths
-constexpr double kLatestTime = 1e13;   // ms: Unix time fits
+constexpr double kLatestTime = 9e12;   // ms: Unix time fits, and so do its nanoseconds in a stamp
 constexpr double kShortestBone = 1e-4;  // m between landmarks: below, there is no direction
 constexpr std::array<std::size_t, 5> kPalm{0, 5, 9, 13, 17};
 
