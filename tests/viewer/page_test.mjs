@@ -224,6 +224,15 @@ test("another scene is chosen of those that run, and motors are switched", async
   assert.equal(await page.locator('#modules tr[data-module="rig"]').count(), 0);
 });
 
+test("what is offered is what the rig offers now, blanks and all", async () => {
+  await tell("*", "offer", "scene my own");
+  const options = page.locator("#offer-scene option");
+  await until("the offer", async () => (await options.allTextContents()).join() === "demo,my own");
+  await page.selectOption("#offer-scene", "my own");
+  await source.line(/message rig scene my own\n/);
+  await until("what runs", async () => (await page.locator("#offer-scene").inputValue()) === "my own");
+});
+
 test("an object that the world does not list any more is gone", async () => {
   const others = ["#show-hand", "#show-contacts", "#show-coupling", "#show-simulated"];
   const on = [];

@@ -120,6 +120,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   LoopStatus status;
   double pace = 1;  // these as asked
   std::string chosen = "demo";
+  std::string other = "scene pinch_lift";  // than demo
   bool motors = true;
   bool listed = true;  // the cube among the objects
   bool watched = false;
@@ -213,7 +214,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       // Those that the page chooses from and switches.
       LoopStatus rig;
       set_text(rig.module, "rig");
-      for (const std::string_view offer : {"scene demo", "scene pinch_lift"}) add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
+      for (const std::string_view offer : {std::string_view("scene demo"), std::string_view(other)}) add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
       statuses.write(rig);
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
@@ -227,6 +228,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       std::printf("message %s %s %s\n", message.module.data(), message.key.data(), message.value.data());
       if (get_text(message.key) == "pace") pace = std::strtod(message.value.data(), nullptr);
       if (get_text(message.key) == "scene") chosen = get_text(message.value);
+      if (get_text(message.key) == "offer") other = get_text(message.value);
       if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
       MessageReply reply;

@@ -63,7 +63,7 @@ export class Simulation {
   private offer({ counters }: Status): void {
     const offers = new Map<string, string[]>();
     for (const { name } of counters) {
-      const [what, choice] = name.split(" ") as [string, string];
+      const [what, choice] = [name.slice(0, name.indexOf(" ")), name.slice(name.indexOf(" ") + 1)]; // files may have blanks in their names
       offers.set(what, [...(offers.get(what) ?? []), choice]);
     }
     const running = new Set(counters.filter(({ value }) => value !== 0).map(({ name }) => name));
@@ -81,7 +81,7 @@ export class Simulation {
         element("offers").append(label);
         select = created;
       }
-      if (select.options.length !== choices.length) select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
+      if ([...select.options].map(({ value }) => value).join("\n") !== choices.join("\n")) select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
       if (document.activeElement !== select) select.value = choices.find((choice) => running.has(`${what} ${choice}`)) ?? "";
     }
   }
