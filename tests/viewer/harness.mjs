@@ -59,12 +59,12 @@ export async function gateway(port = 0, ...settings) {
   return { process, url, port: Number(new URL(url).port) };
 }
 
-export async function browser() {
+export async function browser(...more) {
   const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync);
   if (!executablePath) throw new Error("no chromium: apt-get install chromium");
   return chromium.launch({
     executablePath,
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
   });
 }
 

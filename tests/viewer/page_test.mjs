@@ -398,3 +398,14 @@ test("nothing went wrong on the way", async () => {
   assert.deepEqual(errors, []);
   assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
 });
+
+test("a browser that cannot draw is told so", async () => {
+  const blind = await browser("--disable-3d-apis");
+  try {
+    const plain = await blind.newPage();
+    await plain.goto(viewer.url);
+    await until("the reason", async () => /WebGL/.test(await plain.locator("#connection").textContent()), 10);
+  } finally {
+    await blind.close();
+  }
+});

@@ -34,7 +34,16 @@ let dark = query.get("theme") === "dark" || (query.get("theme") === null && matc
 if (query.has("plain")) root.dataset.plain = "";
 
 const quality = (["high", "low"] as const).find((each) => each === query.get("quality")) ?? bestQuality();
-const stage = new Stage(element<HTMLCanvasElement>("stage"), shown, quality);
+function openStage(): Stage {
+  try {
+    return new Stage(element<HTMLCanvasElement>("stage"), shown, quality);
+  } catch (error) {
+    element("connection").dataset.state = "lost";
+    element("connection").textContent = "this browser cannot draw: it offers no WebGL 2";
+    throw error;
+  }
+}
+const stage = openStage();
 stage.colouring = colouring;
 const camera = query.get("camera")?.split(",").map(Number);
 if (camera?.length === 6 && camera.every(Number.isFinite))
