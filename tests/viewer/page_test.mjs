@@ -409,3 +409,17 @@ test("a browser that cannot draw is told so", async () => {
     await blind.close();
   }
 });
+
+test("a session that is refused is told of", async () => {
+  const plain = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+  await plain.addInitScript(() =>
+    Object.defineProperty(navigator, "xr", {
+      value: { isSessionSupported: async () => true, requestSession: () => Promise.reject(new DOMException("hands are not allowed", "NotAllowedError")) },
+    }),
+  );
+  await plain.goto(viewer.url);
+  await plain.click("#enter-vr");
+  await plain.locator("#refused").waitFor({ state: "visible", timeout: 10000 });
+  assert.match(await plain.locator("#refused").textContent(), /hands are not allowed/);
+  await plain.close();
+});

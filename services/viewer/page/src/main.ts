@@ -298,15 +298,18 @@ element<HTMLInputElement>("open").onchange = async ({ target }) => {
   const file = input.files?.[0];
   input.value = ""; // so that the same one can be opened again
   if (!file) return;
-  const refused = element("refused");
-  refused.hidden = true;
+  refused("");
   try {
     timeline.open(await file.arrayBuffer());
   } catch (error) {
-    refused.textContent = `${file.name} was not opened: ${error instanceof Error ? error.message : error}`;
-    refused.hidden = false;
+    refused(`${file.name} was not opened: ${error instanceof Error ? error.message : error}`);
   }
 };
+/** Tells what was asked of the page and could not be; nothing of what could. */
+function refused(text: string): void {
+  element("refused").textContent = text;
+  element("refused").hidden = text === "";
+}
 const scrub = element<HTMLInputElement>("scrub");
 scrub.oninput = () => timeline.seek(Number(scrub.value) / 1000);
 element<HTMLFormElement>("message").onsubmit = (event) => {
@@ -366,11 +369,8 @@ for (const [id, mode] of [
   void offers(mode).then((offered) => (button.hidden = !offered));
   button.onclick = () =>
     headset.enter(mode).then(
-      () => (button.title = ""),
-      (error) => {
-        button.title = String(error);
-        console.warn("session refused:", error);
-      },
+      () => refused(""),
+      (error) => refused(`${button.textContent} was refused: ${error instanceof Error ? error.message : error}`),
     );
 }
 
