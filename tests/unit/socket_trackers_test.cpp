@@ -153,6 +153,32 @@ TEST(WebXrClock, StampsAscendAndNeverLieAhead) {
   EXPECT_EQ(clock.stamp(sample, 2, 9000 * kMillisecond), WebXrRefusal::none);   // another page
 }
 
+TEST(LandmarksClock, StampsAscendAndTellsOldFromNew) {
+  LandmarksClock clock;
+  const auto take = [&clock](double taken, double sent, double arrival, Side side = Side::right) {
+    LandmarksMessage message;
+    message.side = side;
+    message.sample_time = taken;
+    message.sent_time = sent;
+    return clock.stamp(message, 0, static_cast<Nanoseconds>((5000 + arrival) * 1e6));
+  };
+  // A first message that took 250 ms, and those that waited behind it: the second's picture took longer to look at.
+  const auto first = take(1000, 1010, 1260);
+  ASSERT_TRUE(first);
+  auto last = *first;
+  for (const auto& [taken, sent, arrival] : {std::array{1033.0, 1073.0, 1261.0}, {1066.0, 1076.0, 1262.0}, {1100.0, 1110.0, 1263.0}, {1253.0, 1263.0, 1264.0}}) {
+    const auto time = take(taken, sent, arrival);
+    ASSERT_TRUE(time) << taken;
+    EXPECT_GT(*time, last) << taken;
+    EXPECT_LE(*time, static_cast<Nanoseconds>((5000 + arrival) * 1e6)) << taken;
+    last = *time;
+  }
+  EXPECT_FALSE(take(1253, 1270, 1271)) << "the same picture";
+  EXPECT_FALSE(take(1100, 1272, 1273)) << "an older one";
+  EXPECT_TRUE(take(1253, 1280, 1281, Side::left)) << "of the other hand";
+  EXPECT_TRUE(take(10, 20, 9000)) << "a sender that started anew";
+}
+
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
 Landmarks landmarks_of(const JointFrames& frames) {

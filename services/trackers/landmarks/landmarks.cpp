@@ -100,6 +100,27 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
   return LandmarksRefusal::none;
 }
 
+std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message, std::uint64_t connection, Nanoseconds arrival) {
+  const auto side = static_cast<std::size_t>(message.side);
+  Nanoseconds& last = last_[side];
+  if (!message.sample_time) {
+    if (arrival <= last) return std::nullopt;
+    return last = arrival;
+  }
+  if (connection != connection_) {
+    connection_ = connection;
+    mapping_ = {};
+    sampled_ = {};
+  }
+  const auto nanoseconds = [](double milliseconds) { return static_cast<Nanoseconds>(milliseconds * 1e6); };
+  if (mapping_.add(nanoseconds(*message.sent_time), arrival)) sampled_ = {};
+  std::optional<double>& sampled = sampled_[side];
+  if (sampled && *message.sample_time <= *sampled) return std::nullopt;
+  sampled = message.sample_time;
+  // Ascending, even where a better estimate of the offset takes them back.
+  return last = std::max(last + 1, std::min(mapping_.map(nanoseconds(*message.sample_time)), arrival));
+}
+
 LandmarkLifter::LandmarkLifter(const HandModel& hand)
     : rest_(hand.rest_joints),
       palm_size_(palm_size(rest_[at(Joint::wrist)].position, rest_[at(Joint::index_proximal)].position,

@@ -7,9 +7,11 @@
 #include <string_view>
 
 #include "math/types.hpp"
+#include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "trackers/landmarks/landmarks_options.hpp"
 #include "trackers/replay/motion.hpp"
+#include "trackers/sockets/clock_mapping.hpp"
 
 namespace softhand {
 
@@ -36,6 +38,19 @@ inline constexpr std::array<std::string_view, 6> kLandmarksRefusalNames{"none", 
 
 /// All or nothing: `out` is untouched where the text is refused.
 LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out);
+
+/// Puts messages on our clock. A connection is a clock of its own.
+class LandmarksClock {
+ public:
+  /// When the picture of a message was taken, ascending for each hand; none where it is not newer than the one before of this hand and connection.
+  std::optional<Nanoseconds> stamp(const LandmarksMessage& message, std::uint64_t connection, Nanoseconds arrival);
+
+ private:
+  ClockMapping mapping_;
+  std::uint64_t connection_ = 0;
+  std::array<std::optional<double>, 2> sampled_;  // ms, the sender's clock
+  std::array<Nanoseconds, 2> last_{};             // ours
+};
 
 /// Lifts landmarks to the joints of one hand. The hand's own lengths hold; landmarks give directions.
 class LandmarkLifter {

@@ -5,7 +5,6 @@
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/landmarks/landmarks.hpp"
-#include "trackers/sockets/clock_mapping.hpp"
 #include "trackers/sockets/inbox.hpp"
 
 namespace {
@@ -39,11 +38,9 @@ class LandmarkTracker {
         skeleton.joints[j].flags = kJointValid | (is_inferred(static_cast<Joint>(j)) ? kJointInferred : kJointTracked);
       }
     }
-    Nanoseconds& last = last_[side];
-    const Nanoseconds time = sample_time(message, arrival);
-    if (time <= last) return LandmarksRefusal::order;
-    last = time;
-    skeleton.stamp.sample_time = skeleton.stamp.chain.tracker_sample = time;
+    const auto time = clock_.stamp(message, arrival.connection, arrival.time);
+    if (!time) return LandmarksRefusal::order;
+    skeleton.stamp.sample_time = skeleton.stamp.chain.tracker_sample = *time;
     skeleton.stamp.sequence = ++sequence_[side];
     out = skeleton;
     return LandmarksRefusal::none;
@@ -55,23 +52,11 @@ class LandmarkTracker {
   static bool is_inferred(Joint joint) {
     return joint == Joint::palm || (is_metacarpal(body_of(joint)) && joint != Joint::thumb_metacarpal);
   }
-  Nanoseconds sample_time(const LandmarksMessage& message, const Arrival& arrival) {
-    if (!message.sample_time) return arrival.time;
-    if (arrival.connection != connection_) {
-      connection_ = arrival.connection;
-      clock_ = {};
-    }
-    const auto nanoseconds = [](double milliseconds) { return static_cast<Nanoseconds>(milliseconds * 1e6); };
-    clock_.add(nanoseconds(*message.sent_time), arrival.time);
-    return std::min(clock_.map(nanoseconds(*message.sample_time)), arrival.time);
-  }
 
   const LandmarksOptions& options_;
   std::array<LandmarkLifter, 2> lifters_;  // left, right
   std::array<double, kJointCount> radii_;
-  ClockMapping clock_;
-  std::uint64_t connection_ = 0;
-  std::array<Nanoseconds, 2> last_{};
+  LandmarksClock clock_;
   std::array<std::uint64_t, 2> sequence_{};
 };
 

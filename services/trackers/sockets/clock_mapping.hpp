@@ -12,10 +12,11 @@ namespace softhand {
 /// mapped times are late by that (a cable's or a radio's, 0.1 to 3 ms). Two windows of 10 s each, so that drift is followed.
 class ClockMapping {
  public:
-  /// `sent` on the sender's clock, `arrival` on ours.
-  void add(Nanoseconds sent, Nanoseconds arrival) {
-    // No delay is that long: the sender's clock started anew.
-    if (least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay) *this = {};
+  /// `sent` on the sender's clock, `arrival` on ours. Whether that clock started anew.
+  bool add(Nanoseconds sent, Nanoseconds arrival) {
+    // No delay is that long.
+    const bool anew = least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay;
+    if (anew) *this = {};
     if (window_start_ == 0 || arrival - window_start_ > kWindow) {
       // After a silence the window before is none of the recent past: clocks have drifted meanwhile.
       before_ = arrival - window_start_ > 2 * kWindow ? kNone : least_;
@@ -23,6 +24,7 @@ class ClockMapping {
       window_start_ = arrival;
     }
     least_ = std::min(least_, arrival - sent);
+    return anew;
   }
   /// After one `add` or more.
   Nanoseconds map(Nanoseconds time) const { return time + std::min(least_, before_); }
