@@ -47,9 +47,10 @@ test("a picture", async () => {
 });
 
 test("an animation moves", async () => {
-  const { acTL, fcTL, fdAT } = chunks(await render("moving.png", "--at", "0.8", "--seconds", "0.6", "--rate", "5"));
+  const { acTL, fcTL, fdAT } = chunks(await render("moving.png", "--at", "0.8", "--seconds", "1.2", "--rate", "2.5"));
   assert.equal(acTL[0].readUInt32BE(0), 3);
   assert.equal(fcTL.length, 3);
+  for (const control of fcTL) assert.equal(control.readUInt16BE(20) / control.readUInt16BE(22), 0.4);
   for (const change of fdAT) assert.ok(change.length > 300, `${change.length} bytes changed`);
 });
 

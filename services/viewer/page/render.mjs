@@ -59,7 +59,10 @@ function animation(pictures) {
   let sequence = 0;
   pictures.forEach((picture, i) => {
     // Dispose 0 leaves the picture, blend 1 draws over it: what did not change is sent as transparent.
-    const control = Buffer.concat([words(sequence++, w, h, 0, 0), Buffer.from([0, 1, rate >> 8, rate & 255, 0, i === 0 ? 0 : 1])]);
+    const control = Buffer.concat([words(sequence++, w, h, 0, 0), Buffer.alloc(4), Buffer.from([0, i === 0 ? 0 : 1])]);
+    // A picture stands for so many of so many parts of a second, integers; pictures a second need not be one.
+    control.writeUInt16BE(1000, 20);
+    control.writeUInt16BE(Math.round(1000 * rate), 22);
     parts.push(chunk("fcTL", control));
     let pixels = picture;
     if (i > 0) {
