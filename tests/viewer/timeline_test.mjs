@@ -137,3 +137,19 @@ test("of another stream nothing is mixed with what was shown before, and a pause
   assert.deepEqual(look(), ["clear", `${HAND}:200`, `${NODES}:122`]);
   assert.deepEqual((await saved(timeline)).frames, [`${HAND}:200`, `${NODES}:122`]);
 });
+
+test("a file that is cut off, or in which a time is none, is refused, and what is shown stays", async () => {
+  const { timeline, run, look } = player();
+  timeline.add(0, frame(HAND, 100));
+  run(1);
+  const { file } = await saved(timeline);
+  look();
+  const length = 12 + 24;
+  for (const cut of [length - 1, 11, 1]) assert.throws(() => timeline.open(file.slice(0, file.byteLength - length + cut)), /cut off/, `${cut} bytes of the last`);
+  for (const time of [NaN, Infinity]) {
+    const broken = file.slice(0);
+    new DataView(broken).setFloat64(8 + 30 * length, time, true);
+    assert.throws(() => timeline.open(broken), /time/);
+  }
+  assert.deepEqual(look(), []);
+});

@@ -158,9 +158,10 @@ export class Timeline {
     const entries: Entry[] = [];
     const descriptions: Frame[] = [];
     for (let at = 8; at < file.byteLength; ) {
-      const time = view.getFloat64(at, true);
-      const length = view.getUint32(at + 8, true);
+      const length = at + 12 <= file.byteLength ? view.getUint32(at + 8, true) : Infinity;
       if (at + 12 + length > file.byteLength) throw new Error("the recording is cut off");
+      const time = view.getFloat64(at, true);
+      if (!Number.isFinite(time)) throw new Error("a time of the recording is no number"); // which would never come
       for (const frame of split(file.slice(at + 12, at + 12 + length))) {
         if (frame.type === Type.handDescription || frame.type === Type.objectDescription) descriptions.push(frame);
         else entries.push({ time, frame });
