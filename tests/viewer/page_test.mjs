@@ -191,6 +191,28 @@ test("the simulation is halted, stepped and slowed down, and the page shows it",
   await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
+test("a key that is held halts the simulation once, and steps the picture on and on", async () => {
+  const said = () => source.output.split("message * pace").length;
+  const before = said();
+  await page.keyboard.down("x");
+  await until("halted", async () => (await badge()) === "simulation halted");
+  for (let i = 0; i < 5; ++i) await page.keyboard.down("x"); // as a keyboard repeats it
+  await page.keyboard.up("x");
+  await pause(500);
+  assert.equal(said() - before, 1);
+  assert.ok(await pressed("#halt"));
+  await page.keyboard.press("x");
+  await until("real time", () => page.locator("#pace-badge").isHidden());
+  await page.click("#pause");
+  await drawn();
+  const first = await pixels();
+  for (let i = 0; i < 12; ++i) await page.keyboard.down(",");
+  await page.keyboard.up(",");
+  await drawn();
+  assert.ok(difference(first, await pixels()) > 0.001);
+  await page.click("#live");
+});
+
 test("slower is the next slower pace, whatever the simulation goes at", async () => {
   await tell("*", "pace", "0.3");
   await until("0.3", async () => (await badge()) === "simulation at 0.30");

@@ -323,6 +323,7 @@ element("key-list").replaceChildren(
     Object.assign(document.createElement("dd"), { textContent: text }),
   ]),
 );
+const STEPS = new Set([",", ".", "z"]);
 const TURN = 0.08; // rad a key
 const NEARER = 0.93;
 const views: Record<string, [number, number, number]> = {
@@ -348,7 +349,8 @@ window.addEventListener("keydown", (event) => {
   const control = controls.find(({ key }) => key === event.key.toLowerCase());
   if (!control) return;
   event.preventDefault();
-  control.run();
+  // Held, a key only steps: what it switches would be on or off as chance has it.
+  if (!event.repeat || STEPS.has(control.key)) control.run();
 });
 
 const trackerPort = Number(query.get("tracker") ?? 8091);
