@@ -344,6 +344,19 @@ test("a plot has a file's samples once, however often it plays", async () => {
   await page.click("#live");
 });
 
+test("light or dark follows the system until it is chosen", async () => {
+  const theme = () => page.evaluate(() => document.documentElement.dataset.theme);
+  for (const colorScheme of ["dark", "light"]) {
+    await page.emulateMedia({ colorScheme });
+    await until(colorScheme, async () => (await theme()) === colorScheme, 5);
+  }
+  await page.keyboard.press("t");
+  await page.emulateMedia({ colorScheme: "dark" });
+  await page.emulateMedia({ colorScheme: "light" });
+  assert.equal(await theme(), "dark");
+  await page.keyboard.press("t");
+});
+
 test("a killed gateway is reported and recovered from", async () => {
   await viewer.process.end("SIGKILL");
   await until("the loss is told", async () => (await state()) === "lost");

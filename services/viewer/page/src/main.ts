@@ -30,7 +30,9 @@ if (asked !== null) for (const name of Object.keys(shown) as (keyof Shown)[]) sh
 let colouring: Colouring = (["pressure", "strain"] as const).find((each) => each === query.get("colour")) ?? "skin";
 const isWide = (): boolean => window.innerWidth > 760; // as in style.css
 let panelOpen = !query.has("plain") && isWide();
-let dark = query.get("theme") === "dark" || (query.get("theme") === null && matchMedia("(prefers-color-scheme: dark)").matches);
+const systemTheme = matchMedia("(prefers-color-scheme: dark)");
+let themeChosen = query.get("theme") !== null;
+let dark = themeChosen ? query.get("theme") === "dark" : systemTheme.matches;
 if (query.has("plain")) root.dataset.plain = "";
 
 const quality = (["high", "low"] as const).find((each) => each === query.get("quality")) ?? bestQuality();
@@ -283,7 +285,13 @@ controls.push({ key: "m", text: "Simulation slower, and back to real time", run:
 click("reset", "r", "Start over: objects, hand, recorded motion", () => simulation.startOver());
 click("reposition", null, "", () => send("*", "reposition", "now"));
 click("panel-button", "p", "Panel", () => setPanel(!panelOpen));
-click("theme-button", "t", "Light or dark", () => setTheme(!dark));
+click("theme-button", "t", "Light or dark", () => {
+  themeChosen = true;
+  setTheme(!dark);
+});
+systemTheme.addEventListener("change", ({ matches }) => {
+  if (!themeChosen) setTheme(matches);
+});
 click("help-button", "?", "This list", () => element<HTMLDialogElement>("help").showModal());
 controls.push({ key: "v", text: "View from where it began", run: () => stage.lookAtDefault() });
 click("save", null, "", () => {
