@@ -219,6 +219,8 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
       response->body() = answer.body;
       response->prepare_payload();
     }
+    // Its own time: that of the request began when the one before was answered, and may be as good as over.
+    beast::get_lowest_layer(stream_).expires_after(kPatience);
     http::async_write(stream_, *response, [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
       if (!error && response->keep_alive()) return self->read();
       beast::error_code ignored;

@@ -1,5 +1,6 @@
 // The gateway, asked by plain WebSocket clients.
 import assert from "node:assert/strict";
+import { connect } from "node:net";
 import { after, before, test } from "node:test";
 import { Client, MESSAGE, Process, SHOW, frame, gateway, pause, publisher, show, until } from "./harness.mjs";
 
@@ -35,6 +36,28 @@ test("serves the page, and nothing beside it", async () => {
   assert.match((await fetch(`${viewer.url}/main.js`)).headers.get("content-type"), /javascript/);
   for (const path of ["/../../bin/softhand", "/%2e%2e/%2e%2e/etc/passwd", "/nothing"])
     assert.equal((await fetch(viewer.url + path)).status, 404, path);
+});
+
+test("an answer has its time, however long the connection rested before", async () => {
+  const socket = connect(viewer.port, "127.0.0.1");
+  const parts = [];
+  socket.on("data", (part) => parts.push(part));
+  const ask = (path) => socket.write(`GET ${path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n`);
+  const answer = () => Buffer.concat(parts).toString("latin1");
+  ask("/icon.svg");
+  await until("the icon", () => answer().endsWith("</svg>\n"));
+  await pause(27000); // of the 30 s that a request may take to come
+  parts.length = 0;
+  socket.pause(); // a slow network
+  ask("/main.js");
+  await pause(5000);
+  socket.resume();
+  const whole = () => {
+    const [head] = answer().split("\r\n\r\n", 1);
+    return answer().length === head.length + 4 + Number(/Content-Length: (\d+)/.exec(head)?.[1]);
+  };
+  await until("all of the page's code", whole, 5);
+  socket.destroy();
 });
 
 test("reads and sends what is shown, and only that", async () => {
