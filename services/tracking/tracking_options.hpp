@@ -26,7 +26,7 @@ inline void describe(OptionVisitor& v, TrackingOptions& o) {
            "Mass and inertia of an intermediate bone, over those of the bone in the hand file.");
   v.number("damping_ratio", o.damping_ratio, "1", {0.1, 3}, "Damping of the intermediate bones against the world; 1 = critical.");
   v.number("simulated_stale_after", o.simulated_stale_after, "s", {0.005, 1},
-           "Age of the newest simulated skeleton after which its spring and all coupling forces are zero.");
+           "Age of the newest simulated skeleton after which its spring and all coupling forces are zero; on the simulated clock, at a slower pace that much later.");
   describe_section(v, "input", "What is done with a tracker's samples.", o.input);
 }
 
