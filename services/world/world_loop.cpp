@@ -356,7 +356,13 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   const bool known = key == "object.reset" || key == "object.remove" || key == "object.teleport";
   if (addressed != module && addressed != "*") return result_of(kReplyIgnored, "not for this module");
   if (!known) return result_of(kReplyIgnored, "unknown key; known: object.reset, object.remove, object.teleport");
-  const std::string_view name = value.substr(0, value.find(' '));
+  std::string_view name = value;
+  if (key == "object.teleport") {
+    // Names may have blanks: the longest that the numbers can stand behind.
+    name = value.substr(0, value.find(' '));
+    for (const Object& each : objects_)
+      if (each.options.name.size() > name.size() && value.starts_with(each.options.name + " ")) name = value.substr(0, each.options.name.size());
+  }
   if (key == "object.reset" && name == "*") {
     for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
     return result_of(kReplyApplied, "all objects reset");
@@ -377,8 +383,10 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     return result_of(kReplyApplied, "removed");
   }
   Vector3 to;
-  const std::string numbers(value.substr(std::min(value.size(), name.size())));
-  if (std::sscanf(numbers.c_str(), "%lf %lf %lf", &to.x(), &to.y(), &to.z()) != 3 || !to.allFinite() || to.norm() > 1000)
+  const std::string numbers(value.substr(name.size()));
+  int read = 0;
+  if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 || static_cast<std::size_t>(read) != numbers.size() ||
+      !to.allFinite() || to.norm() > 1000)
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
   object->pose.position = to;
   object->velocity = object->previous_velocity = {};

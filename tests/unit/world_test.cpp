@@ -658,6 +658,34 @@ TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
   }
 }
 
+TEST(WorldMessages, ANameWithBlanksIsAName) {
+  std::vector<ObjectOptions> objects{table(), cube(0.05, 0.02), cube(0.05, 0.1), cube(0.05, 0.2)};
+  objects[2].name = "cube 2";
+  objects[3].name = "the cube";
+  WorldLoop world({}, objects);
+  const auto send = [&](const char* key, const char* value) {
+    Message m;
+    set_text(m.module, "world");
+    set_text(m.key, key);
+    set_text(m.value, value);
+    return world.answer(m).result;
+  };
+  EXPECT_EQ(send("object.teleport", "the cube 0.1 0.2 0.3"), kReplyApplied);
+  EXPECT_EQ(send("object.teleport", "cube 2 -0.1  0.2 0.3 "), kReplyApplied);
+  EXPECT_EQ(send("object.teleport", "cube 0.3 0.2 0.3"), kReplyApplied);
+  EXPECT_EQ(send("object.teleport", "cube 2 3"), kReplyRefused) << "two numbers";
+  EXPECT_EQ(send("object.teleport", "cube 0 0 0 0"), kReplyRefused) << "four numbers";
+  EXPECT_EQ(send("object.teleport", "the cube"), kReplyRefused);
+  const WorldOutput& out = world.step(4000000, {});
+  EXPECT_NEAR(object(out, 2).position[0], 0.3, 1e-6);
+  EXPECT_NEAR(object(out, 3).position[0], -0.1, 1e-6);
+  EXPECT_NEAR(object(out, 4).position[0], 0.1, 1e-6);
+  EXPECT_EQ(send("object.remove", "the cube"), kReplyApplied);
+  EXPECT_EQ(world.descriptions()[3].removed, 1u);
+  EXPECT_EQ(send("object.reset", "the cube"), kReplyApplied);
+  EXPECT_EQ(world.descriptions()[3].removed, 0u);
+}
+
 TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   WorldLoop world({}, {table(), cube(0.05, 0.02)});
   const auto send = [&](const char* key, const char* value, const char* module = "world") {
