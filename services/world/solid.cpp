@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 
@@ -73,11 +74,16 @@ Solid make_solid(const ObjectOptions& object) {
   solid.body_frame = {hull.centre, Quaternion(axes).normalized()};
   solid.inertia = object.mass * principal.eigenvalues();
   const Pose to_body = solid.body_frame.inverse();
+  Vector3 low = Vector3::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const Vector3& point : points) {
     const Vector3 p = to_body * point;
     solid.shape.vertices.push_back(to_wire(p));
     solid.radius = std::max(solid.radius, p.norm());
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
   }
+  // The hull is computed on a grid of 1/10,000 of its length, by which vertices of a plane that is askew to its axes enclose something.
+  if (!((high - low).minCoeff() > 5e-4 * (high - low).maxCoeff())) throw std::invalid_argument("the vertices of the convex hull span no volume");
   return solid;
 }
 

@@ -9,6 +9,7 @@
 #include <random>
 #include <stdexcept>
 
+#include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "unit/world_twin.hpp"
 #include "world/follow.hpp"
@@ -635,6 +636,24 @@ TEST(WorldOptions, RefusesWhatCannotBeRunAndOffersWhatCan) {
   refused([](WorldOptions&, ObjectOptions& o) { o.orientation = {0, 0, 0, 0}; }, "unit quaternion");
   refused([](WorldOptions&, ObjectOptions& o) { o.shape = "convex_hull"; }, "4 to 256");
   refused([](WorldOptions&, ObjectOptions& o) { o.mass = 0, o.floating = true; }, "float");
+}
+
+// Rounded to the hull's grid, such vertices enclose some cubic millimetres.
+TEST(WorldOptions, AHullOfVerticesInOnePlaneIsRefusedHoweverThePlaneLies) {
+  std::mt19937_64 generator(1);
+  std::uniform_real_distribution<double> uniform(-0.05, 0.05);
+  for (int plane = 0; plane < 200; ++plane) {
+    const Quaternion turn = rotation_exp(Vector3(60 * uniform(generator), 60 * uniform(generator), 60 * uniform(generator)));
+    const Vector3 shift(uniform(generator), uniform(generator), uniform(generator));
+    ObjectOptions flat = cube(0.05, 0.1);
+    flat.shape = "convex_hull";
+    for (int i = 0; i < 4 + plane % 9; ++i) flat.vertices.push_back({to_wire(Vector3(shift + turn * Vector3(uniform(generator), 0, uniform(generator))))});
+    const auto wrong = check_world({}, {table(), flat});
+    ASSERT_FALSE(wrong.empty()) << plane;
+    EXPECT_NE(wrong[0].find("span no volume"), std::string::npos) << wrong[0];
+    for (VertexOptions& vertex : std::vector(flat.vertices)) flat.vertices.push_back({to_wire(Vector3(to_vector(vertex.at) + turn * Vector3(0, 5e-4, 0)))});
+    EXPECT_TRUE(check_world({}, {table(), flat}).empty()) << plane << ": a plate of half a millimetre";
+  }
 }
 
 TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
