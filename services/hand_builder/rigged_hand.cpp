@@ -181,7 +181,7 @@ RiggedHand load_rigged_hand(const std::string& path) {
   return parse_rigged_hand(in, path);
 }
 
-RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) {
+RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   const Glb file(in, name);
   const json& document = file.document();
   file.check(document.contains("skins") && document["skins"].is_array() && document["skins"].size() == 1, "skins", "exactly one");
@@ -257,6 +257,8 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) {
   for (const Vector3& vertex : hand.skin.vertices) hand.rest.stump = std::max(hand.rest.stump, vertex.z());
   if (document.contains("asset") && document["asset"].is_object()) hand.copyright = document["asset"].value("copyright", std::string());
   return hand;
+} catch (const json::exception& error) {  // text where a number is expected, and the like
+  throw std::runtime_error(name + ": " + error.what());
 }
 
 }  // namespace softhand::builder

@@ -224,6 +224,8 @@ TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
     matrix = turn * matrix;
   });
   expect_error("hand.glb: skins: expected exactly one", [](Parts& p) { p.document.erase("skins"); });
+  expect_error("hand.glb: ", [](Parts& p) { p.document["asset"]["copyright"] = 2026; });
+  expect_error("hand.glb: ", [](Parts& p) { p.document["meshes"][0]["primitives"][0]["mode"] = "triangles"; });
   std::string bytes = glb(parts_of(source(), Pose{}, false));
   for (const std::size_t length : {std::size_t{3}, std::size_t{19}, std::size_t{200}, bytes.size() - 100}) {
     EXPECT_THROW(parsed(bytes.substr(0, length)), std::runtime_error) << length;
