@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 std::string find_file(const Scene& scene, const std::string& name, const char* folder) {
   const fs::path beside = fs::path(scene.path).parent_path();
   for (const fs::path& candidate : {beside / name, beside / ".." / folder / name, fs::path(name)}) {
-    if (fs::exists(candidate)) return candidate.lexically_normal().string();
+    if (fs::exists(candidate) && !fs::is_directory(candidate)) return candidate.lexically_normal().string();
   }
   throw ConfigError(scene.path + ": no file '" + name + "' beside the scene, in config/" + folder + ", or here");
 }

@@ -2,6 +2,7 @@
 // physical quantities), so that a file is small, diffs well, and writing what was read gives the same bytes.
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -247,11 +248,11 @@ void save_hand(const HandModel& hand, const std::string& path) {
 
 HandModel load_hand(const std::string& path) {
   std::ifstream in(path);
-  if (!in) throw std::runtime_error(path + ": cannot be opened");
+  if (!in || std::filesystem::is_directory(path)) throw std::runtime_error(path + ": cannot be opened");
   Json json;
   try {
     json = Json::parse(in);
-  } catch (const Json::parse_error& error) {
+  } catch (const Json::exception& error) {  // a number too large for a double is no parse_error
     throw std::runtime_error(path + ": not a hand file: " + error.what());
   }
   const FieldReader root(json, path, "");

@@ -122,6 +122,13 @@ TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
   EXPECT_NE(complaint(path).find("nobody.hand.json"), std::string::npos) << complaint(path);
 }
 
+TEST_F(FilesTest, AFolderIsNoFileOfAScene) {
+  for (const char* key : {"[hand]\nmodel = \"\"\n", "[hand]\nmodel = \".\"\n", "motion = \".\"\n"}) {
+    const std::string path = write("scene.toml", key);
+    EXPECT_EQ(complaint(path).rfind(path + ": no file '", 0), 0u) << complaint(path);
+  }
+}
+
 TEST_F(FilesTest, AJudgeOfAnObjectThatIsNotThereIsRefused) {
   const std::string path = write("scene.toml", "[judge]\nobject = \"ball\"\n");
   EXPECT_NE(complaint(path).find("ball"), std::string::npos) << complaint(path);

@@ -138,7 +138,14 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
   refused(std::string(good).replace(bone, good.find('}', bone) + 1 - bone, "3"), "bodies[0].bone: expected an object");
   refused(replaced("\"kind\":\"hinge\"", "\"kind\":\"slider\""), "joint.kind");
   refused(replaced("\"mass\":0.02", "\"mass\":\"light\""), "mass");
+  refused(replaced("\"mass\":0.02", "\"mass\":1e999"), "not a hand file");
   EXPECT_THROW(load_hand("/nonexistent/x.hand.json"), std::runtime_error);
+  try {
+    load_hand("/tmp");
+    ADD_FAILURE() << "a folder is no hand";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "/tmp: cannot be opened");
+  }
 }
 
 TEST(HandFile, NodesThatNothingHoldsAreDropped) {
