@@ -37,6 +37,7 @@ RigOptions read(const std::string& path, std::set<fs::path>& seen) {
 RigOptions read_rig(const std::string& path) {
   std::set<fs::path> seen;
   RigOptions rig = read(path, seen);
+  if (rig.scene.empty()) throw ConfigError(path + ": scene: expected a scene file");
   std::set<std::pair<std::string, std::string>> known;
   for (const RigProcess& process : rig.processes) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };

@@ -143,6 +143,11 @@ TEST_F(FilesTest, ARigWhoseSceneIsMissingIsRefused) {
   EXPECT_NE(complaint(path).find("gone.toml"), std::string::npos) << complaint(path);
 }
 
+TEST_F(FilesTest, ARigWithoutASceneIsRefusedByItsName) {
+  const std::string path = write("rig.toml", "[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n");
+  EXPECT_EQ(complaint(path), path + ": scene: expected a scene file");
+}
+
 TEST_F(FilesTest, ARigNamesItsProcessesInOrder) {
   RigOptions rig;
   read_toml_text(rig,
