@@ -82,6 +82,8 @@ TEST(Recording, ReadsJointsAndPlacesThePalm) {
   EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
 }
 
+TEST(Recording, AByteOrderMarkBeforeTheHeaderIsNoPartOfIt) { EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), ""); }
+
 TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_EQ(error_of(""), "hand.csv:1: expected a header that starts with t_s, got an empty file");
   EXPECT_NE(error_of("t_s,wrist.px\n").find("hand.csv:1: column 'wrist.py': expected, is missing"), std::string::npos);

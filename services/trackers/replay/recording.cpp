@@ -78,6 +78,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
   };
   std::string line;
   if (!std::getline(in, line)) throw std::runtime_error(name + ":1: expected a header that starts with t_s, got an empty file");
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // with which spreadsheets save UTF-8
+  if (line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
   std::vector<std::size_t> place(kColumns, kColumns);  // of each known column in a row
   const std::vector<std::string_view> header = split(line);
   for (std::size_t cell = 0; cell < header.size(); ++cell) {
