@@ -159,6 +159,7 @@ RestSkeleton natural_rest(const HandSize& size) {
 }
 
 RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
+  constexpr double kShortestReach = 0.05, kLongestReach = 0.4;  // m
   const auto to_right = [side](Vector3 v) {
     if (side == Side::left) v.x() = -v.x();
     return v;
@@ -191,6 +192,12 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
     follow(joint, static_cast<Joint>(index_of(joint) - 1));
   }
   place_palm(rest.joints);
+  // Meshing what is no hand ends by want of memory or of a mesh, with no word about the recording.
+  const double reach = rest.joints[at(Joint::middle_tip)].position.norm();
+  if (!(reach > kShortestReach && reach < kLongestReach))
+    throw std::invalid_argument("expected positions in metres, of a middle fingertip 0.05 to 0.4 m from the wrist, got " + std::to_string(reach) + " m");
+  if (!(rest.joints[at(Joint::thumb_metacarpal)].position.x() < rest.joints[at(Joint::little_proximal)].position.x()))
+    throw std::invalid_argument(std::string("expected a ") + (side == Side::left ? "left" : "right") + " hand, got the other one's thumb; say so with --side");
   // Where a source tells no radius: that of the reference hand, scaled by the middle finger's palm.
   const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
   for (std::size_t j = 0; j < kJointCount; ++j) {

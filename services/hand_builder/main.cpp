@@ -77,7 +77,11 @@ int main(int argc, char** argv) {
         rest = builder::natural_rest(size);
       } else {
         const Recording recorded = Recording::load(recording);
-        rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
+        try {
+          rest = builder::natural_rest(measure_skeleton(recorded.frames(), recorded.radii()), side);
+        } catch (const std::invalid_argument& error) {
+          throw std::runtime_error(recording + ": " + error.what());
+        }
       }
       skin = std::make_unique<builder::ParametricSkin>(rest);
       display = builder::triangulate_skin(*skin, 0.0030);

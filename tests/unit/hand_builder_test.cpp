@@ -107,6 +107,24 @@ TEST(Proportions, AMeasuredHandKeepsItsOffsets) {
   for (std::size_t j = 0; j < kJointCount; ++j) EXPECT_LT((again.joints[j].position - rest.joints[j].position).norm(), 1e-9) << kJointNames[j];
 }
 
+TEST(Proportions, MillimetresAndTheOtherSidesHandAreRefused) {
+  const RestSkeleton right = natural_rest({0.17, 0.08});
+  const auto error_of = [&right](double scale, Side side) -> std::string {
+    std::array<Pose, kJointCount> frames[] = {right.joints};
+    for (Pose& joint : frames[0]) joint.position *= scale;
+    try {
+      natural_rest(measure_skeleton(frames, right.radii), side);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(error_of(0.6, Side::right), "") << "a small child's";
+  EXPECT_NE(error_of(1000, Side::right).find("expected positions in metres"), std::string::npos);
+  EXPECT_NE(error_of(0, Side::right).find("expected positions in metres"), std::string::npos);
+  EXPECT_NE(error_of(1, Side::left).find("expected a left hand"), std::string::npos);
+}
+
 TEST(Skin, GradientIsAtMostOneAndTheWristIsInside) {
   const RestSkeleton rest = natural_rest(HandSize{});
   const ParametricSkin skin(rest);
