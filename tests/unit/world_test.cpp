@@ -240,6 +240,21 @@ TEST(WorldBullet, RestDoesNotCreep) {
   EXPECT_LT((last - settled).norm() / 20, 1e-6);  // m/s
 }
 
+TEST(WorldBullet, AStackWithTheHeavierOnTopStands) {
+  for (double ratio : {1.0, 1.5, 2.0}) {
+    std::vector<ObjectOptions> objects{table()};
+    for (int i = 0; i < 5; ++i) {
+      objects.push_back(cube(0.05 * std::pow(ratio, i), 0.02 + 0.04 * i));
+      objects.back().name += std::to_string(i);
+    }
+    WorldLoop world({}, objects);
+    const WorldOutput* out = nullptr;
+    for (int i = 1; i <= 250 * 10; ++i) out = &world.step(i * 4000000LL, {});
+    for (int i = 0; i < 5; ++i)
+      EXPECT_LT((position(object(*out, static_cast<std::uint32_t>(2 + i))) - Vector3(0, 0.02 + 0.04 * i, 0)).norm(), 1e-3) << "cube " << i << ", ratio " << ratio;
+  }
+}
+
 TEST(WorldBullet, SlidesAndSticksAsCoulombSays) {
   // Gravity tilted by 26.565 degrees in the table's plane: a = g (sin - mu cos).
   for (double mu : {0.3, 0.55}) {
