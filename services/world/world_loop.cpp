@@ -182,12 +182,13 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     return;
   }
 
+  if (object.owned && (owner == nullptr || owner->hand != object.owner)) {
+    // Let go, or gone: the copy goes on with its present velocity, or after another hand that waited.
+    for (const ObjectCoupling& coupling : input.couplings)
+      if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished) ++counters_.vanished;
+    object.stalled = false;
+  }
   if (owner == nullptr) {
-    if (object.owned) {
-      // Let go, or gone: the copy goes on with its present velocity.
-      for (const ObjectCoupling& coupling : input.couplings)
-        if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished) ++counters_.vanished;
-    }
     object.owned = object.stalled = false;
     return;
   }

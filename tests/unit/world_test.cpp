@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <complex>
 #include <cstdio>
@@ -585,6 +586,39 @@ TEST(WorldCoupling, NoFiniteTwinIsBelievedAndTheFirstOwnerKeeps) {
   EXPECT_EQ(last.owned, 0u);
   EXPECT_TRUE(std::isfinite(last.position[1]));
   EXPECT_EQ(world.counters().refused_nonfinite, 1u);
+}
+
+TEST(WorldCoupling, OfTwoHandsThatHoldOneVanishesAndTheOtherTakesOver) {
+  WorldLoop world({}, {table(), cube(0.05, 0.2)});
+  std::array<ObjectCoupling, 2> hands;
+  for (std::uint32_t side : {0u, 1u}) {
+    hands[side].hand = {0, side};
+    hands[side].step_period = 1.0 / 90;
+    ObjectTwin twin;
+    twin.object = 2;
+    twin.owned = 1;
+    twin.position = {0, 0.2, 0};
+    hands[side].twins.push_back(twin);
+  }
+  const auto run = [&](int from, int to, bool both) {
+    ObjectState state;
+    for (int i = from; i < to; ++i) {
+      const Nanoseconds now = i * 4000000LL;
+      hands[1].stamp.sample_time = now;
+      if (both) hands[0].stamp.sample_time = now;
+      state = object(world.step(now, {hands}), 2);
+    }
+    return state;
+  };
+  EXPECT_EQ(run(1, 50, true).owner_side, 0u);
+  EXPECT_EQ(run(50, 150, false).owner_side, 0u) << "0.4 s: it may come back";
+  EXPECT_EQ(world.counters().stalls, 1u);
+  const ObjectState taken = run(150, 250, false);
+  EXPECT_EQ(taken.owned, 1u);
+  EXPECT_EQ(taken.owner_side, 1u);
+  EXPECT_NEAR(taken.position[1], 0.2, 2e-3);
+  EXPECT_EQ(world.counters().vanished, 1u);
+  EXPECT_EQ(world.counters().stalls, 1u);
 }
 
 TEST(WorldCoupling, AFloatingObjectFallsOnlyAfterItWasTouched) {
