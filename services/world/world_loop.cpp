@@ -389,7 +389,9 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 || static_cast<std::size_t>(read) != numbers.size() ||
       !to.allFinite() || to.norm() > 1000)
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
-  object->pose.position = to;
+  // A place is that of the shape's frame, as in the scene file, and the pose that of the body's.
+  const Pose& body_frame = object->solid.body_frame;
+  object->pose.position = to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
   object->velocity = object->previous_velocity = {};
   object->planes.clear();
   engine_->place(slot, object->pose, {});

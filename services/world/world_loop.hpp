@@ -54,7 +54,7 @@ class WorldLoop {
   void reset(Nanoseconds time);
 
   /// Between steps. Keys: `object.reset` NAME or * (back to its place of the scene, at rest; a removed one returns), `object.remove` NAME,
-  /// `object.teleport` NAME X Y Z (m, at rest, orientation kept). Whoever holds the object lets go of it. Any other key is ignored, and so is
+  /// `object.teleport` NAME X Y Z (m, of the shape's frame, at rest, orientation kept). Whoever holds the object lets go of it. Any other key is ignored, and so is
   /// what is addressed to another module than `module`.
   MessageReply answer(const Message& message, std::string_view module = "world");
 

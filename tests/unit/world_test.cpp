@@ -790,5 +790,25 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   EXPECT_GT(world.descriptions()[1].stamp.sequence, reset);
 }
 
+// The centre of mass of a hull need not be where its vertices are told from.
+TEST(WorldMessages, ATeleportGoesToAPlaceAsTheSceneTellsIt) {
+  ObjectOptions wedge = cube(0.05, 0.2);
+  wedge.shape = "convex_hull";
+  wedge.vertices = {{{0, 0, 0}}, {{0.06, 0, 0}}, {{0, 0.03, 0}}, {{0, 0, 0.02}}};
+  wedge.orientation = {0.5, 0.5, 0.5, 0.5};
+  wedge.floating = true;
+  WorldLoop world({}, {wedge});
+  const Vector3 before = position(object(world.step(4000000, {}), 1));
+  EXPECT_GT((before - to_vector(wedge.position)).norm(), 0.01);
+  Message message;
+  set_text(message.module, "world");
+  set_text(message.key, "object.teleport");
+  for (const auto& [place, moved] : {std::pair{"cube 0 0.2 0", Vector3(0, 0, 0)}, std::pair{"cube 1 0.2 0", Vector3(1, 0, 0)}}) {
+    set_text(message.value, place);
+    ASSERT_EQ(world.answer(message).result, kReplyApplied);
+    EXPECT_LT((position(object(world.step(8000000, {}), 1)) - before - moved).norm(), 1e-6) << place;
+  }
+}
+
 }  // namespace
 }  // namespace softhand
