@@ -86,59 +86,47 @@ TEST(HandSimulation, GoesOnFromAKeptState) {
   EXPECT_THROW(simulation.restore(other), std::invalid_argument);
 }
 
+// A cube of 40 mm on a plane, far from the hand.
+struct CubeOnAPlane {
+  explicit CubeOnAPlane(double mass) {
+    set_rest_targets(simulation, {});
+    simulation.set_slot(0, {1, &cube, mass, mass * 0.0016 / 6 * Matrix3::Identity(), 0.8});
+    simulation.set_slot_motion(0, {Vector3(1, 0.02, 0), Quaternion::Identity()}, {});
+    plane.neighbour = 2;
+    plane.normal = {0, 1, 0};
+    plane.friction = 0.5;
+  }
+  void step(const Vector3& gravity) {
+    simulation.make_dynamic(0, gravity);
+    simulation.set_planes(0, {&plane, 1});
+    simulation.step(kStep);
+  }
+  const ShapeGeometry cube{cube_shape(0.02)};
+  HandSimulation simulation{hand(), options(), 1, 0};
+  NeighbourPlane plane;
+};
+
 // What it rested on does not rub it where it was put.
 TEST(HandSimulation, AnObjectOfAnotherStateIsFreeOfThePlaneThatCarriedIt) {
-  HandSimulation simulation(hand(), options(), 1, 0);
-  set_rest_targets(simulation, {});
-  const ShapeGeometry cube(cube_shape(0.02));
-  MirroredObject object;
-  object.id = 1;
-  object.shape = &cube;
-  object.mass = 0.05;
-  object.inertia = 1.33e-5 * Matrix3::Identity();
-  object.friction = 0.8;
-  simulation.set_slot(0, object);
-  simulation.set_slot_motion(0, {Vector3(1, 0.02, 0), Quaternion::Identity()}, {});
-  simulation.make_dynamic(0, Vector3(0, -9.81, 0));
-  NeighbourPlane table;
-  table.neighbour = 2;
-  table.normal = {0, 1, 0};
-  table.friction = 0.5;
-  simulation.set_planes(0, {&table, 1});
-  for (int i = 0; i < 30; ++i) simulation.step(kStep);
-  State thrown = simulation.state();
+  CubeOnAPlane rig(0.05);
+  for (int i = 0; i < 30; ++i) rig.step({0, -9.81, 0});
+  State thrown = rig.simulation.state();
   thrown.body_poses[kBodyCount].position.y() += 1;
   thrown.body_velocities[kBodyCount] = {Vector3(1, 0, 0), Vector3::Zero()};
-  simulation.restore(thrown);
-  simulation.step(kStep);
-  EXPECT_NEAR(simulation.slot_velocity(0).linear.x(), 1, 1e-5);
-  EXPECT_LE(simulation.slot_velocity(0).angular.norm(), 1e-5);
+  rig.simulation.restore(thrown);
+  rig.simulation.step(kStep);
+  EXPECT_NEAR(rig.simulation.slot_velocity(0).linear.x(), 1, 1e-5);
+  EXPECT_LE(rig.simulation.slot_velocity(0).angular.norm(), 1e-5);
 }
 
 // Half a millimetre, whatever the world's gravity, and although a floating object had none when it was touched first.
 TEST(HandSimulation, AnObjectSinksNoDeeperIntoAPlaneWhereGravityIsStronger) {
   for (const bool floating : {false, true}) {
-    HandSimulation simulation(hand(), options(), 1, 0);
-    set_rest_targets(simulation, {});
-    const ShapeGeometry cube(cube_shape(0.02));
-    MirroredObject object;
-    object.id = 1;
-    object.shape = &cube;
-    object.mass = 5;
-    object.inertia = 1.33e-3 * Matrix3::Identity();
-    simulation.set_slot(0, object);
-    simulation.set_slot_motion(0, {Vector3(1, 0.02, 0), Quaternion::Identity()}, {});
-    const Vector3 gravity(0, -50, 0);
-    NeighbourPlane table;
-    table.neighbour = 2;
-    table.normal = {0, 1, 0};
-    for (int i = 0; i < 60; ++i) {
-      simulation.make_dynamic(0, floating && i == 0 ? Vector3(Vector3::Zero()) : gravity);
-      simulation.set_planes(0, {&table, 1});
-      simulation.step(kStep);
-    }
-    EXPECT_GT(0.02 - simulation.slot_pose(0).position.y(), 1e-4);
-    EXPECT_LE(0.02 - simulation.slot_pose(0).position.y(), 0.51e-3);
+    CubeOnAPlane rig(5);
+    for (int i = 0; i < 60; ++i) rig.step({0, floating && i == 0 ? 0.0 : -50.0, 0});
+    const double depth = 0.02 - rig.simulation.slot_pose(0).position.y();
+    EXPECT_GT(depth, 1e-4);
+    EXPECT_LE(depth, 0.51e-3);
   }
 }
 
