@@ -130,20 +130,24 @@ TEST(HandSimulation, AnObjectSinksNoDeeperIntoAPlaneWhereGravityIsStronger) {
   }
 }
 
+// Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
+void scatter_nodes(HandSimulation& simulation) {
+  State state = simulation.state();
+  const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
+  testing::Random random(1);
+  for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+    state.node_positions.col(n) = 0.5 * (low + high) + 0.5 * (high - low).cwiseProduct(random.vector());
+  }
+  simulation.restore(state);
+}
+
 TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
-  // Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
   const auto inverted_after = [](double patience, std::uint64_t& untangled) {
     SimulationOptions o = options();
     o.untangle_patience = patience;
     HandSimulation simulation(hand(), o, 0, 0);
     set_rest_targets(simulation, {});
-    State state = simulation.state();
-    const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
-    testing::Random random(1);
-    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
-      state.node_positions.col(n) = 0.5 * (low + high) + 0.5 * (high - low).cwiseProduct(random.vector());
-    }
-    simulation.restore(state);
+    scatter_nodes(simulation);
     for (int i = 0; i < 180; ++i) simulation.step(kStep);
     untangled = simulation.untangled_nodes();
     return simulation.inverted_elements();
@@ -163,13 +167,7 @@ TEST(HandSimulation, TheBooksOfATakenStateGoOnAlike) {
     simulation->keep_ledger(true);
     simulation->step(kStep);
   }
-  State state = one.state();
-  const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
-  testing::Random random(1);
-  for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
-    state.node_positions.col(n) = 0.5 * (low + high) + 0.5 * (high - low).cwiseProduct(random.vector());
-  }
-  one.restore(state);
+  scatter_nodes(one);
   for (int i = 0; i < 180 && one.untangled_nodes() == 0; ++i) one.step(kStep);
   ASSERT_GT(one.untangled_nodes(), 0u);
   two.take_state(one);
