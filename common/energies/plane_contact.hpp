@@ -34,7 +34,7 @@ class PlaneContact final : public Energy {
 
   /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its contacts.
   void set_object(int slot, const ShapeGeometry* geometry, double mass, double weight);
-  /// `weight` is another from the planes that are set next on.
+  /// Its weight in N is another from the planes that are set next on; its contacts stay.
   void set_weight(int slot, double weight) { at(slot).weight = weight; }
   void clear_object(int slot);
   /// The objects were put elsewhere: no point holds anything any more. Planes stay.

@@ -202,8 +202,11 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
   if (planes_ != nullptr) {
     // What floats until it is touched weighs something afterwards.
     const double weight = object.mass * std::max(kStandardGravity, gravity.norm());
-    if (!was_dynamic) planes_->set_object(slot, object.shape, object.mass, weight);
-    planes_->set_weight(slot, weight);
+    if (was_dynamic) {
+      planes_->set_weight(slot, weight);
+    } else {
+      planes_->set_object(slot, object.shape, object.mass, weight);
+    }
   }
   inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
   contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
