@@ -1,6 +1,7 @@
 #include "math/block_matrix.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -41,6 +42,9 @@ BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
   journal_.reserve(row_.size());
   before_.reserve(values_.size());
   is_noted_.assign(row_.size(), 0);
+  removed_.assign(row_.size(), -1);
+  removed_blocks_.reserve(row_.size());
+  removed_parts_.reserve(values_.size());
 }
 
 BlockSlot BlockMatrix::find(int row, int column) const {
@@ -79,11 +83,39 @@ void BlockMatrix::note(std::int32_t block) {
 }
 
 void BlockMatrix::take_back() {
+  for (const std::int32_t block : removed_blocks_) removed_[static_cast<std::size_t>(block)] = -1;
+  removed_blocks_.clear();
+  removed_parts_.clear();
   for (std::size_t k = 0; k < journal_.size(); ++k) {
-    const auto before = before_.begin() + 9 * static_cast<std::ptrdiff_t>(k);
-    std::copy(before, before + 9, values_.begin() + 9 * static_cast<std::ptrdiff_t>(journal_[k]));
+    const std::int32_t block = journal_[k];
+    removed_[static_cast<std::size_t>(block)] = static_cast<std::int32_t>(k);
+    removed_blocks_.push_back(block);
+    double* const value = values_.data() + 9 * static_cast<std::ptrdiff_t>(block);
+    for (std::size_t i = 0; i < 9; ++i) {
+      removed_parts_.push_back(value[i] - before_[9 * k + i]);
+      value[i] = before_[9 * k + i];
+    }
   }
   begin_journal();
+}
+
+double BlockMatrix::change_since_taken_back() const {
+  double removed = 0, added = 0, kept = 0, change = 0;  // squares
+  for (const double entry : removed_parts_) removed += entry * entry;
+  for (std::size_t k = 0; k < journal_.size(); ++k) {
+    const double* const value = values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k]);
+    const std::int32_t place = removed_[static_cast<std::size_t>(journal_[k])];
+    for (std::size_t i = 0; i < 9; ++i) {
+      const double now = value[i] - before_[9 * k + i];
+      const double then = place < 0 ? 0.0 : removed_parts_[9 * static_cast<std::size_t>(place) + i];
+      added += now * now;
+      kept += then * then;
+      change += (now - then) * (now - then);
+    }
+  }
+  change += std::max(0.0, removed - kept);  // of blocks to which nothing was added any more
+  const double largest = std::max(removed, added);
+  return largest > 0 ? std::sqrt(change / largest) : 0.0;
 }
 
 void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {

@@ -71,6 +71,8 @@ class BlockMatrix {
   std::span<const std::int32_t> journal() const { return journal_; }
   /// Makes these blocks what they were, to the bit, and goes on remembering.
   void take_back();
+  /// Frobenius norm of the difference between what was added since the last `take_back` and what that one removed, over the larger norm of the two.
+  double change_since_taken_back() const;
   /// y = A x, both halves counted. Sizes 3 * block_count().
   void multiply(const VectorX& x, VectorX& y) const;
   /// The full matrix, for tests.
@@ -86,6 +88,9 @@ class BlockMatrix {
   std::vector<std::int32_t> journal_;
   std::vector<double> before_;         // nine a block of the journal
   std::vector<std::uint8_t> is_noted_; // by stored block
+  std::vector<std::int32_t> removed_;  // by stored block: its place in `removed_parts_`, -1: nothing was removed
+  std::vector<std::int32_t> removed_blocks_;
+  std::vector<double> removed_parts_;  // nine a block
 };
 
 }  // namespace softhand

@@ -238,10 +238,22 @@ StepReport HandSimulation::step(double time_step) {
   solver_->measure_work(keeps_ledger_, keeps_ledger_ && !stored_holds_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
+  if (report.status == StepStatus::budget_spent) calm_nodes();
   collect_bone_contacts();
   if (keeps_ledger_) enter_step(report);
   if (report.state_changed) untangle(time_step);
   return report;
+}
+
+// A step that was cut off leaves tissue out of balance, and the way that a node went in it says little about where the node goes next. Contacts are
+// predicted from velocities, so each node takes that of the bone that carries it, where that is slower: no energy is put in.
+void HandSimulation::calm_nodes() {
+  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) {
+    const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
+    const Vector3 lever = state_.node_positions.col(n) - state_.body_poses[bone].position;
+    const Vector3 carried = at_point(state_.body_velocities[bone], lever).linear;
+    if (carried.squaredNorm() < state_.node_velocities.col(n).squaredNorm()) state_.node_velocities.col(n) = carried;
+  }
 }
 
 void HandSimulation::keep_ledger(bool keep) {

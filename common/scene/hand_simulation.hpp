@@ -125,6 +125,7 @@ class HandSimulation {
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void untangle(double time_step);
+  void calm_nodes();
 
   HandModel hand_;
   ObjectSpring object_spring_;

@@ -296,6 +296,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   for (std::size_t f = 0; f < visits.size(); ++f) total_cost += visits[f].depth == 0 ? cost[f] : 0.0;
   Index longest = 0;
   operations_ = 0;
+  front_operations_.assign(visits.size(), 0.0);
   for (std::size_t f = 0; f < visits.size(); ++f) {
     Supernode& node = nodes[at(visits[f].node)];
     CholeskyFront& front = fronts_[f];
@@ -332,8 +333,9 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
     for (Index p = 0; p < front.pivots; ++p) {
       const double length = front.pivots + front.rows - p;
-      operations_ += length * (length + 1);
+      front_operations_[f] += length * (length + 1);
     }
+    operations_ += front_operations_[f];
   }
   std::int64_t stack[3][2];
   for (int group = 0; group < 3; ++group) {
@@ -461,6 +463,13 @@ bool BlockCholesky<Scalar>::factorize_stale(int group) {
     first = std::find(last, end, 1);
   }
   return true;
+}
+
+template <typename Scalar>
+double BlockCholesky<Scalar>::last_operations() const {
+  double operations = 0;
+  for (std::size_t f = 0; f < stale_.size(); ++f) operations += stale_[f] != 0 ? front_operations_[f] : 0.0;
+  return operations;
 }
 
 template <typename Scalar>

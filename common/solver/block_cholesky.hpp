@@ -39,8 +39,10 @@ class BlockCholesky final : public LinearSolver {
   void solve(const VectorX& rhs, VectorX& x) override;
   bool take_factor(const LinearSolver& other) override;
 
-  /// Of one factorisation without padding: a multiplication with an addition counts as two.
-  double floating_point_operations() const { return operations_; }
+  /// Without padding: a multiplication with an addition counts as two.
+  double factor_operations() const override { return operations_; }
+  double last_operations() const override;
+  double factor_entries() const override { return static_cast<double>(panel_size_); }
   std::size_t front_count() const { return fronts_.size(); }
   /// In the last factorisation.
   std::size_t factorised_fronts() const { return static_cast<std::size_t>(std::count(stale_.begin(), stale_.end(), 1)); }
@@ -60,6 +62,7 @@ class BlockCholesky final : public LinearSolver {
   CholeskyKernel<Scalar> kernel_;
   HelperThread* helper_ = nullptr;
   double operations_ = 0;
+  std::vector<double> front_operations_;
   std::array<std::size_t, 4> group_{};  // where the fronts of two groups of subtrees and of their ancestors begin and end
   std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
   std::vector<CholeskyFront> fronts_;

@@ -18,13 +18,17 @@ constexpr double kFirstShift = 1e-4;  // of the diagonal entry; times ten each t
 constexpr int kMaxHalvings = 30;
 constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
-constexpr double kTired = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
+constexpr double kSlowContraction = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
 constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
 constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
 constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
-constexpr double kWorth = 8;         // iterations with a kept factor that cost as much as one with a new Hessian and factor
+constexpr double kWorthProjected = 8;  // iterations with a kept factor that cost as much as one with a new Hessian and factor
+constexpr double kWorthExact = 4;      // likewise where the new Hessian is exact, and converges faster
+constexpr double kBodyTolerance = 1e-4;   // of a body's move in the step: how far it may be from the minimum, where that is less than a node may
+constexpr double kLeastBodyTolerance = 1e-9;  // m
+constexpr double kKinkFraction = 0.6;     // of a whole factor, what renewing contact and friction is expected to cost
+constexpr double kKinkChange = 0.05;      // of the blocks of contact and friction: with less change the rest of the Hessian is too old
 constexpr int kMostKinksInTurn = 2;  // then the rest of the Hessian may be what is too old
-constexpr double kNear = 100;        // of the residual's tolerance: a kept factor alone may leave as much where the time is over
 constexpr double kSlowest = 0.9;     // of two increments, when the rest is estimated: beyond it a series says nothing
 constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
 constexpr int kMaxBracketings = 6;
@@ -75,11 +79,13 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
+      tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations),
+      tries_exact_now_(tries_exact_),
       clock_(options.clock ? options.clock : steady_seconds) {
   if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
   if (options_.max_iterations < 1) throw std::invalid_argument("NewtonSolver: max_iterations must be at least 1");
-  if (options_.curvature != "exact" && options_.curvature != "projected") {
-    throw std::invalid_argument("NewtonSolver: curvature must be projected or exact, got " + options_.curvature);
+  if (options_.curvature != "exact" && options_.curvature != "projected" && options_.curvature != "adaptive") {
+    throw std::invalid_argument("NewtonSolver: curvature must be adaptive, projected or exact, got " + options_.curvature);
   }
   if (options_.factor != "float" && options_.factor != "double") {
     throw std::invalid_argument("NewtonSolver: factor must be float or double, got " + options_.factor);
@@ -100,12 +106,14 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   linear_solver_->analyze(hessian_);
   if (precise_solver_) precise_solver_->analyze(hessian_);
   factor_ = linear_solver_.get();
+  double potential_blocks = 0;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     if (!terms_[t]->is_potential()) continue;
     BlockPattern touched(layout_.block_count());
     terms_[t]->add_pattern(touched);
     std::size_t bodies = 0;
     for (const auto& [column, row] : touched.lower_triangle()) {
+      ++potential_blocks;
       if (column != row && row >= layout_.node_count) bodies = std::max(bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
     }
     potentials_.bodies = std::max(potentials_.bodies, bodies);
@@ -118,6 +126,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
     }
     if (!kinked) first_kinked_ = order_.size();
   }
+  work_ = step_work({potential_blocks, linear_solver_->factor_operations(), linear_solver_->factor_entries()});
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
   potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ = VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
@@ -153,6 +162,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   gradient_.setZero();
   if (with_hessian) {
     has_smooth_ = false;
+    hessian_is_exact_ = tries_exact_now_;
     hessian_.set_zero();
     const double cleared = clock_();
     report.timing.assembly += cleared - time;
@@ -164,6 +174,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   if (with_work) measure_displacement(state);
   double taken = 0;
   std::size_t known = 0;  // of the terms
+  const Curvature smooth = with_hessian && tries_exact_now_ ? Curvature::exact : curvature_;
   if (carried != nullptr) {
     known = first_bodily_;
     gradient_ = *carried;
@@ -182,7 +193,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
     }
     if (with_hessian && k == first_kinked_) hessian_.begin_journal();
     const double energy = k < known      ? potentials_.joules[k]
-                          : with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, curvature_)
+                          : with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, k < first_kinked_ ? smooth : curvature_)
                                          : terms_[t]->add_gradient(state, gradient_);
     if (known == 0) potentials_.joules[k] = energy;
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
@@ -194,6 +205,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   }
   report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
   report.timing.energies += clock_() - time;
+  report.work += with_hessian ? work_.linearisation : known > 0 ? work_.frozen_evaluation : work_.evaluation;
   return std::isfinite(report.energy) && gradient_.allFinite();
 }
 
@@ -202,10 +214,11 @@ double NewtonSolver::energy_at(const State& state, StepReport& report) const {
   double energy = 0;
   for (const Energy* term : terms_) energy += term->value(state);
   report.timing.energies += clock_() - time;
+  report.work += work_.evaluation;
   return energy;
 }
 
-bool NewtonSolver::factorize(StepReport& report, bool in_double) {
+bool NewtonSolver::factorize(const State& state, StepReport& report, bool in_double) {
   ++report.factorisations;
   has_smooth_ = false;
   double shift = 0;
@@ -219,10 +232,17 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
     const bool positive = factor_->factorize();
     now = clock_();
     report.timing.factorisation += now - time;
+    count_factor(report);
     if (positive) {
       if (factor_ == precise_solver_.get()) ++report.double_factors;
       has_smooth_ = shift == 0;
       return true;
+    }
+    if (hessian_is_exact_) {
+      // Nor are the next ones of the step likely to be positive definite.
+      tries_exact_now_ = false;
+      evaluate(state, report, true);
+      continue;
     }
     if (precise_solver_ && factor_ != precise_solver_.get()) {
       // Not positive definite in float says little.
@@ -246,22 +266,31 @@ bool NewtonSolver::factorize(StepReport& report, bool in_double) {
   return false;
 }
 
-// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where the sum is not positive definite: then it is no factor any more.
+// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where that part hardly changed, or where the sum is
+// not positive definite: then all of the Hessian must be renewed.
 bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
   double time = clock_();
   changed_.assign(hessian_.journal().begin(), hessian_.journal().end());
   hessian_.take_back();
   for (std::size_t k = first_kinked_; k < order_.size(); ++k) terms_[order_[k]]->add_hessian(state, hessian_, curvature_);
   changed_.insert(changed_.end(), hessian_.journal().begin(), hessian_.journal().end());
+  report.work += work_.contact_blocks;
+  has_smooth_ = hessian_.change_since_taken_back() > kKinkChange;
   double now = clock_();
   report.timing.energies += now - time;
   time = now;
+  if (!has_smooth_) return false;
   ++report.factorisations;
   ++report.kink_factors;
   factor_->load(hessian_);
   has_smooth_ = factor_->refactorize(changed_);
+  count_factor(report);
   report.timing.factorisation += clock_() - time;
   return has_smooth_;
+}
+
+void NewtonSolver::count_factor(StepReport& report) const {
+  report.work += work_.per_operation * factor_->last_operations() * (factor_ == precise_solver_.get() ? work_.per_double : 1.0);
 }
 
 // Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of the step that was taken; 0 where E does not fall in
@@ -328,16 +357,35 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
     state = base_;
   }
   const StepTiming timing = report.timing;
+  const double work = report.work;
   report = before;
   report.timing = timing;
+  report.work = work;
   return 0;
 }
 
-// Of the last iteration's increment: the longest way of a node or of a body's centre, m.
-double NewtonSolver::longest_move() const {
-  double longest = layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() : 0.0;
-  for (int body = 0; body < layout_.body_count; ++body) longest = std::max(longest, direction_.segment<3>(3 * layout_.body_translation_block(body)).lpNorm<Eigen::Infinity>());
-  return longest;
+// Of the last iteration's increment: the largest move of a node or body, over what it may be off by. A rotation counts as the length that it moves
+// the body's stiffness by: sqrt(tr H_rr / tr H_tt), of a free body its radius of gyration. A body that moves far in the step must be off by less than a
+// part of that, whatever its mass: residuals say nothing about what is light.
+double NewtonSolver::largest_move(const State& state) const {
+  const double most = std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
+  double largest = layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() / most : 0.0;
+  const auto trace = [this](int block) {
+    const double* const values = hessian_.values().data() + 9 * static_cast<std::ptrdiff_t>(diagonal_[static_cast<std::size_t>(block)]);
+    return values[0] + values[4] + values[8];
+  };
+  for (int body = 0; body < layout_.body_count; ++body) {
+    const int translation = layout_.body_translation_block(body), rotation = layout_.body_rotation_block(body);
+    const Pose &now = state.body_poses[static_cast<std::size_t>(body)], &start = start_.body_poses[static_cast<std::size_t>(body)];
+    const double stiffness = trace(translation);
+    const double lever = stiffness > 0 ? std::sqrt(std::max(0.0, trace(rotation)) / stiffness) : 0.0;
+    const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
+    const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
+    const double tolerance = std::clamp(kBodyTolerance * moved, std::min(kLeastBodyTolerance, most), most);
+    const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(), lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
+    largest = std::max(largest, move / tolerance);
+  }
+  return largest;
 }
 
 StepReport NewtonSolver::step(State& state, double time_step) {
@@ -358,34 +406,51 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.state_changed = false;
     return report;
   };
-  if (options_.chord_tolerance > 0 && quiet_ && quiet_()) {
+  bool begun = false;  // below the start already, in a chord step that did not converge
+  const bool is_quiet = options_.chord_tolerance > 0 && quiet_ && quiet_();
+  if (is_quiet) {
     if (chord_step(state, time_step, report)) return report;
-    state = start_;
-    const StepTiming spent = report.timing;
-    report = {};
-    report.timing = spent;
+    begun = std::exchange(report.chord, false);
+    if (!begun) {
+      const StepTiming spent = report.timing;
+      const double work = report.work;
+      report = {};
+      report.timing = spent;
+      report.work = work;
+    }
   }
   kept_time_step_ = carried_for_ = 0;
-  // Whether a factor serves for more than one iteration, that of the step before too; and whether the last one does. Few iterations are Newton's own.
-  const bool may_keep = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations;
-  bool pays = may_keep && carried_time_step_ == time_step;
+  tries_exact_now_ = tries_exact_;
+  // Whether a factor serves for more than one iteration, that of the step before too. Few iterations are Newton's own.
+  const bool may_keep = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations && !was_cut_off_;
+  const double worth = tries_exact_ ? kWorthExact : kWorthProjected;
+  // The next iteration takes the last factor.
+  bool keeps = may_keep && (carried_time_step_ == time_step || (begun && report.factorisations > 0));
   carried_time_step_ = 0;
   bool have_best = false;
   bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = !pays;     // so is `hessian_`
+  bool linearised = !keeps;    // so is `hessian_`
   bool in_double = false;      // factors from now on
   bool needs_double = false;   // one in float led nowhere
   bool double_helps = true;    // as far as is known, where float does little
-  int kinks_in_turn = pays ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
+  int kinks_in_turn = keeps ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
   double best_energy = 0;
   double moved_before = 0;
-  double left = std::numeric_limits<double>::infinity();  // to move, m
-  const auto has_converged = [&] { return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && left <= options_.movement_tolerance; };
+  double contraction = 0;
+  double remaining_move = std::numeric_limits<double>::infinity();  // over what is tolerated
+  const auto has_converged = [&] { return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move <= 1; };
+  // Work of an iteration with the last factor, with one that is new in its kinks, and with a new Hessian and factor.
+  const double kept_work = work_.solve + work_.evaluation;
+  const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + kept_work;
+  const double whole_work = work_.linearisation + work_.whole_factor + kept_work;
+  const auto remaining_work = [&] { return options_.work_budget > 0 ? options_.work_budget - report.work : std::numeric_limits<double>::infinity(); };
+  const auto has_whole_factor = [&] { return report.factorisations > report.kink_factors; };
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, linearised, false)) return give_up();
-  for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
+  if (!begun) {
+    for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
+  }
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
-    const double iteration_begin = clock_();
     if (has_converged()) {
       report.status = StepStatus::converged;
       break;
@@ -397,8 +462,22 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    bool renews = !pays;
+    bool renews = !keeps;
     bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() && kinks_in_turn < kMostKinksInTurn && !in_double;
+    if (const double remaining = remaining_work(); (iteration > 0 || begun) && std::isfinite(remaining)) {
+      // A new Hessian and factor is worth most, so its work is kept in reserve until the step has had one; then the rest goes where it may.
+      const double reserve = has_whole_factor() ? 0.0 : whole_work;
+      const bool affords_whole = remaining >= whole_work;
+      if (!renews && !has_whole_factor() && affords_whole && remaining - kept_work < whole_work && iterations_until(remaining_move, 1, contraction) * kept_work > remaining) renews = true;
+      if (renews_kinks && remaining < kinks_work + reserve) renews_kinks = !affords_whole && remaining >= kinks_work;
+      if (renews && !renews_kinks && !affords_whole) renews = false;
+      // The factor of a chord step that made none in this step does not hold here.
+      const bool has_factor = iteration > 0 || report.factorisations > 0;
+      if (remaining < kept_work || (!renews && !has_factor)) {
+        report.status = StepStatus::budget_spent;
+        break;
+      }
+    }
     const bool last = iteration + 1 == options_.max_iterations;
     evaluated = !last || options_.measure_result || have_best;
     const double before = report.residual;
@@ -409,14 +488,16 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       if (renews_kinks) renews_kinks = renew_kinks(state, report);
       if (renews && !renews_kinks) {
         if (!linearised) evaluate(state, report, true);
-        factorised = factorize(report, in_double);
+        factorised = factorize(state, report, in_double);
         if (!factorised) break;
+        if (is_quiet) linkage_.keep(state);
       }
       const double solve_begin = clock_();
       gradient_ = -gradient_;
       factor_->solve(gradient_, direction_);
       gradient_ = -gradient_;
       report.timing.solve += clock_() - solve_begin;
+      report.work += work_.solve;
       if (!direction_.allFinite()) return give_up();
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
       linearised = !last && !may_keep && kUsualReduction * report.residual > options_.residual_tolerance;
@@ -424,6 +505,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       scale = search(state, report, evaluated, linearised);
       linearised = linearised && scale == 1;
       if (scale > 0 || (renews && !renews_kinks && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
+      if (iteration > 0 && remaining_work() < whole_work) break;
       if (renews && !renews_kinks) in_double = needs_double = true;
       renews = true;
       renews_kinks = false;
@@ -434,6 +516,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     }
     if (scale == 0) {
       if (options_.line_search && iteration > 0) {
+        if (remaining_work() < whole_work) report.status = StepStatus::budget_spent;
         report.increment = 0;
         break;
       }
@@ -441,14 +524,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       apply_increment(state, direction_);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
-    const double moved = (scale > 0 ? scale : 1.0) * longest_move();
+    const double moved = (scale > 0 ? scale : 1.0) * largest_move(state);
     // With one factor increments shrink alike; a new one's contraction shows in the residual alone.
     const double of_residual = before > 0 ? report.residual / before : 0.0;
-    const double contraction = renews || moved_before == 0 ? of_residual : moved / moved_before;
-    left = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
+    contraction = renews || moved_before == 0 ? of_residual : moved / moved_before;
+    remaining_move = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
     moved_before = moved;
-    pays = may_keep && scale == 1 &&
-           std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(left, options_.movement_tolerance, contraction)) <= kWorth;
+    keeps = may_keep && scale == 1 &&
+            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(remaining_move, 1, contraction)) <= worth;
     kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
     if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
       double_helps = double_helps && !in_double;
@@ -457,13 +540,6 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     ++report.iterations;
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
-      break;
-    }
-    const double now = clock_();
-    // Without a new factor more may be left than a Newton step would leave.
-    const bool may_stop = report.factorisations > report.kink_factors || report.residual <= kNear * options_.residual_tolerance;
-    if (options_.time_budget > 0 && may_stop && iteration + 1 < options_.max_iterations && now - begin + (now - iteration_begin) > options_.time_budget) {
-      report.status = StepStatus::budget_spent;
       break;
     }
   }
@@ -475,13 +551,19 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     state = best_;
     evaluate(state, report, false);
   }
-  if (report.status == StepStatus::failed_factorisation && report.iterations == 0) return report;
+  if (report.status == StepStatus::failed_factorisation && report.iterations == 0) {
+    state = start_;
+    return report;
+  }
   const double end = clock_();
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  // One that failed leaves no factor.
-  if (report.status != StepStatus::failed_factorisation && (pays || report.factorisations > report.kink_factors)) carried_time_step_ = time_step;
+  // One that failed leaves no factor. One that was cut off is far from the minimum, where only Newton's own iterations lead on.
+  was_cut_off_ = report.status == StepStatus::budget_spent;
+  const bool may_carry = report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
+  if (may_carry && (keeps || has_whole_factor())) carried_time_step_ = time_step;
+  if (is_quiet && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0) kept_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -502,21 +584,23 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   linkage_ = other.linkage_;
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;
-  tired_ = other.tired_;
+  contracts_slowly_ = other.contracts_slowly_;
+  was_cut_off_ = other.was_cut_off_;
   potentials_ = other.potentials_;
   carried_ = other.carried_;
   carried_before_ = other.carried_before_;
   carried_for_ = other.carried_for_;
 }
 
-// False where the iteration does not contract; `state` is then anywhere.
+// False where the iteration does not contract, or its work would exceed the budget. `state` is then the lowest that was reached, and `report` tells of it
+// where it lies below the step's start; else both are as they were, but for time and work.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
   carried_time_step_ = 0;
   if (measures_start_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }
   double before = 0;
-  bool renews = tired_ || kept_time_step_ != time_step;
+  bool renews = contracts_slowly_ || kept_time_step_ != time_step;
   const bool knows = knows_potentials(state);
   const bool extrapolates = knows && carried_for_ == time_step && !renews;
   if (knows) {
@@ -527,20 +611,39 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   carried_for_ = knows ? time_step : 0;
   // Of the start, where an ordinary step would descend from, and of where velocities lead, if that is evaluated.
   double least = std::numeric_limits<double>::infinity();
+  double lowest = -std::numeric_limits<double>::infinity();  // the energy of `best_`; without that of the start nothing is known to lie below it
   if (knows) {
     if (!evaluate(state, report, false, false)) return false;
-    least = report.energy;
+    for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
+    least = lowest = report.energy;
   }
+  bool fell_below_start = false;
+  const auto note_lowest = [&] {
+    if (!(report.energy < lowest)) return;
+    lowest = report.energy;
+    best_ = state;
+    fell_below_start = true;
+  };
+  const auto give_up = [&] {
+    state = fell_below_start ? best_ : start_;
+    report.chord = fell_below_start;
+    return false;
+  };
   linkage_.coast(state, time_step);
   if (extrapolates) {
     extrapolated_ = 2 * carried_ - carried_before_;
     linkage_.to_world(state, extrapolated_);
   }
-  if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return false;
-  if (!extrapolates) least = std::min(least, report.energy);
+  if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return give_up();
+  if (!extrapolates) {
+    least = std::min(least, report.energy);
+    note_lowest();
+  }
+  const double iteration_work = work_.solve + work_.evaluation;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
+    if (options_.work_budget > 0 && report.work + iteration_work + (renews ? work_.whole_factor : 0.0) > options_.work_budget) return give_up();
     if (renews) {
-      if (!factorize(report, false) || report.shifts > 0) return false;
+      if (!factorize(state, report, false) || report.shifts > 0) return give_up();
       linkage_.keep(state);
       kept_time_step_ = time_step;
     }
@@ -551,20 +654,23 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     factor_->solve(gradient_, direction_);
     linkage_.to_now(direction_);
     report.timing.solve += clock_() - begin;
-    if (!direction_.allFinite()) return false;
+    report.work += work_.solve;
+    if (!direction_.allFinite()) return give_up();
     apply_increment(state, direction_);
     ++report.iterations;
     report.increment = direction_.lpNorm<Eigen::Infinity>();
     const double moved = linkage_.root_mean_square(direction_);
-    if (iteration > 0 && renews && moved > kStalled * before) return false;
-    tired_ = iteration > 0 ? moved > kTired * before : tired_ && !renews;
+    const bool stalled = iteration > 0 && renews && moved > kStalled * before;
+    contracts_slowly_ = iteration > 0 ? moved > kSlowContraction * before : contracts_slowly_ && !renews;
     const bool moved_little = moved <= options_.chord_tolerance;
-    const bool renewed = std::exchange(renews, !moved_little && tired_);
+    const bool renewed = std::exchange(renews, !moved_little && contracts_slowly_ && !stalled);
     const double residual = report.residual;
-    if (!evaluate(state, report, renews, moved_little)) return false;
+    if (!evaluate(state, report, renews, moved_little)) return give_up();
     // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
     const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
+    note_lowest();
+    if (stalled) return give_up();
     // A factor that is much too stiff moves little however much is left.
     const bool shrank = report.residual <= std::max(options_.residual_tolerance, kStalled * residual);
     if (moved_little && fell && shrank) {
@@ -575,16 +681,17 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       report.state_changed = all_finite(state);
       report.chord = true;
       report.measured = true;
+      was_cut_off_ = false;
       return report.state_changed;
     }
     before = moved;
     if (!shrank && !renewed && !renews) {
       renews = true;
       before = std::numeric_limits<double>::infinity();  // it says nothing about what a better factor moves
-      if (!evaluate(state, report, true, false)) return false;
+      if (!evaluate(state, report, true, false)) return give_up();
     }
   }
-  return false;
+  return give_up();
 }
 
 }  // namespace softhand

@@ -1,9 +1,13 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17). Inertia is one of the terms.
 //
 // A step begins with what potentials were where the last one ended. While nothing touches the hand, most of the rest is left out too: a chord step starts from where velocities
-// lead, with the tissue's forces where those of the last two ends lead, and reuses an earlier step's factor, turned along with the bones (linkage.hpp). In contact a factor is kept
+// lead, with the tissue's forces where those of the last two ends lead, and reuses an earlier step's factor, turned along with the bones (linkage.hpp). Where that
+// does not converge, an ordinary step goes on from the lowest state it reached. In contact a factor is kept
 // from one iteration to the next, and from the last of a step to the first of the next, while that gets there sooner; then the part of contact and friction is renewed, with the
 // fronts above what is touched, and only then the rest. None of it is in the source.
+//
+// A step may have a budget of work. It first keeps the work of one new Hessian and factor in reserve, and spends the rest on iterations that cost less. The
+// step after one that was cut off takes Newton's own iterations alone.
 //
 // max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed by a line search
 // on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a resting object creeps or a gripped one is hurled.
@@ -22,6 +26,7 @@
 #include "runtime/options.hpp"
 #include "solver/linear_solver.hpp"
 #include "solver/linkage.hpp"
+#include "solver/step_work.hpp"
 
 namespace softhand {
 
@@ -31,11 +36,11 @@ struct SolverOptions {
   double residual_tolerance = 1e-3;
   double movement_tolerance = 5e-6;
   double increment_tolerance = 1e-9;
-  double time_budget = 0;
+  double work_budget = 0;
   double chord_tolerance = 2e-5;
   bool line_search = true;
   bool measure_result = true;
-  std::string curvature = "projected";
+  std::string curvature = "adaptive";
   std::string factor = "float";
   // What a program sets, not a file.
   std::function<std::unique_ptr<LinearSolver>()> linear_solver;  ///< makes what solves the systems; empty: the block factorisation, as `factor` says
@@ -49,17 +54,20 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
          "An iteration goes on with the factor of the one before, the first with that of the step before, while so it gets there sooner than with a new Hessian and factor; then contact and friction "
          "are renewed, and only then the rest. With three iterations and more.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this,");
-  v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. Estimated from how the iterations shrank.");
+  v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. A body that moves or turns in the "
+           "step must be nearer: within 1e-4 of its move, at least 1e-9 m. Estimated from how the iterations shrank.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged too when an iteration moves nothing by more than this (m, rad).");
-  v.number("time_budget", o.time_budget, "s", {0, 10},
-           "Starts no further iteration that would not end within this time. 0: `softhand-hand` takes 0.7 of its period, `softhand simulate` as long as it needs, so that its results do not depend on the clock.");
+  v.number("work_budget", o.work_budget, "fast steps", {0, 1e6},
+           "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). Starts no iteration that would "
+           "exceed it, except the first. 0: unlimited; `softhand-hand` then takes what 0.7 of its period is worth on this machine.");
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
            "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until an iteration moves tissue and bones by no more "
            "than this (root mean square); what is left is a fraction of it. 0: never.");
   v.flag("line_search", o.line_search, "On the energy, along each iteration's direction. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
-  v.choice("curvature", o.curvature, {"projected", "exact"},
-           "Hessian of the terms: projected to be positive semi-definite, or the exact one of the text's eq. 16, which may need a diagonal shift.");
+  v.choice("curvature", o.curvature, {"adaptive", "projected", "exact"},
+           "Hessian of the terms. adaptive: that of tissue, attachments and joints is exact where the whole is positive definite, "
+           "else projected. projected: to be positive semi-definite. exact: that of the text's eq. 16, which may need a diagonal shift.");
   v.choice("factor", o.factor, {"float", "double"},
            "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are double either way, so that float costs convergence at most; where a float factor fails or leads nowhere, the step takes double.");
 }
@@ -67,7 +75,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
 enum class StepStatus : std::uint8_t {
   converged,            ///< by residual or increment
   iteration_limit,      ///< all iterations done, or no further descent in floating point; normal for the fast mode
-  budget_spent,         ///< stopped by the time budget
+  budget_spent,         ///< stopped by the work budget
   failed_factorisation, ///< not positive definite even when shifted; the state is the best one before, or unchanged
   nonfinite,            ///< a number overflowed; the state is the one before the step
   refused,              ///< time step negative or not finite, or a state that is not finite or not of this layout; nothing was done
@@ -105,6 +113,7 @@ struct StepReport {
   double energy = 0;       ///< E, J
   bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
   bool measured = false;       ///< energy, residual and terms are those of the result
+  double work = 0;         ///< fast steps (step_work.hpp)
   int shifts = 0;          ///< factorisations repeated with a diagonal shift
   bool chord = false;      ///< the step was a chord step (`allow_chord_steps`)
   std::size_t term_count = 0;
@@ -143,11 +152,12 @@ class NewtonSolver {
   bool knows_potentials(const State& state) const;
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
-  bool factorize(StepReport& report, bool in_double);
+  bool factorize(const State& state, StepReport& report, bool in_double);
+  void count_factor(StepReport& report) const;
   bool renew_kinks(const State& state, StepReport& report);
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
-  double longest_move() const;
+  double largest_move(const State& state) const;
 
   std::vector<Energy*> terms_;
   std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept; those with kinks last, so that theirs of the Hessian can be taken back
@@ -155,12 +165,17 @@ class NewtonSolver {
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
+  bool tries_exact_;              // of terms without kinks, as long as the float factor takes it
+  bool tries_exact_now_;           // in the next evaluation with a Hessian
+  bool hessian_is_exact_ = false;
+  StepWork work_;
+  bool was_cut_off_ = false;      // the last step, by the budget
   std::unique_ptr<LinearSolver> linear_solver_;
   // Chord steps.
   Linkage linkage_;
   std::function<bool()> quiet_;
   double kept_time_step_ = 0;  // of the factor in `linear_solver_`; 0: it is not for chord steps
-  bool tired_ = false;         // the factor contracted slowly when last used
+  bool contracts_slowly_ = false;         // the factor contracted slowly when last used
   double carried_time_step_ = 0;                  // of the factor that the last step left, unless it was a chord step's; 0: none
   std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor does not do; null without one
   LinearSolver* factor_ = nullptr;                // which of the two holds the last factor

@@ -23,14 +23,15 @@ class SignalFile {
  public:
   explicit SignalFile(const std::string& path) : out_(path) {
     if (!out_) throw std::runtime_error(path + ": cannot be written");
-    out_ << "t_s,residual_n,iterations,contacts";
+    out_ << "t_s,residual_n,iterations,work,status,contacts";
     for (std::size_t f = 0; f < kFingerCount; ++f) out_ << ',' << kFingerNames[f] << "_force_n";
     for (const char* joint : {"thumb_tip", "index_tip", "palm"}) out_ << ',' << joint << "_x_m," << joint << "_y_m," << joint << "_z_m";
     out_ << ",object,owned,object_x_m,object_y_m,object_z_m,object_vx,object_vy,object_vz,contact_fx_n,contact_fy_n,contact_fz_n,penetration_max_mm\n";
   }
   void add(const HandStepView& view) {
     const HandOutput& o = *view.output;
-    out_ << fmt::format("{:.6f},{:.3e},{},{}", static_cast<double>(view.time - VirtualRig::kStart) * 1e-9, o.report.residual, o.report.iterations, o.contacts.contacts.size());
+    out_ << fmt::format("{:.6f},{:.3e},{},{:.3f},{},{}", static_cast<double>(view.time - VirtualRig::kStart) * 1e-9, o.report.residual, o.report.iterations, o.report.work,
+                         to_string(o.report.status), o.contacts.contacts.size());
     for (std::size_t f = 0; f < kFingerCount; ++f) out_ << fmt::format(",{:.5f}", to_vector(o.contacts.fingers[f].force).norm());
     for (const Joint joint : {Joint::thumb_tip, Joint::index_tip, Joint::palm}) {
       const Vec3& p = o.simulated.joints[static_cast<std::size_t>(index_of(joint))].position;
@@ -91,7 +92,9 @@ int run_simulate(const SimulateArguments& arguments) {
   std::optional<SignalFile> signals;
   if (!arguments.csv.empty()) signals.emplace(arguments.csv);
   const auto started = std::chrono::steady_clock::now();
-  rig.run(seconds, [&signals](const HandStepView& view) {
+  std::vector<double> work_of_steps;
+  rig.run(seconds, [&](const HandStepView& view) {
+    work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
@@ -119,6 +122,7 @@ int run_simulate(const SimulateArguments& arguments) {
   json["hand_counters"] = {{"steps", rig.steps_of_hand()},
                            {"failed_steps", counters.failed_steps},
                            {"stale_steps", counters.stale_steps},
+                           {"budget_steps", counters.budget_steps},
                            {"repositioned", counters.repositioned},
                            {"refused_nonfinite", counters.refused_nonfinite},
                            {"chord_steps", counters.chord_steps},
@@ -126,6 +130,7 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"tissue_elements", work.tissue_elements},
                            {"contact_queries", work.contact_queries},
                            {"objects_without_slot", counters.objects_without_slot}};
+  json["step_work"] = {{"p50", percentile(work_of_steps, 0.5)}, {"p90", percentile(work_of_steps, 0.9)}, {"p99", percentile(work_of_steps, 0.99)}, {"max", percentile(work_of_steps, 1)}};
   if (rig.tracking() != nullptr) {
     const TrackedInputCounters& input = rig.tracking()->input().counters();
     json["tracking_counters"] = {{"accepted", input.accepted},

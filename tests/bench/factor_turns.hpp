@@ -77,9 +77,9 @@ class FactorTurns {
   double conjugate_gradients() const { return median(gradients_times_); }  ///< to 1e-4 of the right-hand side
   long gradients_iterations() const { return gradients_.iterations(); }
   /// The double factor's rate, taking over included, over dgemm's.
-  double fraction_of_peak() const { return block_.floating_point_operations() / (block() - block_solve()) / dgemm_rate(); }
+  double fraction_of_peak() const { return block_.factor_operations() / (block() - block_solve()) / dgemm_rate(); }
   double dgemm_rate() const { return 2.0 * kSize * kSize * kSize / median(dgemm_times_); }  ///< floating-point operations a second
-  double operations() const { return block_.floating_point_operations(); }
+  double operations() const { return block_.factor_operations(); }
   double analysis() const { return analysis_; }
   std::size_t front_count() const { return block_.front_count(); }
 

@@ -208,5 +208,25 @@ TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
   EXPECT_TRUE(matrix.journal().empty());
 }
 
+TEST(BlockMatrix, TellsByHowMuchWhatIsAddedDiffersFromWhatWasTakenBack) {
+  BlockPattern pattern(4);
+  BlockMatrix matrix(pattern);
+  matrix.add(matrix.find(0, 0), 1e6 * Matrix3::Ones());
+  matrix.begin_journal();
+  matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
+  matrix.add(matrix.find(1, 1), 4 * Matrix3::Identity());
+  matrix.take_back();
+  matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
+  matrix.add(matrix.find(1, 1), 4 * Matrix3::Identity());
+  EXPECT_NEAR(matrix.change_since_taken_back(), 0, 1e-6);
+  matrix.take_back();
+  matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
+  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "of the norm 5, 4 are gone";
+  matrix.take_back();
+  matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
+  matrix.add(matrix.find(2, 2), 4 * Matrix3::Identity());
+  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "4 are new";
+}
+
 }  // namespace
 }  // namespace softhand

@@ -21,7 +21,7 @@ const SETTLE = 20; // s from a change of what is read to the count: some steps, 
 
 const quiet = ["tracker.position_noise=0", "tracker.rotation_noise=0"]; // each step does the same work
 // Time under callgrind must not end a step.
-const settings = [...quiet, "hand.simulation.solver.time_budget=10", `hand.model=${handFile}`].flatMap((setting) => ["--set", setting]);
+const settings = [...quiet, "hand.simulation.solver.work_budget=1000", `hand.model=${handFile}`].flatMap((setting) => ["--set", setting]);
 const folder = mkdtempSync(`${tmpdir()}/softhand_callgrind_`);
 
 /** Calls, and instructions with all that they call, of functions named like `pattern` by functions named like `by`, in a dump. */
