@@ -19,9 +19,9 @@ constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
-constexpr double kSamePlace = 1e-9;      // m; an object that is this near to where the last step left it has gone on from there
+constexpr double kSamePlace = 1e-9;      // m; an object that is nearer to where the last step left it has not jumped
 constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
-constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther under a node in a step needs a new plane
+constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther needs a new plane
 constexpr double kSweptHalfTurn = 0.999; // cosine of half of that
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
@@ -292,10 +292,12 @@ bool ContactSet::same_side(const Pose& from, const Vector3& before, const Pose& 
 }
 
 // Whether an object turns so far that a plane which turns along is no longer the surface under a node.
-bool ContactSet::turns_far(const Pose& from, const Pose& to) { return std::abs(from.orientation.dot(to.orientation)) < kSweptHalfTurn; }
+bool ContactSet::turns_far(const Pose& from, const Pose& to) {
+  return std::abs(from.orientation.dot(to.orientation)) < kSweptHalfTurn;
+}
 
-// Where the object's surface meets a node that goes from `start` to `end` in the world, while the object goes through this step. In the frame of an
-// object that turns the node's path is an arc, and a crossing is one of its chord.
+// Where the object's surface meets a node that goes from `start` to `end` in the world, while the object goes through
+// this step. In the frame of an object that turns, the node's path is an arc, and a crossing is one of its chord.
 std::optional<Crossing> ContactSet::meeting(const Slot& s, const Vector3& start, const Vector3& end) {
   std::optional<Crossing> met = s.geometry->first_crossing(to_local(s.start_pose, start), to_local(s.end_pose, end));
   if (!met || s.start_pose.orientation.coeffs() == s.end_pose.orientation.coeffs()) return met;
@@ -310,9 +312,10 @@ std::optional<Crossing> ContactSet::meeting(const Slot& s, const Vector3& start,
   return met;
 }
 
-// Whether a node that goes from `start` to `end` in the world, both outside of the object, never is inside it: a ball that spins beside a node does not
-// touch it.
-bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end) {
+// Whether a node that goes from `start` to `end` in the world, both outside of the object, never is inside it: a ball
+// that spins beside a node does not touch it.
+bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
+                                 const Vector3& end) {
   const Vector3 turn = rotation_log(to.orientation * from.orientation.conjugate());
   if (turn.isZero(0)) return false;
   if (geometry.first_crossing(to_local(from, start), to_local({to.position, from.orientation}, end))) return false;
@@ -324,24 +327,26 @@ bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from
   return true;
 }
 
-// Of the anchor's object: from there on all that it moves in the step counts as movement, also what it was moved by between the steps.
+// The pose of the anchor's object from which on its motion counts: also what moved it between the steps.
 const Pose& ContactSet::pose_before(const Anchor& anchor) const {
   const Slot& s = at(anchor.slot);
   return anchor.known && s.jumped ? s.last_pose : s.start_pose;
 }
 
-// An object of given motion may carry anchor and plane away from under the node: a drum that turns by 64 degrees in a step. Such a contact slides. It
-// goes on in the plane of the surface where the node will be, stretched by as much of the surface as goes past. `start`, `end`: of the node, world;
-// `limit`: mu f_n, N. False: it sticks, or its plane will do.
+// An object of given motion may carry anchor and plane away from under the node: a drum that turns by 64 degrees in a
+// step. Such a contact slides. It goes on in the plane of the surface where the node will be, stretched by as much of
+// the surface as goes past. `start`, `end`: of the node, world; `limit`: mu f_n, N. False: it sticks, or keeps its plane.
 bool ContactSet::sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit) {
   const Slot& s = at(anchor.slot);
-  const bool turns = s.kind == ContactObject::fixed && s.start_pose.orientation.coeffs() != s.end_pose.orientation.coeffs();
+  const bool turns =
+      s.kind == ContactObject::fixed && s.start_pose.orientation.coeffs() != s.end_pose.orientation.coeffs();
   if (!(s.jumped || turns) || anchor.fresh || anchor.recess > 0) return false;
   const Pose& before = pose_before(anchor);
   const Vector3 there = to_local(s.end_pose, end);
   ++queries_;
   const SurfacePoint nearest = s.geometry->closest(there);
-  if (nearest.normal.dot(anchor.normal) > kSweptTurn || !same_side(before, anchor.normal, s.end_pose, nearest.normal)) return false;
+  if (nearest.normal.dot(anchor.normal) > kSweptTurn) return false;
+  if (!same_side(before, anchor.normal, s.end_pose, nearest.normal)) return false;
   if (limit > 0 && anchor.friction_stiffness * (nearest.point - anchor.anchor).norm() <= limit) return false;
   const Vector3 moved = there - to_local(before, start);
   anchor.anchor = nearest.point - (moved - nearest.normal.dot(moved) * nearest.normal);

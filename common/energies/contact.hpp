@@ -14,8 +14,9 @@
 // - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at most.
 // - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where the node's velocity takes it:
 //   the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
-// - A fixed object moves within the step by its velocity. The energy takes the pose of the step's end, like the positions that it is a function of.
-//   What concerns the step's start takes the pose of the start: paths, and the friction's bound. So only relative motion counts.
+// - A fixed object moves within the step by its velocity. The energy takes the pose of the step's end, like the
+//   positions that it is a function of. What concerns the step's start takes the pose of the start: paths, and the
+//   friction's bound. So only relative motion counts.
 #pragma once
 
 #include <cstdint>
@@ -163,7 +164,8 @@ class ContactSet {
   static bool same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now);
   static bool turns_far(const Pose& from, const Pose& to);
   static std::optional<Crossing> meeting(const Slot& slot, const Vector3& start, const Vector3& end);
-  static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end);
+  static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
+                              const Vector3& end);
   void find_candidates(int slot, const State& state);
   void find_missed(int slot, const State& state);
   void slide(Anchor& anchor, double drag, const State& state);

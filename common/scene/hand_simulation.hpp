@@ -75,8 +75,8 @@ class HandSimulation {
   void set_slot(int slot, const MirroredObject& object);
   void clear_slot(int slot);
   SlotMode slot_mode(int slot) const { return modes_[static_cast<std::size_t>(slot)]; }
-  /// Of a kinematic slot, or at the moment a slot changes its mode: the pose at the start of the step that comes next, and the velocity with which it
-  /// goes through that step. A kinematic slot moves on with its velocity until this is called again.
+  /// Of a kinematic slot, or at the moment a slot changes its mode: the pose at the start of the next step, and the
+  /// velocity in that step. A kinematic slot moves on with its velocity until this is called again.
   void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);
   void make_kinematic(int slot);
   void make_dynamic(int slot, const Vector3& gravity);

@@ -283,7 +283,8 @@ void HandLoop::take_world(const WorldObjects& world) {
 }
 
 double HandLoop::extrapolation_of_world(Nanoseconds time) const {
-  return std::clamp(static_cast<double>(time - world_time_) * 1e-9, -options_.extrapolation_limit, options_.extrapolation_limit);
+  const double limit = options_.extrapolation_limit;
+  return std::clamp(static_cast<double>(time - world_time_) * 1e-9, -limit, limit);
 }
 
 HandLoop::WorldStep HandLoop::world_step(Nanoseconds now) const {

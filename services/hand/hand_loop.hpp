@@ -109,7 +109,7 @@ class HandLoop {
   void write_outputs(Nanoseconds now, const HandWants& wants);
   /// By how much the world's sample is extrapolated to this time, s; negative where the sample is newer.
   double extrapolation_of_world(Nanoseconds time) const;
-  /// The same to the start of the step that ends at `now`, and the part of the step during which it goes on.
+  /// The same to the start of the step that ends at `now`, and the part of the step in which the limit lets it go on.
   struct WorldStep {
     double to_start = 0;
     double moving_part = 1;

@@ -310,8 +310,9 @@ void drum_slides_under_nodes(bool within_step, const Vector3& velocity) {
   SCOPED_TRACE(within_step ? "turns within the step" : "turns between the steps");
   SCOPED_TRACE(velocity.transpose());
   for (int i = 0; i < 3; ++i) {
-    rig.state.body_poses[0] = {i * kTimeStep * velocity, Quaternion(Eigen::AngleAxisd(-i * kTurn, Vector3::UnitZ())) * lying};
-    rig.state.body_velocities[0] = {velocity, within_step ? Vector3(0, 0, -kTurn / kTimeStep) : Vector3(Vector3::Zero())};
+    const Quaternion turned(Eigen::AngleAxisd(-i * kTurn, Vector3::UnitZ()));
+    rig.state.body_poses[0] = {i * kTimeStep * velocity, turned * lying};
+    rig.state.body_velocities[0] = {velocity, Vector3(0, 0, within_step ? -kTurn / kTimeStep : 0)};
     stepper.step(rig.state, kTimeStep);
     ASSERT_EQ(rig.contacts.count(), 3) << i;
     const Vector3 force = -rig.contacts.wrench(0).force;
@@ -322,11 +323,13 @@ void drum_slides_under_nodes(bool within_step, const Vector3& velocity) {
   }
 }
 
-// A drum that turns by 64 degrees in a step, or between two steps, slides under what lies on it: the nodes keep their weight, and friction pulls with
-// mu times it. Also where all of them move along at a common velocity.
+// A drum that turns by 64 degrees in a step, or between two steps, slides under what lies on it: the nodes keep their
+// weight, and friction pulls with mu times it. Also where all of them move along at a common velocity.
 TEST(Contact, DrumSlidesUnderNodes) {
   drum_slides_under_nodes(false, Vector3::Zero());
-  for (const Vector3& velocity : {Vector3(0, 0, 0), Vector3(0, 2, 0), Vector3(-1, -3, 2)}) drum_slides_under_nodes(true, velocity);
+  for (const Vector3& velocity : {Vector3(0, 0, 0), Vector3(0, 2, 0), Vector3(-1, -3, 2)}) {
+    drum_slides_under_nodes(true, velocity);
+  }
 }
 
 // The spin of a smooth drum changes nothing, whether nodes meet it in the step or have been inside from the start.
@@ -357,21 +360,26 @@ TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
     ASSERT_LT(*std::min_element(resting.begin(), resting.end()), kRadius);
     for (const double spin : {3.0, 30.0, -100.0}) {
       const std::vector<double> spinning = heights(height, spin);
-      for (std::size_t i = 0; i < resting.size(); ++i) EXPECT_NEAR(spinning[i], resting[i], 2e-5) << height << " m, " << spin << " rad/s, step " << i;
+      for (std::size_t i = 0; i < resting.size(); ++i) {
+        EXPECT_NEAR(spinning[i], resting[i], 2e-5) << height << " m, " << spin << " rad/s, step " << i;
+      }
     }
   }
 }
 
 // The way of a node in the frame of a body that turns is an arc, and its chord cuts the body.
 TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
-  for (const auto& [kind, motion] : {std::pair(ShapeKind::sphere, ContactObject::moving), std::pair(ShapeKind::capsule, ContactObject::moving),
-                                     std::pair(ShapeKind::cylinder, ContactObject::moving), std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
+  for (const auto& [kind, motion] : {std::pair(ShapeKind::sphere, ContactObject::moving),
+                                     std::pair(ShapeKind::capsule, ContactObject::moving),
+                                     std::pair(ShapeKind::cylinder, ContactObject::moving),
+                                     std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
     const ShapeGeometry round(make(kind, {0.03, 0.03, 0}));
     for (const double speed : {10.0, 30.0, 100.0}) {
       for (const double gap : {1e-6, 1e-4, 1e-3}) {
         Rig rig(1, 700, 1e-4);
         rig.contacts.set_object(0, &round, 0.5, 1, motion);
-        if (motion == ContactObject::moving) rig.inertia.set_dynamic(0, 0.05, 1e-5 * Matrix3::Identity(), Vector3::Zero());
+        const Matrix3 inertia = 1e-5 * Matrix3::Identity();
+        if (motion == ContactObject::moving) rig.inertia.set_dynamic(0, 0.05, inertia, Vector3::Zero());
         rig.state.body_velocities[0].angular = Vector3(0, speed, 0);
         for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = (0.03 + gap) * Vector3(std::cos(2.0 * n), 0, std::sin(2.0 * n));
         testing::DenseStepper stepper = rig.stepper();

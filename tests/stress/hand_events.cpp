@@ -167,7 +167,8 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
     } else {
       // From where it is to where it will be: it may stop within the step.
       const Vector3 from = object.motion(time).shift, to = object.motion(time + step).shift;
-      simulation.set_slot_motion(slot, {object.pose.position + from, rotation_exp(time * object.spin) * object.pose.orientation}, {(to - from) / step, object.spin});
+      const Pose start{object.pose.position + from, rotation_exp(time * object.spin) * object.pose.orientation};
+      simulation.set_slot_motion(slot, start, {(to - from) / step, object.spin});
     }
     const StepReport report = simulation.step(step);
     time += step;

@@ -274,7 +274,8 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
   EXPECT_LE(deepest, 1e-3);
 }
 
-// A hand and a block under its fingers come to one velocity in half a second. The world's samples are `age` old, or newer than the step by -`age`.
+// A hand and a block under its fingers come to one velocity in half a second. The world's samples are `age` old, or
+// newer than the step by -`age`.
 class MovingTogether {
  public:
   MovingTogether(const Vector3& velocity, double gap, double pressed, bool is_static, Nanoseconds age)
@@ -287,7 +288,8 @@ class MovingTogether {
     const Nanoseconds now = kSecond + i * 11'111'111;
     const auto [hand_way, hand_velocity] = motion(now);
     const auto [block_way, block_velocity] = motion(now - age_);
-    Skeleton sample = skeleton_at(model_, {hand_way - Vector3(0, pressed_, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    const Pose wrist{hand_way - Vector3(0, pressed_, 0), Quaternion::Identity()};
+    Skeleton sample = skeleton_at(model_, wrist, now, static_cast<std::uint64_t>(i) + 1);
     for (JointSample& joint : sample.joints) joint.linear_velocity = to_wire(hand_velocity);
     WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - gap_, -0.092) + block_way, now - age_);
     world.objects[0].linear_velocity = to_wire(block_velocity);
@@ -324,7 +326,8 @@ TEST(HandLoop, WhatMovesAlongFarFromTheHandDoesNotTouchIt) {
         MovingTogether pair(velocity, 0.010, 0, is_static, age);
         for (int i = 0; i < 90; ++i) {
           pair.step(i);
-          ASSERT_EQ(pair.simulation().contact_count(), 0) << velocity.transpose() << (is_static ? ", static" : "") << ", age " << age << ", step " << i;
+          ASSERT_EQ(pair.simulation().contact_count(), 0)
+              << velocity.transpose() << (is_static ? ", static" : "") << ", age " << age << ", step " << i;
         }
       }
     }
@@ -342,7 +345,8 @@ TEST(HandLoop, AStaticObjectThatMovesAlongIsPressedOnLikeOneThatRests) {
   for (const Nanoseconds age : kAgesOfWorld) {
     for (const Vector3& velocity : {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 0.3, 0.3)}) {
       // Friction remembers how they came to this velocity.
-      EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm()) << velocity.transpose() << ", age " << age;
+      EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
+          << velocity.transpose() << ", age " << age;
     }
   }
 }

@@ -8,6 +8,7 @@
 #include "scene/hand_simulation.hpp"
 #include "support/block_hand.hpp"
 #include "support/cores.hpp"
+#include "support/moving_together.hpp"
 #include "support/shapes.hpp"
 
 namespace softhand {
@@ -289,36 +290,6 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
 }
 
-// The palm over a block of given motion, both moving at a common velocity: seen from the block nothing moves.
-struct MovingTogether {
-  MovingTogether(const Vector3& common_velocity, double gap_between, double pressed_by, const SimulationOptions& options)
-      : velocity(common_velocity), gap(gap_between), pressed(pressed_by), simulation(hand(), options, 1, 0) {
-    simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
-    State state = simulation.state();
-    state.node_velocities.colwise() += velocity;
-    for (std::size_t b = 0; b < kBodyCount; ++b) state.body_velocities[b].linear = velocity;
-    simulation.restore(state);
-  }
-  // `across`: the hand's shift along the block, m.
-  void step(int i, double across = 0) {
-    simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - gap, -0.092) + i * kStep * velocity, Quaternion::Identity()}, {velocity, Vector3::Zero()});
-    const Vector3 shift = Vector3(across, -pressed, 0) + (i + 1) * kStep * velocity;
-    for (int b = 0; b < kBodyCount; ++b) {
-      const Body body = static_cast<Body>(b);
-      Pose target = simulation.hand().rest_joints[index(joint_of(body))];
-      target.position += shift;
-      simulation.set_target(body, target, {velocity, Vector3::Zero()});
-    }
-    ASSERT_TRUE(simulation.step(kStep).state_changed);
-  }
-  Vector3 force() const { return simulation.contact_wrench(0).force; }
-
-  const ShapeGeometry geometry{cube_shape(0.02)};
-  Vector3 velocity;
-  double gap, pressed;
-  HandSimulation simulation;
-};
-
 SimulationOptions converging_options() {
   SimulationOptions o;
   o.solver.max_iterations = 60;
@@ -330,7 +301,8 @@ SimulationOptions converging_options() {
   return o;
 }
 
-const std::vector<Vector3> kCommonVelocities{{0, 0.3, 0}, {0, -0.3, 0}, {0, 3, 0}, {0, -3, 0}, {0.3, 0, 0}, {3, 0, 0}, {0, 3, -3}};
+const std::vector<Vector3> kCommonVelocities{{0, 0.3, 0}, {0, -0.3, 0}, {0, 3, 0}, {0, -3, 0},
+                                             {0.3, 0, 0}, {3, 0, 0},    {0, 3, -3}};
 
 // Pressed on for half a second, then dragged along by 2 mm: the same forces, of friction too, at every common velocity.
 TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
@@ -340,12 +312,12 @@ TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
   };
   constexpr int kSteps = 90;
   const auto run = [](const Vector3& velocity) {
-    MovingTogether pair(velocity, 0.001, 0.004, converging_options());
+    testing::MovingTogether pair(velocity, 0.001, 0.004, converging_options());
     Run result;
     for (int i = 0; i < kSteps; ++i) {
-      pair.step(i, 0.002 * std::clamp((i - 45) / 30.0, 0.0, 1.0));
+      EXPECT_TRUE(pair.step(0.002 * std::clamp((i - 45) / 30.0, 0.0, 1.0)).state_changed);
       result.forces.push_back(pair.force());
-      result.nodes.push_back(pair.simulation.state().node_positions.colwise() - Vector3((i + 1) * kStep * velocity));
+      result.nodes.push_back(pair.nodes());
     }
     return result;
   };
@@ -356,19 +328,20 @@ TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
     const Run moving = run(velocity);
     for (int i = 0; i < kSteps; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      ASSERT_LE((moving.forces[k] - resting.forces[k]).norm(), 1e-4 * resting.forces.back().norm()) << velocity.transpose() << ", step " << i;
-      ASSERT_LE((moving.nodes[k] - resting.nodes[k]).colwise().norm().maxCoeff(), 1e-7) << velocity.transpose() << ", step " << i;
+      SCOPED_TRACE(velocity.transpose());
+      ASSERT_LE((moving.forces[k] - resting.forces[k]).norm(), 1e-4 * resting.forces.back().norm()) << "step " << i;
+      ASSERT_LE((moving.nodes[k] - resting.nodes[k]).colwise().norm().maxCoeff(), 1e-7) << "step " << i;
     }
   }
 }
 
 TEST(HandSimulation, ABlockThatMovesAlongFarFromTheHandDoesNotTouchIt) {
   for (const Vector3& velocity : {Vector3(0, 5, 0), Vector3(0, -5, 0), Vector3(5, 0, 0)}) {
-    MovingTogether pair(velocity, 0.010, 0, options());
+    testing::MovingTogether pair(velocity, 0.010, 0, options());
     for (int i = 0; i < 45; ++i) {
-      pair.step(i);
+      pair.step();
       ASSERT_EQ(pair.force(), Vector3::Zero()) << velocity.transpose() << ", step " << i;
-      ASSERT_EQ(pair.simulation.contact_count(), 0) << velocity.transpose() << ", step " << i;
+      ASSERT_EQ(pair.simulation().contact_count(), 0) << velocity.transpose() << ", step " << i;
     }
   }
 }
