@@ -1,6 +1,7 @@
-// The palm of the block hand over a block of given motion, both with a common velocity.
+// The palm of the block hand over a block, both with a common velocity: the block's motion is given, or it rests on a plane.
 #pragma once
 
+#include "messages/convert.hpp"
 #include "scene/hand_simulation.hpp"
 #include "support/block_hand.hpp"
 #include "support/shapes.hpp"
@@ -12,8 +13,8 @@ class MovingTogether {
   static constexpr double kStep = 1.0 / 90;  // s
 
   /// `gap` of the block under the palm and `depth` by which the palm's target is lower, m.
-  MovingTogether(const Vector3& velocity, double gap, double depth, const SimulationOptions& options)
-      : velocity_(velocity), gap_(gap), depth_(depth), simulation_(block_hand(1), options, 1, 0) {
+  MovingTogether(const Vector3& velocity, double gap, double depth, const SimulationOptions& options, bool is_free = false)
+      : velocity_(velocity), gap_(gap), depth_(depth), is_free_(is_free), simulation_(block_hand(1), options, 1, 0) {
     simulation_.set_slot(0, {7, &geometry_, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
     State state = simulation_.state();
     state.node_velocities.colwise() += velocity;
@@ -25,7 +26,17 @@ class MovingTogether {
     const Vector3 start(travelled());
     ++steps_;
     const Pose block{Vector3(-0.012, -0.018 - 0.02 - gap_, -0.092) + start, Quaternion::Identity()};
-    simulation_.set_slot_motion(0, block, {velocity_, Vector3::Zero()});
+    if (!is_free_ || steps_ == 1) simulation_.set_slot_motion(0, block, {velocity_, Vector3::Zero()});
+    if (is_free_) {
+      NeighbourPlane plane;
+      plane.neighbour = 2;
+      plane.point = to_wire(block * Vector3(0, -0.02, 0));
+      plane.normal = {0, 1, 0};
+      plane.velocity = to_wire(velocity_);
+      plane.friction = 0.3;
+      simulation_.make_dynamic(0, Vector3(0, -9.81, 0));
+      simulation_.set_planes(0, {&plane, 1});
+    }
     const Vector3 shift = Vector3(across, -depth_, 0) + travelled();
     for (int b = 0; b < kBodyCount; ++b) {
       const Body body = static_cast<Body>(b);
@@ -47,6 +58,7 @@ class MovingTogether {
   const ShapeGeometry geometry_{cube_shape(0.02)};
   Vector3 velocity_;
   double gap_, depth_;
+  bool is_free_;
   HandSimulation simulation_;
   int steps_ = 0;
 };

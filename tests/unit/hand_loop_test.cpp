@@ -274,8 +274,8 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
   EXPECT_LE(deepest, 1e-3);
 }
 
-// A hand and a block under its fingers come to one velocity in half a second. The world's samples are `age` old, or
-// newer than the step by -`age`.
+// A hand and a block under its fingers come to one velocity in half a second. The block is static, or rests on a plane
+// that moves along. The world's samples are `age` old, or newer than the step by -`age`.
 class MovingTogether {
  public:
   MovingTogether(const Vector3& velocity, double gap, double pressed, bool is_static, Nanoseconds age)
@@ -292,7 +292,15 @@ class MovingTogether {
     Skeleton sample = skeleton_at(model_, wrist, now, static_cast<std::uint64_t>(i) + 1);
     for (JointSample& joint : sample.joints) joint.linear_velocity = to_wire(hand_velocity);
     WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - gap_, -0.092) + block_way, now - age_);
-    world.objects[0].linear_velocity = to_wire(block_velocity);
+    ObjectState& block = world.objects[0];
+    block.linear_velocity = to_wire(block_velocity);
+    block.gravity = {0, -9.81, 0};
+    NeighbourPlane table;
+    table.neighbour = 9;
+    table.point = to_wire(Vector3(to_vector(block.position) - Vector3(0, 0.02, 0)));
+    table.normal = {0, 1, 0};
+    table.velocity = block.linear_velocity;
+    block.planes.push_back(table);
     loop_.step(now, {&sample, nullptr, &world}, {});
   }
   const HandSimulation& simulation() const { return loop_.simulation(); }
@@ -334,19 +342,21 @@ TEST(HandLoop, WhatMovesAlongFarFromTheHandDoesNotTouchIt) {
   }
 }
 
-TEST(HandLoop, AStaticObjectThatMovesAlongIsPressedOnLikeOneThatRests) {
-  const auto force = [](const Vector3& velocity, Nanoseconds age) {
-    MovingTogether pair(velocity, 0.001, 0.004, true, age);
-    for (int i = 0; i < 135; ++i) pair.step(i);
-    return pair.simulation().contact_wrench(1).force;
-  };
-  const Vector3 resting = force(Vector3::Zero(), 0);
-  ASSERT_LT(resting.y(), -0.5);
-  for (const Nanoseconds age : kAgesOfWorld) {
-    for (const Vector3& velocity : {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 0.3, 0.3)}) {
-      // Friction remembers how they came to this velocity.
-      EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
-          << velocity.transpose() << ", age " << age;
+TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
+  for (const bool is_static : {false, true}) {
+    const auto force = [is_static](const Vector3& velocity, Nanoseconds age) {
+      MovingTogether pair(velocity, 0.001, 0.004, is_static, age);
+      for (int i = 0; i < 135; ++i) pair.step(i);
+      return pair.simulation().contact_wrench(is_static ? 1 : 0).force;
+    };
+    const Vector3 resting = force(Vector3::Zero(), 0);
+    ASSERT_LT(resting.y(), -0.5);
+    for (const Nanoseconds age : kAgesOfWorld) {
+      for (const Vector3& velocity : {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 3, 0), Vector3(0, 0.3, 0.3)}) {
+        // Friction remembers how they came to this velocity.
+        EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
+            << velocity.transpose() << (is_static ? ", static" : ", free") << ", age " << age;
+      }
     }
   }
 }

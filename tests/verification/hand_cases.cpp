@@ -68,14 +68,15 @@ std::vector<Measurement> spinning_box(const Parameters& p) {
 }
 
 // The palm is pressed on a block and dragged over it by 2 mm. `normal`, `across`: the common velocity of both, m/s.
+// `free` 1: the block is free on a plane that moves along, 0: its motion is given.
 std::vector<Measurement> galilean_boost(const Parameters& p) {
   struct Run {
     std::vector<Vector3> forces;
     std::vector<Eigen::Matrix3Xd> nodes;
   };
   constexpr int kSteps = 90;
-  const auto run = [](const Vector3& velocity, const SimulationOptions& options) {
-    testing::MovingTogether pair(velocity, 0.001, 0.004, options);
+  const auto run = [&p](const Vector3& velocity, const SimulationOptions& options) {
+    testing::MovingTogether pair(velocity, 0.001, 0.004, options, p["free"] != 0);
     Run result;
     for (int i = 0; i < kSteps; ++i) {
       pair.step(0.002 * std::clamp((i - 45) / 30.0, 0.0, 1.0));
@@ -248,8 +249,12 @@ std::vector<Case> hand_cases() {
     return Parameters{{"free", is_free}, {"scale", scale}, {"plane", plane}};
   };
   std::vector<Parameters> boosts, distances, thrown;
-  for (const double speed : {0.3, -0.3, 3.0, -3.0}) boosts.push_back({{"normal", speed}, {"across", 0}});
-  for (const double speed : {0.3, 3.0}) boosts.push_back({{"normal", 0}, {"across", speed}});
+  for (const double is_free : {0.0, 1.0}) {
+    for (const double speed : {0.3, -0.3, 3.0, -3.0}) {
+      boosts.push_back({{"free", is_free}, {"normal", speed}, {"across", 0}});
+    }
+    for (const double speed : {0.3, 3.0}) boosts.push_back({{"free", is_free}, {"normal", 0}, {"across", speed}});
+  }
   for (const double speed : {5.0, -5.0}) distances.push_back({{"normal", speed}, {"across", 0}, {"gap", 0.010}});
   distances.push_back({{"normal", 0}, {"across", 5}, {"gap", 0.010}});
   for (const double is_free : {0.0, 1.0}) {
