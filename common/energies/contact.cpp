@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -18,8 +19,10 @@ constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
 constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
+constexpr double kSamePlace = 1e-9;      // m; an object that is nearer to where the last step left it has not jumped
 constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
-constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees, of the surface under a node since the last step: beyond it the old plane is no plane for it
+constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther needs a new plane
+constexpr double kSweptHalfTurn = 0.999; // cosine of half of that
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
   std::vector<std::int32_t> nodes;
@@ -87,7 +90,7 @@ std::size_t ContactSet::pair(int slot, std::int32_t node) const {
 }
 
 Pose ContactSet::body_pose(int slot, const State& state) const {
-  if (at(slot).kind == ContactObject::fixed) return at(slot).start_pose;
+  if (at(slot).kind == ContactObject::fixed) return at(slot).end_pose;
   return state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
 }
 
@@ -178,18 +181,12 @@ void ContactSet::begin_step(const State& state, double time_step) {
     any = true;
     const std::size_t body = static_cast<std::size_t>(first_body_ + slot);
     s.start_pose = state.body_poses[body];
-    s.predicted_pose = s.start_pose;
-    if (s.kind == ContactObject::moving) {
-      const Twist& twist = state.body_velocities[body];
-      s.predicted_pose = increment(s.start_pose, time_step * twist.linear, time_step * twist.angular);
-    }
-    // What its velocity accounts for it moved by.
-    if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport + time_step * state.body_velocities[body].linear.norm()) {
+    s.end_pose = advanced(s.start_pose, state.body_velocities[body], time_step);
+    if (s.seen && (s.start_pose.position - s.last_pose.position).norm() > kTeleport) {
       remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
       s.seen = false;
     }
-    s.jumped = s.seen && !(s.last_pose.position == s.start_pose.position &&
-                           s.last_pose.orientation.coeffs() == s.start_pose.orientation.coeffs());
+    s.jumped = s.seen && reach(s, s.last_pose, s.start_pose) > kSamePlace;
     find_candidates(slot, state);
   }
   for (Anchor& anchor : anchors_) begin_anchor(anchor, state);
@@ -197,12 +194,12 @@ void ContactSet::begin_step(const State& state, double time_step) {
 
 void ContactSet::find_candidates(int slot, const State& state) {
   const Slot& s = at(slot);
-  const double margin = reach(s, s.start_pose, s.predicted_pose) + (s.jumped ? reach(s, s.last_pose, s.start_pose) : 0.0);
+  const double margin = reach(s, s.start_pose, s.end_pose) + (s.jumped ? reach(s, s.last_pose, s.start_pose) : 0.0);
   groups_.for_each_near(*s.geometry, s.start_pose, margin, [&](std::int32_t node) {
     if (has_anchor_[pair(slot, node)]) return;
     const Vector3 position = state.node_positions.col(node);
     const Vector3 now = to_local(s.start_pose, position);
-    const Vector3 next = to_local(s.predicted_pose, position + time_step_ * state.node_velocities.col(node));
+    const Vector3 next = to_local(s.end_pose, position + time_step_ * state.node_velocities.col(node));
     const Vector3 before = s.jumped ? to_local(s.last_pose, position) : now;
     ++queries_;
     const SurfacePoint nearest = s.geometry->closest(now);
@@ -217,11 +214,18 @@ void ContactSet::find_candidates(int slot, const State& state) {
       }
     }
     if (nearest.distance < 0) {
-      if (Anchor* anchor = create(slot, node, now, nearest.normal)) anchor->kept_recess = -nearest.distance;
-    } else if (const auto crossing = s.geometry->first_crossing(now, next)) {
-      const Vector3 end = position + time_step_ * state.node_velocities.col(node);
-      if (only_turns_past(*s.geometry, s.start_pose, s.predicted_pose, position, end, crossing->normal)) return;
-      if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) anchor->fresh = true;
+      SurfacePoint surface = nearest;
+      Vector3 inside = now;
+      if (turns_far(s.start_pose, s.end_pose)) {
+        const SurfacePoint there = s.geometry->closest(next);
+        if (there.distance < 0 && same_side(s.start_pose, nearest.normal, s.end_pose, there.normal)) {
+          surface = there;
+          inside = next;
+        }
+      }
+      if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->kept_recess = -surface.distance;
+    } else if (const auto met = meeting(s, position, position + time_step_ * state.node_velocities.col(node))) {
+      if (Anchor* anchor = create(slot, node, met->point, met->normal)) anchor->fresh = true;
     }
   });
 }
@@ -238,11 +242,15 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
 
   const Slot& s = at(anchor.slot);
   const Vector3 position = state.node_positions.col(anchor.node);
-  const Vector3 velocity = state.node_velocities.col(anchor.node);
-  const bool swept = sweep(anchor, position);
+  const Vector3 end = position + time_step_ * state.node_velocities.col(anchor.node);
+  const Vector3 before = to_local(pose_before(anchor), position);
+  const double depth_before = anchor.normal.dot(before - anchor.anchor);
+  const double force_before = anchor.stiffness * std::max(0.0, -depth_before);
+  const bool swept = sweep(anchor, position, end, anchor.friction * force_before);
   const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
-  const Vector3 now = to_local(s.start_pose, position) - anchor.anchor;
-  const Vector3 next = to_local(s.predicted_pose, position + time_step_ * velocity) - anchor.anchor;
+  const Vector3 next = to_local(s.end_pose, end) - anchor.anchor;
+  // A plane that lies where the node will end says nothing about the start.
+  const Vector3 now = swept ? next : Vector3(to_local(s.start_pose, position) - anchor.anchor);
   Vector3 stretch = tangential(now);
   const Vector3 movement = tangential(next - now);
   if (anchor.fresh) {
@@ -252,7 +260,8 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
     anchor.predicted_secant = anchor.friction_bound > 0 ? friction_of(anchor).secant(movement.norm()) : 0.0;
     anchor.stretch_origin = stretch;
   } else {
-    anchor.friction_bound = anchor.friction * anchor.stiffness * std::max(0.0, -anchor.normal.dot(now));
+    const double force = swept ? force_before : anchor.stiffness * std::max(0.0, -anchor.normal.dot(now));
+    anchor.friction_bound = anchor.friction * force;
     anchor.stretch_origin.setZero();
   }
   anchor.sliding = anchor.sliding && stretch.dot(movement) > 0;
@@ -271,9 +280,8 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
     }
   }
   anchor.stretch_start = stretch - anchor.stretch_origin;
-  // Relative to where the object was when the last step ended: its own move since then is a movement like those of the step.
-  const Vector3 left = (anchor.known && s.jumped && !swept ? to_local(s.last_pose, position) : to_local(s.start_pose, position)) - anchor.anchor;
-  anchor.start_energy = normal_energy(anchor, anchor.normal.dot(left));
+  const Vector3 left = before - anchor.anchor;
+  anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(left));
   const double held = anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
   anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
 }
@@ -283,13 +291,33 @@ bool ContactSet::same_side(const Pose& from, const Vector3& before, const Pose& 
   return (from.orientation * before).dot(to.orientation * now) > 0;
 }
 
-// Whether a node that goes from `start` to `end` in the world crosses the object, whose surface it meets with `normal`, only because the chord of its way in the object's frame
-// cuts the arc that it truly goes round an object that turns: a ball that spins beside a node does not touch it.
-bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end, const Vector3& normal) {
+// Whether an object turns so far that a plane which turns along is no longer the surface under a node.
+bool ContactSet::turns_far(const Pose& from, const Pose& to) {
+  return std::abs(from.orientation.dot(to.orientation)) < kSweptHalfTurn;
+}
+
+// Where the object's surface meets a node that goes from `start` to `end` in the world, while the object goes through
+// this step. In the frame of an object that turns, the node's path is an arc, and a crossing is one of its chord.
+std::optional<Crossing> ContactSet::meeting(const Slot& s, const Vector3& start, const Vector3& end) {
+  std::optional<Crossing> met = s.geometry->first_crossing(to_local(s.start_pose, start), to_local(s.end_pose, end));
+  if (!met || s.start_pose.orientation.coeffs() == s.end_pose.orientation.coeffs()) return met;
+  const SurfacePoint there = s.geometry->closest(to_local(s.end_pose, end));
+  if (!same_side(s.start_pose, met->normal, s.end_pose, there.normal)) return met;
+  if (there.distance >= 0) {
+    if (only_turns_past(*s.geometry, s.start_pose, s.end_pose, start, end)) met.reset();
+  } else if (turns_far(s.start_pose, s.end_pose) && there.normal.dot(met->normal) < kSweptTurn) {
+    met->point = there.point;
+    met->normal = there.normal;
+  }
+  return met;
+}
+
+// Whether a node that goes from `start` to `end` in the world, both outside of the object, never is inside it: a ball
+// that spins beside a node does not touch it.
+bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
+                                 const Vector3& end) {
   const Vector3 turn = rotation_log(to.orientation * from.orientation.conjugate());
   if (turn.isZero(0)) return false;
-  const SurfacePoint there = geometry.closest(to_local(to, end));
-  if (there.distance < 0 || !same_side(from, normal, to, there.normal)) return false;
   if (geometry.first_crossing(to_local(from, start), to_local({to.position, from.orientation}, end))) return false;
   for (int k = 1; k < kArcPoints; ++k) {
     const double part = static_cast<double>(k) / kArcPoints;
@@ -299,18 +327,28 @@ bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from
   return true;
 }
 
-// An object that was moved from outside may have carried anchor and plane away from under the node: a drum that turns by 64 degrees in a step. Such a contact slides: it
-// goes on in the plane of the surface under the node, stretched by as much of the surface as went past. False: it sticks, or its plane will do.
-bool ContactSet::sweep(Anchor& anchor, const Vector3& position) {
+// The pose of the anchor's object from which on its motion counts: also what moved it between the steps.
+const Pose& ContactSet::pose_before(const Anchor& anchor) const {
   const Slot& s = at(anchor.slot);
-  if (!s.jumped || anchor.fresh || anchor.recess > 0) return false;
-  const Vector3 now = to_local(s.start_pose, position);
+  return anchor.known && s.jumped ? s.last_pose : s.start_pose;
+}
+
+// An object of given motion may carry anchor and plane away from under the node: a drum that turns by 64 degrees in a
+// step. Such a contact slides. It goes on in the plane of the surface where the node will be, stretched by as much of
+// the surface as goes past. `start`, `end`: of the node, world; `limit`: mu f_n, N. False: it sticks, or keeps its plane.
+bool ContactSet::sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit) {
+  const Slot& s = at(anchor.slot);
+  const bool turns =
+      s.kind == ContactObject::fixed && s.start_pose.orientation.coeffs() != s.end_pose.orientation.coeffs();
+  if (!(s.jumped || turns) || anchor.fresh || anchor.recess > 0) return false;
+  const Pose& before = pose_before(anchor);
+  const Vector3 there = to_local(s.end_pose, end);
   ++queries_;
-  const SurfacePoint nearest = s.geometry->closest(now);
-  if (nearest.normal.dot(anchor.normal) > kSweptTurn || !same_side(s.last_pose, anchor.normal, s.start_pose, nearest.normal)) return false;
-  const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -nearest.distance);
-  if (anchor.friction_stiffness * (nearest.point - anchor.anchor).norm() <= limit) return false;
-  const Vector3 moved = now - to_local(s.last_pose, position);
+  const SurfacePoint nearest = s.geometry->closest(there);
+  if (nearest.normal.dot(anchor.normal) > kSweptTurn) return false;
+  if (!same_side(before, anchor.normal, s.end_pose, nearest.normal)) return false;
+  if (limit > 0 && anchor.friction_stiffness * (nearest.point - anchor.anchor).norm() <= limit) return false;
+  const Vector3 moved = there - to_local(before, start);
   anchor.anchor = nearest.point - (moved - nearest.normal.dot(moved) * nearest.normal);
   anchor.normal = nearest.normal;
   return true;
@@ -325,9 +363,10 @@ void ContactSet::end_step(const State& state) {
     s.wrench = {};
     s.count = 0;
     if (s.geometry == nullptr) continue;
-    const Pose end_pose = body_pose(slot, state);
-    s.moved = end_pose.position - s.start_pose.position;
-    s.turned = rotation_log(end_pose.orientation * s.start_pose.orientation.conjugate());
+    if (s.kind == ContactObject::fixed) continue;
+    s.end_pose = body_pose(slot, state);
+    s.moved = s.end_pose.position - s.start_pose.position;
+    s.turned = rotation_log(s.end_pose.orientation * s.start_pose.orientation.conjugate());
   }
   for (Anchor& anchor : anchors_) {
     const Offset o = offset(anchor, state);
@@ -362,7 +401,7 @@ void ContactSet::end_step(const State& state) {
     if (!any) groups_.update(start_positions_, displacements_, 1.0);
     any = true;
     find_missed(slot, state);
-    s.last_pose = body_pose(slot, state);
+    s.last_pose = s.end_pose;
     s.seen = true;
   }
   for (Anchor& anchor : anchors_) {
@@ -379,16 +418,14 @@ void ContactSet::end_step(const State& state) {
 
 void ContactSet::find_missed(int slot, const State& state) {
   const Slot& s = at(slot);
-  const Pose end_pose = body_pose(slot, state);
-  groups_.for_each_near(*s.geometry, end_pose, reach(s, s.start_pose, end_pose), [&](std::int32_t node) {
+  groups_.for_each_near(*s.geometry, s.end_pose, reach(s, s.start_pose, s.end_pose), [&](std::int32_t node) {
     if (has_anchor_[pair(slot, node)]) return;
     const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
-    const Vector3 end = to_local(end_pose, state.node_positions.col(node));
+    const Vector3 end = to_local(s.end_pose, state.node_positions.col(node));
     ++queries_;
     if (s.geometry->signed_distance(end) > (end - start).norm()) return;
-    if (const auto crossing = s.geometry->first_crossing(start, end)) {
-      if (only_turns_past(*s.geometry, s.start_pose, end_pose, start_positions_.col(node), state.node_positions.col(node), crossing->normal)) return;
-      if (Anchor* anchor = create(slot, node, crossing->point, crossing->normal)) settle(*anchor, offset(*anchor, state));
+    if (const auto met = meeting(s, start_positions_.col(node), state.node_positions.col(node))) {
+      if (Anchor* anchor = create(slot, node, met->point, met->normal)) settle(*anchor, offset(*anchor, state));
     }
   });
 }
@@ -409,14 +446,14 @@ bool ContactSet::clear(const Anchor& anchor) {
 void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state) {
   const Slot& s = at(anchor.slot);
   const Vector3 node_moved = state.node_positions.col(anchor.node) - start_positions_.col(anchor.node);
-  Vector3 object_moved = s.moved + s.turned.cross(end.lever);  // as the solver sees it; zero of a fixed object
-  if (anchor.known && s.jumped) {
-    const Vector3 point = body_pose(anchor.slot, state).orientation.conjugate() * end.lever;
-    const Vector3 carried = s.start_pose * point - s.last_pose * point;
-    normal_flow_.work += push.dot(carried);
-    friction_flow_.work += drag.dot(carried);
-    object_moved += carried;
-  }
+  // From outside: between the steps, and within this one where the motion is given.
+  const bool fixed = s.kind == ContactObject::fixed;
+  const Vector3 point = s.end_pose.orientation.conjugate() * end.lever;
+  const Vector3 carried = (fixed ? s.end_pose : s.start_pose) * point - pose_before(anchor) * point;
+  normal_flow_.work += push.dot(carried);
+  friction_flow_.work += drag.dot(carried);
+  Vector3 object_moved = carried;
+  if (!fixed) object_moved += s.moved + s.turned.cross(end.lever);  // as the solver sees it
   const Vector3 moved = node_moved - object_moved;
   const double energy = normal_energy(anchor, end.depth);
   normal_flow_.anchoring += anchor.start_energy - anchor.normal_energy;

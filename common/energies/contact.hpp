@@ -14,10 +14,13 @@
 // - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at most.
 // - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where the node's velocity takes it:
 //   the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
-// - Kinematic objects keep the pose of the step's start within the step.
+// - A fixed object moves within the step by its velocity. The energy takes the pose of the step's end, like the
+//   positions that it is a function of. What concerns the step's start takes the pose of the start: paths, and the
+//   friction's bound. So only relative motion counts.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -32,7 +35,7 @@ namespace softhand {
 /// How an object's slot takes part.
 enum class ContactObject : std::uint8_t {
   moving,  ///< the object yields: its body's degrees of freedom take the opposite force
-  fixed,   ///< its pose is given; the wrench is reported only
+  fixed,   ///< its motion is given: the state's pose is that of the step's start; the wrench is reported only
 };
 
 /// The touched nodes of one hand: creates, slides and ends anchors. `ContactEnergy` drives it (begin_step, end_step); `FrictionEnergy`
@@ -137,8 +140,8 @@ class ContactSet {
     Pose last_pose;     // at the end of the last step
     Pose start_pose;    // at the start of this one
     bool jumped = false;  // between the two: it was moved from outside
+    Pose end_pose;      // at the end of this one, by its twist: exact of a fixed object, predicted of a moving one
     Vector3 moved = Vector3::Zero(), turned = Vector3::Zero();  // within the step, by the solver
-    Pose predicted_pose;  // at its end, by its twist
     Wrench wrench;
     int count = 0;
     BlockSlot translation, rotation_translation, rotation;
@@ -156,9 +159,13 @@ class ContactSet {
   template <typename Ends>
   void remove_if(Ends&& ends);
   void begin_anchor(Anchor& anchor, const State& state);
-  bool sweep(Anchor& anchor, const Vector3& position);
+  const Pose& pose_before(const Anchor& anchor) const;
+  bool sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit);
   static bool same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now);
-  static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start, const Vector3& end, const Vector3& normal);
+  static bool turns_far(const Pose& from, const Pose& to);
+  static std::optional<Crossing> meeting(const Slot& slot, const Vector3& start, const Vector3& end);
+  static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
+                              const Vector3& end);
   void find_candidates(int slot, const State& state);
   void find_missed(int slot, const State& state);
   void slide(Anchor& anchor, double drag, const State& state);

@@ -182,7 +182,7 @@ void Inertia::end_step(State& state) {
     const BodyInertia& b = bodies_[i];
     Pose& pose = state.body_poses[i];
     if (!b.dynamic) {
-      pose = b.start;
+      pose = advanced(b.start, state.body_velocities[i], time_step_);
       continue;
     }
     Twist& velocity = state.body_velocities[i];

@@ -33,8 +33,9 @@ class Inertia final : public Energy {
   /// The body moves by its mass (kg, > 0) and its inertia (kg m^2, about the centre of mass in body axes, positive definite) under
   /// `gravity` (m/s^2). At any time between steps; allocates nothing.
   void set_dynamic(int body, double mass, const Matrix3& inertia, const Vector3& gravity);
-  /// The body keeps the pose that the state gives it at the start of each step: an empty object slot, an object that another process
-  /// owns. It pushes back with 1e9 N/m and 1e7 N m/rad within the step, and `end_step` puts it back and leaves its velocity alone.
+  /// The body has the motion that the state gives it at the start of each step: an empty object slot, an object that
+  /// another process owns. Within the step its degrees of freedom stay at the start, held with 1e9 N/m and
+  /// 1e7 N m/rad. `end_step` puts it where its velocity takes it.
   void hold(int body);
   bool is_dynamic(int body) const { return bodies_[static_cast<std::size_t>(body)].dynamic; }
 

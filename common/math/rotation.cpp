@@ -95,4 +95,9 @@ Pose increment(const Pose& pose, const Vector3& translation, const Vector3& rota
   return {pose.position + translation, (rotation_exp(rotation) * pose.orientation).normalized()};
 }
 
+Pose advanced(const Pose& pose, const Twist& velocity, double seconds) {
+  if (velocity.linear.isZero(0) && velocity.angular.isZero(0)) return pose;
+  return increment(pose, seconds * velocity.linear, seconds * velocity.angular);
+}
+
 }  // namespace softhand

@@ -31,5 +31,7 @@ Matrix3 rotated_arm_second_derivative(const Vector3& arm, const Vector3& y);
 
 /// Pose moved by a spatial increment: position + translation, exp(rotation) * orientation (renormalised).
 Pose increment(const Pose& pose, const Vector3& translation, const Vector3& rotation);
+/// Where a body at `pose` is after `seconds` at a constant velocity. One that stands still keeps its pose to the bit.
+Pose advanced(const Pose& pose, const Twist& velocity, double seconds);
 
 }  // namespace softhand

@@ -175,6 +175,7 @@ void HandSimulation::set_slot(int slot, const MirroredObject& object) {
 void HandSimulation::clear_slot(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::empty;
   inertia_->hold(kBodyCount + slot);
+  state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = {};
   contacts_->clear_object(slot);
   if (!slot_is_static(slot)) {
     if (planes_ != nullptr) planes_->clear_object(slot);

@@ -1,7 +1,7 @@
 // One simulated hand with the objects that it can touch: the only place that names every energy term.
 //
 // Bodies of the state: 0..20 the bones, then `mirrored_slots` objects that may move, then `static_slots` that may not. An object's slot is empty,
-// kinematic (its pose is given; it yields to nothing) or dynamic (the twin carries mass, inertia and gravity).
+// kinematic (its motion is given; it yields to nothing) or dynamic (the twin carries mass, inertia and gravity).
 #pragma once
 
 #include <array>
@@ -75,7 +75,9 @@ class HandSimulation {
   void set_slot(int slot, const MirroredObject& object);
   void clear_slot(int slot);
   SlotMode slot_mode(int slot) const { return modes_[static_cast<std::size_t>(slot)]; }
-  void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);  ///< of a kinematic slot, or at the moment a slot changes its mode
+  /// Of a kinematic slot, or at the moment a slot changes its mode: the pose at the start of the next step, and the
+  /// velocity in that step. A kinematic slot moves on with its velocity until this is called again.
+  void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);
   void make_kinematic(int slot);
   void make_dynamic(int slot, const Vector3& gravity);
   Pose slot_pose(int slot) const { return state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)]; }

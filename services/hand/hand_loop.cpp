@@ -282,10 +282,23 @@ void HandLoop::take_world(const WorldObjects& world) {
   world_time_ = world.stamp.sample_time;
 }
 
-double HandLoop::age_of_world(Nanoseconds now) const { return std::clamp(static_cast<double>(now - world_time_) * 1e-9, 0.0, options_.extrapolation_limit); }
+double HandLoop::extrapolation_of_world(Nanoseconds time) const {
+  const double limit = options_.extrapolation_limit;
+  return std::clamp(static_cast<double>(time - world_time_) * 1e-9, -limit, limit);
+}
 
-Pose HandLoop::copy_pose(const KnownObject& object, Nanoseconds now) const {
-  return extrapolated(to_pose(object.state.position, object.state.orientation), twist_of(object.state), age_of_world(now));
+HandLoop::WorldStep HandLoop::world_step(Nanoseconds now) const {
+  const double to_start = extrapolation_of_world(now - static_cast<Nanoseconds>(time_step_ * 1e9));
+  return {to_start, (extrapolation_of_world(now) - to_start) / time_step_};
+}
+
+// The twin moves in this step as the world's copy does, from where the copy was when the step began to where it is now.
+void HandLoop::follow_world(const KnownObject& object, Nanoseconds now) {
+  const WorldStep step = world_step(now);
+  const Pose pose = to_pose(object.state.position, object.state.orientation);
+  const Twist velocity = twist_of(object.state);
+  simulation_->set_slot_motion(object.slot, extrapolated(pose, velocity, step.to_start),
+                               {step.moving_part * velocity.linear, step.moving_part * velocity.angular});
 }
 
 void HandLoop::measure_distances() {
@@ -352,7 +365,7 @@ void HandLoop::give_slots(Nanoseconds now) {
     }
     slot_object_[static_cast<std::size_t>(object.slot)] = o;
     simulation_->set_slot(object.slot, object.mirrored);
-    simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+    follow_world(object, now);
     object.owned = false;
     if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
   }
@@ -368,23 +381,24 @@ void HandLoop::mirror_objects(Nanoseconds now) {
 }
 
 void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
-  const Nanoseconds step = static_cast<Nanoseconds>(time_step_ * 1e9);
   const bool is_static = object.description.is_static != 0;
   if (simulation_->touched(object.slot)) object.last_touch = now;
 
   if (is_static) {
-    simulation_->set_slot_motion(object.slot, copy_pose(object, now), twist_of(object.state));
+    follow_world(object, now);
     return;
   }
   if (symmetric_) {
-    simulation_->set_object_target(object.slot, copy_pose(object, now), twist_of(object.state));
+    const Pose pose = to_pose(object.state.position, object.state.orientation);
+    const Twist velocity = twist_of(object.state);
+    simulation_->set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
     return;
   }
   const bool touched_lately = object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
   if (touched_lately && !object.owned) {
     // First touch: from here on the twin carries mass, inertia and gravity.
     object.owned = true;
-    simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
+    follow_world(object, now);
   } else if (!touched_lately && object.owned) {
     object.owned = false;
     simulation_->make_kinematic(object.slot);
@@ -392,12 +406,16 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   if (object.owned) {
     simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
     // As they are at the step's start, like the copies: a sample may serve for several steps.
+    const WorldStep step = world_step(now);
     auto planes = object.state.planes;
-    for (NeighbourPlane& plane : planes) plane.point = to_wire(Vector3(to_vector(plane.point) + age_of_world(now - step) * to_vector(plane.velocity)));
+    for (NeighbourPlane& plane : planes) {
+      const Vector3 velocity = to_vector(plane.velocity);
+      plane.point = to_wire(Vector3(to_vector(plane.point) + step.to_start * velocity));
+      plane.velocity = to_wire(Vector3(step.moving_part * velocity));
+    }
     simulation_->set_planes(object.slot, std::span(planes.items.data(), planes.size()));
   } else {
-    // A copy of the world's object, from where it was at the start of this step.
-    simulation_->set_slot_motion(object.slot, copy_pose(object, now - step), twist_of(object.state));
+    follow_world(object, now);
   }
 }
 

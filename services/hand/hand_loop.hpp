@@ -107,8 +107,15 @@ class HandLoop {
   void measure_distances();
   void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const HandWants& wants);
-  double age_of_world(Nanoseconds now) const;
-  Pose copy_pose(const KnownObject& object, Nanoseconds now) const;
+  /// By how much the world's sample is extrapolated to this time, s; negative where the sample is newer.
+  double extrapolation_of_world(Nanoseconds time) const;
+  /// The same to the start of the step that ends at `now`, and the part of the step in which the limit lets it go on.
+  struct WorldStep {
+    double to_start = 0;
+    double moving_part = 1;
+  };
+  WorldStep world_step(Nanoseconds now) const;
+  void follow_world(const KnownObject& object, Nanoseconds now);
 
   HandOptions options_;
   HandKey key_;

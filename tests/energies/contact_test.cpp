@@ -296,8 +296,7 @@ TEST(Contact, KinematicPlateSweepsNodesAlong) {
   EXPECT_GT(rig.state.node_positions(1, 0), 0.15);
 }
 
-// A drum that turns by 64 degrees between two steps slides under what lies on it: the nodes keep their weight, and friction pulls with mu times it.
-TEST(Contact, DrumSlidesUnderNodes) {
+void drum_slides_under_nodes(bool within_step, const Vector3& velocity) {
   constexpr double kMass = 1e-3, kStiffness = 50, kRadius = 0.02, kFriction = 0.5, kTimeStep = 1.0 / 90, kTurn = 100 * kTimeStep;
   const ShapeGeometry drum(make(ShapeKind::cylinder, {kRadius, 0.5, 0}));
   Rig rig(1, kStiffness, kMass);
@@ -306,9 +305,14 @@ TEST(Contact, DrumSlidesUnderNodes) {
   rig.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
   const Quaternion lying(Eigen::AngleAxisd(M_PI / 2, Vector3::UnitX()));
   for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = Vector3(0, kRadius - kMass * kGravity / kStiffness, 0.01 * n);
+  rig.state.node_velocities.colwise() = velocity;
   testing::DenseStepper stepper = rig.stepper();
+  SCOPED_TRACE(within_step ? "turns within the step" : "turns between the steps");
+  SCOPED_TRACE(velocity.transpose());
   for (int i = 0; i < 3; ++i) {
-    rig.state.body_poses[0].orientation = Quaternion(Eigen::AngleAxisd(-i * kTurn, Vector3::UnitZ())) * lying;
+    const Quaternion turned(Eigen::AngleAxisd(-i * kTurn, Vector3::UnitZ()));
+    rig.state.body_poses[0] = {i * kTimeStep * velocity, turned * lying};
+    rig.state.body_velocities[0] = {velocity, Vector3(0, 0, within_step ? -kTurn / kTimeStep : 0)};
     stepper.step(rig.state, kTimeStep);
     ASSERT_EQ(rig.contacts.count(), 3) << i;
     const Vector3 force = -rig.contacts.wrench(0).force;
@@ -319,15 +323,63 @@ TEST(Contact, DrumSlidesUnderNodes) {
   }
 }
 
+// A drum that turns by 64 degrees in a step, or between two steps, slides under what lies on it: the nodes keep their
+// weight, and friction pulls with mu times it. Also where all of them move along at a common velocity.
+TEST(Contact, DrumSlidesUnderNodes) {
+  drum_slides_under_nodes(false, Vector3::Zero());
+  for (const Vector3& velocity : {Vector3(0, 0, 0), Vector3(0, 2, 0), Vector3(-1, -3, 2)}) {
+    drum_slides_under_nodes(true, velocity);
+  }
+}
+
+// The spin of a smooth drum changes nothing, whether nodes meet it in the step or have been inside from the start.
+TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
+  constexpr double kRadius = 0.02;
+  const ShapeGeometry drum(make(ShapeKind::cylinder, {kRadius, 0.5, 0}));
+  const Quaternion lying(Eigen::AngleAxisd(M_PI / 2, Vector3::UnitX()));
+  const auto heights = [&](double height, double spin) {
+    Rig rig(1, 50, 1e-3);
+    rig.contacts.set_object(0, &drum, 0, 1, ContactObject::fixed);
+    rig.inertia.hold(0);
+    for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = Vector3(0, kRadius + height, 0.01 * n);
+    rig.state.body_poses[0].orientation = lying;
+    rig.state.body_velocities[0].angular.z() = spin;
+    testing::DenseStepper stepper = rig.stepper();
+    std::vector<double> result;
+    for (int i = 0; i < 30; ++i) {
+      // Towards the axis: on top they would fall off to one side.
+      const Vector3 from_axis(rig.state.node_positions(0, 0), rig.state.node_positions(1, 0), 0);
+      rig.inertia.set_node_gravity(-kGravity * from_axis.normalized());
+      stepper.step(rig.state, 1.0 / 90);
+      result.push_back(from_axis.norm());
+    }
+    return result;
+  };
+  for (const double height : {1e-3, -1e-3}) {
+    const std::vector<double> resting = heights(height, 0);
+    ASSERT_LT(*std::min_element(resting.begin(), resting.end()), kRadius);
+    for (const double spin : {3.0, 30.0, -100.0}) {
+      const std::vector<double> spinning = heights(height, spin);
+      for (std::size_t i = 0; i < resting.size(); ++i) {
+        EXPECT_NEAR(spinning[i], resting[i], 2e-5) << height << " m, " << spin << " rad/s, step " << i;
+      }
+    }
+  }
+}
+
 // The way of a node in the frame of a body that turns is an arc, and its chord cuts the body.
 TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
-  for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::capsule, ShapeKind::cylinder}) {
+  for (const auto& [kind, motion] : {std::pair(ShapeKind::sphere, ContactObject::moving),
+                                     std::pair(ShapeKind::capsule, ContactObject::moving),
+                                     std::pair(ShapeKind::cylinder, ContactObject::moving),
+                                     std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
     const ShapeGeometry round(make(kind, {0.03, 0.03, 0}));
     for (const double speed : {10.0, 30.0, 100.0}) {
       for (const double gap : {1e-6, 1e-4, 1e-3}) {
         Rig rig(1, 700, 1e-4);
-        rig.contacts.set_object(0, &round, 0.5, 1, ContactObject::moving);
-        rig.inertia.set_dynamic(0, 0.05, 1e-5 * Matrix3::Identity(), Vector3::Zero());
+        rig.contacts.set_object(0, &round, 0.5, 1, motion);
+        const Matrix3 inertia = 1e-5 * Matrix3::Identity();
+        if (motion == ContactObject::moving) rig.inertia.set_dynamic(0, 0.05, inertia, Vector3::Zero());
         rig.state.body_velocities[0].angular = Vector3(0, speed, 0);
         for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = (0.03 + gap) * Vector3(std::cos(2.0 * n), 0, std::sin(2.0 * n));
         testing::DenseStepper stepper = rig.stepper();

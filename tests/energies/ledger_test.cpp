@@ -286,7 +286,9 @@ TEST(EnergyLedger, ASlidingBlockTurnsMuMGDIntoHeat) {
   books.expect_closed(books.ledger.scale());
 }
 
-TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
+// A plate that is put elsewhere between the steps, or moves within them by its velocity.
+void lift_nodes(bool within_step) {
+  SCOPED_TRACE(within_step ? "moves within the steps" : "moves between the steps");
   const double mass = 0.01;
   Skin skin(0.8, 500, mass, ContactObject::fixed);
   skin.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
@@ -294,8 +296,10 @@ TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
   books.run(skin.state, 300);
   const double work = books.ledger.total().work;
   const double height = skin.state.node_positions(1, 0), across = skin.state.node_positions(0, 0);
+  const Vector3 stroke(0.0005, 0.001, 0);
+  if (within_step) skin.state.body_velocities[0].linear = stroke / kStep;
   for (int i = 0; i < 180; ++i) {
-    skin.state.body_poses[0].position += Vector3(0.0005, 0.001, 0);
+    if (!within_step) skin.state.body_poses[0].position += stroke;
     books.step(skin.state, kStep);
   }
   const double lifted = skin.state.node_positions(1, 0) - height;
@@ -304,6 +308,10 @@ TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
   // Gravity takes what the plate puts in; left are the nodes' speed and what it cost to get there.
   EXPECT_NEAR(books.ledger.total().work - work, 3 * 0.5 * mass * (0.09 * 0.09 + 0.045 * 0.045), 5e-4);
   books.expect_closed(books.ledger.scale());
+}
+
+TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
+  for (const bool within_step : {false, true}) lift_nodes(within_step);
 }
 
 // Contacts that begin inside, are rubbed over a moving ball, change hands between given and yielding, and are taken away.
@@ -333,6 +341,7 @@ TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
       Pose& pose = skin.state.body_poses[0];
       pose = {pose.position + Vector3(0, 0.0005, 0.0003), rotation_exp(Vector3(0.01, 0, 0.02)) * pose.orientation};
     }
+    if (i == 190) skin.state.body_velocities[0] = {Vector3(0.05, -0.02, 0.03), Vector3(2, 0, 3)};
     if (i == 220) skin.contacts.clear_object(0);
     books.step(skin.state, kStep);
     touched += skin.contacts.count();

@@ -165,9 +165,10 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
       simulation.make_dynamic(slot, Vector3(0, -kGravity, 0));
       if (object.on_table) simulation.set_planes(slot, std::span(&table, 1));
     } else {
-      const Displacement motion = object.motion(time);
-      simulation.set_slot_motion(slot, {object.pose.position + motion.shift, rotation_exp(time * object.spin) * object.pose.orientation},
-                                 {motion.velocity, object.spin});
+      // From where it is to where it will be: it may stop within the step.
+      const Vector3 from = object.motion(time).shift, to = object.motion(time + step).shift;
+      const Pose start{object.pose.position + from, rotation_exp(time * object.spin) * object.pose.orientation};
+      simulation.set_slot_motion(slot, start, {(to - from) / step, object.spin});
     }
     const StepReport report = simulation.step(step);
     time += step;

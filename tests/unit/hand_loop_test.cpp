@@ -274,6 +274,93 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
   EXPECT_LE(deepest, 1e-3);
 }
 
+// A hand and a block under its fingers come to one velocity in half a second. The block is static, or rests on a plane
+// that moves along. The world's samples are `age` old, or newer than the step by -`age`.
+class MovingTogether {
+ public:
+  MovingTogether(const Vector3& velocity, double gap, double pressed, bool is_static, Nanoseconds age)
+      : velocity_(velocity), gap_(gap), pressed_(pressed), age_(age), loop_(hand(), options(), {}) {
+    ObjectDescription block = cube(3);
+    block.is_static = is_static ? 1 : 0;
+    loop_.describe_object(block);
+  }
+  void step(int i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    const auto [hand_way, hand_velocity] = motion(now);
+    const auto [block_way, block_velocity] = motion(now - age_);
+    const Pose wrist{hand_way - Vector3(0, pressed_, 0), Quaternion::Identity()};
+    Skeleton sample = skeleton_at(model_, wrist, now, static_cast<std::uint64_t>(i) + 1);
+    for (JointSample& joint : sample.joints) joint.linear_velocity = to_wire(hand_velocity);
+    WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - gap_, -0.092) + block_way, now - age_);
+    ObjectState& block = world.objects[0];
+    block.linear_velocity = to_wire(block_velocity);
+    block.gravity = {0, -9.81, 0};
+    NeighbourPlane table;
+    table.neighbour = 9;
+    table.point = to_wire(Vector3(to_vector(block.position) - Vector3(0, 0.02, 0)));
+    table.normal = {0, 1, 0};
+    table.velocity = block.linear_velocity;
+    block.planes.push_back(table);
+    loop_.step(now, {&sample, nullptr, &world}, {});
+  }
+  const HandSimulation& simulation() const { return loop_.simulation(); }
+
+ private:
+  // Way and velocity.
+  std::pair<Vector3, Vector3> motion(Nanoseconds time) const {
+    constexpr double kRise = 0.5;  // s
+    const double t = std::max(0.0, static_cast<double>(time - kSecond) * 1e-9), rising = std::min(t, kRise);
+    return {(rising * rising / (2 * kRise) + t - rising) * velocity_, rising / kRise * velocity_};
+  }
+  static HandOptions options() {
+    HandOptions o = loop_options();
+    o.static_objects = 1;
+    o.simulation.solver.max_iterations = 60;
+    return o;
+  }
+  Vector3 velocity_;
+  double gap_, pressed_;
+  Nanoseconds age_;
+  const HandModel model_ = hand();
+  HandLoop loop_;
+};
+
+constexpr std::array<Nanoseconds, 4> kAgesOfWorld{0, 4'000'000, 20'000'000, -2'000'000};
+
+TEST(HandLoop, WhatMovesAlongFarFromTheHandDoesNotTouchIt) {
+  for (const bool is_static : {false, true}) {
+    for (const Nanoseconds age : kAgesOfWorld) {
+      for (const Vector3& velocity : {Vector3(0, 5, 0), Vector3(0, -5, 0), Vector3(5, 0, 0)}) {
+        MovingTogether pair(velocity, 0.010, 0, is_static, age);
+        for (int i = 0; i < 90; ++i) {
+          pair.step(i);
+          ASSERT_EQ(pair.simulation().contact_count(), 0)
+              << velocity.transpose() << (is_static ? ", static" : "") << ", age " << age << ", step " << i;
+        }
+      }
+    }
+  }
+}
+
+TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
+  for (const bool is_static : {false, true}) {
+    const auto force = [is_static](const Vector3& velocity, Nanoseconds age) {
+      MovingTogether pair(velocity, 0.001, 0.004, is_static, age);
+      for (int i = 0; i < 135; ++i) pair.step(i);
+      return pair.simulation().contact_wrench(is_static ? 1 : 0).force;
+    };
+    const Vector3 resting = force(Vector3::Zero(), 0);
+    ASSERT_LT(resting.y(), -0.5);
+    for (const Nanoseconds age : kAgesOfWorld) {
+      for (const Vector3& velocity : {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 3, 0), Vector3(0, 0.3, 0.3)}) {
+        // Friction remembers how they came to this velocity.
+        EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
+            << velocity.transpose() << (is_static ? ", static" : ", free") << ", age " << age;
+      }
+    }
+  }
+}
+
 // A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored, or 0.27 m, more than one is moved that is put elsewhere.
 TEST(HandLoop, NothingIsTooFastToBeMet) {
   const HandModel model = hand();

@@ -8,6 +8,7 @@
 #include "scene/hand_simulation.hpp"
 #include "support/block_hand.hpp"
 #include "support/cores.hpp"
+#include "support/moving_together.hpp"
 #include "support/shapes.hpp"
 
 namespace softhand {
@@ -287,6 +288,82 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   Vector3 coupling = Vector3::Zero();
   for (int b = 0; b < kBodyCount; ++b) coupling += simulation.coupling_wrench(static_cast<Body>(b)).force;
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
+}
+
+SimulationOptions converging_options() {
+  SimulationOptions o;
+  o.solver.max_iterations = 60;
+  o.solver.keep_factor = false;
+  o.solver.factor = "double";
+  o.solver.residual_tolerance = 1e-8;
+  o.solver.movement_tolerance = 1e-10;
+  o.solver.chord_tolerance = 0;
+  return o;
+}
+
+const std::vector<Vector3> kCommonVelocities{{0, 0.3, 0}, {0, -0.3, 0}, {0, 3, 0}, {0, -3, 0},
+                                             {0.3, 0, 0}, {3, 0, 0},    {0, 3, -3}};
+
+// Pressed on for half a second, then dragged along by 2 mm: the same forces, of friction too, at every common velocity.
+TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
+  struct Run {
+    std::vector<Vector3> forces;
+    std::vector<Eigen::Matrix3Xd> nodes;
+  };
+  constexpr int kSteps = 90;
+  const auto run = [](const Vector3& velocity) {
+    testing::MovingTogether pair(velocity, 0.001, 0.004, converging_options());
+    Run result;
+    for (int i = 0; i < kSteps; ++i) {
+      EXPECT_TRUE(pair.step(0.002 * std::clamp((i - 45) / 30.0, 0.0, 1.0)).state_changed);
+      result.forces.push_back(pair.force());
+      result.nodes.push_back(pair.nodes());
+    }
+    return result;
+  };
+  const Run resting = run(Vector3::Zero());
+  ASSERT_LT(resting.forces.back().y(), -0.5);
+  ASSERT_GT(std::abs(resting.forces.back().x()), 0.1) << "friction";
+  for (const Vector3& velocity : kCommonVelocities) {
+    const Run moving = run(velocity);
+    for (int i = 0; i < kSteps; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      SCOPED_TRACE(velocity.transpose());
+      ASSERT_LE((moving.forces[k] - resting.forces[k]).norm(), 1e-4 * resting.forces.back().norm()) << "step " << i;
+      ASSERT_LE((moving.nodes[k] - resting.nodes[k]).colwise().norm().maxCoeff(), 1e-7) << "step " << i;
+    }
+  }
+}
+
+TEST(HandSimulation, ABlockThatMovesAlongFarFromTheHandDoesNotTouchIt) {
+  for (const Vector3& velocity : {Vector3(0, 5, 0), Vector3(0, -5, 0), Vector3(5, 0, 0)}) {
+    testing::MovingTogether pair(velocity, 0.010, 0, options());
+    for (int i = 0; i < 45; ++i) {
+      pair.step();
+      ASSERT_EQ(pair.force(), Vector3::Zero()) << velocity.transpose() << ", step " << i;
+      ASSERT_EQ(pair.simulation().contact_count(), 0) << velocity.transpose() << ", step " << i;
+    }
+  }
+}
+
+// What is given is where it is when the step begins; it ends the step where its velocity takes it.
+TEST(HandSimulation, AKinematicSlotMovesOnWithItsVelocity) {
+  HandSimulation simulation(hand(), options(), 1, 1);
+  set_rest_targets(simulation, {});
+  const ShapeGeometry geometry(cube_shape(0.02));
+  const Pose start{Vector3(3, 1, 0), rotation_exp(Vector3(0.1, 0.2, 0.3))};
+  const Twist twist{Vector3(0.9, -1.8, 0), Vector3(0, 0, 4.5)};
+  for (int slot = 0; slot < 2; ++slot) {
+    simulation.set_slot(slot, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+    simulation.set_slot_motion(slot, start, twist);
+  }
+  for (int i = 0; i < 10; ++i) simulation.step(kStep);
+  for (int slot = 0; slot < 2; ++slot) {
+    const Pose expected = increment(start, 10 * kStep * twist.linear, 10 * kStep * twist.angular);
+    EXPECT_LE((simulation.slot_pose(slot).position - expected.position).norm(), 1e-12);
+    EXPECT_LE(rotation_log(simulation.slot_pose(slot).orientation * expected.orientation.conjugate()).norm(), 1e-12);
+    EXPECT_EQ(simulation.slot_velocity(slot).linear, twist.linear);
+  }
 }
 
 // A factor that is carried from step to step ends where new ones do: within 0.05 mm RMS and 1 % of the force.

@@ -17,6 +17,7 @@ std::vector<Case> body_cases();
 std::vector<Case> contact_cases();
 std::vector<Case> layer_cases();
 std::vector<Case> grasp_cases();
+std::vector<Case> hand_cases();
 
 inline constexpr double kGravity = 9.81;  // m/s^2
 

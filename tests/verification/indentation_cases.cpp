@@ -251,7 +251,10 @@ std::vector<Case> indentation_cases() {
       "Hertz holds for small strain, and the peak strain is 0.2 at 0.5 mm, 0.28 at 1 mm. With tissue of small strain on the same mesh (small_strain_ball) force is "
       "right there; at 0.01 mm, same mesh in units of the contact's radius, this tissue's is";
   return {{"hertz", "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d; the contact's own depth subtracted", {hertz_row(0.01e-3), hertz_row(0.5e-3), hertz_row(1e-3)}, hertz, 1,
-           {{force, "depth", 0.5e-3, reason}, {force, "depth", 1e-3, reason}, {area, "depth", 0.5e-3, reason}, {area, "depth", 1e-3, reason}}},
+           {{force, {{"depth", 0.5e-3}}, reason},
+            {force, {{"depth", 1e-3}}, reason},
+            {area, {{"depth", 0.5e-3}}, reason},
+            {area, {{"depth", 1e-3}}, reason}}},
           {"small_strain_ball", "tissue of small strain: d = a/2 ln((R+a)/(R-a)), F = E/(1 - nu^2)/2 ((a^2+R^2) ln((R+a)/(R-a)) - 2 a R)",
            {hertz_row(0.5e-3), hertz_row(1e-3), hertz_row(0.01e-3)}, linear_ball, 1}};
 }

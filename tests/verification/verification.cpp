@@ -1,5 +1,6 @@
 #include "verification/verification.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <exception>
 #include <stdexcept>
@@ -30,6 +31,13 @@ Parameters Parameters::with(const std::string& key, double value) const {
   return more;
 }
 
+bool Parameters::include(const Parameters& others) const {
+  return std::all_of(others.values_.begin(), others.values_.end(), [this](const auto& other) {
+    const auto found = values_.find(other.first);
+    return found != values_.end() && found->second == other.second;
+  });
+}
+
 bool Row::passed() const {
   const Measurement& m = measurement;
   // Negated, so that not-a-number fails.
@@ -40,7 +48,8 @@ bool Row::passed() const {
 const std::vector<Case>& all_cases() {
   static const std::vector<Case> all = [] {
     std::vector<Case> list;
-    for (const auto& part : {material_cases(), balance_cases(), bending_cases(), indentation_cases(), body_cases(), contact_cases(), layer_cases(), grasp_cases()}) {
+    for (const auto& part : {material_cases(), balance_cases(), bending_cases(), indentation_cases(), body_cases(),
+                             contact_cases(), layer_cases(), grasp_cases(), hand_cases()}) {
       list.insert(list.end(), part.begin(), part.end());
     }
     return list;
@@ -66,8 +75,7 @@ std::vector<Row> run(const Case& which, bool quick) {
     for (Measurement& m : measurements) {
       std::string reason;
       for (const KnownFailure& known : which.known_failures) {
-        const auto found = which.table[i].values().find(known.key);
-        if (known.quantity == m.quantity && found != which.table[i].values().end() && found->second == known.value) reason = known.reason;
+        if (known.quantity == m.quantity && which.table[i].include(known.where)) reason = known.reason;
       }
       rows.push_back({which.name, which.statement, which.table[i], std::move(m), seconds, error, reason});
     }

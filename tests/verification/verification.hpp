@@ -29,6 +29,8 @@ class Parameters {
   Parameters with(const std::string& key, double value) const;
   const std::map<std::string, double>& values() const { return values_; }
   bool operator==(const Parameters&) const = default;
+  /// Whether each of `others` is among these with its value.
+  bool include(const Parameters& others) const;
 
  private:
   std::map<std::string, double> values_;
@@ -50,11 +52,11 @@ struct Measurement {
   std::optional<Order> order;
 };
 
-/// A quantity that is known to miss its reference today where the parameter `key` is `value`, and why. It stays in the report as failed.
+/// A quantity that is known to miss its reference today, in the rows whose parameters include `where`, and why. It stays
+/// in the report as failed.
 struct KnownFailure {
   std::string quantity;
-  std::string key;
-  double value = 0;
+  Parameters where;
   std::string reason;
 };
 
