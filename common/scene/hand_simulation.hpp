@@ -124,7 +124,7 @@ class HandSimulation {
  private:
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
-  void untangle(double time_step);
+  double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
   ObjectSpring object_spring_;
@@ -145,7 +145,7 @@ class HandSimulation {
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;
-  std::vector<std::uint8_t> touching_;  // by node
+  bool restored_ = false;  // since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // after the last step
   std::unique_ptr<NewtonSolver> solver_;
