@@ -108,7 +108,7 @@ class HandSimulation {
   /// J, of nodes and moving bodies.
   double kinetic_energy() const;
   int inverted_elements() const;
-  /// Nodes that were put back because they had turned inside out for good, since construction.
+  /// Nodes that were put back because they were tangled for good, since construction (untangle.hpp).
   std::uint64_t untangled_nodes() const { return untangled_nodes_; }
   int contact_count() const;
   const EnergyLedger& ledger() const { return ledger_; }
