@@ -6,6 +6,7 @@
 
 #include "math/rotation.hpp"
 #include "scene/hand_simulation.hpp"
+#include "scene/rest_error.hpp"
 #include "support/block_hand.hpp"
 #include "support/cores.hpp"
 #include "support/shapes.hpp"
@@ -142,7 +143,8 @@ void scatter_nodes(HandSimulation& simulation) {
 }
 
 TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
-  const auto inverted_after = [](double patience, std::uint64_t& untangled) {
+  double left = 0;
+  const auto inverted_after = [&left](double patience, std::uint64_t& untangled) {
     SimulationOptions o = options();
     o.untangle_patience = patience;
     HandSimulation simulation(hand(), o, 0, 0);
@@ -150,12 +152,15 @@ TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
     scatter_nodes(simulation);
     for (int i = 0; i < 180; ++i) simulation.step(kStep);
     untangled = simulation.untangled_nodes();
+    left = rest_error(hand(), simulation.state());
     return simulation.inverted_elements();
   };
   std::uint64_t untangled = 0;
   EXPECT_GT(inverted_after(0, untangled), 0) << "it came back by itself: this shows nothing";
+  EXPECT_GT(left, 1e-4) << "damage that stays is measured";
   EXPECT_EQ(untangled, 0u);
   EXPECT_EQ(inverted_after(SimulationOptions{}.untangle_patience, untangled), 0);
+  EXPECT_LT(left, 1e-7);
   EXPECT_GT(untangled, 0u);
 }
 
