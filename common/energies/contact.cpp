@@ -21,6 +21,7 @@ constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that 
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
 constexpr double kSamePlace = 1e-9;      // m; an object that is nearer to where the last step left it has not jumped
 constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
+constexpr double kAwayFromBone = 0.8;    // cosine; a contact that pushes a node away from its bone so straight hooks. Round an edge a finger's contacts push aside
 constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther needs a new plane
 constexpr double kSweptHalfTurn = 0.999; // cosine of half of that
 
@@ -143,6 +144,66 @@ void ContactSet::reset() {
     s.wrench = {};
     s.count = 0;
   }
+}
+
+bool ContactSet::hooks(const Anchor& anchor, const State& state, const Eigen::Matrix3Xd& bones) const {
+  return anchor.normal.dot(to_local(body_pose(anchor.slot, state), bones.col(anchor.node)) - anchor.anchor) < 0;
+}
+
+void ContactSet::mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const {
+  std::fill(hooked.begin(), hooked.end(), std::uint8_t{0});
+  for (const Anchor& anchor : anchors_) {
+    const Vector3 bone = to_local(body_pose(anchor.slot, state), bones.col(anchor.node));
+    const Vector3 way = bone - anchor.anchor;
+    if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0) continue;
+    hooked[static_cast<std::size_t>(anchor.node)] = 1;
+  }
+}
+
+Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const {
+  Vector3 end = to;
+  if (skin_index_[static_cast<std::size_t>(node)] < 0) return end;
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    const Slot& s = at(slot);
+    if (s.geometry == nullptr) continue;
+    const Pose& pose = state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
+    if ((end - pose.position).norm() > s.geometry->bounding_radius() + (end - bone).norm()) continue;
+    if (const auto crossing = s.geometry->first_crossing(to_local(pose, bone), to_local(pose, end))) end = pose * crossing->point;
+  }
+  return end;
+}
+
+double ContactSet::held(std::span<const std::uint8_t> nodes) const {
+  double energy = 0;
+  for (const Anchor& anchor : anchors_) {
+    if (nodes[static_cast<std::size_t>(anchor.node)] != 0) energy += anchor.normal_energy + anchor.friction_energy;
+  }
+  return energy;
+}
+
+double ContactSet::held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const {
+  double energy = 0;
+  for (const Anchor& anchor : anchors_) {
+    if (nodes[static_cast<std::size_t>(anchor.node)] == 0 || hooks(anchor, state, bones)) continue;
+    const Offset o = offset(anchor, state);
+    energy += normal_energy(anchor, o.depth) + 0.5 * anchor.friction_stiffness * o.stretch.squaredNorm();
+  }
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    const Slot& s = at(slot);
+    if (s.geometry == nullptr) continue;
+    const Pose& pose = state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
+    for (std::size_t i = 0; i < skin_nodes_.size(); ++i) {
+      const Vector3 point = state.node_positions.col(skin_nodes_[i]);
+      if (nodes[static_cast<std::size_t>(skin_nodes_[i])] == 0 || (point - pose.position).norm() > s.geometry->bounding_radius()) continue;
+      const double sunk = std::min(0.0, s.geometry->signed_distance(to_local(pose, point)));
+      energy += 0.5 * stiffness_ * weights_[i] * sunk * sunk;
+    }
+  }
+  return energy;
+}
+
+void ContactSet::release(std::span<const std::uint8_t> nodes) {
+  remove_if([this, nodes](const Anchor& anchor) { return nodes[static_cast<std::size_t>(anchor.node)] != 0 && clear(anchor); });
 }
 
 ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector3& point, const Vector3& normal) {

@@ -89,6 +89,18 @@ class ContactSet {
   /// The hand was moved at one stroke: all contacts end, no path is drawn from where it was.
   void reset();
 
+  // For nodes that are put elsewhere at one stroke. `nodes`: by node, 1 where meant; `bones`: by node, a point of its bone, world.
+  /// Marks in `hooked` (by node) the nodes that a contact pushes straight away from their bones: they are on the far side of the object.
+  void mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const;
+  /// How far a skin node comes on the way from its bone to `to`: up to the first surface. Other nodes come to `to`.
+  Vector3 stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const;
+  /// J that the nodes hold in U_n and U_f since the last step.
+  double held(std::span<const std::uint8_t> nodes) const;
+  /// J that they would hold where they are in `state`: contacts that do not hook go on, and what is inside an object is pushed out.
+  double held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
+  /// Ends their contacts. No path is drawn from where they were: a step sees where it starts.
+  void release(std::span<const std::uint8_t> nodes);
+
   /// A step that began and never ended (refused, failed) leaves no trace in the next.
   void begin_step(const State& state, double time_step);
   void end_step(const State& state);
@@ -170,6 +182,7 @@ class ContactSet {
   void find_missed(int slot, const State& state);
   void slide(Anchor& anchor, double drag, const State& state);
   double normal_energy(const Anchor& anchor, double depth) const;
+  bool hooks(const Anchor& anchor, const State& state, const Eigen::Matrix3Xd& bones) const;
   bool clear(const Anchor& anchor);
   void account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state);
   void settle(Anchor& anchor, const Offset& offset);

@@ -38,6 +38,9 @@ struct CorotationalState {
   Matrix3 stress() const { return factor * stress_quadratic; }  ///< first Piola-Kirchhoff dW/dF, Pa
 };
 
+/// W of the mirror image, F = diag(1, 1, -1), without strain limiting, J/m^3. What is pressed flat and a little further holds a quarter.
+inline double flip_density(const CorotationalMaterial& material) { return 4 * material.mu + 2 * material.lambda; }
+
 CorotationalState evaluate_corotational(const CorotationalMaterial& material, const Matrix3& f);
 
 }  // namespace softhand

@@ -176,12 +176,16 @@ int Tissue::inverted_elements(const State& state) const {
 
 bool Tissue::is_folded(const State& state, int element) const {
   if (tetrahedron_volume(state.node_positions, corners_[static_cast<std::size_t>(element)]) >= 0.0) return false;
-  const CorotationalMaterial constants = material(element);
-  return energy_density(state, element) > 4 * constants.mu + 2 * constants.lambda;
+  return energy_density(state, element) > flip_density(material(element));
 }
 
 double Tissue::energy_density(const State& state, int element) const {
   return evaluate_corotational(material(element), deformation_gradient(state, element)).density;
+}
+
+double Tissue::energy(const State& state, int element) const {
+  const auto [b, lane] = place_of(element);
+  return batches_[b].volume[lane] * energy_density(state, element);
 }
 
 double Tissue::von_mises_stress(const State& state, int element) const {

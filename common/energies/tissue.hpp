@@ -38,11 +38,11 @@ class Tissue final : public Energy {
   std::uint64_t evaluated_elements() const { return evaluated_elements_; }
   /// Tetrahedra with det F < 0.
   int inverted_elements(const State& state) const;
-  /// Whether it is inside out and holds more than its mirror image, F = diag(1, 1, -1), would without strain limiting: 4 mu + 2 lambda a volume. One that is pressed flat and a little
-  /// further holds a quarter.
+  /// Whether it is inside out and holds more than its mirror image would (`flip_density`).
   bool is_folded(const State& state, int element) const;
   /// W, J/m^3 of reference volume.
   double energy_density(const State& state, int element) const;
+  double energy(const State& state, int element) const;  ///< J
   /// sqrt(3/2) times the norm of the deviator of the principal first Piola-Kirchhoff stresses, Pa: von Mises' measure for small stretch.
   double von_mises_stress(const State& state, int element) const;
 

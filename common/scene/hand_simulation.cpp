@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "energies/body_coupling.hpp"
 #include "energies/contact.hpp"
@@ -38,7 +39,7 @@ Twist at_point(const Twist& of_centre, const Vector3& lever) { return {of_centre
 HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
                                const ObjectSpring& object_spring)
     : hand_(hand), object_spring_(object_spring), mirrored_slots_(mirrored_slots), static_slots_(static_slots),
-      untangler_(hand, options.untangle_patience), touching_(hand.nodes.size(), 0) {
+      untangler_(hand, options.untangle_patience) {
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
@@ -151,6 +152,7 @@ void HandSimulation::restore(const State& state) {
   if (planes_ != nullptr) planes_->reset();
   ledger_.restart();
   stored_holds_ = false;
+  restored_ = true;
 }
 
 void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
@@ -218,6 +220,7 @@ void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& 
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
   untangler_ = other.untangler_;
+  restored_ = other.restored_;
   untangled_nodes_ = other.untangled_nodes_;
   untangled_ = other.untangled_;
   modes_ = other.modes_;
@@ -236,13 +239,27 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
+  // A state from outside may be any: what would throw bones and objects in its first step is put right before it, and before the books begin.
+  if (std::exchange(restored_, false) && tissue_ != nullptr) {
+    untangled_nodes_ += static_cast<std::uint64_t>(untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_));
+  }
   solver_->measure_work(keeps_ledger_, keeps_ledger_ && !stored_holds_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
   if (report.status == StepStatus::budget_spent) calm_nodes();
   collect_bone_contacts();
   if (keeps_ledger_) enter_step(report);
-  if (report.state_changed) untangle(time_step);
+  if (report.state_changed && tissue_ != nullptr) {
+    const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));
+    int moved = 0;
+    if (due == Untangler::Due::look) moved = untangler_.look(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
+    if (due == Untangler::Due::glance) moved = untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_);
+    if (moved > 0) {
+      untangled_nodes_ += static_cast<std::uint64_t>(moved);
+      untangled_ = true;
+      stored_holds_ = false;
+    }
+  }
   return report;
 }
 
@@ -292,19 +309,12 @@ void HandSimulation::enter_step(const StepReport& report) {
   }
 }
 
-void HandSimulation::untangle(double time_step) {
-  if (tissue_ == nullptr || !untangler_.due(time_step)) return;
-  std::fill(touching_.begin(), touching_.end(), 0);
-  if (contacts_) {
-    for (const ContactSet::Anchor& anchor : contacts_->anchors()) touching_[static_cast<std::size_t>(anchor.node)] = 1;
+double HandSimulation::tissue_energy(const StepReport& report) const {
+  double energy = 0;
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    if (terms_[t].get() == tissue_ || terms_[t].get() == attachments_) energy += report.terms[t].joules;
   }
-  const int moved = untangler_.look(state_, touching_, kinetic_energy(), *tissue_, *attachments_);
-  if (moved == 0) return;
-  untangled_nodes_ += static_cast<std::uint64_t>(moved);
-  untangled_ = true;
-  stored_holds_ = false;
-  // No path is drawn from where the nodes were.
-  if (contacts_) contacts_->reset();
+  return energy;
 }
 
 Pose HandSimulation::joint_pose(Joint joint) const { return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)]; }

@@ -110,7 +110,7 @@ class HandSimulation {
   /// J, of nodes and moving bodies.
   double kinetic_energy() const;
   int inverted_elements() const;
-  /// Nodes that were put back because they had turned inside out for good, since construction.
+  /// Nodes that were put back because they were tangled for good, since construction (untangle.hpp).
   std::uint64_t untangled_nodes() const { return untangled_nodes_; }
   int contact_count() const;
   const EnergyLedger& ledger() const { return ledger_; }
@@ -126,8 +126,8 @@ class HandSimulation {
  private:
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
-  void untangle(double time_step);
   void calm_nodes();
+  double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
   ObjectSpring object_spring_;
@@ -148,7 +148,7 @@ class HandSimulation {
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;
-  std::vector<std::uint8_t> touching_;  // by node
+  bool restored_ = false;  // since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // after the last step
   std::unique_ptr<NewtonSolver> solver_;

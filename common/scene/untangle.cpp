@@ -1,14 +1,29 @@
 #include "scene/untangle.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <utility>
+
+#include "math/tetrahedron.hpp"
 
 namespace softhand {
 namespace {
 
 constexpr double kTwistedEnergy = 20e-3;  // J; a hand's tissue under its own weight holds 1 mJ
-constexpr double kAtRest = 0.1;           // of it may be motion
-constexpr std::array<int, 3> kRings{1, 3, 1000};  // of neighbours that go along, by attempt; the last: everything that hangs together
+constexpr double kAtRest = 0.1;           // of the excess energy may be motion
+constexpr std::array<int, 6> kRings{1, 2, 4, 8, 16, 1000};  // of neighbours that go along; the last: everything that hangs together
+constexpr double kWorthMore = 0.1;        // so much more of the energy a larger region must release
+constexpr double kOfViolent = 0.5;        // of a violent hand's energy must be released
+constexpr double kOfTangled = 0.5;        // of what the tangled tetrahedra hold must be released
+constexpr int kClustersPerLook = 2;       // each costs a dozen evaluations of the tissue's energy
+constexpr std::uint8_t kPause = 4;        // looks without a try after one that released nothing
+
+Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
+  const Vector3 along = to - from;
+  const double squared = along.squaredNorm();
+  return squared > 0 ? Vector3(from + std::clamp(along.dot(point - from) / squared, 0.0, 1.0) * along) : from;
+}
 
 }  // namespace
 
@@ -16,88 +31,191 @@ Untangler::Untangler(const HandModel& hand, double patience)
     : patience_(patience),
       tetrahedra_(hand.tetrahedra),
       node_body_(hand.node_body),
-      folded_(hand.tetrahedra.size(), 0),
+      tangled_(hand.tetrahedra.size(), 0),
+      wait_(hand.tetrahedra.size(), 0),
+      stays_(hand.tetrahedra.size(), 0),
+      hooked_(hand.nodes.size(), 0),
       move_(hand.nodes.size(), 0),
-      more_(hand.nodes.size(), 0) {
-  carried_.node_positions = carried_.node_velocities = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+      more_(hand.nodes.size(), 0),
+      best_(hand.nodes.size(), 0) {
+  positions_ = velocities_ = bones_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    rest_in_body_.push_back(hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse() * hand.nodes[n]);
+    const BodyModel& body = hand.bodies[node_body_[n]];
+    const Pose body_from_rest = hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse();
+    const Pose body_from_joint = body.joint_from_body.inverse();
+    rest_in_body_.push_back(body_from_rest * hand.nodes[n]);
+    bone_in_body_.push_back(nearest_on_segment(body_from_joint * body.bone_start, body_from_joint * body.bone_end, rest_in_body_.back()));
+  }
+  Eigen::Matrix3Xd rest(3, hand.node_count());
+  for (std::size_t n = 0; n < hand.nodes.size(); ++n) rest.col(static_cast<Eigen::Index>(n)) = hand.nodes[n];
+  for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
+    const Material& m = hand.materials[hand.tetrahedron_material[t]];
+    const CorotationalMaterial law = corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+    violent_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
   }
 }
 
-void Untangler::put_back(State& state, std::size_t node) const {
+void Untangler::put_back(const View& view, std::size_t node) const {
+  State& state = view.state;
+  const auto column = static_cast<Eigen::Index>(node);
   const Pose& body = state.body_poses[node_body_[node]];
   const Twist& velocity = state.body_velocities[node_body_[node]];
   const Vector3 lever = body.orientation * rest_in_body_[node];
-  state.node_positions.col(static_cast<Eigen::Index>(node)) = body.position + lever;
-  state.node_velocities.col(static_cast<Eigen::Index>(node)) = velocity.linear + velocity.angular.cross(lever);
+  Vector3 position = body.position + lever;
+  if (view.contacts != nullptr) position = view.contacts->stopped(state, static_cast<std::int32_t>(node), bones_.col(column), position);
+  state.node_positions.col(column) = position;
+  state.node_velocities.col(column) = velocity.linear + velocity.angular.cross(lever);
 }
 
-// Tissue that rests, touching nothing, goes to where the bones carry it or below that in energy: it would, from there. What holds more is caught in another minimum.
-int Untangler::untwist(State& state, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
-  const auto energy = [&] { return tissue.value(state) + attachments.value(state); };
-  const double held = energy();
-  carried_.node_positions = state.node_positions;
-  carried_.node_velocities = state.node_velocities;
-  for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(state, n);
-  const double excess = held - energy();
-  const bool stays = std::exchange(twisted_, excess > kTwistedEnergy && kinetic_energy < kAtRest * excess);
-  if (twisted_ && stays) {
-    twisted_ = false;
-    return static_cast<int>(node_body_.size());
+Untangler::Due Untangler::due(double time_step, double energy) {
+  if (patience_ <= 0) return Due::nothing;
+  waited_ += time_step;
+  if (waited_ >= patience_) {
+    waited_ = 0;
+    glanced_ = false;
+    return Due::look;
   }
-  state.node_positions.swap(carried_.node_positions);
-  state.node_velocities.swap(carried_.node_velocities);
+  // A glance that found nothing better is not repeated at every step.
+  return energy > violent_ && !std::exchange(glanced_, true) ? Due::glance : Due::nothing;
+}
+
+double Untangler::stored(const View& view) const { return view.tissue.value(view.state) + view.attachments.value(view.state); }
+
+// What putting `move_` back has released, J: `before` was stored, and the nodes' contacts are still those from before.
+double Untangler::fall(const View& view, double before) const {
+  double released = before - stored(view);
+  if (view.contacts != nullptr) released += view.contacts->held(move_) - view.contacts->held_where_put(view.state, move_, bones_);
+  return released;
+}
+
+void Untangler::place_bones(const State& state) {
+  for (std::size_t n = 0; n < node_body_.size(); ++n) bones_.col(static_cast<Eigen::Index>(n)) = state.body_poses[node_body_[n]] * bone_in_body_[n];
+}
+
+// Ends the contacts of the nodes in `move_`, which are where they shall be. Returns how many.
+int Untangler::keep(const View& view) {
+  if (view.contacts != nullptr) view.contacts->release(move_);
+  // What was tangled before the stroke says nothing about after it.
+  std::fill(tangled_.begin(), tangled_.end(), 0);
+  return static_cast<int>(std::count(move_.begin(), move_.end(), 1));
+}
+
+// Tissue that rests goes to where the bones carry it or below that in energy: it would, from there. What holds more is caught in another minimum.
+int Untangler::put_all_back(const View& view, double kinetic_energy, bool patient) {
+  State& state = view.state;
+  const double before = stored(view);
+  if (!patient && before <= violent_) return 0;
+  positions_ = state.node_positions;
+  velocities_ = state.node_velocities;
+  place_bones(state);
+  std::fill(move_.begin(), move_.end(), 1);
+  for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
+  const double released = fall(view, before);
+  bool tangled = before > violent_ && released > kOfViolent * before;
+  if (patient) {
+    const bool stays = std::exchange(twisted_, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
+    tangled = tangled || (twisted_ && stays);
+  }
+  if (tangled) {
+    twisted_ = false;
+    return keep(view);
+  }
+  state.node_positions.swap(positions_);
+  state.node_velocities.swap(velocities_);
   return 0;
 }
 
-bool Untangler::due(double time_step) {
-  if (patience_ <= 0) return false;
-  waited_ += time_step;
-  if (waited_ < patience_) return false;
-  waited_ = 0;
-  return true;
+// The nodes that share a tetrahedron with one of `move_`. Returns how many came along.
+int Untangler::grow() {
+  int grown = 0;
+  more_ = move_;
+  for (const auto& nodes : tetrahedra_) {
+    if (std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; })) continue;
+    for (const std::int32_t n : nodes) grown += std::exchange(more_[static_cast<std::size_t>(n)], std::uint8_t{1}) == 0 ? 1 : 0;
+  }
+  move_.swap(more_);
+  return grown;
 }
 
-int Untangler::look(State& state, std::span<const std::uint8_t> touching, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
-  bool any_free = false, tangled = false;
+// Puts back the tangled tetrahedra that hang together with `seed`, with as much around them as releases most energy. A hook may hold its energy in bones that it keeps from
+// their targets: where the cluster has one, what tissue and contact release does not decide whether, only how much.
+int Untangler::untangle_cluster(const View& view, std::size_t seed) {
+  State& state = view.state;
   std::fill(move_.begin(), move_.end(), 0);
+  double held = 0;
+  bool hooks = false;
+  for (const std::int32_t n : tetrahedra_[seed]) move_[static_cast<std::size_t>(n)] = 1;
+  for (bool grown = true; grown;) {
+    grown = false;
+    for (std::size_t t = seed; t < tetrahedra_.size(); ++t) {
+      const auto& nodes = tetrahedra_[t];
+      if (stays_[t] == 0 || std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; })) continue;
+      for (const std::int32_t n : nodes) {
+        move_[static_cast<std::size_t>(n)] = 1;
+        hooks = hooks || hooked_[static_cast<std::size_t>(n)] != 0;
+      }
+      held += view.tissue.energy(state, static_cast<int>(t));
+      stays_[t] = 0;
+      wait_[t] = kPause;
+      grown = true;
+    }
+  }
+  const double before = stored(view);
+  positions_ = state.node_positions;
+  velocities_ = state.node_velocities;
+  double most = hooks ? -std::numeric_limits<double>::infinity() : kOfTangled * held;
+  bool found = false;
+  int rings = 0;
+  for (const int wanted : kRings) {
+    int grown = 1;
+    for (; rings < wanted && grown > 0; ++rings) grown = grow();
+    for (std::size_t n = 0; n < move_.size(); ++n) {
+      if (move_[n] != 0) put_back(view, n);
+    }
+    const double released = fall(view, before);
+    if (found ? released - most > kWorthMore * std::abs(most) : released > most) {
+      most = released;
+      best_ = move_;
+      found = true;
+    }
+    if (grown == 0) break;
+  }
+  state.node_positions = positions_;
+  state.node_velocities = velocities_;
+  if (!found) return 0;
+  move_ = best_;
+  for (std::size_t n = 0; n < move_.size(); ++n) {
+    if (move_[n] != 0) put_back(view, n);
+  }
+  return keep(view);
+}
+
+int Untangler::glance(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments) {
+  return patience_ > 0 ? put_all_back({state, contacts, tissue, attachments}, 0, false) : 0;
+}
+
+int Untangler::look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
+  const View view{state, contacts, tissue, attachments};
+  if (const int moved = put_all_back(view, kinetic_energy, true)) return moved;
+  if (contacts != nullptr) contacts->mark_hooked(state, bones_, hooked_);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const auto& nodes = tetrahedra_[t];
-    const bool folded = tissue.is_folded(state, static_cast<int>(t));
-    const bool stays = folded && folded_[t] != 0;
-    folded_[t] = folded ? 1 : 0;
-    if (!folded || std::any_of(nodes.begin(), nodes.end(), [&touching](std::int32_t n) { return touching[static_cast<std::size_t>(n)] != 0; })) continue;
-    any_free = true;
-    if (!stays) continue;
-    tangled = true;
-    for (const std::int32_t n : nodes) move_[static_cast<std::size_t>(n)] = 1;
-  }
-  if (!any_free) attempts_ = 0;
-  if (!any_free && std::find(touching.begin(), touching.end(), 1) == touching.end()) return untwist(state, kinetic_energy, tissue, attachments);
-  if (!tangled || attempts_ >= static_cast<int>(kRings.size())) return 0;
-  for (int ring = 0, grown = 1; ring < kRings[static_cast<std::size_t>(attempts_)] && grown > 0; ++ring) {
-    more_ = move_;
-    grown = 0;
-    for (const auto& nodes : tetrahedra_) {
-      if (std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; })) continue;
-      for (const std::int32_t n : nodes) {
-        std::uint8_t& moves = more_[static_cast<std::size_t>(n)];
-        grown += moves == 0 ? 1 : 0;
-        moves = 1;
-      }
+    const bool hooked = std::any_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return hooked_[static_cast<std::size_t>(n)] != 0; });
+    const bool tangled = hooked || tissue.is_folded(state, static_cast<int>(t));
+    if (!tangled) {
+      wait_[t] = 0;
+    } else if (wait_[t] > 0) {
+      --wait_[t];
     }
-    move_.swap(more_);
+    stays_[t] = tangled && tangled_[t] != 0 && wait_[t] == 0 ? 1 : 0;
+    tangled_[t] = tangled ? 1 : 0;
   }
-  ++attempts_;
-  int moved = 0;
-  for (std::size_t n = 0; n < move_.size(); ++n) {
-    if (move_[n] == 0) continue;
-    put_back(state, n);
-    ++moved;
+  int moved = 0, clusters = 0;
+  for (std::size_t t = 0; t < tetrahedra_.size() && clusters < kClustersPerLook; ++t) {
+    if (stays_[t] == 0) continue;
+    moved += untangle_cluster(view, t);
+    ++clusters;
   }
-  // What was folded before the stroke says nothing about after it.
-  std::fill(folded_.begin(), folded_.end(), 0);
   return moved;
 }
 

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <fmt/os.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include "cli/commands.hpp"
 #include "cli/virtual_rig.hpp"
 #include "messages/convert.hpp"
+#include "scene/rest_error.hpp"
 #include "scene_file.hpp"
 
 namespace softhand {
@@ -92,10 +94,12 @@ int run_simulate(const SimulateArguments& arguments) {
   std::optional<SignalFile> signals;
   if (!arguments.csv.empty()) signals.emplace(arguments.csv);
   const auto started = std::chrono::steady_clock::now();
+  std::uint64_t inverted_steps = 0;
   std::vector<double> work_of_steps;
   rig.run(seconds, [&](const HandStepView& view) {
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
+    if (view.simulation->inverted_elements() > 0) ++inverted_steps;
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
@@ -107,7 +111,11 @@ int run_simulate(const SimulateArguments& arguments) {
   for (const AppliedOverride& o : scene.overrides) json["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   json["simulated_seconds"] = seconds;
   json.update(rig.outcome().summary(frame));
-  const EnergyLedger& ledger = rig.hand().simulation().ledger();
+  const HandSimulation& simulation = rig.hand().simulation();
+  json["inverted_end"] = simulation.inverted_elements();
+  json["inverted_steps_fraction"] = static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
+  json["rest_error_mm"] = simulation.contact_count() > 0 ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
+  const EnergyLedger& ledger = simulation.ledger();
   json["energy_ledger_defect"] = ledger.defect();
   json["energy_excess"] = ledger.excess();
   json["energy_ledger_j"] = ledger_rows(ledger);
@@ -118,13 +126,14 @@ int run_simulate(const SimulateArguments& arguments) {
   json["passivity_energy_j"] = rig.haptic().passivity().energy();
   json["state_hash"] = rig.state_hash();
   const HandCounters& counters = rig.hand().counters();
-  const WorkCounters work = rig.hand().simulation().work();
+  const WorkCounters work = simulation.work();
   json["hand_counters"] = {{"steps", rig.steps_of_hand()},
                            {"failed_steps", counters.failed_steps},
                            {"stale_steps", counters.stale_steps},
                            {"budget_steps", counters.budget_steps},
                            {"repositioned", counters.repositioned},
                            {"refused_nonfinite", counters.refused_nonfinite},
+                           {"untangled_nodes", simulation.untangled_nodes()},
                            {"chord_steps", counters.chord_steps},
                            {"factorised_steps", work.factorised_steps},
                            {"tissue_elements", work.tissue_elements},

@@ -11,6 +11,7 @@
 
 #include "cli/virtual_rig.hpp"
 #include "messages/convert.hpp"
+#include "scene/rest_error.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
 namespace softhand {
@@ -24,6 +25,8 @@ struct Result {
   double object_speed_max = 0;   // m/s, in the world, whoever owns it
   double object_height_max = 0;  // m
   std::uint64_t touched_steps = 0, untangled_nodes = 0;
+  int inverted_end = 0;
+  double rest_error = 0;  // m
   TrackedInputCounters tracker;
   EnergyLedger hand_ledger, tracking_ledger;
   double stale_after = std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
@@ -52,6 +55,8 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   result.hash = rig.state_hash();
   result.hand_ledger = rig.hand().simulation().ledger();
   result.untangled_nodes = rig.hand().simulation().untangled_nodes();
+  result.inverted_end = rig.hand().simulation().inverted_elements();
+  result.rest_error = rest_error(hand, rig.hand().simulation().state());
   if (rig.tracking() != nullptr) {
     result.tracker = rig.tracking()->input().counters();
     result.tracking_ledger = rig.tracking()->ledger();
@@ -208,6 +213,16 @@ TEST(HeldCube, NothingGrowsWithTheSymmetricSpring) {
   expect_lifted(result);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LT(result.object_speed_max, 2);
+}
+
+// Pressed tissue is no tangle: with 1,450 nodes a crease of the little finger stays pressed beyond its limit while the fist is closed.
+TEST(Fist, LeavesTheTissueWholeEachTime) {
+  const Result result = run("pinch_lift.toml",
+                            {"generator.motion=fist", "generator.object_position=[0,0.5,0]", "generator.free_time=8", "tracker.position_noise=0", "tracker.rotation_noise=0"},
+                            8.5, "right_1450.hand.json");
+  EXPECT_EQ(result.inverted_end, 0);
+  EXPECT_LE(result.rest_error, 1e-5);
+  EXPECT_EQ(result.untangled_nodes, 0u);
 }
 
 TEST(RecordedGrasp, FollowsAndHolds) {

@@ -14,5 +14,11 @@ inline Shape box_shape(const Vec3& half) {
 }
 /// A cube of half edges `half`, m.
 inline Shape cube_shape(double half) { return box_shape({half, half, half}); }
+inline Shape sphere_shape(double radius) {
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
+  shape.size = {radius, 0, 0};
+  return shape;
+}
 
 }  // namespace softhand::testing

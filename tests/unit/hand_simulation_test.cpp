@@ -6,6 +6,7 @@
 
 #include "math/rotation.hpp"
 #include "scene/hand_simulation.hpp"
+#include "scene/rest_error.hpp"
 #include "support/block_hand.hpp"
 #include "support/cores.hpp"
 #include "support/moving_together.hpp"
@@ -143,7 +144,8 @@ void scatter_nodes(HandSimulation& simulation) {
 }
 
 TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
-  const auto inverted_after = [](double patience, std::uint64_t& untangled) {
+  double left = 0;
+  const auto inverted_after = [&left](double patience, std::uint64_t& untangled) {
     SimulationOptions o = options();
     o.untangle_patience = patience;
     HandSimulation simulation(hand(), o, 0, 0);
@@ -151,12 +153,15 @@ TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
     scatter_nodes(simulation);
     for (int i = 0; i < 180; ++i) simulation.step(kStep);
     untangled = simulation.untangled_nodes();
+    left = rest_error(hand(), simulation.state());
     return simulation.inverted_elements();
   };
   std::uint64_t untangled = 0;
   EXPECT_GT(inverted_after(0, untangled), 0) << "it came back by itself: this shows nothing";
+  EXPECT_GT(left, 1e-4) << "damage that stays is measured";
   EXPECT_EQ(untangled, 0u);
   EXPECT_EQ(inverted_after(SimulationOptions{}.untangle_patience, untangled), 0);
+  EXPECT_LT(left, 1e-7);
   EXPECT_GT(untangled, 0u);
 }
 
@@ -201,6 +206,91 @@ TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
   std::uint64_t untangled = 0;
   EXPECT_GT(distance_after(0, untangled), 1e-3) << "it came back by itself: this shows nothing";
   EXPECT_EQ(untangled, 0u);
+  EXPECT_LT(distance_after(SimulationOptions{}.untangle_patience, untangled), 1e-4);
+  EXPECT_GT(untangled, 0u);
+}
+
+// The shipped hand over a sphere that it nearly touches with its palm.
+struct HandOverASphere {
+  HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  ShapeGeometry sphere = ShapeGeometry(testing::sphere_shape(0.03));
+  HandSimulation simulation{hand, {}, 1, 1};
+  Eigen::Matrix3Xd rest = simulation.state().node_positions;
+  int slot;
+  Pose place;
+  double fastest = 0;  // m/s, of the sphere
+
+  explicit HandOverASphere(bool free) : slot(free ? 0 : 1) {
+    constexpr double kGap = 1e-3, kMass = 0.1;  // m, kg
+    set_rest_targets(simulation, {});
+    place.position = hand.rest_joints[index(Joint::palm)].position - Vector3(0, 0.1, 0);
+    for (int i = 0; i < 50; ++i) {
+      double nearest = 1;
+      for (const Vector3& node : hand.nodes) nearest = std::min(nearest, sphere.signed_distance(place.inverse() * node));
+      place.position.y() += nearest - kGap;
+    }
+    simulation.set_slot(slot, {7, &sphere, kMass, kMass * 0.4 * 9e-4 * Matrix3::Identity(), 0.8});
+    simulation.set_slot_motion(slot, place, {});
+    if (free) simulation.make_dynamic(slot, Vector3::Zero());
+  }
+  double distance() const { return std::sqrt((simulation.state().node_positions - rest).squaredNorm() / hand.node_count()); }
+  void run(int steps) {
+    for (int i = 0; i < steps; ++i) {
+      simulation.step(kStep);
+      fastest = std::max(fastest, simulation.slot_velocity(slot).linear.norm());
+    }
+  }
+};
+
+TEST(HandSimulation, CollapsedOrMirroredTissueComesBackWithAnObjectInThePalm) {
+  for (const bool free : {false, true}) {
+    for (const Vector3& map : {Vector3(1, 0, 1), Vector3(0, 1, 1), Vector3(1, 1, 0), Vector3(1, -1, 1), Vector3(-1, 1, 1), Vector3(1, 1, -1)}) {
+      SCOPED_TRACE(::testing::Message() << (free ? "free, " : "fixed, ") << map.transpose());
+      HandOverASphere scene(free);
+      State state = scene.simulation.state();
+      const Vector3 middle = state.node_positions.rowwise().mean();
+      for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+        state.node_positions.col(n) = middle + map.cwiseProduct(Vector3(state.node_positions.col(n) - middle));
+      }
+      scene.simulation.restore(state);
+      const double before = scene.distance();
+      scene.run(90);
+      EXPECT_LE(scene.distance(), 0.05 * before);
+      EXPECT_EQ(scene.simulation.inverted_elements(), 0);
+      EXPECT_LE(scene.fastest, 1.0) << "the object is hurled";
+      scene.run(180);
+      EXPECT_LE(scene.distance(), 1e-4);
+    }
+  }
+}
+
+// Less than a whole hand: the skin of a fingertip is behind a thin plate, and nothing is inside out.
+TEST(HandSimulation, SkinThatHooksBehindAPlateComesBack) {
+  HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  const ShapeGeometry plate(testing::box_shape({0.012, 0.002, 0.012}));
+  const auto distance_after = [&](double patience, std::uint64_t& untangled) {
+    SimulationOptions o;
+    o.untangle_patience = patience;
+    HandSimulation simulation(hand, o, 0, 1);
+    set_rest_targets(simulation, {});
+    const Eigen::Matrix3Xd rest = simulation.state().node_positions;
+    Vector3 pad(0, 1, 0);
+    for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
+      if (static_cast<Body>(hand.node_body[n]) == Body::index_distal && hand.nodes[n].y() < pad.y()) pad = hand.nodes[n];
+    }
+    simulation.set_slot(0, {7, &plate, 1, Matrix3::Identity(), 0.8});
+    simulation.set_slot_motion(0, {pad - Vector3(0, 0.003, 0), Quaternion::Identity()}, {});
+    State state = simulation.state();
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
+      if ((rest.col(n) - pad).norm() < 6e-3) state.node_positions(1, n) = pad.y() - 5.5e-3;
+    }
+    simulation.restore(state);
+    for (int i = 0; i < 90; ++i) simulation.step(kStep);
+    untangled = simulation.untangled_nodes();
+    return (simulation.state().node_positions - rest).colwise().norm().maxCoeff();
+  };
+  std::uint64_t untangled = 0;
+  EXPECT_GT(distance_after(0, untangled), 2e-3) << "nothing hooks: this shows nothing";
   EXPECT_LT(distance_after(SimulationOptions{}.untangle_patience, untangled), 1e-4);
   EXPECT_GT(untangled, 0u);
 }

@@ -8,6 +8,7 @@
 #include "energies/plane_contact.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "scene/hand_simulation.hpp"
 #include "support/box_mesh.hpp"
 #include "verification/cases.hpp"
 
@@ -207,6 +208,38 @@ std::vector<Measurement> object_slide(const Parameters& p) {
   return {{"acceleration", object.velocity().x() - before, reference, 0.01 * reference, "m/s^2", {}}};
 }
 
+// All tissue of a shipped hand scaled along one axis about its middle, over a sphere of 100 g and 30 mm that the palm nearly touches: 0 collapses it to a plane, -1 mirrors it.
+std::vector<Measurement> recovery(const Parameters& p) {
+  constexpr double kGap = 1e-3, kRadius = 0.03, kMass = 0.1;  // m, m, kg
+  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  const ShapeGeometry sphere(shape_of(ShapeKind::sphere, {kRadius, 0, 0}));
+  HandSimulation simulation(hand, {}, 1, 1);
+  for (int b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    simulation.set_target(body, hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))], {});
+  }
+  const Eigen::Matrix3Xd rest = simulation.state().node_positions;
+  const int slot = p.whole("free") != 0 ? 0 : 1;
+  Vector3 place = hand.rest_joints[static_cast<std::size_t>(index_of(Joint::palm))].position - Vector3(0, 0.1, 0);
+  for (int i = 0; i < 50; ++i) place.y() += (rest.colwise() - place).colwise().norm().minCoeff() - kRadius - kGap;
+  simulation.set_slot(slot, {1, &sphere, kMass, 0.4 * kMass * kRadius * kRadius * Matrix3::Identity(), 0.8});
+  simulation.set_slot_motion(slot, {place, Quaternion::Identity()}, {});
+  if (slot == 0) simulation.make_dynamic(slot, Vector3::Zero());
+  State state = simulation.state();
+  const double middle = rest.row(p.whole("axis")).mean();
+  state.node_positions.row(p.whole("axis")).array() = middle + p["scale"] * (rest.row(p.whole("axis")).array() - middle);
+  const double before = (state.node_positions - rest).norm();
+  simulation.restore(state);
+  double fastest = 0;
+  for (int i = 0; i < 90; ++i) {
+    simulation.step(1.0 / 90);
+    fastest = std::max(fastest, simulation.slot_velocity(slot).linear.norm());
+  }
+  return {{"distance left after 1 s", (simulation.state().node_positions - rest).norm() / before, 0, 0.05, "1", {}},
+          {"inverted tetrahedra after 1 s", static_cast<double>(simulation.inverted_elements()), 0, 0, "1", {}},
+          {"largest speed of the object", fastest, 0, 1, "m/s", {}}};
+}
+
 }  // namespace
 
 std::vector<Case> contact_cases() {
@@ -214,7 +247,14 @@ std::vector<Case> contact_cases() {
   for (const double iterations : {1.0, 2.0, 3.0, 5.0, 10.0, 200.0}) {
     capsules.push_back({{"mass", 0.045}, {"friction", 0.7}, {"slope", 0.35}, {"seconds", 20}, {"iterations", iterations}});
   }
+  std::vector<Parameters> recoveries;
+  for (const double free : {0.0, 1.0}) {
+    for (const double scale : {0.0, -1.0}) {
+      for (const double axis : {0.0, 1.0, 2.0}) recoveries.push_back({{"free", free}, {"scale", scale}, {"axis", axis}});
+    }
+  }
   return {
+      {"tissue_recovery", "95 % of the distance back in 1 s, with an object in the palm that is hurled by nobody", recoveries, recovery},
       {"contact_rest_depth", "m g/k", {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}}}, rest_depth},
       {"contact_impact_depth", "d0 + sqrt(d0^2 + m v^2/k), d0 = m g/k",
        {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}, {"speed", 0.3}, {"time_step", 1e-5}}}, impact_depth},
