@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -21,23 +22,38 @@ constexpr double kHeldMovement = 0.005;       // m in the palm's frame
 constexpr double kGripGap = 0.1;              // s
 constexpr double kAtRest = 0.005;             // m/s
 constexpr double kLargestShift = 0.030;       // s, over which a constant lag is looked for; searched to twice that
+constexpr double kGapPeriods = 4;             // median sample periods; a longer interval without tracked samples is a gap
 
 double seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-// The sample at a time, linearly between neighbours (orientation: shortest arc); nothing outside the samples.
+// The sample at a time, linearly between neighbours (orientation: shortest arc). Nothing outside the samples, and nothing
+// between neighbours that are more than `longest_span` seconds apart.
 template <typename Sample, typename Get>
-std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get) {
+std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get,
+                            double longest_span = std::numeric_limits<double>::infinity()) {
   const auto after = std::lower_bound(samples.begin(), samples.end(), time, [](const Sample& s, double t) { return seconds(s.time) < t; });
   if (after == samples.end() || (after == samples.begin() && seconds(after->time) > time)) return std::nullopt;
   if (after == samples.begin()) return get(*after);
   const auto before = after - 1;
   const double span = seconds(after->time) - seconds(before->time);
+  if (span > longest_span && time < seconds(after->time)) return std::nullopt;
   const double u = span > 0 ? (time - seconds(before->time)) / span : 1.0;
   const Pose a = get(*before);
   const Pose b = get(*after);
   return Pose{(1 - u) * a.position + u * b.position, a.orientation.slerp(u, b.orientation)};
+}
+
+// Seconds between successive samples, which are in order of time; duplicates left out.
+template <typename Sample>
+std::vector<double> intervals(const std::vector<Sample>& samples) {
+  std::vector<double> out;
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    const double interval = seconds(samples[i].time - samples[i - 1].time);
+    if (interval > 0) out.push_back(interval);
+  }
+  return out;
 }
 
 std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const std::string& name) {
@@ -149,6 +165,11 @@ void Outcome::on_device(const DeviceState& state) {
                          ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
 }
 
+double Outcome::longest_tracked_interval() const {
+  const double median = percentile(intervals(tracked_), 0.5);
+  return std::isnan(median) ? std::numeric_limits<double>::infinity() : kGapPeriods * median;
+}
+
 Json Outcome::pinch(const OutcomeFrame& frame) const {
   const double start = seconds(frame.motion_start);
   Json json;
@@ -239,11 +260,6 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  double largest_finger = 0;
-  for (const ContactSample& c : contacts_) {
-    for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
-  }
-
   // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen, nothing has touched the object for
   // half a second, and it lies still.
   Json released = nullptr;
@@ -270,7 +286,6 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   json["penetration_p95_mm"] = number(percentile(depths, 0.95));
   json["penetration_max_mm"] = number(depths.empty() ? std::nan("") : *std::max_element(depths.begin(), depths.end()));
   json["pressing_harder_fraction"] = number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
-  json["finger_force_max_n"] = largest_finger;
   json["released"] = released;
   return json;
 }
@@ -287,6 +302,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
     const auto later = std::lower_bound(touching.begin(), touching.end(), t - 0.3);
     return later == touching.end() || *later > t;
   };
+  const double longest = longest_tracked_interval();
   const double first = tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
   const auto rms_at = [&](double shift) {
     double sum = 0;
@@ -295,7 +311,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
       const double t = seconds(sample.time);
       if (t < first || !free_motion(t)) continue;
       for (const Joint tip : tips) {
-        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; });
+        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; }, longest);
         if (!wanted) continue;
         sum += (wanted->position - sample.joints[joint(tip)].position).squaredNorm();
         ++count;
@@ -342,8 +358,9 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   };
   for (const ContactSample& c : contacts_) {
     const double t = seconds(c.time);
-    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; });
-    const auto root = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; });
+    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; }, longest);
+    const auto root =
+        pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; }, longest);
     if (!tip || !root || (tip->position - root->position).norm() >= kClosedFist) continue;
     if (t - last_closed > kGripGap) end_grip();
     last_closed = t;
@@ -363,6 +380,15 @@ Json Outcome::following(const OutcomeFrame& frame) const {
 
 Json Outcome::summary(const OutcomeFrame& frame) const {
   Json json = frame.recorded ? following(frame) : pinch(frame);
+  double largest_finger = 0;
+  for (const ContactSample& c : contacts_) {
+    for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
+  }
+  json["finger_force_max_n"] = largest_finger;
+  double gaps = 0;
+  const double longest = longest_tracked_interval();
+  for (const double interval : intervals(tracked_)) gaps += interval > longest ? interval : 0;
+  json["tracker_gaps_s"] = gaps;
   json["nonfinite_published"] = nonfinite_;
   json["finger_coupling_max_n"] = largest_finger_coupling_;
   json["hand_coupling_max_n"] = largest_hand_coupling_;

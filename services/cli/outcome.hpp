@@ -71,6 +71,8 @@ class Outcome {
     std::array<double, 6> hops_ms;  // tracker, tracking, hand, wrench, device, total
   };
 
+  /// Seconds; a longer interval between tracked samples is a gap, in which nothing is judged by the tracker.
+  double longest_tracked_interval() const;
   nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
   nlohmann::ordered_json following(const OutcomeFrame& frame) const;
 

@@ -238,6 +238,49 @@ TEST(OutcomeFollowing, FindsALagAndWhatRemainsBeyondIt) {
   EXPECT_GT(json["fingertip_rms_unshifted_mm"].get<double>(), 3);
 }
 
+TEST(OutcomeFollowing, LeavesOutTimesWithoutTrackedSamplesAndReportsTheirLength) {
+  Outcome outcome;
+  const Vector3 offset(0, 0, 0.002);
+  for (int i = 0; i < static_cast<int>(6 * kRate); ++i) {
+    const double t = i / kRate;
+    // From 2 s to 3 s nothing is tracked: the hand waves on, far from a straight line between the neighbours.
+    if (t <= 2 || t >= 3) {
+      outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
+    }
+    if (i == 100) outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));  // a duplicate
+    outcome.on_simulated(skeleton(t, [&](std::size_t j) {
+      Pose pose = joint_in(waving(t), j);
+      pose.position += offset;
+      return pose;
+    }));
+  }
+  const auto json = outcome.summary(recorded_frame());
+  EXPECT_NEAR(json["fingertip_rms_mm"].get<double>(), 2, 0.05);
+  EXPECT_NEAR(json["lag_ms"].get<double>(), 0, 1);
+  EXPECT_NEAR(json["tracker_gaps_s"].get<double>(), 1, 1e-6);
+}
+
+TEST(OutcomeFollowing, AMissingSampleIsNoGap) {
+  Outcome outcome;
+  for (int i = 0; i < static_cast<int>(3 * kRate); ++i) {
+    if (i % 10 == 3) continue;
+    outcome.on_tracked(skeleton(i / kRate, [](std::size_t j) { return joint_in(Pose{}, j); }));
+  }
+  EXPECT_EQ(outcome.summary(recorded_frame())["tracker_gaps_s"].get<double>(), 0);
+}
+
+TEST(OutcomeFollowing, TellsTheLargestForceOnOneFinger) {
+  Outcome outcome;
+  for (int i = 0; i < 3; ++i) {
+    Contacts contacts;
+    contacts.stamp.sample_time = at(i / kRate);
+    contacts.fingers[2].force = {0, 3.0 * i, 4.0 * i};
+    contacts.fingers[4].force = {0.5, 0, 0};
+    outcome.on_contacts(contacts);
+  }
+  EXPECT_DOUBLE_EQ(outcome.summary(recorded_frame())["finger_force_max_n"].get<double>(), 10);
+}
+
 TEST(OutcomeFollowing, HeldFractionAsksForTwoFingersAndNoMovementInThePalm) {
   Outcome outcome;
   // Closed from 1 s to 3 s. From 1.0 to 1.2 one finger touches; from 2.8 on the object has moved 6 mm.
