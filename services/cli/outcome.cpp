@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 
 #include "math/rotation.hpp"
@@ -108,10 +109,16 @@ void Outcome::on_contacts(const Contacts& contacts) {
     sample.finger_contacts[f] = finger.contact_count;
   }
   contacts_.push_back(sample);
+  const std::size_t first = presses_.size();
   for (const Contact& contact : contacts.contacts) {
     if (!all_finite(contact.force) || !all_finite(contact.point) || !std::isfinite(contact.penetration)) ++nonfinite_;
     const auto finger = std::min<std::size_t>(contact.finger, 5);
     penetrations_.push_back({sample.time, contact.finger, contact.penetration, sample.finger_force[finger]});
+    auto press = std::find_if(presses_.begin() + static_cast<std::ptrdiff_t>(first), presses_.end(),
+                              [&contact](const Press& p) { return p.object == contact.object; });
+    if (press == presses_.end()) press = presses_.insert(press, {sample.time, contact.object, {}});
+    const bool phalanx = contact.body < kBodyCount && !is_metacarpal(static_cast<Body>(contact.body));
+    press->force[phalanx ? finger : static_cast<std::size_t>(Finger::palm)] += to_vector(contact.force).norm();
   }
 }
 
@@ -181,6 +188,7 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   double inertia_ratio = std::nan("");
   double lifted = std::nan("");
   double turned = std::nan("");
+  std::array<double, 6> hold_force{};
   const auto hold = find(frame.phases, "hold");
   if (hold) {
     // Slip: movement of the object in the frames of the two distal bones since the hold began, whichever is larger.
@@ -205,6 +213,17 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
         }
         ++k;
       }
+    }
+    // The mean is over all steps of the hold, also those without contact.
+    std::size_t steps = 0;
+    for (const ContactSample& c : contacts_) {
+      const double t = seconds(c.time) - start;
+      steps += t >= hold->begin && t <= hold->end ? 1 : 0;
+    }
+    for (const Press& press : presses_) {
+      const double t = seconds(press.time) - start;
+      if (t < hold->begin || t > hold->end || press.object != frame.object) continue;
+      for (std::size_t f = 0; f < hold_force.size(); ++f) hold_force[f] += press.force[f] / static_cast<double>(steps);
     }
     if (count > 0) weight_ratio = force_sum / static_cast<double>(count) / (frame.object_mass * frame.gravity);
     const auto before = find(frame.phases, "lift");
@@ -260,8 +279,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen, nothing has touched the object for
-  // half a second, and it lies still.
+  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen,
+  // nothing has touched the object for half a second, and it lay still.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
     double end = seconds(contacts_.back().time);
@@ -271,11 +290,13 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
       if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
       for (std::size_t f = 0; f < c.finger_force.size(); ++f) touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
     }
-    double speed = std::nan("");
+    // The median: a physics engine may jolt a standing object by some mm/s for a step.
+    std::vector<double> speeds;
     for (const ObjectSample& o : objects_) {
-      if (o.object == frame.object && seconds(o.time) <= end) speed = o.velocity.norm();
+      if (o.object == frame.object && seconds(o.time) >= end - 0.5 && seconds(o.time) <= end)
+        speeds.push_back(o.velocity.norm());
     }
-    released = !touched && speed < kAtRest;
+    released = !touched && percentile(speeds, 0.5) < kAtRest;
   }
 
   json["held_slip_mm"] = number(slip);
@@ -283,6 +304,11 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   json["inertia_ratio"] = number(inertia_ratio);
   json["lifted_mm"] = number(lifted);
   json["turned_deg"] = number(turned);
+  const auto palm = hold_force.begin() + static_cast<std::ptrdiff_t>(Finger::palm);
+  const double fingers = std::accumulate(hold_force.begin(), palm, 0.0);
+  for (std::size_t f = 0; f < hold_force.size(); ++f)
+    json["hold_force_n"][std::string(kFingerNames[f])] = hold_force[f];
+  json["hold_share_min"] = number(fingers > 0 ? *std::min_element(hold_force.begin(), palm) / fingers : std::nan(""));
   json["penetration_p95_mm"] = number(percentile(depths, 0.95));
   json["penetration_max_mm"] = number(depths.empty() ? std::nan("") : *std::max_element(depths.begin(), depths.end()));
   json["pressing_harder_fraction"] = number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
