@@ -1,9 +1,12 @@
 // softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of every topic.
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <chrono>
 #include <type_traits>
 
 #include "hand/hand_loop.hpp"
+#include "hand/hand_size.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -13,6 +16,32 @@ using namespace softhand;
 
 constexpr double kBudgetFraction = 0.7;  // of the period; the rest is for the last iteration's measuring, the topics, and other processes
 
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+HandSizeChoice choose_size(const Scene& scene, const HandOptions& options) {
+  const double budget = options.simulation.solver.time_budget;
+  std::vector<int> nodes;
+  const double start = seconds_now();
+  const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, [&](std::size_t size) {
+    const HandModel hand = load_scene_hand(scene, kHandSizes[size]);
+    nodes.push_back(hand.node_count());
+    return measure_fast_step(hand, options, budget, seconds_now);
+  });
+  std::string measured;
+  for (std::size_t size = 0; size < nodes.size(); ++size) {
+    measured += fmt::format("{}{} nodes {:.2f} ms", size == 0 ? "" : ", ", nodes[size], 1e3 * choice.fast_steps[size]);
+  }
+  spdlog::info(
+      "hand.model = auto: a fast step takes {}; chose {}: its budget of {:.1f} ms is {:.1f} fast steps; measured in "
+      "{:.2f} s",
+      measured, kHandSizes[choice.size], 1e3 * budget, choice.budget_fast_steps, seconds_now() - start);
+  if (choice.budget_fast_steps < 2)
+    spdlog::warn("this machine is too slow or too busy for the coarsest hand: steps will be cut off");
+  return choice;
+}
+
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
@@ -20,7 +49,6 @@ void run(int argc, char** argv) {
   // In real time a step that would not be done in time is worth less than one that is a little less exact.
   if (options.simulation.solver.time_budget == 0) options.simulation.solver.time_budget = kBudgetFraction / options.rate_hz;
   const HandKey key = hand_key(scene);
-  const HandModel hand = load_scene_hand(scene);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto& p = service.participant();
@@ -34,6 +62,12 @@ void run(int argc, char** argv) {
   bus::Writer surface_writer(p, bus::topics::tissue_surface);
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
+
+  // With the service's urgency, since that is what the loop will run with.
+  HandSizeChoice choice;
+  if (chooses_hand_size(scene)) choice = choose_size(scene, options);
+  const HandModel hand =
+      load_scene_hand(scene, chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model);
 
   // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its urgency, which the helper shall have too.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
@@ -81,6 +115,8 @@ void run(int argc, char** argv) {
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
     status.input_drops = dropped_before(skeletons, heads, worlds, descriptions);
+    add_counter(status, "hand_nodes", hand.node_count());
+    if (chooses_hand_size(scene)) add_counter(status, "budget_fast_steps", choice.budget_fast_steps);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
   };
