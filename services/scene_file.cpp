@@ -93,8 +93,24 @@ std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandMo
   return make_motion(hand, scene.options.generator);
 }
 
+bool chooses_hand_size(const Scene& scene) { return scene.options.hand.model == "auto"; }
+
 HandModel load_scene_hand(const Scene& scene) {
-  HandModel hand = load_hand(find_file(scene, scene.options.hand.model, "hands"));
+  return load_scene_hand(scene, chooses_hand_size(scene) ? "right_1450.hand.json" : scene.options.hand.model);
+}
+
+std::vector<HandModel> load_possible_hands(const Scene& scene) {
+  std::vector<HandModel> hands;
+  if (!chooses_hand_size(scene)) {
+    hands.push_back(load_scene_hand(scene));
+  } else {
+    for (const char* file : kHandSizes) hands.push_back(load_scene_hand(scene, file));
+  }
+  return hands;
+}
+
+HandModel load_scene_hand(const Scene& scene, const std::string& file) {
+  HandModel hand = load_hand(find_file(scene, file, "hands"));
   const auto recording = load_recording(scene);
   const Side side = scene_side(scene, recording);
   if (hand.side != side) hand = mirrored(hand);

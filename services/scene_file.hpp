@@ -2,6 +2,7 @@
 // misspelt key is refused by whoever reads the file first.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,14 +12,14 @@
 #include "hand/hand_options.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
-#include "scene/hand_simulation.hpp"
 #include "runtime/config.hpp"
+#include "scene/hand_simulation.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
-#include "tracking/tracking_options.hpp"
 #include "trackers/landmarks/landmarks_options.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 #include "trackers/webxr/webxr_options.hpp"
+#include "tracking/tracking_options.hpp"
 #include "viewer/viewer_options.hpp"
 #include "world/world_options.hpp"
 
@@ -91,8 +92,19 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
 /// The motion that the scene's tracker plays: its recording, or the generator's. `hand` as from `load_scene_hand`.
 std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandModel& hand);
 
-/// The hand of the scene: on its side, and where the scene plays a recording, fitted to the recording's bones. Throws with file and reason.
+/// Hand files of which `hand.model = "auto"` takes one, coarsest first. Joints and bones are the same in all of them.
+inline constexpr std::array kHandSizes{"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json",
+                                       "right_3000.hand.json", "right_6000.hand.json"};
+bool chooses_hand_size(const Scene& scene);
+
+/// The hand of the scene: on its side, and where the scene plays a recording, fitted to the recording's bones. Where
+/// the size is chosen at start, the hand of 1,450 nodes stands for it: results without a clock must not depend on the
+/// machine, and other processes need only the bones. Throws with file and reason.
 HandModel load_scene_hand(const Scene& scene);
+/// The same from another hand file.
+HandModel load_scene_hand(const Scene& scene, const std::string& file);
+/// All hands that may turn out to be the scene's: one, or all of `kHandSizes`.
+std::vector<HandModel> load_possible_hands(const Scene& scene);
 
 /// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in mode owner.
 ObjectSpring object_spring(const WorldOptions& world);

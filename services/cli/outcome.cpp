@@ -3,8 +3,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 
 #include "math/rotation.hpp"
@@ -21,23 +23,38 @@ constexpr double kHeldMovement = 0.005;       // m in the palm's frame
 constexpr double kGripGap = 0.1;              // s
 constexpr double kAtRest = 0.005;             // m/s
 constexpr double kLargestShift = 0.030;       // s, over which a constant lag is looked for; searched to twice that
+constexpr double kGapPeriods = 4;             // median sample periods; a longer interval without tracked samples is a gap
 
 double seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-// The sample at a time, linearly between neighbours (orientation: shortest arc); nothing outside the samples.
+// The sample at a time, linearly between neighbours (orientation: shortest arc). Nothing outside the samples, and nothing
+// between neighbours that are more than `longest_span` seconds apart.
 template <typename Sample, typename Get>
-std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get) {
+std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get,
+                            double longest_span = std::numeric_limits<double>::infinity()) {
   const auto after = std::lower_bound(samples.begin(), samples.end(), time, [](const Sample& s, double t) { return seconds(s.time) < t; });
   if (after == samples.end() || (after == samples.begin() && seconds(after->time) > time)) return std::nullopt;
   if (after == samples.begin()) return get(*after);
   const auto before = after - 1;
   const double span = seconds(after->time) - seconds(before->time);
+  if (span > longest_span && time < seconds(after->time)) return std::nullopt;
   const double u = span > 0 ? (time - seconds(before->time)) / span : 1.0;
   const Pose a = get(*before);
   const Pose b = get(*after);
   return Pose{(1 - u) * a.position + u * b.position, a.orientation.slerp(u, b.orientation)};
+}
+
+// Seconds between successive samples, which are in order of time; duplicates left out.
+template <typename Sample>
+std::vector<double> intervals(const std::vector<Sample>& samples) {
+  std::vector<double> out;
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    const double interval = seconds(samples[i].time - samples[i - 1].time);
+    if (interval > 0) out.push_back(interval);
+  }
+  return out;
 }
 
 std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const std::string& name) {
@@ -92,10 +109,16 @@ void Outcome::on_contacts(const Contacts& contacts) {
     sample.finger_contacts[f] = finger.contact_count;
   }
   contacts_.push_back(sample);
+  const std::size_t first = presses_.size();
   for (const Contact& contact : contacts.contacts) {
     if (!all_finite(contact.force) || !all_finite(contact.point) || !std::isfinite(contact.penetration)) ++nonfinite_;
     const auto finger = std::min<std::size_t>(contact.finger, 5);
     penetrations_.push_back({sample.time, contact.finger, contact.penetration, sample.finger_force[finger]});
+    auto press = std::find_if(presses_.begin() + static_cast<std::ptrdiff_t>(first), presses_.end(),
+                              [&contact](const Press& p) { return p.object == contact.object; });
+    if (press == presses_.end()) press = presses_.insert(press, {sample.time, contact.object, {}});
+    const bool phalanx = contact.body < kBodyCount && !is_metacarpal(static_cast<Body>(contact.body));
+    press->force[phalanx ? finger : static_cast<std::size_t>(Finger::palm)] += to_vector(contact.force).norm();
   }
 }
 
@@ -149,6 +172,11 @@ void Outcome::on_device(const DeviceState& state) {
                          ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
 }
 
+double Outcome::longest_tracked_interval() const {
+  const double median = percentile(intervals(tracked_), 0.5);
+  return std::isnan(median) ? std::numeric_limits<double>::infinity() : kGapPeriods * median;
+}
+
 Json Outcome::pinch(const OutcomeFrame& frame) const {
   const double start = seconds(frame.motion_start);
   Json json;
@@ -160,6 +188,7 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   double inertia_ratio = std::nan("");
   double lifted = std::nan("");
   double turned = std::nan("");
+  std::array<double, 6> hold_force{};
   const auto hold = find(frame.phases, "hold");
   if (hold) {
     // Slip: movement of the object in the frames of the two distal bones since the hold began, whichever is larger.
@@ -184,6 +213,17 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
         }
         ++k;
       }
+    }
+    // The mean is over all steps of the hold, also those without contact.
+    std::size_t steps = 0;
+    for (const ContactSample& c : contacts_) {
+      const double t = seconds(c.time) - start;
+      steps += t >= hold->begin && t <= hold->end ? 1 : 0;
+    }
+    for (const Press& press : presses_) {
+      const double t = seconds(press.time) - start;
+      if (t < hold->begin || t > hold->end || press.object != frame.object) continue;
+      for (std::size_t f = 0; f < hold_force.size(); ++f) hold_force[f] += press.force[f] / static_cast<double>(steps);
     }
     if (count > 0) weight_ratio = force_sum / static_cast<double>(count) / (frame.object_mass * frame.gravity);
     const auto before = find(frame.phases, "lift");
@@ -239,13 +279,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  double largest_finger = 0;
-  for (const ContactSample& c : contacts_) {
-    for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
-  }
-
-  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen, nothing has touched the object for
-  // half a second, and it lies still.
+  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen,
+  // nothing has touched the object for half a second, and it lay still.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
     double end = seconds(contacts_.back().time);
@@ -255,11 +290,13 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
       if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
       for (std::size_t f = 0; f < c.finger_force.size(); ++f) touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
     }
-    double speed = std::nan("");
+    // The median: a physics engine may jolt a standing object by some mm/s for a step.
+    std::vector<double> speeds;
     for (const ObjectSample& o : objects_) {
-      if (o.object == frame.object && seconds(o.time) <= end) speed = o.velocity.norm();
+      if (o.object == frame.object && seconds(o.time) >= end - 0.5 && seconds(o.time) <= end)
+        speeds.push_back(o.velocity.norm());
     }
-    released = !touched && speed < kAtRest;
+    released = !touched && percentile(speeds, 0.5) < kAtRest;
   }
 
   json["held_slip_mm"] = number(slip);
@@ -267,10 +304,14 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   json["inertia_ratio"] = number(inertia_ratio);
   json["lifted_mm"] = number(lifted);
   json["turned_deg"] = number(turned);
+  const auto palm = hold_force.begin() + static_cast<std::ptrdiff_t>(Finger::palm);
+  const double fingers = std::accumulate(hold_force.begin(), palm, 0.0);
+  for (std::size_t f = 0; f < hold_force.size(); ++f)
+    json["hold_force_n"][std::string(kFingerNames[f])] = hold_force[f];
+  json["hold_share_min"] = number(fingers > 0 ? *std::min_element(hold_force.begin(), palm) / fingers : std::nan(""));
   json["penetration_p95_mm"] = number(percentile(depths, 0.95));
   json["penetration_max_mm"] = number(depths.empty() ? std::nan("") : *std::max_element(depths.begin(), depths.end()));
   json["pressing_harder_fraction"] = number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
-  json["finger_force_max_n"] = largest_finger;
   json["released"] = released;
   return json;
 }
@@ -287,6 +328,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
     const auto later = std::lower_bound(touching.begin(), touching.end(), t - 0.3);
     return later == touching.end() || *later > t;
   };
+  const double longest = longest_tracked_interval();
   const double first = tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
   const auto rms_at = [&](double shift) {
     double sum = 0;
@@ -295,7 +337,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
       const double t = seconds(sample.time);
       if (t < first || !free_motion(t)) continue;
       for (const Joint tip : tips) {
-        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; });
+        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; }, longest);
         if (!wanted) continue;
         sum += (wanted->position - sample.joints[joint(tip)].position).squaredNorm();
         ++count;
@@ -342,8 +384,9 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   };
   for (const ContactSample& c : contacts_) {
     const double t = seconds(c.time);
-    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; });
-    const auto root = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; });
+    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; }, longest);
+    const auto root =
+        pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; }, longest);
     if (!tip || !root || (tip->position - root->position).norm() >= kClosedFist) continue;
     if (t - last_closed > kGripGap) end_grip();
     last_closed = t;
@@ -363,6 +406,15 @@ Json Outcome::following(const OutcomeFrame& frame) const {
 
 Json Outcome::summary(const OutcomeFrame& frame) const {
   Json json = frame.recorded ? following(frame) : pinch(frame);
+  double largest_finger = 0;
+  for (const ContactSample& c : contacts_) {
+    for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger = std::max(largest_finger, c.finger_force[f]);
+  }
+  json["finger_force_max_n"] = largest_finger;
+  double gaps = 0;
+  const double longest = longest_tracked_interval();
+  for (const double interval : intervals(tracked_)) gaps += interval > longest ? interval : 0;
+  json["tracker_gaps_s"] = gaps;
   json["nonfinite_published"] = nonfinite_;
   json["finger_coupling_max_n"] = largest_finger_coupling_;
   json["hand_coupling_max_n"] = largest_hand_coupling_;

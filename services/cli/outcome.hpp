@@ -47,6 +47,12 @@ class Outcome {
     std::array<std::uint32_t, 6> finger_object;
     std::array<std::uint32_t, 6> finger_contacts;
   };
+  // What phalanges of a finger press on an object with; all that is not a phalanx counts as palm.
+  struct Press {
+    Nanoseconds time;
+    std::uint32_t object;
+    std::array<double, 6> force;  // N, sum of the magnitudes at the contacts
+  };
   struct Penetration {
     Nanoseconds time;
     std::uint32_t finger;
@@ -71,12 +77,15 @@ class Outcome {
     std::array<double, 6> hops_ms;  // tracker, tracking, hand, wrench, device, total
   };
 
+  /// Seconds; a longer interval between tracked samples is a gap, in which nothing is judged by the tracker.
+  double longest_tracked_interval() const;
   nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
   nlohmann::ordered_json following(const OutcomeFrame& frame) const;
 
   std::vector<HandSample> tracked_;
   std::vector<HandSample> simulated_;
   std::vector<ContactSample> contacts_;
+  std::vector<Press> presses_;  // one for each object that is touched at a time
   std::vector<Penetration> penetrations_;
   std::vector<TwinSample> twins_;
   std::vector<ObjectSample> objects_;

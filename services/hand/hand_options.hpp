@@ -11,7 +11,7 @@ namespace softhand {
 
 struct HandOptions {
   double rate_hz = 90;
-  std::string model = "right_1450.hand.json";
+  std::string model = "right_1450.hand.json";  ///< or "auto"
   std::string side = "right";
   bool direct = false;
   double extrapolation_limit = 0.05;
@@ -27,7 +27,10 @@ struct HandOptions {
 
 inline void describe(OptionVisitor& v, HandOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation; its step is the reciprocal.");
-  v.string("model", o.model, "Hand file: a path, or a name in config/hands.");
+  v.string("model", o.model,
+           "Hand file: a path, or a name in config/hands. auto: softhand-hand takes the finest of right_400, 750, "
+           "1450, 3000 and 6000 of which two fast steps fit into its budget on this machine, at least right_400. "
+           "`softhand simulate` and other processes then use right_1450.");
   v.choice("side", o.side, {"left", "right"}, "Side of the hand; a file of the other side is mirrored.");
   v.flag("direct", o.direct, "Leave the intermediate layer out: couple to the tracked skeleton (figure 2B), for matched rates.");
   v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2}, "A target pose is extrapolated by its age, at most by this.");

@@ -1,11 +1,13 @@
 // softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of every topic.
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <chrono>
 #include <type_traits>
 
 #include "hand/hand_loop.hpp"
+#include "hand/hand_size.hpp"
 #include "messages/convert.hpp"
-#include "scene/fast_step.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 
@@ -14,12 +16,36 @@ using namespace softhand;
 
 constexpr double kBudgetFraction = 0.7;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
 
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, double budget) {
+  std::vector<int> nodes;
+  const double start = seconds_now();
+  const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, [&](std::size_t size) {
+    const HandModel hand = load_scene_hand(scene, kHandSizes[size]);
+    nodes.push_back(hand.node_count());
+    return measure_fast_step(hand, options, budget, seconds_now);
+  });
+  std::string measured;
+  for (std::size_t size = 0; size < nodes.size(); ++size) {
+    measured += fmt::format("{}{} nodes {:.2f} ms", size == 0 ? "" : ", ", nodes[size], 1e3 * choice.fast_steps[size]);
+  }
+  spdlog::info(
+      "hand.model = auto: a fast step takes {}; chose {}: its budget of {:.1f} ms is {:.1f} fast steps; measured in "
+      "{:.2f} s",
+      measured, kHandSizes[choice.size], 1e3 * budget, choice.budget_fast_steps, seconds_now() - start);
+  if (choice.budget_fast_steps < 2)
+    spdlog::warn("this machine is too slow or too busy for the coarsest hand: steps will be cut off");
+  return choice;
+}
+
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   HandOptions options = scene.options.hand;
   const HandKey key = hand_key(scene);
-  const HandModel hand = load_scene_hand(scene);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto& p = service.participant();
@@ -34,13 +60,16 @@ void run(int argc, char** argv) {
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
 
-  // A live step that ends late is worth less than one that is a little less exact: the period is turned into work, once.
-  const double fast_step_seconds =
-      measure_fast_step(hand, options.simulation, static_cast<int>(options.mirrored_objects), static_cast<int>(options.static_objects));
-  const double period_work = kBudgetFraction / (options.rate_hz * fast_step_seconds);
-  if (options.simulation.solver.work_budget == 0) options.simulation.solver.work_budget = period_work;
-  spdlog::info("a fast step of {} nodes takes {:.2f} ms here; {:.0f} % of the period are {:.1f} fast steps, the budget is {:.1f}", hand.node_count(),
-               1e3 * fast_step_seconds, 100 * kBudgetFraction, period_work, options.simulation.solver.work_budget);
+  // With the service's urgency, since that is what the loop will run with. A live step that ends late is worth less than one that is a little less
+  // exact: the period is turned into work, once.
+  const double budget_seconds = kBudgetFraction / options.rate_hz;
+  HandSizeChoice choice;
+  if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
+  const HandModel hand = load_scene_hand(scene, chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model);
+  const double fast_step = chooses_hand_size(scene) ? choice.fast_steps[choice.size] : measure_fast_step(hand, options, budget_seconds, seconds_now);
+  double& work_budget = options.simulation.solver.work_budget;
+  if (work_budget == 0) work_budget = budget_seconds / fast_step;
+  spdlog::info("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(), 1e3 * fast_step, work_budget);
 
   // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its urgency, which the helper shall have too.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
@@ -88,7 +117,8 @@ void run(int argc, char** argv) {
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
     status.input_drops = dropped_before(skeletons, heads, worlds, descriptions);
-    add_counter(status, "fast_step_ms", 1e3 * fast_step_seconds);
+    add_counter(status, "hand_nodes", hand.node_count());
+    add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them

@@ -57,9 +57,10 @@ class Slots {
 
 class Gateway::Impl {
  public:
-  Impl(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz)
+  Impl(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
+       bool quantised, double rate_hz)
       : server_(server),
-        hand_(hand),
+        hands_(std::move(hands)),
         key_(key),
         quantised_(quantised),
         rate_hz_(rate_hz),
@@ -138,12 +139,15 @@ class Gateway::Impl {
   }
 
   std::span<const Vector3> rest_nodes_of(const HandDescription& description) const {
-    if (description.hand != key_ || description.node_count != hand_.nodes.size()) return {};
-    return hand_.nodes;
+    if (description.hand != key_) return {};
+    for (const HandModel& hand : hands_) {
+      if (description.node_count == hand.nodes.size()) return hand.nodes;
+    }
+    return {};
   }
 
   Server& server_;
-  HandModel hand_;
+  std::vector<HandModel> hands_;
   HandKey key_;
   bool quantised_;
   double rate_hz_;
@@ -173,9 +177,9 @@ class Gateway::Impl {
   Nanoseconds next_state_ = 0;
 };
 
-Gateway::Gateway(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised,
-                 double rate_hz)
-    : impl_(std::make_unique<Impl>(participant, server, hand, key, quantised, rate_hz)) {}
+Gateway::Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
+                 bool quantised, double rate_hz)
+    : impl_(std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz)) {}
 Gateway::~Gateway() = default;
 void Gateway::step(Nanoseconds now) { impl_->step(now); }
 void Gateway::fill_status(LoopStatus& status) const { impl_->fill_status(status); }

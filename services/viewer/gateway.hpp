@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "bus/bus.hpp"
 #include "model/hand_model.hpp"
@@ -11,8 +12,10 @@ namespace softhand::viewer {
 
 class Gateway {
  public:
-  /// `hand` is what the scene simulates: its rest nodes let pages tell strain. Where another hand announces itself, strain stays unknown.
-  Gateway(const bus::Participant& participant, Server& server, const HandModel& hand, const HandKey& key, bool quantised, double rate_hz);
+  /// `hands`, of different sizes, are those that the scene may simulate: their rest nodes let pages tell strain. Where
+  /// another hand announces itself, strain stays unknown.
+  Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
+          bool quantised, double rate_hz);
   ~Gateway();
 
   /// Passes on what is new, and what pages ask of modules.

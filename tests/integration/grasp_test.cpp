@@ -103,6 +103,26 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_LE(result.tracking_ledger.defect(), 0.01);
 }
 
+// Cylinders of 15 to 40 mm radius, in the whole motion with a shorter hold: every finger carries its share.
+class PowerGrasp : public ::testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(RadiusInMillimetres, PowerGrasp, ::testing::Values(15, 20, 25, 30, 40));
+
+TEST_P(PowerGrasp, AllFingersCarryTheCylinder) {
+  const double radius = 1e-3 * GetParam();
+  const Result result = run("power_grasp.toml", {"generator.object_width=" + std::to_string(2 * radius),
+                                                 "objects.1.radius=" + std::to_string(radius),
+                                                 "generator.approach_time=0.6", "generator.hold_time=1.5"});
+  EXPECT_GE(number(result, "hold_share_min"), 0.05) << result.summary["hold_force_n"];
+  EXPECT_GT(result.summary["hold_force_n"]["little"].get<double>(), 1);
+  EXPECT_LT(number(result, "held_slip_mm"), 1);
+  EXPECT_NEAR(number(result, "carried_weight_ratio"), 1, 0.02);
+  EXPECT_NEAR(number(result, "lifted_mm"), 150, 5);
+  EXPECT_NEAR(number(result, "turned_deg"), 60, 2);
+  EXPECT_LT(number(result, "finger_force_max_n"), 15) << "nothing is jammed, and the table is not touched";
+  EXPECT_TRUE(result.summary["released"].get<bool>());
+  EXPECT_EQ(result.summary["nonfinite_published"], 0);
+}
+
 // A sliver of it is pressed beyond flat while the hand closes. Putting back what is no tangle took up to 8 J, and the cube out of the hand for a step.
 TEST(PinchLift, PutsNoTissueOfTheDefaultHandBack) {
   const Result result = run("pinch_lift.toml", {}, 0, "right_1450.hand.json");

@@ -154,6 +154,19 @@ TEST(OutcomePinch, AMovingObjectIsNotReleased) {
   EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
 }
 
+TEST(OutcomePinch, AJoltOfOneStepIsNoMovement) {
+  Outcome outcome;
+  play_pinch(outcome, {});
+  WorldObjects world;
+  world.stamp.sample_time = at(12);
+  ObjectState state;
+  state.object = kCube;
+  state.linear_velocity = {0.02, 0, 0};
+  world.objects.push_back(state);
+  outcome.on_objects(world);
+  EXPECT_EQ(outcome.summary(pinch_frame())["released"], true);
+}
+
 TEST(OutcomePinch, AnObjectThatSticksToAFingerIsNotReleased) {
   Outcome outcome;
   play_pinch(outcome, {});
@@ -193,9 +206,46 @@ TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
   EXPECT_NEAR(json["pressing_harder_fraction"].get<double>(), 0.25, 1e-12) << "of the touching nodes";
 }
 
+TEST(OutcomePinch, TellsWhatEachFingerCarriesDuringTheHold) {
+  Outcome outcome;
+  // From 2 s to 7 s the object is held. In every second step the fingers press, with 1 to 5 N on two nodes each.
+  for (int i = 0; i < static_cast<int>(8 * kRate); ++i) {
+    const double t = (i + 0.5) / kRate;
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    for (std::uint32_t f = 0; f < 5 && (i % 2 == 0 || t > 7); ++f) {
+      for (const double sign : {-1.0, 1.0}) {  // a finger that wraps around pulls both ways
+        Contact contact;
+        contact.finger = f;
+        contact.body = static_cast<std::uint32_t>(index_of(distal_of(static_cast<Finger>(f))));
+        contact.object = kCube;
+        contact.force = {sign * 0.5 * (f + 1), 0, 0};
+        contacts.contacts.push_back(contact);
+      }
+    }
+    Contact palm;  // skin over a metacarpal is not the finger
+    palm.finger = 1;
+    palm.body = static_cast<std::uint32_t>(index_of(Body::index_metacarpal));
+    palm.object = kCube;
+    palm.force = {0, 0, 7};
+    contacts.contacts.push_back(palm);
+    Contact elsewhere = palm;
+    elsewhere.object = kCube + 1;
+    elsewhere.body = static_cast<std::uint32_t>(index_of(Body::index_distal));
+    contacts.contacts.push_back(elsewhere);
+    outcome.on_contacts(contacts);
+  }
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_NEAR(json["hold_force_n"]["thumb"].get<double>(), 0.5, 1e-9);
+  EXPECT_NEAR(json["hold_force_n"]["little"].get<double>(), 2.5, 1e-9);
+  EXPECT_NEAR(json["hold_force_n"]["palm"].get<double>(), 7, 1e-9);
+  EXPECT_NEAR(json["hold_share_min"].get<double>(), 1.0 / 15, 1e-9);
+}
+
 TEST(OutcomePinch, WhatWasNotSeenIsNull) {
   const auto json = Outcome().summary(pinch_frame());
-  for (const char* key : {"held_slip_mm", "carried_weight_ratio", "inertia_ratio", "lifted_mm", "turned_deg", "penetration_p95_mm", "released"}) {
+  for (const char* key : {"held_slip_mm", "carried_weight_ratio", "inertia_ratio", "lifted_mm", "turned_deg",
+                          "penetration_p95_mm", "hold_share_min", "released"}) {
     EXPECT_TRUE(json[key].is_null()) << key << ": " << json[key];
   }
   EXPECT_TRUE(json["motion_to_force_ms_p50"]["total"].is_null());
@@ -236,6 +286,49 @@ TEST(OutcomeFollowing, FindsALagAndWhatRemainsBeyondIt) {
   EXPECT_NEAR(json["lag_ms"].get<double>(), 12, 1);
   EXPECT_NEAR(json["fingertip_rms_mm"].get<double>(), 2, 0.05);
   EXPECT_GT(json["fingertip_rms_unshifted_mm"].get<double>(), 3);
+}
+
+TEST(OutcomeFollowing, LeavesOutTimesWithoutTrackedSamplesAndReportsTheirLength) {
+  Outcome outcome;
+  const Vector3 offset(0, 0, 0.002);
+  for (int i = 0; i < static_cast<int>(6 * kRate); ++i) {
+    const double t = i / kRate;
+    // From 2 s to 3 s nothing is tracked: the hand waves on, far from a straight line between the neighbours.
+    if (t <= 2 || t >= 3) {
+      outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
+    }
+    if (i == 100) outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));  // a duplicate
+    outcome.on_simulated(skeleton(t, [&](std::size_t j) {
+      Pose pose = joint_in(waving(t), j);
+      pose.position += offset;
+      return pose;
+    }));
+  }
+  const auto json = outcome.summary(recorded_frame());
+  EXPECT_NEAR(json["fingertip_rms_mm"].get<double>(), 2, 0.05);
+  EXPECT_NEAR(json["lag_ms"].get<double>(), 0, 1);
+  EXPECT_NEAR(json["tracker_gaps_s"].get<double>(), 1, 1e-6);
+}
+
+TEST(OutcomeFollowing, AMissingSampleIsNoGap) {
+  Outcome outcome;
+  for (int i = 0; i < static_cast<int>(3 * kRate); ++i) {
+    if (i % 10 == 3) continue;
+    outcome.on_tracked(skeleton(i / kRate, [](std::size_t j) { return joint_in(Pose{}, j); }));
+  }
+  EXPECT_EQ(outcome.summary(recorded_frame())["tracker_gaps_s"].get<double>(), 0);
+}
+
+TEST(OutcomeFollowing, TellsTheLargestForceOnOneFinger) {
+  Outcome outcome;
+  for (int i = 0; i < 3; ++i) {
+    Contacts contacts;
+    contacts.stamp.sample_time = at(i / kRate);
+    contacts.fingers[2].force = {0, 3.0 * i, 4.0 * i};
+    contacts.fingers[4].force = {0.5, 0, 0};
+    outcome.on_contacts(contacts);
+  }
+  EXPECT_DOUBLE_EQ(outcome.summary(recorded_frame())["finger_force_max_n"].get<double>(), 10);
 }
 
 TEST(OutcomeFollowing, HeldFractionAsksForTwoFingersAndNoMovementInThePalm) {

@@ -312,30 +312,84 @@ TEST_P(ShippedGrip, PinchWithALeaningHand) { expect_pinch(load(GetParam()), pinc
 
 TEST_P(ShippedGrip, PowerGraspWrapsTheCylinder) {
   const HandModel hand = load(GetParam());
-  for (const double width : {0.04, 0.05}) {
+  for (const double width : {0.03, 0.04, 0.05, 0.06, 0.08}) {
+    SCOPED_TRACE(width);
     GeneratorOptions o;
     o.motion = "power_grasp";
     o.object_width = width;
+    o.object_position = {0.3, 0.06, -0.2};
     const auto motion = make_motion(hand, o);
     const double shut = o.approach_time + o.close_time;
     const JointFrames grip = motion->at(shut);
-    for (int f = 0; f < kFingerCount; ++f) {
-      Vector3 out = pad(hand, static_cast<Finger>(f), grip) - to_vector(o.object_position);
-      out.y() = 0;
-      EXPECT_NEAR(out.norm(), 0.5 * width - o.closing_depth, 2e-3) << kFingerNames[static_cast<std::size_t>(f)];
-    }
     const auto cylinder = [&](const Vector3& p) {
       return std::hypot(p.x() - o.object_position[0], p.z() - o.object_position[2]) - 0.5 * width;
     };
+    for (int f = 0; f < kFingerCount; ++f) {
+      const Finger finger = static_cast<Finger>(f);
+      EXPECT_NEAR(cylinder(pad(hand, finger, grip)), -o.closing_depth, 1e-3)
+          << kFingerNames[static_cast<std::size_t>(f)];
+      if (finger == Finger::thumb) continue;
+      // All phalanges press.
+      for (int b = index_of(distal_of(finger)) - 2; b < index_of(distal_of(finger)); ++b) {
+        EXPECT_LT(clearance(hand, grip, cylinder, [b](Body body) { return index_of(body) != b; }),
+                  -0.2 * o.closing_depth)
+            << kBodyNames[static_cast<std::size_t>(b)];
+      }
+    }
     const auto palm_only = [](Body body) { return !is_metacarpal(body) || finger_of(body) == Finger::thumb; };
-    EXPECT_NEAR(clearance(hand, grip, cylinder, palm_only), 5e-3, 1.5e-3);
-    for (double time = 0; time <= shut; time += 0.02) {
+    EXPECT_NEAR(clearance(hand, grip, cylinder, palm_only), 1e-3, 2.5e-3);
+    const auto table = [](const Vector3& p) { return p.y(); };
+    for (double time = 0; time <= motion->duration(); time += 0.02) {
       const JointFrames frames = motion->at(time);
       expect_in_range(hand, frames, time);
+      ASSERT_GT(clearance(hand, frames, table, [](Body) { return false; }), 5e-3) << time;
+      if (time > shut) continue;
       const double room = clearance(hand, frames, cylinder, [](Body) { return false; });
       ASSERT_GT(room, time <= o.approach_time ? 3e-3 : -o.closing_depth - 2e-3) << time;
     }
   }
+}
+
+// The same hand that rests with its fingers flexed further.
+HandModel relaxed(const HandModel& hand) {
+  JointAngles more;
+  more.fill(Vector3::Zero());
+  for (const Finger finger : kFourFingers) {
+    const std::size_t last = at(distal_of(finger));
+    more[last - 2].x() = -0.45;
+    more[last - 1].x() = -0.35;
+    more[last].x() = -0.1;
+  }
+  HandModel out = hand;
+  out.rest_joints = forward_kinematics(hand, Pose{}, more);
+  for (std::size_t b = 2; b < kBodyCount; ++b) {
+    for (double& bound : out.bodies[b].joint.flexion_range) bound -= more[b].x();
+  }
+  for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
+    const std::size_t joint = at(joint_of(static_cast<Body>(hand.node_body[n])));
+    out.nodes[n] = out.rest_joints[joint] * (hand.rest_joints[joint].inverse() * hand.nodes[n]);
+  }
+  return out;
+}
+
+TEST_P(ShippedGrip, MotionsDoNotDependOnHowFlexedTheHandRests) {
+  const HandModel hand = load(GetParam()), other = relaxed(hand);
+  const auto farthest = [&](const char* name, double from, double to) {
+    GeneratorOptions o;
+    o.motion = name;
+    const auto motion = make_motion(hand, o), same = make_motion(other, o);
+    double most = 0;
+    for (double time = from; time <= to; time += 0.05) {
+      const JointFrames a = motion->at(time), b = same->at(time);
+      for (std::size_t j = 0; j < kJointCount; ++j) most = std::max(most, (a[j].position - b[j].position).norm());
+    }
+    return most;
+  };
+  // The motions without an object start and end in the rest pose.
+  EXPECT_LT(farthest("fist", 1, 9), 1e-3);
+  EXPECT_LT(farthest("free_motion", 1, 9), 1e-3);
+  EXPECT_LT(farthest("power_grasp", 1.8, 5), 5e-3) << "the closed hand";
+  expect_pinch(other, pinch_of(0.04), 6e-3, 14e-3);
 }
 
 TEST_P(ShippedGrip, MotionsAreGentleInRangeAndRepeatable) {

@@ -16,12 +16,11 @@ std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); 
 // How far each finger flexes before it meets the palm, and the thumb that then lies across the fingers.
 JointAngles solve_fist(const HandModel& model) {
   const GripHand hand(model);
-  JointAngles fist;
-  fist.fill(Vector3::Zero());
+  JointAngles fist = hand.open();
   for (const Finger finger : kFourFingers) {
     for (double s = 0.05; s <= 1; s += 0.01) {
       JointAngles tried = fist;
-      flex(tried, finger, -1.25 * s, -1.45 * s, -0.9 * s);
+      hand.flex(tried, finger, -1.25 * s, -1.45 * s, -0.9 * s);
       tried = hand.limited(tried);
       const auto spheres = hand.spheres(forward_kinematics(model, Pose{}, tried));
       double gap = 1;
@@ -49,10 +48,12 @@ JointAngles solve_fist(const HandModel& model) {
   return solver.angles(0);
 }
 
-// Opens and closes, or wanders about with every joint in motion; no object. Starts and ends at rest.
+// Opens and closes, or wanders about with every joint in motion; no object. Starts and ends in the hand's rest pose,
+// and opens to the open hand in between.
 class FreeMotion : public Motion {
  public:
-  FreeMotion(const HandModel& hand, const GeneratorOptions& options) : hand_(hand), options_(options), fist_(solve_fist(hand)) {}
+  FreeMotion(const HandModel& hand, const GeneratorOptions& options)
+      : hand_(hand), options_(options), open_(open_hand(hand)), fist_(solve_fist(hand)) {}
   double duration() const override { return options_.free_time; }
   const std::array<double, kJointCount>& radii() const override { return hand_.joint_radii; }
   JointFrames at(double time) const override {
@@ -69,9 +70,13 @@ class FreeMotion : public Motion {
       const bool thumb = f == 0;
       // A wave through the fingers; the thumb closes over them last and opens first.
       const double beat = 0.5 - 0.5 * std::cos(2 * M_PI * t / 4);
-      const double share = fist ? window * (thumb ? minimum_jerk(2 * beat - 1) : minimum_jerk(beat / 0.8))
-                                : window * (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));
-      for (const JointAxis& v : axes_of(static_cast<Finger>(f))) angles[index(v.body)][v.axis] *= share;
+      const double share = fist ? (thumb ? minimum_jerk(2 * beat - 1) : minimum_jerk(beat / 0.8))
+                                : (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));
+      for (const JointAxis& v : axes_of(static_cast<Finger>(f))) {
+        const double open = open_[index(v.body)][v.axis];
+        double& angle = angles[index(v.body)][v.axis];
+        angle = window * (open + share * (angle - open));
+      }
     }
     return forward_kinematics(hand_, wrist, angles);
   }
@@ -79,6 +84,7 @@ class FreeMotion : public Motion {
  private:
   HandModel hand_;
   GeneratorOptions options_;
+  JointAngles open_;
   JointAngles fist_;
 };
 

@@ -50,7 +50,9 @@ class GraspMotion : public Motion {
     const Vector3 centre = to_vector(o.object_position);
     const Vector3 turn = o.turn_angle * progress("turn", time) * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
-    wrist.position += away * grip_.approach_offset + Vector3(0, height, 0) + shake(time);
+    // The hand leaves the object on the way that it came, as seen from the object.
+    wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);
+    wrist.position += Vector3(0, height, 0) + shake(time);
 
     const double place = openness * static_cast<double>(grip_.apertures.size() - 1);
     const auto lower = std::min(static_cast<std::size_t>(std::max(place, 0.0)), grip_.apertures.size() - 2);
@@ -94,6 +96,7 @@ class GraspMotion : public Motion {
 void place_in_world(Grip& grip, const GeneratorOptions& o, const Vector3& approach) {
   const Pose world{to_vector(o.object_position), Quaternion(Eigen::AngleAxisd(o.yaw, Vector3::UnitY()))};
   grip.wrist = world * grip.wrist;
+  grip.open_offset = world.orientation * grip.open_offset;
   grip.approach_offset = world.orientation * (o.approach_distance * approach);
 }
 

@@ -10,6 +10,10 @@ namespace softhand {
 /// twist; radians. Zero is the rest pose.
 using JointAngles = std::array<Vector3, kBodyCount>;
 
+/// An open hand: fingers nearly straight (joints flexed by 8 to 19 degrees), the same posture however flexed the rest
+/// pose is. Made motions count flexion from here.
+JointAngles open_hand(const HandModel& hand);
+
 /// Joint frames in the frame of `wrist`'s parent. Tips and palm ride on their bodies.
 JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const JointAngles& angles);
 

@@ -35,10 +35,9 @@ Distance outside_cube(const Vector3& point, double half) {
 
 // Thumb and index with pads `distance` apart that face each other as well as they can, whatever else is there.
 JointAngles facing_pads(const GripHand& hand, double distance) {
-  JointAngles start;
-  start.fill(Vector3::Zero());
-  flex(start, Finger::index, -0.6, -0.5, -0.3);
-  flex(start, Finger::thumb, -0.1, -0.2, -0.2);
+  JointAngles start = hand.open();
+  hand.flex(start, Finger::index, -0.6, -0.5, -0.3);
+  hand.flex(start, Finger::thumb, -0.1, -0.2, -0.2);
   PostureSolver solver(hand, Pose{}, {hand.limited(start)});
   for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
   solver.solve([distance](PostureSolver& s) {
@@ -169,11 +168,15 @@ Postures sought(const GripHand& hand, const JointAngles& facing, const PinchGoal
       start.wrist = Pose{Vector3::Zero(), Quaternion(Eigen::AngleAxisd(goals.tilt + lean, -Vector3::UnitZ()))} * above;
       start.shut = facing;
       for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
-        flex(start.shut, finger, posture[0], posture[1], posture[2]);
+        hand.flex(start.shut, finger, posture[0], posture[1], posture[2]);
       start.shut = hand.limited(start.shut);
       start.wide = start.shut;
+      const JointAngles wider = hand.from_open(0.4, start.shut);
       for (const Finger finger : {Finger::index, Finger::thumb}) {
-        for (const JointAxis& axis : axes_of(finger)) start.wide[static_cast<std::size_t>(index_of(axis.body))][axis.axis] *= 0.4;
+        for (const JointAxis& axis : axes_of(finger)) {
+          const auto body = static_cast<std::size_t>(index_of(axis.body));
+          start.wide[body][axis.axis] = wider[body][axis.axis];
+        }
       }
       const Postures found = improved(hand, start, goals, {{0.3, 0.03}, {1, 0.2}, {3, 1}, {10, 2}});
       if (found.cost < best.cost) best = found;

@@ -19,21 +19,27 @@ std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); 
 
 }  // namespace
 
-void flex(JointAngles& angles, Finger finger, double first, double second, double distal) {
-  const std::size_t last = index(distal_of(finger));
-  angles[last - 2].x() = first;
-  angles[last - 1].x() = second;
-  angles[last].x() = distal;
-}
-
 std::array<JointAxis, 4> axes_of(Finger finger) {
   const int last = index_of(distal_of(finger));
   const Body first = static_cast<Body>(last - 2);
   return {{{first, 0}, {first, 1}, {static_cast<Body>(last - 1), 0}, {static_cast<Body>(last), 0}}};
 }
 
-GripHand::GripHand(const HandModel& model) : model_(model) {
+GripHand::GripHand(const HandModel& model) : model_(model), open_(open_hand(model)) {
   for (int f = 0; f < kFingerCount; ++f) pads_[static_cast<std::size_t>(f)] = pad_in_distal(model, static_cast<Finger>(f));
+}
+
+void GripHand::flex(JointAngles& angles, Finger finger, double first, double second, double distal) const {
+  const std::size_t last = index(distal_of(finger));
+  angles[last - 2].x() = open_[last - 2].x() + first;
+  angles[last - 1].x() = open_[last - 1].x() + second;
+  angles[last].x() = open_[last].x() + distal;
+}
+
+JointAngles GripHand::from_open(double share, const JointAngles& angles) const {
+  JointAngles out;
+  for (std::size_t b = 0; b < kBodyCount; ++b) out[b] = open_[b] + share * (angles[b] - open_[b]);
+  return out;
 }
 
 GripHand::Pad GripHand::pad(Finger finger, const JointFrames& frames) const {

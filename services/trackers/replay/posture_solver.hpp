@@ -17,9 +17,6 @@ namespace softhand {
 inline constexpr double kPerMetre = 1e3;  ///< weight by which a millimetre counts like a radian
 inline constexpr std::array<Finger, 4> kFourFingers{Finger::index, Finger::middle, Finger::ring, Finger::little};
 
-/// Sets a finger's flexion, radians (negative = flexed), from its first moving joint to its last.
-void flex(JointAngles& angles, Finger finger, double first, double second, double distal);
-
 /// A joint angle that a solve may choose: `axis` 0 flexion, 1 abduction.
 struct JointAxis {
   Body body;
@@ -46,6 +43,12 @@ class GripHand {
   };
   Pad pad(Finger finger, const JointFrames& frames) const;
 
+  const JointAngles& open() const { return open_; }
+  /// Sets a finger's flexion from the open hand, radians (negative = flexed), from its first moving joint to its last.
+  void flex(JointAngles& angles, Finger finger, double first, double second, double distal) const;
+  /// From the open hand (0) to `angles` (1).
+  JointAngles from_open(double share, const JointAngles& angles) const;
+
   /// The allowed angle nearest to `angle`, radians.
   double limited(const JointAxis& which, double angle) const;
   JointAngles limited(JointAngles angles) const;
@@ -64,6 +67,7 @@ class GripHand {
 
  private:
   const HandModel& model_;
+  JointAngles open_;
   std::array<Vector3, kFingerCount> pads_;  // in the distal joints' frames
 };
 

@@ -8,8 +8,16 @@
 namespace softhand {
 namespace {
 
-constexpr double kPalmGap = 5e-3;          // between palm and cylinder, which the coupling closes
+constexpr double kPalmGap = 1e-3;  // between the palm's round bones and the cylinder: the skin of the palm presses
 constexpr double kPlace = 30 * kPerMetre;  // of pads, against all wishes
+constexpr double kLevel = 0.1 * kPerMetre;
+constexpr double kBack = 5e-3;     // of the open hand's palm from its place in the grasp
+constexpr double kOpposed = 2;     // of the thumb being on the other side than the knuckles
+constexpr double kBeyond = 10e-3;  // of the knuckles past the axis, so that the fingers reach around
+// Of the pads' depth, at which the other phalanges lie. What intermediate and distal phalanges press towards the palm
+// the proximal ones take: with less depth a thin cylinder moves into the hand until thumb and little finger hardly
+// touch it.
+constexpr double kProximalShare = 1.0, kIntermediateShare = 0.5;
 
 // From the cylinder's axis, which is Y.
 Vector3 radial(const Vector3& p) { return {p.x(), 0, p.z()}; }
@@ -17,32 +25,39 @@ Vector3 radial(const Vector3& p) { return {p.x(), 0, p.z()}; }
 // How deep the surface of the bone may be in the cylinder while the pads press.
 double deepest(const GeneratorOptions& o) { return -o.closing_depth - 1e-3; }
 
+// A finger goes around at the height of its own knuckle.
+void keep_level(PostureSolver& s, Finger finger) {
+  const Body knuckle = static_cast<Body>(index_of(distal_of(finger)) - 2);
+  const Vector3& at = s.frames(0)[static_cast<std::size_t>(index_of(joint_of(knuckle)))].position;
+  const auto pad = s.pad(finger, 0);
+  s.want(kLevel, pad.position.y() - at.y(),
+         {by_point(0, pad.body, pad.position, Vector3::UnitY()), by_point(0, knuckle, at, -Vector3::UnitY())});
+}
+
+// Every phalanx lies on the cylinder and the palm behind it, so that each finger presses it into the palm.
 struct GraspGoals {
   double radius;  // of the cylinder
-  double reach;   // of the pads from its axis
+  double depth;   // of the pads in it
   double deepest;
 
   void operator()(PostureSolver& s) const {
-    const auto middle = s.pad(Finger::middle, 0);
-    const Vector3 middle_out = radial(middle.position).normalized();
     for (int f = 0; f < kFingerCount; ++f) {
       const auto pad = s.pad(static_cast<Finger>(f), 0);
       const Vector3 out = radial(pad.position), direction = out.normalized();
-      s.want(kPlace, out.norm() - reach, {by_point(0, pad.body, pad.position, direction)});
+      s.want(kPlace, out.norm() - radius + depth, {by_point(0, pad.body, pad.position, direction)});
       for (int i = 0; i < 3; ++i) {
         s.want(3, pad.normal[i] + direction[i],
                {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)), by_point(0, pad.body, pad.position, of_direction(out, i))});
         if (f == 0) {
-          s.want(1, direction[i] + middle_out[i],
-                 {by_point(0, pad.body, pad.position, of_direction(out, i)),
-                  by_point(0, middle.body, middle.position, of_direction(radial(middle.position), i))});
+          s.want(kOpposed, direction[i] + Vector3::UnitX()[i],
+                 {by_point(0, pad.body, pad.position, of_direction(out, i))});
         }
       }
     }
     wrap(s);
+    level(s);
     s.want_apart(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.5e-3);
-    s.want(0.1 * kPerMetre, middle.position.y(), {by_point(0, middle.body, middle.position, Vector3::UnitY())});
-    s.want_wrist_turned_little(3);
+    s.want_wrist_turned_little(10);
     s.want_start(0.4);
   }
 
@@ -52,24 +67,49 @@ struct GraspGoals {
     const Vector3 direction = out.normalized();
     return (radial(Vector3::Unit(i)) - direction * direction[i]) / out.norm();
   }
+  // Room between the cylinder and the sphere of `body` that is nearest to it should be `room`.
+  void want_room(PostureSolver& s, Body body, double weight, double room) const {
+    const GripHand::Sphere* nearest = nullptr;
+    double least = 1;
+    for (const GripHand::Sphere& sphere : s.spheres(0)) {
+      const double distance = radial(sphere.centre).norm() - radius - sphere.radius;
+      if (sphere.body != body || distance >= least) continue;
+      least = distance;
+      nearest = &sphere;
+    }
+    if (nearest)
+      s.want(weight, least - room, {by_point(0, body, nearest->centre, radial(nearest->centre).normalized())});
+  }
   void wrap(PostureSolver& s) const {
-    const GripHand::Sphere* palm = nullptr;
-    double palm_distance = 1;
+    for (const Finger finger : kFourFingers) {
+      const int distal = index_of(distal_of(finger));
+      want_room(s, static_cast<Body>(distal - 1), 2 * kPerMetre, -kIntermediateShare * depth);
+      want_room(s, static_cast<Body>(distal - 2), 2 * kPerMetre, -kProximalShare * depth);
+      want_room(s, static_cast<Body>(distal - 3), kPerMetre, kPalmGap);
+    }
+    want_room(s, Body::thumb_proximal, 0.5 * kPerMetre, -kIntermediateShare * depth);
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
       const Vector3 out = radial(sphere.centre);
       const double distance = out.norm() - radius - sphere.radius;
-      const bool distal = sphere.body == distal_of(finger_of(sphere.body)), metacarpal = is_metacarpal(sphere.body);
-      const double margin = metacarpal ? kPalmGap : distal ? deepest : 1e-3;
-      const Change outwards = by_point(0, sphere.body, sphere.centre, out.normalized());
-      if (metacarpal && finger_of(sphere.body) != Finger::thumb && distance < palm_distance) {
-        palm_distance = distance;
-        palm = &sphere;
-      }
-      if (distance < margin) s.want(2 * kPerMetre, distance - margin, {outwards});
-      // Phalanges lie along the cylinder where they can.
-      if (!distal && !metacarpal) s.want(0.05 * kPerMetre, distance - margin, {outwards});
+      const double margin = is_metacarpal(sphere.body) ? kPalmGap : deepest;
+      if (distance < margin)
+        s.want(2 * kPerMetre, distance - margin, {by_point(0, sphere.body, sphere.centre, out.normalized())});
     }
-    if (palm) s.want(kPerMetre, palm_distance - kPalmGap, {by_point(0, palm->body, palm->centre, radial(palm->centre).normalized())});
+  }
+  // Each finger goes around at the height of its own knuckle, the thumb between index and middle finger.
+  void level(PostureSolver& s) const {
+    const JointFrames& frames = s.frames(0);
+    const Vector3 up = Vector3::UnitY();
+    for (const Finger finger : kFourFingers) keep_level(s, finger);
+    const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0), middle = s.pad(Finger::middle, 0);
+    s.want(kLevel, thumb.position.y() - 0.5 * (index.position.y() + middle.position.y()),
+           {by_point(0, thumb.body, thumb.position, up), by_point(0, index.body, index.position, -0.5 * up),
+            by_point(0, middle.body, middle.position, -0.5 * up)});
+    const Vector3& knuckle = frames[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position;
+    s.want(0.5 * kPerMetre, knuckle.x() - kBeyond, {by_point(0, Body::middle_metacarpal, knuckle, Vector3::UnitX())});
+    const auto ring = s.pad(Finger::ring, 0);
+    s.want(kLevel, 0.5 * (middle.position.y() + ring.position.y()),
+           {by_point(0, middle.body, middle.position, 0.5 * up), by_point(0, ring.body, ring.position, 0.5 * up)});
   }
 };
 
@@ -92,21 +132,67 @@ void free_all_fingers(PostureSolver& solver) {
 
 // Fingers nearly straight, everything clear of the cylinder and of the way that it comes into the hand.
 JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& shut, double radius, double opening) {
-  JointAngles start = shut;
-  for (std::size_t b = 2; b < kBodyCount; ++b) start[b] *= 0.15;
-  PostureSolver solver(hand, wrist, {start});
+  PostureSolver solver(hand, wrist, {hand.limited(hand.from_open(0.15, shut))});
   free_all_fingers(solver);
   solver.solve([&](PostureSolver& s) {
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
       Vector3 from = radial(sphere.centre);
       if (from.z() < 0) from.z() = 0;  // the cylinder comes along +Z, as the hand sees it
-      const double margin = is_metacarpal(sphere.body) ? 4e-3 : 0.5 * opening;
+      const double margin = is_metacarpal(sphere.body) ? kBack : 0.5 * opening;
       const double room = from.norm() - radius - sphere.radius;
       if (room < margin) s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
+    for (const Finger finger : kFourFingers) keep_level(s, finger);
     s.want_start(1);
   });
   return solver.angles(0);
+}
+
+constexpr double kOpen = 0.25;  // rad, about what the open hand's joints are flexed by
+
+// First guess: phalanges that touch a cylinder in their middles.
+JointAngles around(const GripHand& hand, double radius) {
+  const HandModel& model = hand.model();
+  const JointFrames& rest = model.rest_joints;
+  JointAngles angles = hand.open();
+  for (const Finger finger : kFourFingers) {
+    const auto knuckle = static_cast<std::size_t>(index_of(tip_of(finger))) - 3;
+    std::array<double, 4> half;  // of the turn about the cylinder along each bone; the palm turns as much as the next
+    for (std::size_t k = 1; k < 4; ++k) {
+      const double length = (rest[knuckle + k].position - rest[knuckle + k - 1].position).norm();
+      half[k] = std::atan(0.5 * length / (radius + model.joint_radii[knuckle + k - 1]));
+    }
+    half[0] = 0.5 * half[1];
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t body = static_cast<std::size_t>(index_of(distal_of(finger))) - 2 + k;
+      angles[body].x() = hand.open()[body].x() + kOpen - half[k] - half[k + 1];
+    }
+  }
+  hand.flex(angles, Finger::thumb, -0.2, -0.3, -0.4);
+  return hand.limited(angles);
+}
+
+struct Grasp {
+  Pose wrist;
+  JointAngles shut;
+};
+
+// First around a cylinder that fits the hand, then step by step around thinner or thicker ones: from far away the thumb
+// would be caught on the wrong side.
+Grasp closed(const GripHand& hand, const GeneratorOptions& o) {
+  constexpr double kFitting = 25e-3, kStep = 2.5e-3;  // m, radii
+  const double radius = 0.5 * o.object_width;
+  const int steps = static_cast<int>(std::ceil(std::abs(radius - kFitting) / kStep));
+  Grasp grasp{first_wrist(hand.model(), kFitting), around(hand, kFitting)};
+  for (int k = 0; k <= steps; ++k) {
+    const double now = steps == 0 ? radius : kFitting + (radius - kFitting) * k / steps;
+    PostureSolver solver(hand, grasp.wrist, {grasp.shut});
+    solver.free_wrist();
+    free_all_fingers(solver);
+    solver.solve(GraspGoals{now, o.closing_depth, -o.closing_depth - 1e-3});
+    grasp = {solver.wrist(), solver.angles(0)};
+  }
+  return grasp;
 }
 
 }  // namespace
@@ -114,17 +200,10 @@ JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& s
 Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double radius = 0.5 * o.object_width, reach = radius - o.closing_depth;
-  JointAngles start;
-  start.fill(Vector3::Zero());
-  for (const Finger finger : kFourFingers) flex(start, finger, -0.8, -0.9, -0.5);
-  flex(start, Finger::thumb, -0.2, -0.3, -0.4);
-  PostureSolver grasp(hand, first_wrist(model, radius), {hand.limited(start)});
-  grasp.free_wrist();
-  free_all_fingers(grasp);
-  grasp.solve(GraspGoals{radius, reach, deepest(o)});
-
+  const Grasp grasp = closed(hand, o);
+  const JointFrames frames = forward_kinematics(model, grasp.wrist, grasp.shut);
   for (int f = 0; f < kFingerCount; ++f) {
-    const double got = radial(grasp.pad(static_cast<Finger>(f), 0).position).norm();
+    const double got = radial(hand.pad(static_cast<Finger>(f), frames).position).norm();
     if (std::abs(got - reach) > 2e-3) {
       throw std::invalid_argument("generator: power_grasp of " + std::to_string(o.object_width * 1e3) + " mm: the pad of " +
                                   std::string(kFingerNames[static_cast<std::size_t>(f)]) + " comes to " + std::to_string(got * 1e3) +
@@ -133,15 +212,19 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
   }
 
   Grip grip;
-  grip.wrist = grasp.wrist();
-  const JointAngles& shut = grasp.angles(0);
-  const JointAngles wide = opened(hand, grip.wrist, shut, radius, o.opening);
+  grip.wrist = grasp.wrist;
+  const JointAngles& shut = grasp.shut;
+  grip.open_offset = kBack * Vector3::UnitZ();
+  const auto wrist_at = [&](double share) {
+    return Pose{grip.wrist.position + palm_back(share) * grip.open_offset, grip.wrist.orientation};
+  };
+  const JointAngles wide = opened(hand, wrist_at(1), shut, radius, o.opening);
   for (std::size_t k = 0; k < kApertures; ++k) {
     const double share = static_cast<double>(k) / (kApertures - 1);
     JointAngles straight = shut;
     for (std::size_t b = 2; b < kBodyCount; ++b) straight[b] = (1 - share) * shut[b] + share * wide[b];
     // On the way no finger may cut through more of the cylinder than it does in the end.
-    PostureSolver between(hand, grip.wrist, {straight});
+    PostureSolver between(hand, wrist_at(share), {straight});
     free_all_fingers(between);
     between.solve([&](PostureSolver& s) {
       for (const GripHand::Sphere& sphere : s.spheres(0)) {

@@ -1,0 +1,41 @@
+// softhand-hand with hand.model = "auto" measures at its start, and says in its log and in its status what it chose.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <cmath>
+
+#include "integration/rig_harness.hpp"
+
+namespace softhand::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
+  use_own_domain();
+  Ears ears;
+  Up up("tests/integration/rig_hand_alone.toml", {});
+  ASSERT_TRUE(ears.wait(20s, [&] { return !std::isnan(ears.counter("hand", "work_budget")); })) << up.output();
+  const double nodes = ears.counter("hand", "hand_nodes"), budget = ears.counter("hand", "work_budget");
+  EXPECT_TRUE(budget >= 2 || nodes < 500) << nodes << " nodes, " << budget << " fast steps";
+  EXPECT_NE(up.output().find("hand.model = auto"), std::string::npos) << up.output();
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(8s), 0) << up.output();
+}
+
+TEST(AutoHand, AFixedSizeStaysAndHasABudgetOfWork) {
+  use_own_domain();
+  Ears ears;
+  Up up("tests/integration/rig_hand_alone.toml", {"--hand", "right_750.hand.json"});
+  ASSERT_TRUE(ears.wait(20s, [&] { return !std::isnan(ears.counter("hand", "hand_nodes")); })) << up.output();
+  EXPECT_GT(ears.counter("hand", "hand_nodes"), 500);
+  EXPECT_LT(ears.counter("hand", "hand_nodes"), 900);
+  EXPECT_GT(ears.counter("hand", "work_budget"), 0);
+  EXPECT_GT(ears.counter("hand", "fast_step_ms"), 0);
+  EXPECT_EQ(up.output().find("hand.model = auto"), std::string::npos) << up.output();
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(8s), 0) << up.output();
+}
+
+}  // namespace
+}  // namespace softhand::rig

@@ -1,0 +1,104 @@
+// Which size of the hand a machine gets, with made measurements.
+#include "hand/hand_size.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "scene_file.hpp"
+#include "support/block_hand.hpp"
+
+namespace softhand {
+namespace {
+
+HandSizeChoice choose(const std::vector<double>& fast_steps, double budget, std::size_t* measured = nullptr) {
+  std::size_t asked = 0;
+  const HandSizeChoice choice = choose_hand_size(fast_steps.size(), budget, [&](std::size_t size) {
+    EXPECT_EQ(size, asked++) << "each once, from coarse to fine";
+    return fast_steps[size];
+  });
+  if (measured != nullptr) *measured = asked;
+  return choice;
+}
+
+TEST(HandSize, TakesTheFinestWithABudgetOfTwoFastSteps) {
+  const std::vector<double> steps{0.5e-3, 1e-3, 3e-3, 12e-3, 50e-3};
+  const double period = 1.0 / 90;
+  EXPECT_EQ(choose(steps, 0.7 * period).size, 2u);
+  EXPECT_NEAR(choose(steps, 0.7 * period).budget_fast_steps, 0.7 * period / 3e-3, 1e-12);
+  EXPECT_EQ(choose(steps, 6e-3).size, 2u) << "exactly two";
+  EXPECT_EQ(choose(steps, 5.9e-3).size, 1u);
+  EXPECT_EQ(choose(steps, 1).size, 4u);
+}
+
+TEST(HandSize, StopsAtTheFirstSizeThatIsTooFine) {
+  std::size_t measured = 0;
+  const HandSizeChoice choice = choose({1e-3, 5e-3, 1e-3}, 7e-3, &measured);
+  EXPECT_EQ(choice.size, 0u);
+  EXPECT_EQ(measured, 2u);
+  EXPECT_EQ(choice.fast_steps.size(), 2u);
+}
+
+TEST(HandSize, ASlowMachineGetsTheCoarsest) {
+  std::size_t measured = 0;
+  const HandSizeChoice choice = choose({9e-3, 20e-3}, 7e-3, &measured);
+  EXPECT_EQ(choice.size, 0u);
+  EXPECT_EQ(measured, 1u);
+  EXPECT_NEAR(choice.budget_fast_steps, 7.0 / 9, 1e-12);
+}
+
+// A clock on which each look is a millisecond after the last, and one look in five is late.
+TEST(HandSize, MeasuresTheMedianStepOfTheLoopsOwnClock) {
+  int looks = 0;
+  double time = 0;
+  const auto clock = [&] { return time += ++looks % 5 == 0 ? 0.1 : 1e-3; };
+  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, 1, clock), 1e-3, 1e-12);
+  EXPECT_GE(looks, 18);
+  looks = 0;
+  measure_fast_step(testing::block_hand(), {}, 1e-4, clock);
+  EXPECT_LT(looks, 14) << "what is surely too slow is not measured on";
+}
+
+std::string scene_path(const char* name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }
+
+// Other processes than the hand's only use joints and bones, and must not need to know what it chose.
+TEST(HandSize, AllShippedSizesHaveTheSameSkeleton) {
+  const Scene scene = read_scene(scene_path("demo.toml"));
+  ASSERT_TRUE(chooses_hand_size(scene));
+  const HandModel stand_in = load_scene_hand(scene);
+  const std::vector<HandModel> hands = load_possible_hands(scene);
+  ASSERT_EQ(hands.size(), kHandSizes.size());
+  int nodes = 0;
+  for (const HandModel& hand : hands) {
+    EXPECT_GT(hand.node_count(), nodes) << "coarsest first";
+    nodes = hand.node_count();
+    EXPECT_EQ(hand.side, stand_in.side);
+    EXPECT_EQ(hand.joint_radii, stand_in.joint_radii);
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      EXPECT_EQ(hand.rest_joints[j].position, stand_in.rest_joints[j].position);
+      EXPECT_EQ(hand.rest_joints[j].orientation.coeffs(), stand_in.rest_joints[j].orientation.coeffs());
+    }
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      const BodyModel &one = hand.bodies[b], &other = stand_in.bodies[b];
+      EXPECT_EQ(one.mass, other.mass);
+      EXPECT_EQ(one.inertia, other.inertia);
+      EXPECT_EQ(one.joint_from_body.position, other.joint_from_body.position);
+      EXPECT_EQ(one.joint.flexion_range, other.joint.flexion_range);
+      EXPECT_EQ(one.joint.abduction_range, other.joint.abduction_range);
+      EXPECT_EQ(one.coupling_linear_stiffness, other.coupling_linear_stiffness);
+      EXPECT_EQ(one.coupling_angular_stiffness, other.coupling_angular_stiffness);
+      EXPECT_EQ(one.coupling_force_cap, other.coupling_force_cap);
+    }
+  }
+}
+
+TEST(HandSize, WithoutAClockTheStandInIsSimulated) {
+  EXPECT_EQ(load_scene_hand(read_scene(scene_path("demo.toml"))).name, "right_1450");
+  const Scene fixed = read_scene(scene_path("demo.toml"), {"hand.model=right_750.hand.json"});
+  EXPECT_FALSE(chooses_hand_size(fixed));
+  ASSERT_EQ(load_possible_hands(fixed).size(), 1u);
+  EXPECT_EQ(load_possible_hands(fixed)[0].name, "right_750");
+}
+
+}  // namespace
+}  // namespace softhand
