@@ -153,6 +153,7 @@ bool ContactSet::hooks(const Anchor& anchor, const State& state, const Eigen::Ma
 void ContactSet::mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const {
   std::fill(hooked.begin(), hooked.end(), std::uint8_t{0});
   for (const Anchor& anchor : anchors_) {
+    if (anchor.kept_recess > 0) continue;  // it started inside and is on its way out
     const Vector3 bone = to_local(body_pose(anchor.slot, state), bones.col(anchor.node));
     const Vector3 way = bone - anchor.anchor;
     if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0) continue;
@@ -193,8 +194,12 @@ double ContactSet::held_where_put(const State& state, std::span<const std::uint8
     if (s.geometry == nullptr) continue;
     const Pose& pose = state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
     for (std::size_t i = 0; i < skin_nodes_.size(); ++i) {
-      const Vector3 point = state.node_positions.col(skin_nodes_[i]);
-      if (nodes[static_cast<std::size_t>(skin_nodes_[i])] == 0 || (point - pose.position).norm() > s.geometry->bounding_radius()) continue;
+      if (nodes[static_cast<std::size_t>(skin_nodes_[i])] == 0) continue;
+      const Vector3 point = state.node_positions.col(skin_nodes_[i]), bone = bones.col(skin_nodes_[i]);
+      const double radius = s.geometry->bounding_radius();
+      // Tissue around a bone that is inside an object belongs outside, on no side in particular.
+      if ((bone - pose.position).norm() <= radius && s.geometry->signed_distance(to_local(pose, bone)) < 0) return std::numeric_limits<double>::infinity();
+      if ((point - pose.position).norm() > radius) continue;
       const double sunk = std::min(0.0, s.geometry->signed_distance(to_local(pose, point)));
       energy += 0.5 * stiffness_ * weights_[i] * sunk * sunk;
     }

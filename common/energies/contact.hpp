@@ -97,6 +97,7 @@ class ContactSet {
   /// J that the nodes hold in U_n and U_f since the last step.
   double held(std::span<const std::uint8_t> nodes) const;
   /// J that they would hold where they are in `state`: contacts that do not hook go on, and what is inside an object is pushed out.
+  /// Infinite where a node's bone is inside an object.
   double held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
   /// Ends their contacts. No path is drawn from where they were: a step sees where it starts.
   void release(std::span<const std::uint8_t> nodes);

@@ -104,10 +104,13 @@ int Untangler::keep(const View& view) {
 int Untangler::put_all_back(const View& view, double kinetic_energy, bool patient) {
   State& state = view.state;
   const double before = stored(view);
+  place_bones(state);
+  // Pressed round an edge tissue may hold more than where it would be put: without inverted tetrahedra or hooks only a hand that touches nothing is wound.
+  patient = patient && (view.contacts == nullptr || view.contacts->count() == 0);
+  if (!patient) twisted_ = false;
   if (!patient && before <= violent_) return 0;
   positions_ = state.node_positions;
   velocities_ = state.node_velocities;
-  place_bones(state);
   std::fill(move_.begin(), move_.end(), 1);
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
   const double released = fall(view, before);
