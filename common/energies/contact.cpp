@@ -20,6 +20,7 @@ constexpr double kTeleport = 0.25;       // m; an object that moved farther betw
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
 constexpr double kSamePlace = 1e-9;      // m; an object that is nearer to where the last step left it has not jumped
+constexpr double kLittleMotion = 1e-6;   // m within a step, less than what friction's springs stretch
 constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
 constexpr double kAwayFromBone = 0.8;    // cosine; a contact that pushes a node away from its bone so straight hooks. Round an edge a finger's contacts push aside
 constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther needs a new plane
@@ -345,7 +346,12 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
       stretch = tangential(from_there);
     }
   }
+  // A minimiser begins with the node at its start and a fixed object at its end. Where the object moves little, what
+  // friction's Hessian is there is chosen by where the node goes; where it moves far, by the stretch that there is.
   anchor.stretch_start = stretch - anchor.stretch_origin;
+  const Vector3 first =
+      tangential(to_local(body_pose(anchor.slot, state), position) - anchor.anchor) - anchor.stretch_origin;
+  if ((first - anchor.stretch_start).norm() < kLittleMotion) anchor.stretch_start = first;
   const Vector3 left = before - anchor.anchor;
   anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(left));
   const double held = anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;

@@ -468,6 +468,21 @@ TEST(Friction, OneIterationSlidesToo) {
   EXPECT_NEAR(scene.velocity().x() - before, 0.087734, 0.087734 * 0.02);
 }
 
+// A world's resting object has a velocity of some um/s. The step of one iteration, in which a contact begins, is the same.
+TEST(Friction, OneIterationDoesNotFeelAnObjectThatHardlyMoves) {
+  const auto after_touching = [](double speed) {
+    NodesOnPlane scene(0.5, 500, 0.01, 1e-3);
+    scene.rig.state.node_velocities.colwise() = Vector3(0.3, -0.2, 0);
+    scene.rig.state.body_velocities[0].linear = Vector3(speed, speed, 0);
+    scene.step.step(scene.rig.state, 1.0 / 90, 1e-12, 1);
+    return scene.velocity();
+  };
+  const Vector3 resting = after_touching(0);
+  ASSERT_GT(resting.y(), -0.19);
+  ASSERT_LT(resting.x(), 0.299);
+  EXPECT_LE((after_touching(1e-6) - resting).norm(), 1e-4);
+}
+
 TEST(Contact, WhatIsPublished) {
   NodesOnPlane scene(0.5);
   scene.gravity(0.2);
