@@ -152,6 +152,16 @@ int main(int argc, char** argv) {
   outputs(command, human, "hand, indentation, force, area, their references, status", "A table", "human.png");
   command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
+  human::PostureArguments postures;
+  command = report->add_subcommand("postures", "Strain of the hands' tissue and iterations of a step, flat, relaxed and in a fist; exit code 1 "
+                                               "where the skin is strained by more than 60 % or a tetrahedron is inside out");
+  command->add_option("--hand", postures.hands, "Only this hand file; repeatable")
+      ->type_name("FILE")
+      ->allow_extra_args(false)
+      ->check(CLI::ExistingFile);
+  command->add_option("--markdown", postures.markdown, "The same table")->type_name("FILE");
+  command->callback([&] { run = [&postures] { return human::run_postures(postures); }; });
+
   std::string bench_json;
   command = app.add_subcommand("bench", "Measure what a step costs, against CHOLMOD and scalar kernels in the same run (docs/performance.md); about a minute");
   command->add_option("--json", bench_json, "The figures by name")->type_name("FILE");

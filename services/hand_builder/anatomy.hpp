@@ -21,7 +21,7 @@ struct RestSkeleton {
 };
 
 /// Bone lengths of Buchholz et al. 1992 (fractions of the hand's length, scaled so that skin beyond the tip joint is included), joint breadths after
-/// Greiner 1991 (scaled by breadth). Relaxed: MCP 12-19, PIP 15-19, DIP 8-10 degrees flexed, fingers slightly spread, thumb opposed.
+/// Greiner 1991 (scaled by breadth). Relaxed: MCP 36-46, PIP 33-38, DIP 14-16 degrees flexed, fingers slightly spread, thumb opposed.
 /// Throws std::invalid_argument for a size out of range.
 RestSkeleton natural_rest(const HandSize& size);
 

@@ -17,14 +17,15 @@ constexpr double kAttachmentStiffness = 1e11;
 enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
 std::vector<Material> make_materials() {
-  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the kink). Only the pulp does not bend
-  // with a joint: it has the skin's stiffness. Elsewhere linear tetrahedra stand for skin that folds and slides over the joints, and stiffer values
-  // would hold a fist open against couplings of at most 20 N a finger. The pulp is fitted to people's fingertips: docs/human-data.md.
+  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the kink). Only the pulp does not
+  // bend with a joint: it has the skin's stiffness, fitted to people's fingertips (docs/human-data.md). Elsewhere softer tetrahedra stand for
+  // skin that folds and slides. Limiting from 30 % hands the stretch over a knuckle on to its neighbours and keeps creases from turning over.
   const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
     return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy};
   };
-  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 1e4, 0.40, 0.35, 2), material("back", 5e3, 0.35, 0.60, 1), material("knuckle", 3e3, 0.35, 0.60, 1)};
+  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 2e4, 0.40, 0.35, 2), material("back", 8e3, 0.35, 0.30, 2),
+          material("knuckle", 1e4, 0.35, 0.30, 2)};
 }
 
 struct Bones {
@@ -123,10 +124,28 @@ class Locator {
   std::map<std::array<int, 3>, std::vector<std::int32_t>> cells_;
 };
 
+// Around a joint that moves the tissue slides on the bones: bound to both of them it would be torn, and the stretch of the skin over the
+// knuckle could not spread. In this body's frame: centres, and radii within which it holds no tissue.
+std::vector<std::pair<Vector3, double>> free_of_bone(const HandModel& hand, const Bones& bones, std::size_t b) {
+  constexpr double kBoneRadii = 1.6;
+  std::vector<std::pair<Vector3, double>> spheres;
+  for (std::size_t c = 0; c < kBodyCount; ++c) {
+    const JointKind kind = hand.bodies[c].joint.kind;
+    if (kind != JointKind::hinge && kind != JointKind::saddle) continue;
+    const Body child = static_cast<Body>(c);
+    if (c != b && static_cast<std::size_t>(index_of(parent_of(child))) != b) continue;
+    if (child == Body::thumb_metacarpal) continue;  // deep in the palm, and turned little
+    const double radius = c == b ? hand.bodies[b].bone_start_radius : hand.bodies[b].bone_end_radius;
+    spheres.emplace_back(bones.joints[b].inverse() * bones.joints[c].position, kBoneRadii * radius);
+  }
+  return spheres;
+}
+
 void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
   constexpr double kSample = 0.0007;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const BodyModel& body = hand.bodies[b];
+    const auto bare = free_of_bone(hand, bones, b);
     const double reach = std::max(body.bone_start_radius, body.bone_end_radius);
     const Vector3 low = body.bone_start.cwiseMin(body.bone_end) - Vector3::Constant(reach);
     const Vector3 high = body.bone_start.cwiseMax(body.bone_end) + Vector3::Constant(reach);
@@ -141,6 +160,7 @@ void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
         for (int k = 0; k < steps(2); ++k) {
           const Vector3 local = low + kSample * Vector3(i + 0.5, j + 0.5, k + 0.5);
           if (rounded_cone_distance(local, body.bone_start, body.bone_end, body.bone_start_radius, body.bone_end_radius) > 0) continue;
+          if (std::any_of(bare.begin(), bare.end(), [&local](const auto& sphere) { return (local - sphere.first).norm() < sphere.second; })) continue;
           const Vector3 point = bones.joints[b] * local;
           std::array<double, 4> weights{};
           const std::int32_t t = locator.find(point, weights);
@@ -164,16 +184,23 @@ SizingField hand_sizing(const RestSkeleton& rest) {
   struct Piece {
     Vector3 a, b;
     double size;
+    double radius = 0.007;  // m around the line from a to b
   };
   std::vector<Piece> pieces;
+  const auto joint_at = [&rest](Joint joint) -> const Pose& { return rest.joints[static_cast<std::size_t>(index_of(joint))]; };
   for (int b = 0; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    const auto position = [&rest](Joint joint) { return rest.joints[static_cast<std::size_t>(index_of(joint))].position; };
+    const Joint joint = joint_of(body), end = end_joint_of(body);
     const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
-    const double to_tip = index_of(tip_of(digit ? finger_of(body) : Finger::thumb)) - index_of(joint_of(body));
-    const double size = !digit ? (is_metacarpal(body) ? 2.3 : 2.8) : to_tip <= 1 ? 1.0 : to_tip <= 2 ? 1.35 : 1.6;
-    const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : position(joint_of(body));
-    pieces.push_back({start, position(end_joint_of(body)), size});
+    const double to_tip = index_of(tip_of(digit ? finger_of(body) : Finger::thumb)) - index_of(joint);
+    const double size = !digit ? (is_metacarpal(body) ? 2.4 : 3.2) : to_tip <= 1 ? 1.0 : to_tip <= 2 ? 1.4 : 1.65;
+    const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : joint_at(joint).position;
+    pieces.push_back({start, joint_at(end).position, size});
+    if (!digit || to_tip > 1) continue;
+    // The pulp, whose contact area and stiffness count most: from the middle of the distal bone to the tip, between bone and skin.
+    const double depth = 0.6 * rest.radii[static_cast<std::size_t>(index_of(end))];
+    const Vector3 palmar = -depth * (joint_at(joint).orientation * Vector3::UnitY());
+    pieces.push_back({0.6 * start + 0.4 * joint_at(end).position + palmar, joint_at(end).position + palmar, 0.8, 0.004});
   }
   // The webs: coarse facets would bridge the gap between two fingers.
   for (int j = index_of(Joint::index_proximal); j < index_of(Joint::little_proximal); j += 5) {
@@ -182,10 +209,10 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     pieces.push_back({middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 1.1});
   }
   return [pieces](const Vector3& point) {
-    double least = 3.2;
+    double least = 3.6;
     for (const Piece& piece : pieces) {
       // In units of the common scale, about 4 mm: an edge may be half a scale longer every 10 mm.
-      const double distance = rounded_cone_distance(point, piece.a, piece.b, 0.007, 0.007);
+      const double distance = rounded_cone_distance(point, piece.a, piece.b, piece.radius, piece.radius);
       least = std::min(least, piece.size + 50 * std::max(distance, 0.0));
     }
     return least;
@@ -198,6 +225,11 @@ std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin)
     const int tip = index_of(tip_of(static_cast<Finger>(f)));
     const Pose& end = rest.joints[static_cast<std::size_t>(tip)];
     seeds.push_back(skin.project(end * Vector3(0, 0, -rest.radii[static_cast<std::size_t>(tip)])));
+    // The pad's middle line, from the tip back: what touches first in a pinch.
+    for (const double back : {-0.5, 0.5}) {
+      const double radius = rest.radii[static_cast<std::size_t>(tip)];
+      seeds.push_back(skin.project(end * Vector3(0, -radius * std::cos(std::max(-back, 0.0)), radius * back)));
+    }
     for (int j = f == 0 ? 3 : tip - 3; j < tip; ++j) {
       const Pose& joint = rest.joints[static_cast<std::size_t>(j)];
       const Vector3 middle = 0.5 * (joint.position + rest.joints[static_cast<std::size_t>(j + 1)].position);

@@ -5,7 +5,7 @@
 
 namespace softhand::builder {
 
-/// Relative edge length of a good mesh: 1 in the distal phalanges, coarser to the palm and the forearm, growing at most 0.35 per metre away
+/// Relative edge length of a good mesh: 0.8 in the pulps, 1 in the distal phalanges, coarser to the palm and the forearm, growing at most 0.35 per metre away
 /// from bones.
 SizingField hand_sizing(const RestSkeleton& rest);
 

@@ -135,7 +135,7 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
     scale *= error > 0.02 ? std::pow(ratio, 0.42) : trial % 2 == 0 ? 0.99 : 1.015;
   }
   if (!(least_error < 0.05)) throw std::runtime_error("mesh: no sound mesh of " + std::to_string(node_count) + " nodes or up to 7 % more");
-  improve(best, skin, skin_volume(skin, 0.001));
+  improve(best, skin, sizing, seeds, skin_volume(skin, 0.001));
   return best;
 }
 

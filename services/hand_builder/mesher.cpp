@@ -61,7 +61,7 @@ std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<s
   return surface;
 }
 
-void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
+void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds, double volume) {
   const std::size_t count = mesh.nodes.size();
   std::vector<std::vector<std::int32_t>> around(count);
   for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
@@ -79,12 +79,44 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
     return worst;
   };
 
+  // Each seed's node comes back to it as far as its tetrahedra bear it, and stays once it is there. So fingertips and pads of a coarse mesh
+  // lie where those of a fine one do.
+  std::vector<bool> pinned(count, false);
+  const auto recall_seeds = [&] {
+    constexpr double kThere = 0.1e-3, kFar = 0.008;  // m
+    for (const Vector3& seed : seeds) {
+      std::size_t nearest = count;
+      double least = kFar;
+      for (std::size_t n = 0; n < count; ++n) {
+        const double distance = (mesh.nodes[n] - seed).norm();
+        if (!outer[n] || distance >= least) continue;
+        least = distance;
+        nearest = n;
+      }
+      if (nearest == count || pinned[nearest]) continue;
+      const Vector3 old = mesh.nodes[nearest];
+      const double limit = std::max(worst_around(nearest), std::cos(20.0 * M_PI / 180.0));
+      for (double step = 1; step > 0.1; step *= 0.5) {
+        mesh.nodes[nearest] = old + step * (seed - old);
+        if (worst_around(nearest) <= limit) break;
+        mesh.nodes[nearest] = old;
+      }
+      pinned[nearest] = (mesh.nodes[nearest] - seed).norm() < kThere;
+    }
+  };
+
   // Hill climbing. The generator is ours (the standard one's numbers are fixed by the language, its distributions are not).
   std::minstd_rand generator(7);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0; };
-  double level = 0;
+  // How far outside the skin a surface node lies: a facet of edge h over a radius r cuts off a cap of h^2/(8 r), and the skin is finely meshed
+  // where r is small, so the cap's height goes as h. Thus the pulps, which must touch where the skin is, move little for what the palm lacks.
+  double height = 0;  // m, where the sizing is 1
+  std::vector<double> share(count, 0);
+  for (std::size_t n = 0; n < count; ++n) share[n] = sizing(mesh.nodes[n]);
+  const auto level_of = [&](std::size_t n) { return std::clamp(height * share[n], -0.001, 0.0025); };
   const auto sweep = [&](double reach) {
     for (std::size_t n = 0; n < count; ++n) {
+      if (pinned[n]) continue;
       double shortest = 1;
       Vector3 centroid = Vector3::Zero();
       for (const std::int32_t t : around[n]) {
@@ -101,7 +133,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
       for (int trial = 0; trial < 10; ++trial) {
         const Vector3 old = mesh.nodes[n];
         Vector3 moved = trial == 0 ? Vector3(old + 0.5 * reach * (centroid - old)) : Vector3(old + reach * 0.3 * shortest * Vector3(uniform(), uniform(), uniform()));
-        if (outer[n]) moved = skin.project(moved, level);
+        if (outer[n]) moved = skin.project(moved, level_of(n));
         mesh.nodes[n] = moved;
         const double now = worst_around(n);
         if (now < best - 1e-9) {
@@ -112,19 +144,23 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume) {
       }
     }
   };
-  for (int i = 0; i < 12; ++i) sweep(i < 6 ? 1.0 : 0.5);
+  for (int i = 0; i < 12; ++i) {
+    recall_seeds();
+    sweep(i < 6 ? 1.0 : 0.5);
+  }
 
   // Move the surface out until the volume is right; the step of each node shrinks where it would turn something over.
-  double area = 0;
+  double shared_area = 0;
   for (const auto& f : mesh.surface) {
-    area += 0.5 * (mesh.nodes[at(f[1])] - mesh.nodes[at(f[0])]).cross(mesh.nodes[at(f[2])] - mesh.nodes[at(f[0])]).norm();
+    const double area = 0.5 * (mesh.nodes[at(f[1])] - mesh.nodes[at(f[0])]).cross(mesh.nodes[at(f[2])] - mesh.nodes[at(f[0])]).norm();
+    shared_area += area * (share[at(f[0])] + share[at(f[1])] + share[at(f[2])]) / 3;
   }
   for (int round = 0; round < 4; ++round) {
-    level = std::clamp(level + (volume - mesh.volume()) / area, -0.001, 0.0025);
+    height += (volume - mesh.volume()) / shared_area;
     for (std::size_t n = 0; n < count; ++n) {
-      if (!outer[n]) continue;
+      if (!outer[n] || pinned[n]) continue;
       const Vector3 old = mesh.nodes[n];
-      const Vector3 target = skin.project(old, level);
+      const Vector3 target = skin.project(old, level_of(n));
       const double limit = std::max(worst_around(n), std::cos(18.0 * M_PI / 180.0));
       for (double step = 1; step > 0.1; step *= 0.5) {
         mesh.nodes[n] = old + step * (target - old);

@@ -32,9 +32,10 @@ using SizingField = std::function<double(const Vector3&)>;
 /// Throws std::runtime_error where no such mesh is found.
 TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds);
 
-/// Moves one node at a time where that raises the worst dihedral angle around it; surface nodes stay on the level set that makes
-/// the mesh's volume equal `volume` (chords of a convex surface lose some). Never turns a tetrahedron over.
-void improve(TetrahedralMesh& mesh, const SkinShape& skin, double volume);
+/// Moves one node at a time where that raises the worst dihedral angle around it. Surface nodes lie outside the skin by so much times
+/// `sizing` that the mesh's volume equals `volume` (chords of a convex surface lose some); those of `seeds` lie there, where tetrahedra of
+/// sound shape allow it. Never turns a tetrahedron over.
+void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds, double volume);
 
 /// Boundary triangles of positively oriented tetrahedra, outward, in a fixed order.
 std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra);

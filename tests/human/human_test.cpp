@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "human/fingertip.hpp"
+#include "human/posture.hpp"
 #include "scene/simulation_options.hpp"
 
 namespace softhand::human {
@@ -31,6 +32,18 @@ TEST(Fingertip, OfTheShippedHandsPressesAsPeoplesDo) {
     EXPECT_GT(last_area, 20e-6) << name << ": hardly touched";
     // A known miss of the fine meshes, whose round tips touch with too little (docs/human-data.md).
     EXPECT_LT(last_area, kAreaSpread * measured_area(last_force)) << name;
+  }
+}
+
+TEST(Postures, StrainNoShippedHandsSkinBeyondSixtyPercentAndTurnNothingInsideOut) {
+  for (const char* name : {"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json"}) {
+    for (const PostureResult& r : hold_postures(shipped(name))) {
+      EXPECT_LE(r.skin_max, 0.6) << name << ' ' << r.posture;
+      EXPECT_LE(r.skin_p95, 0.3) << name << ' ' << r.posture;
+      EXPECT_EQ(r.inverted_most, 0) << name << ' ' << r.posture;
+      EXPECT_LE(r.missed, 0.1) << name << ' ' << r.posture << ": the tissue holds it open";
+      if (r.posture == std::string("relaxed")) { EXPECT_LE(r.skin_p95, 0.1) << name << ": it rests there"; }
+    }
   }
 }
 

@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "human/fingertip.hpp"
+#include "human/posture.hpp"
 #include "report/report.hpp"
 #include "scene/simulation_options.hpp"
 
@@ -40,8 +41,8 @@ std::string text_of(const PulpMaterial& pulp) {
                      pulp.limit_ratio);
 }
 
-std::vector<std::string> chosen_hands(const HumanArguments& arguments) {
-  if (!arguments.hands.empty()) return arguments.hands;
+std::vector<std::string> chosen_hands(const std::vector<std::string>& asked) {
+  if (!asked.empty()) return asked;
   std::vector<std::string> files;
   for (const auto& entry : std::filesystem::directory_iterator(SOFTHAND_SOURCE_DIR "/config/hands")) {
     if (entry.path().filename().string().rfind("right_", 0) == 0) files.push_back(entry.path().string());
@@ -127,7 +128,7 @@ std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResu
 int run_human(const HumanArguments& arguments) {
   std::vector<HandModel> hands;
   std::vector<Fingertip> tips;
-  for (const std::string& file : chosen_hands(arguments)) {
+  for (const std::string& file : chosen_hands(arguments.hands)) {
     hands.push_back(load_hand(file));
     tips.emplace_back(hands.back(), SimulationOptions{}.contact_stiffness);
   }
@@ -166,6 +167,30 @@ int run_human(const HumanArguments& arguments) {
                      to_markdown(rows, results, arguments.fit ? "softhand report human --fit" : "softhand report human"));
   report::draw("human", json, arguments.plot);
   return std::all_of(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); }) ? 0 : 1;
+}
+
+int run_postures(const PostureArguments& arguments) {
+  constexpr double kMostSkinStrain = 0.6;
+  std::string text =
+      "| hand | posture | skin max (p95) | tissue max (p95) | beyond limit | inverted | iterations p50 (most) | missed |\n"
+      "| --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  fmt::print("{}", text);
+  bool good = true;
+  for (const std::string& file : chosen_hands(arguments.hands)) {
+    const HandModel hand = load_hand(file);
+    for (const PostureResult& r : hold_postures(hand)) {
+      const std::string row =
+          fmt::format("| {} | {} | {:.2f} ({:.2f}) | {:.2f} ({:.2f}) | {:.0f} % | {} | {:.0f} ({}) | {:.1f} deg |\n", hand.name, r.posture,
+                      r.skin_max, r.skin_p95, r.tissue_max, r.tissue_p95, r.beyond_limit * 100, r.inverted_most, r.iterations_p50,
+                      r.iterations_most, r.missed * 180 / M_PI);
+      fmt::print("{}", row);
+      std::fflush(stdout);
+      text += row;
+      good = good && r.skin_max <= kMostSkinStrain && r.inverted_most == 0;
+    }
+  }
+  report::write_file(arguments.markdown, text);
+  return good ? 0 : 1;
 }
 
 }  // namespace softhand::human

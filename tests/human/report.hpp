@@ -1,4 +1,4 @@
-// `softhand report human`: the index fingertip of the hands beside people's.
+// `softhand report human`: the index fingertip of the hands beside people's. `softhand report postures`: what their tissue bears.
 #pragma once
 
 #include <string>
@@ -20,5 +20,13 @@ struct HumanArguments {
 };
 /// Returns 0 where every compared force lies within people's spread, else 1. std::runtime_error for a file that cannot be read or written.
 int run_human(const HumanArguments& arguments);
+
+/// `hands` and `markdown` as above.
+struct PostureArguments {
+  std::vector<std::string> hands;
+  std::string markdown;
+};
+/// Returns 0 where no hand has skin strained by more than 60 % or a tetrahedron inside out in any posture, else 1.
+int run_postures(const PostureArguments& arguments);
 
 }  // namespace softhand::human

@@ -1,4 +1,5 @@
 // Bones, their attachments and joints.
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -27,7 +28,8 @@ Findings with_hand(const std::function<void(HandModel&)>& change) {
 
 Findings attachment_stiffness(double factor) {
   return with_hand([factor](HandModel& hand) {
-    for (Attachment& attachment : hand.attachments) attachment.stiffness *= factor;
+    constexpr double kStiffest = 1e9;  // N/m that a hand file may hold; a coarse palm's attachments come to it
+    for (Attachment& attachment : hand.attachments) attachment.stiffness = std::min(attachment.stiffness * factor, kStiffest);
   });
 }
 

@@ -64,13 +64,16 @@ TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
     const Pose& joint = rest.joints[at(joint_of(body))];
     const Vector3 along = (rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
     EXPECT_GT(along.dot(-(joint.orientation * Vector3::UnitZ())), 1 - 1e-9) << kBodyNames[b];
-    // Nails of the fingers look up. The resting thumb's looks to its own side and a little down, as its pad looks to the fingers.
+    // Nails of the fingers look up, and forward where the finger is curled. The resting thumb's looks to its own side and a little down, as
+    // its pad looks to the fingers.
     const Vector3 nail = joint.orientation * Vector3::UnitY();
     if (finger_of(body) == Finger::thumb) {
       EXPECT_LT(nail.x(), -0.4) << kBodyNames[b];
       EXPECT_LT(nail.y(), 0) << kBodyNames[b];
     } else {
-      EXPECT_GT(nail.y(), 0.6) << kBodyNames[b];
+      EXPECT_GT(nail.y() - nail.z(), 0.7) << kBodyNames[b];
+      EXPECT_GT(nail.y(), -0.2) << kBodyNames[b];
+      EXPECT_LT(std::abs(nail.x()), 0.25) << kBodyNames[b];
     }
   }
 }
@@ -198,15 +201,35 @@ TEST(Bones, LieInsideTheSkinAndLeaveThePulp) {
 
 TEST(Bodies, RangesCountFromTheRestPose) {
   const auto bodies = make_bodies(natural_rest(HandSize{}));
-  // PIP of the index: 100 degrees flexed from straight, 15 at rest.
+  // PIP of the index: 100 degrees flexed from straight, 33 at rest.
   const JointModel& pip = bodies[at(Body::index_intermediate)].joint;
   EXPECT_EQ(pip.kind, JointKind::hinge);
-  EXPECT_NEAR(degrees(pip.flexion_range[0]), -85, 0.5);
-  EXPECT_NEAR(degrees(pip.flexion_range[1]), 15, 0.5);
+  EXPECT_NEAR(degrees(pip.flexion_range[0]), -67, 0.5);
+  EXPECT_NEAR(degrees(pip.flexion_range[1]), 33, 0.5);
   EXPECT_EQ(bodies[at(Body::thumb_metacarpal)].joint.kind, JointKind::saddle);
   EXPECT_EQ(bodies[at(Body::thumb_distal)].joint.kind, JointKind::hinge);
   EXPECT_EQ(bodies[at(Body::ring_metacarpal)].joint.kind, JointKind::ball);
   EXPECT_EQ(bodies[at(Body::forearm)].joint.kind, JointKind::free);
+}
+
+TEST(Bodies, RestRelaxedBetweenAFlatHandAndAFistThatAreBothInRange) {
+  const RestSkeleton rest = natural_rest(HandSize{});
+  const auto bodies = make_bodies(rest);
+  constexpr double kRelaxed[] = {40, 35, 15}, kFist[] = {82, 100, 60};  // degrees of MCP, PIP and DIP
+  for (int f = 1; f < kFingerCount; ++f) {
+    for (int k = 1; k <= 3; ++k) {
+      const auto joint = static_cast<std::size_t>(index_of(tip_of(static_cast<Finger>(f))) - 4 + k);
+      const Quaternion turn = rest.joints[joint - 1].orientation.conjugate() * rest.joints[joint].orientation;
+      const double flexed = -degrees(2 * std::atan2(turn.x(), turn.w()));
+      // A metacarpal's frame lies along its own slope: what counts is the proximal phalanx against the hand.
+      const Quaternion in_hand = rest.joints[joint].orientation;
+      const double relaxed = k == 1 ? -degrees(2 * std::atan2(in_hand.x(), in_hand.w())) : flexed;
+      EXPECT_NEAR(relaxed, kRelaxed[k - 1], 7) << "finger " << f << " joint " << k;
+      const JointModel& model = bodies[at(body_of(static_cast<Joint>(joint)))].joint;
+      EXPECT_LE(kFist[k - 1] - flexed, -degrees(model.flexion_range[0]) + 0.5) << "finger " << f << " joint " << k;
+      EXPECT_LE(flexed, degrees(model.flexion_range[1]) + 0.5) << "finger " << f << " joint " << k;
+    }
+  }
 }
 
 TEST(SkinTriangles, OfABallAreClosedOutwardAndOnIt) {
@@ -240,7 +263,7 @@ TEST(Smoother, RaisesTheWorstAngleAndTurnsNothingOver) {
   mesh.surface = boundary(mesh.tetrahedra);
   ASSERT_EQ(mesh.surface.size(), 8u);
   const double before = mesh.minimum_dihedral_degrees();
-  improve(mesh, ball, mesh.volume());
+  improve(mesh, ball, [](const Vector3&) { return 1.0; }, {}, mesh.volume());
   EXPECT_GT(mesh.minimum_dihedral_degrees(), before + 20);
 }
 

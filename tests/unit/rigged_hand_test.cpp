@@ -177,6 +177,14 @@ TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
   const ParametricSkin exact(source().rest);
   const MeshSkin skin(source().skin);
   const auto box = skin.bounds();
+  // No point of a triangle is farther from its nearest corner than the longest edge over the root of three.
+  double longest_edge = 0;
+  for (const auto& t : source().skin.triangles) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto corner = [&](std::size_t i) { return source().skin.vertices[static_cast<std::size_t>(t[i % 3])]; };
+      longest_edge = std::max(longest_edge, (corner(k) - corner(k + 1)).norm());
+    }
+  }
   std::mt19937 generator(5);
   std::uniform_real_distribution<double> uniform(0, 1);
   for (int i = 0; i < 1000; ++i) {
@@ -185,7 +193,7 @@ TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
     for (const Vector3& v : source().skin.vertices) least = std::min(least, (p - v).norm());
     const double distance = skin.distance(p);
     EXPECT_LE(std::abs(distance), least + 1e-12);
-    EXPECT_GE(std::abs(distance), least - 0.008);
+    EXPECT_GE(std::abs(distance), least - longest_edge / std::sqrt(3.0));
     if (std::abs(exact.distance(p)) > 2e-3) {
       EXPECT_EQ(distance < 0, exact.distance(p) < 0) << p.transpose();
     }

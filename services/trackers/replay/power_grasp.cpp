@@ -26,11 +26,11 @@ Vector3 radial(const Vector3& p) { return {p.x(), 0, p.z()}; }
 double deepest(const GeneratorOptions& o) { return -o.closing_depth - 1e-3; }
 
 // A finger goes around at the height of its own knuckle.
-void keep_level(PostureSolver& s, Finger finger) {
+void keep_level(PostureSolver& s, Finger finger, double weight = kLevel) {
   const Body knuckle = static_cast<Body>(index_of(distal_of(finger)) - 2);
   const Vector3& at = s.frames(0)[static_cast<std::size_t>(index_of(joint_of(knuckle)))].position;
   const auto pad = s.pad(finger, 0);
-  s.want(kLevel, pad.position.y() - at.y(),
+  s.want(weight, pad.position.y() - at.y(),
          {by_point(0, pad.body, pad.position, Vector3::UnitY()), by_point(0, knuckle, at, -Vector3::UnitY())});
 }
 
@@ -142,7 +142,8 @@ JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& s
       const double room = from.norm() - radius - sphere.radius;
       if (room < margin) s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
-    for (const Finger finger : kFourFingers) keep_level(s, finger);
+    // Firmly: an open little finger would else clear the cylinder by hanging below it, through the table.
+    for (const Finger finger : kFourFingers) keep_level(s, finger, 10 * kLevel);
     s.want_start(1);
   });
   return solver.angles(0);
