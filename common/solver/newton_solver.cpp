@@ -24,8 +24,8 @@ constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at
 constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
 constexpr double kWorthProjected = 8;  // iterations with a kept factor that cost as much as one with a new Hessian and factor
 constexpr double kWorthExact = 4;      // likewise where the new Hessian is exact, and converges faster
-constexpr double kBodyTolerance = 1e-4;   // of a body's move in the step: how far it may be from the minimum, where that is less than a node may
-constexpr double kLeastBodyTolerance = 1e-9;  // m
+constexpr double kFullMove = 0.05;        // m; a body that moves less in the step may be off by as much less than a node
+constexpr double kLeastMove = 1e-5;       // m; but not by less than one that moves this
 constexpr double kKinkFraction = 0.6;     // of a whole factor, what renewing contact and friction is expected to cost
 constexpr double kKinkChange = 0.05;      // of the blocks of contact and friction: with less change the rest of the Hessian is too old
 constexpr int kMostKinksInTurn = 2;  // then the rest of the Hessian may be what is too old
@@ -381,7 +381,7 @@ double NewtonSolver::largest_move(const State& state) const {
     const double lever = stiffness > 0 ? std::sqrt(std::max(0.0, trace(rotation)) / stiffness) : 0.0;
     const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
     const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
-    const double tolerance = std::clamp(kBodyTolerance * moved, std::min(kLeastBodyTolerance, most), most);
+    const double tolerance = most * std::clamp(moved, kLeastMove, kFullMove) / kFullMove;
     const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(), lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
     largest = std::max(largest, move / tolerance);
   }
@@ -410,8 +410,10 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   const bool is_quiet = options_.chord_tolerance > 0 && quiet_ && quiet_();
   if (is_quiet) {
     if (chord_step(state, time_step, report)) return report;
-    begun = std::exchange(report.chord, false);
+    // The fast mode takes its few iterations from the step's start, as the source does.
+    begun = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
     if (!begun) {
+      state = start_;
       const StepTiming spent = report.timing;
       const double work = report.work;
       report = {};
@@ -464,7 +466,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     }
     bool renews = !keeps;
     bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() && kinks_in_turn < kMostKinksInTurn && !in_double;
-    if (const double remaining = remaining_work(); (iteration > 0 || begun) && std::isfinite(remaining)) {
+    if (const double remaining = remaining_work(); (iteration > 0 || (begun && report.iterations > 0)) && std::isfinite(remaining)) {
       // A new Hessian and factor is worth most, so its work is kept in reserve until the step has had one; then the rest goes where it may.
       const double reserve = has_whole_factor() ? 0.0 : whole_work;
       const bool affords_whole = remaining >= whole_work;

@@ -54,8 +54,8 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
          "An iteration goes on with the factor of the one before, the first with that of the step before, while so it gets there sooner than with a new Hessian and factor; then contact and friction "
          "are renewed, and only then the rest. With three iterations and more.");
   v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6}, "Converged when no force (N) or torque (N m) left over exceeds this,");
-  v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. A body that moves or turns in the "
-           "step must be nearer: within 1e-4 of its move, at least 1e-9 m. Estimated from how the iterations shrank.");
+  v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1}, "and no node and no body would move by more than this: what is light and soft moves far for little force. A body that moves or turns "
+           "by less than 50 mm in the step must be nearer, in proportion, down to 10 um. Estimated from how the iterations shrank.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged too when an iteration moves nothing by more than this (m, rad).");
   v.number("work_budget", o.work_budget, "fast steps", {0, 1e6},
            "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). Starts no iteration that would "

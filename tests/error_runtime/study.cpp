@@ -34,6 +34,9 @@ std::string rate(double hertz) { return fmt::format("rate_hz={}", hertz); }
 // Chord steps end by a tolerance of their own, and a carried factor is no Newton iteration: only the default has them.
 const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoKeep = "simulation.solver.keep_factor=false";
 
+// The residual alone decides.
+const std::string kAnyMove = "simulation.solver.movement_tolerance=1";
+
 // Solved so well that only what is under study shows.
 std::vector<std::string> well_solved() { return {iterations(60), residual(1e-6)}; }
 
@@ -59,7 +62,10 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
   runs.push_back({"default", "default", plan.hand, {}, "R0"});
   for (const int count : plan.newton) runs.push_back({"newton_iterations", fmt::format("{}", count), plan.hand, {iterations(count), residual(0)}, "R0"});
   for (const double tolerance : plan.tolerances) {
-    runs.push_back({"residual_tolerance", fmt::format("{:g} N", tolerance), plan.hand, {iterations(60), residual(tolerance)}, "R0"});
+    runs.push_back({"residual_tolerance", fmt::format("{:g} N", tolerance), plan.hand, {iterations(60), residual(tolerance), kAnyMove}, "R0"});
+  }
+  for (const double budget : {1.0, 1.5, 2.0, 4.0, 8.0}) {
+    runs.push_back({"work_budget", fmt::format("{:g} fast steps", budget), plan.hand, {fmt::format("simulation.solver.work_budget={:g}", budget)}, "R0"});
   }
   for (const std::string& mesh : plan.meshes) runs.push_back({"mesh", mesh.substr(mesh.find('_') + 1), mesh, well_solved(), "R2"});
   for (const int hertz : plan.rates) {
@@ -77,7 +83,7 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
     }
   }
   for (Run& run : runs) {
-    if (run.knob == "default") continue;
+    if (run.knob == "default" || run.knob == "work_budget") continue;
     run.overrides.push_back(kNoChord);
     run.overrides.push_back(kNoKeep);
   }

@@ -21,8 +21,8 @@ constexpr double kSlow = 5;           // m/s, of the cube, whatever happens to i
 double seconds_since_start(Nanoseconds time) { return static_cast<double>(time - VirtualRig::kStart) * 1e-9; }
 
 std::vector<std::string> scene_overrides(const std::vector<std::string>& more) {
-  std::vector<std::string> all{"hand.model=right_400.hand.json", "tracker.position_noise=0", "tracker.rotation_noise=0", "generator.approach_distance=0.03",
-                               "generator.approach_time=0.2", "generator.close_time=0.4", "generator.settle_time=0.2", "generator.lift_time=0.4",
+  std::vector<std::string> all{"hand.model=right_400.hand.json", "tracker.position_noise=0", "tracker.rotation_noise=0", "generator.approach_distance=0.05",
+                               "generator.approach_time=0.4", "generator.close_time=0.4", "generator.settle_time=0.2", "generator.lift_time=0.4",
                                "generator.lift_height=0.05", "generator.hold_time=600"};
   all.insert(all.end(), more.begin(), more.end());
   return all;
