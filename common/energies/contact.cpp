@@ -121,6 +121,8 @@ void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double fric
   s.geometry = geometry;
   s.friction = friction;
   s.id = id;
+  // What the hand gives back goes on from where the world's copy is: it was not carried there through the hand.
+  if (s.kind == ContactObject::moving && kind == ContactObject::fixed) s.seen = false;
   s.kind = kind;
   for (Anchor& anchor : anchors_) {
     if (anchor.slot != slot) continue;

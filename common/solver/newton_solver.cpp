@@ -79,7 +79,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
-      tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations),
+      // Where the exact Hessian is not positive definite its factor was work for nothing, which a budget has no room for.
+      tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations && options.work_budget == 0),
       tries_exact_now_(tries_exact_),
       clock_(options.clock ? options.clock : steady_seconds) {
   if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");

@@ -59,15 +59,15 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1}, "Converged too when an iteration moves nothing by more than this (m, rad).");
   v.number("work_budget", o.work_budget, "fast steps", {0, 1e6},
            "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). Starts no iteration that would "
-           "exceed it, except the first. 0: unlimited; `softhand-hand` then takes what 0.7 of its period is worth on this machine.");
+           "exceed it, except the first. 0: unlimited; `softhand-hand` then takes what 0.6 of its period is worth on this machine.");
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
            "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an earlier step, until an iteration moves tissue and bones by no more "
            "than this (root mean square); what is left is a fraction of it. 0: never.");
   v.flag("line_search", o.line_search, "On the energy, along each iteration's direction. Without it, one or two iterations hurl gripped objects.");
   v.flag("measure_result", o.measure_result, "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
   v.choice("curvature", o.curvature, {"adaptive", "projected", "exact"},
-           "Hessian of the terms. adaptive: that of tissue, attachments and joints is exact where the whole is positive definite, "
-           "else projected. projected: to be positive semi-definite. exact: that of the text's eq. 16, which may need a diagonal shift.");
+           "Hessian of the terms. adaptive: that of tissue, attachments and joints is exact where the whole is positive definite "
+           "and the work has no budget, else projected. projected: to be positive semi-definite. exact: that of the text's eq. 16, which may need a diagonal shift.");
   v.choice("factor", o.factor, {"float", "double"},
            "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are double either way, so that float costs convergence at most; where a float factor fails or leads nowhere, the step takes double.");
 }

@@ -14,7 +14,7 @@
 namespace {
 using namespace softhand;
 
-constexpr double kBudgetFraction = 0.7;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
+constexpr double kBudgetFraction = 0.6;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
 
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();

@@ -45,6 +45,8 @@ namespace fs = std::filesystem;
 
 constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the cube is lifted and held
 
+constexpr double kRecordedFistFrom = 2, kRecordedFistTo = 4;  // s of the recording: the fist is closed around the cylinder
+
 constexpr int kPeerSteps = 15;
 
 struct Size {
@@ -179,6 +181,20 @@ std::vector<std::pair<double, double>> by_hands() {
     seconds.emplace_back(count, median(times));
   }
   return seconds;
+}
+
+// Work of the default's steps in a scene, in fast steps, from `from` to `to` seconds.
+std::vector<double> work_of_steps(const std::string& scene_name, const std::vector<std::string>& overrides, double from, double to) {
+  std::vector<std::string> all{"hand.model=" + hand_name(1450)};
+  all.insert(all.end(), overrides.begin(), overrides.end());
+  const Scene scene = read_scene(scene_path(scene_name), all);
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  std::vector<double> work;
+  rig.run(to, [&](const HandStepView& view) {
+    if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 >= from) work.push_back(view.output->report.work);
+  });
+  return work;
 }
 
 double scene_step_seconds(const error_runtime::Scene& scene) {
@@ -362,6 +378,19 @@ Json run() {
   for (const error_runtime::Scene& scene : error_runtime::all_scenes()) {
     put("scene_step_ms_" + scene.name, 1e3 * scene_step_seconds(scene), scene.statement.c_str());
   }
+
+  fmt::print("work of default steps, in fast steps (docs/performance.md, a budget of work), 1,450 nodes\n");
+  const std::string recording = SOFTHAND_SOURCE_DIR "/../shared/data/quest3/right.csv";
+  const bool is_recorded = fs::exists(recording);
+  const auto recorded_work = [&](double from, double to) { return work_of_steps("recorded_grasp.toml", {"motion=" + recording}, from, to); };
+  const std::vector<std::string> fist{"generator.motion=fist", "generator.object_position=[0,0.5,0]"};
+  put("work_tail_pinch_lift", quantile(work_of_steps("pinch_lift.toml", {}, 0.1, 8), 0.99), "p99");
+  put("work_tail_power_grasp", quantile(work_of_steps("power_grasp.toml", {}, 0.1, 8), 0.99), "p99");
+  put("work_tail_recorded_grasp", is_recorded ? quantile(recorded_work(0.1, 8.4), 0.99) : std::nan(""), "p99; null without the recording");
+  put("work_tail_fist", quantile(work_of_steps("pinch_lift.toml", fist, 0.1, 4), 0.99), "p99; closes in the air and opens");
+  put("recorded_step_over_pinch_step",
+      is_recorded ? median(recorded_work(kRecordedFistFrom, kRecordedFistTo)) / median(work_of_steps("pinch_lift.toml", {}, kGraspFrom, kGraspTo)) : std::nan(""),
+      "median work, closed recorded fist over held pinch");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {
