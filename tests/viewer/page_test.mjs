@@ -44,6 +44,19 @@ async function drawn(pictures = 4) {
   const end = (await page.evaluate(() => window.softhand.counts.drawn)) + pictures;
   await until("pictures", () => page.evaluate((n) => window.softhand.counts.drawn >= n, end), 60);
 }
+/** Until a paused picture stands still: skin and camera may still be on their way. */
+async function still() {
+  let last = await pixels();
+  await until("a picture that stands still", async () => {
+    await pause(300);
+    await drawn();
+    const now = await pixels();
+    const same = difference(last, now) < 0.0002;
+    last = now;
+    return same;
+  }, 60);
+  return last;
+}
 /** By the panel's form. */
 async function tell(module, key, value) {
   await page.selectOption("#message select", module);
@@ -59,8 +72,7 @@ test("the page connects and draws the hand", async () => {
   await until("connected", async () => (await state()) === "open");
   await until("nodes", () => page.evaluate(() => window.softhand.counts.nodes > 20), 90);
   await page.keyboard.press("Space");
-  await drawn();
-  const withHand = await pixels();
+  const withHand = await still();
   await page.click("#show-hand");
   await drawn();
   const without = await pixels();
