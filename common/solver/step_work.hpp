@@ -2,7 +2,7 @@
 // of the line search. Real time is a budget of such work (`SolverOptions::work_budget`).
 //
 // A model with fixed constants, not a measurement: the same scene does the same work on every machine, to the bit. A process turns its period
-// into work by timing a fast step once (`HandSimulation::fast_step_seconds`). How the constants were measured: docs/performance.md.
+// into work by timing a fast step once (services/hand/hand_size.hpp). How the constants were measured: docs/performance.md.
 #pragma once
 
 namespace softhand {
