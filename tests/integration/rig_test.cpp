@@ -250,8 +250,9 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
 
 TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
   constexpr std::uint32_t kCube = 2;
-  constexpr double kHoldBegins = 3.3;  // s of the motion
-  const std::vector<std::string> hold{"--set", "generator.hold_time=60"};
+  constexpr double kHoldBegins = 5.3;  // s of the motion
+  // A long approach: the hand's service is up before the stronger tracker, which is started first, closes the fingers.
+  const std::vector<std::string> hold{"--set", "generator.hold_time=60", "--set", "generator.approach_time=3"};
   Ears ears;
   // The stronger tracker under a supervisor of its own, which dies with it, so that nobody starts it again: it would begin its motion anew and own the hand.
   Up strong("tests/integration/rig_strong_tracker.toml", hold);
