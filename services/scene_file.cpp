@@ -12,7 +12,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A file named in a scene: absolute, beside the scene, in the folder of its kind in config/, or relative to where we are.
+// A file named in a scene: absolute, beside the scene, in the folder of its kind in config/, or relative to where we
+// are.
 std::string find_file(const Scene& scene, const std::string& name, const char* folder) {
   const fs::path beside = fs::path(scene.path).parent_path();
   for (const fs::path& candidate : {beside / name, beside / ".." / folder / name, fs::path(name)}) {
@@ -52,7 +53,9 @@ const ObjectOptions* judged_object(const SceneOptions& options) {
 void describe(OptionVisitor& v, SceneOptions& o) {
   v.string("name", o.name, "Name of the scene.");
   v.integer("user", o.user, "1", {0, 15}, "Which user's hand; part of the key of every topic about a hand.");
-  v.string("motion", o.motion, "Recorded motion (CSV of WebXR joint poses; columns: services/trackers/replay/recording.hpp) that the replay tracker plays; empty = the generator's.");
+  v.string("motion", o.motion,
+           "Recorded motion (CSV of WebXR joint poses; columns: services/trackers/replay/recording.hpp) that the "
+           "replay tracker plays; empty = the generator's.");
   v.flag("fit_hand", o.fit_hand, "With a recorded motion: give the hand the recording's bone lengths and thickness.");
   describe_section(v, "generator", "A made motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
@@ -77,10 +80,12 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
   }
-  // No more slots than the scene has objects, where it has any: one that can move costs columns of the step's matrix, whether it is used or not.
+  // No more slots than the scene has objects, where it has any: one that can move costs columns of the step's matrix,
+  // whether it is used or not.
   const auto& objects = scene.options.objects;
   if (!objects.empty()) {
-    const auto movable = static_cast<std::int64_t>(std::count_if(objects.begin(), objects.end(), [](const ObjectOptions& o) { return o.mass > 0; }));
+    const auto movable = static_cast<std::int64_t>(
+        std::count_if(objects.begin(), objects.end(), [](const ObjectOptions& o) { return o.mass > 0; }));
     HandOptions& hand = scene.options.hand;
     hand.mirrored_objects = std::min(hand.mirrored_objects, movable);
     hand.static_objects = std::min(hand.static_objects, static_cast<std::int64_t>(objects.size()) - movable);
@@ -114,7 +119,8 @@ HandModel load_scene_hand(const Scene& scene, const std::string& file) {
   const auto recording = load_recording(scene);
   const Side side = scene_side(scene, recording);
   if (hand.side != side) hand = mirrored(hand);
-  if (recording && scene.options.fit_hand) hand = fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
+  if (recording && scene.options.fit_hand)
+    hand = fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
   return hand;
 }
 
@@ -124,7 +130,8 @@ ObjectSpring object_spring(const WorldOptions& world) {
 }
 
 HandKey hand_key(const Scene& scene) {
-  return {static_cast<std::uint32_t>(scene.options.user), scene_side(scene, load_recording(scene)) == Side::left ? 0u : 1u};
+  return {static_cast<std::uint32_t>(scene.options.user),
+          scene_side(scene, load_recording(scene)) == Side::left ? 0u : 1u};
 }
 
 OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {

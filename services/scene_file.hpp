@@ -1,5 +1,5 @@
-// A scene: one TOML file that all processes of a rig read, each for its own sections. Every option of every process is described here, so that a
-// misspelt key is refused by whoever reads the file first.
+// A scene: one TOML file that all processes of a rig read, each for its own sections. Every option of every process is
+// described here, so that a misspelt key is refused by whoever reads the file first.
 #pragma once
 
 #include <array>
@@ -31,15 +31,19 @@ struct SimulateOptions {
   double hand_compute_fraction = 0.6;
 };
 inline void describe(OptionVisitor& v, SimulateOptions& o) {
-  v.number("seconds", o.seconds, "s", {0, 86400}, "How long `softhand simulate` runs; 0 = to the end of the motion and half a second more.");
+  v.number("seconds", o.seconds, "s", {0, 86400},
+           "How long `softhand simulate` runs; 0 = to the end of the motion and half a second more.");
   v.number("transport_ms", o.transport_ms, "ms", {0, 100}, "Delay of every message on the virtual clock.");
-  v.number("hand_compute_fraction", o.hand_compute_fraction, "1", {0, 1}, "When the hand's results leave, as a part of its period after its inputs were read.");
+  v.number("hand_compute_fraction", o.hand_compute_fraction, "1", {0, 1},
+           "When the hand's results leave, as a part of its period after its inputs were read.");
 }
 
 struct JudgeOptions {
   std::string object;
 };
-inline void describe(OptionVisitor& v, JudgeOptions& o) { v.string("object", o.object, "Name of the object that is grasped; empty = the first that can move."); }
+inline void describe(OptionVisitor& v, JudgeOptions& o) {
+  v.string("object", o.object, "Name of the object that is grasped; empty = the first that can move.");
+}
 
 struct HapticOptions {
   DeviceLoopOptions loop;
@@ -85,8 +89,8 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
 };
 
-/// Reads a scene and applies `--set` assignments. Relative paths inside are sought beside the file, in the folder of their kind beside its
-/// folder, and from where we are. Throws ConfigError.
+/// Reads a scene and applies `--set` assignments. Relative paths inside are sought beside the file, in the folder of
+/// their kind beside its folder, and from where we are. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
 /// The motion that the scene's tracker plays: its recording, or the generator's. `hand` as from `load_scene_hand`.
@@ -106,7 +110,8 @@ HandModel load_scene_hand(const Scene& scene, const std::string& file);
 /// All hands that may turn out to be the scene's: one, or all of `kHandSizes`.
 std::vector<HandModel> load_possible_hands(const Scene& scene);
 
-/// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in mode owner.
+/// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in
+/// mode owner.
 ObjectSpring object_spring(const WorldOptions& world);
 
 /// Which hand the scene is about: its user, and the side of its recording or else of `hand.side`.

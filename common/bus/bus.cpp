@@ -34,13 +34,15 @@ namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
 constexpr int kMaxDomain = 230;  // beyond, the ports of the participants above number 33 pass 65535
-/// Largest type whose samples are held in pools made at start; larger ones take buffers that grow to their need once and are used again.
+/// Largest type whose samples are held in pools made at start; larger ones take buffers that grow to their need once
+/// and are used again.
 constexpr std::size_t kPooledSize = 32 * 1024;
 /// A writer goes no sooner after its last sample. On a machine with six busy threads a core 20 ms were once too few.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
 constexpr int kOwnersDepth = 4;  ///< of a reader of a topic that one of several writers owns
-/// After so long without a sign of life a process is dead. Fast DDS 2.9 looks once in this time at each of its peers, and aborts by a failed assertion where one
-/// takes its leave in that very moment (PDP.cpp, check_remote_participant_liveliness): seen once in 160 tests with 2 s, so it must be rare. Nothing that hurries
+/// After so long without a sign of life a process is dead. Fast DDS 2.9 looks once in this time at each of its peers,
+/// and aborts by a failed assertion where one takes its leave in that very moment (PDP.cpp,
+/// check_remote_participant_liveliness): seen once in 160 tests with 2 s, so it must be rare. Nothing that hurries
 /// waits for it: streams grow stale, trackers' leases are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
 
@@ -48,8 +50,9 @@ Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error("DDS: " + what); }
 
-/// A port number that the last process with this name, killed a moment ago, did not have: peers that still wait for its lease to run out
-/// would take the newcomer for it and not answer for seconds. Cyclone's automatic participants are 0..32.
+/// A port number that the last process with this name, killed a moment ago, did not have: peers that still wait for its
+/// lease to run out would take the newcomer for it and not answer for seconds. Cyclone's automatic participants are
+/// 0..32.
 std::int32_t fresh_participant_id() {
   static std::atomic<std::uint32_t> next = [] {
     std::uint32_t seed = 0;
@@ -114,9 +117,10 @@ class PlainType final : public dds::TopicDataType {
 
 template <typename Qos>
 void apply(Qos& qos, const TopicRow& row) {
-  qos.reliability().kind = row.reliability == Reliability::reliable ? dds::RELIABLE_RELIABILITY_QOS : dds::BEST_EFFORT_RELIABILITY_QOS;
-  qos.durability().kind =
-      row.durability == Durability::transient_local ? dds::TRANSIENT_LOCAL_DURABILITY_QOS : dds::VOLATILE_DURABILITY_QOS;
+  qos.reliability().kind =
+      row.reliability == Reliability::reliable ? dds::RELIABLE_RELIABILITY_QOS : dds::BEST_EFFORT_RELIABILITY_QOS;
+  qos.durability().kind = row.durability == Durability::transient_local ? dds::TRANSIENT_LOCAL_DURABILITY_QOS
+                                                                        : dds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = row.depth;
   if (row.deadline_ms > 0) qos.deadline().period = milliseconds(row.deadline_ms);
@@ -147,8 +151,8 @@ int domain_from_environment() {
   const char* end = text + std::strlen(text);
   const auto [rest, error] = std::from_chars(text, end, domain);
   if (error != std::errc() || rest != end || domain < 0 || domain > kMaxDomain)
-    throw std::runtime_error("SOFTHAND_DOMAIN=\"" + std::string(text) + "\": a whole number in 0.." + std::to_string(kMaxDomain) +
-                             " is expected");
+    throw std::runtime_error("SOFTHAND_DOMAIN=\"" + std::string(text) + "\": a whole number in 0.." +
+                             std::to_string(kMaxDomain) + " is expected");
   return domain;
 }
 
@@ -157,7 +161,8 @@ namespace detail {
 class ParticipantImpl {
  public:
   ParticipantImpl(const std::string& name, int domain) {
-    // Readers in the writer's own process get their samples as all others do, in the receiving threads and not inside write().
+    // Readers in the writer's own process get their samples as all others do, in the receiving threads and not inside
+    // write().
     auto library = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
     if (library.intraprocess_delivery != eprosima::fastrtps::INTRAPROCESS_OFF) {
       library.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
@@ -169,16 +174,17 @@ class ParticipantImpl {
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = {"127.0.0.1"};
     udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
-    // No shared-memory transport: on one host it is no faster than UDP (51 against 52 us), killed processes leave segments behind, and a
-    // process restarted after SIGKILL was then heard after 140 ms (median of 30; worst 3.3 s) instead of 20 ms (worst 0.44 s).
+    // No shared-memory transport: on one host it is no faster than UDP (51 against 52 us), killed processes leave
+    // segments behind, and a process restarted after SIGKILL was then heard after 140 ms (median of 30; worst 3.3 s)
+    // instead of 20 ms (worst 0.44 s).
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports = {udp};
     qos.wire_protocol().participant_id = fresh_participant_id();
     auto& discovery = qos.wire_protocol().builtin;
     discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
     discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
-    // The multicast group finds everybody. Its port must be told: a peer without one stands for the unicast ports of the first few
-    // participants, which is what finds Cyclone where multicast is off.
+    // The multicast group finds everybody. Its port must be told: a peer without one stands for the unicast ports of
+    // the first few participants, which is what finds Cyclone where multicast is off.
     rtps::Locator_t group;
     group.kind = LOCATOR_KIND_UDPv4;
     rtps::IPLocator::setIPv4(group, "239.255.0.1");
@@ -189,8 +195,10 @@ class ParticipantImpl {
     discovery.initialPeersList.push_back(group);
     discovery.initialPeersList.push_back(host);
 
-    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
-    if (participant_ == nullptr) fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
+    participant_ =
+        dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
+    if (participant_ == nullptr)
+      fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
     if (publisher_ == nullptr || subscriber_ == nullptr) {
@@ -239,12 +247,13 @@ class WriterImpl final : public dds::DataWriterListener {
     // Samples of many packets are sent by a thread of their own, so that the loop which writes them goes on.
     qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;
     qos.reliability().max_blocking_time = milliseconds(1);
-    writer_ =
-        participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this, dds::StatusMask::publication_matched());
+    writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
+                                                          dds::StatusMask::publication_matched());
     if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
   }
   ~WriterImpl() override {
-    // The news of a departure takes another socket than the data: a reader that hears it first drops the last sample, a device's zero.
+    // The news of a departure takes another socket than the data: a reader that hears it first drops the last sample, a
+    // device's zero.
     if (readers() > 0) std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
     writer_->set_listener(nullptr);
     participant_->publisher().delete_datawriter(writer_);
@@ -282,16 +291,18 @@ class ReaderImpl final : public dds::DataReaderListener {
   ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec)
       : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
-    // Fast DDS 2.9 puts a sample into the history before it asks who owns the instance, and then takes a weaker writer's out again. Without a place
-    // for it the owner's sample that was not read yet would be gone.
+    // Fast DDS 2.9 puts a sample into the history before it asks who owns the instance, and then takes a weaker
+    // writer's out again. Without a place for it the owner's sample that was not read yet would be gone.
     TopicRow roomy = row;
     if (row.exclusive) roomy.depth = std::max(row.depth, kOwnersDepth);
     apply(qos, roomy);
     // Buffers that may grow, so that a payload which is too long reaches our decoder to be refused and counted.
     const auto policy = memory_policy(codec);
-    qos.endpoint().history_memory_policy = policy == rtps::PREALLOCATED_MEMORY_MODE ? rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE : policy;
+    qos.endpoint().history_memory_policy =
+        policy == rtps::PREALLOCATED_MEMORY_MODE ? rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE : policy;
     dds::StatusMask mask = dds::StatusMask::subscription_matched();
-    mask << dds::StatusMask::liveliness_changed() << dds::StatusMask::requested_deadline_missed() << dds::StatusMask::sample_lost();
+    mask << dds::StatusMask::liveliness_changed() << dds::StatusMask::requested_deadline_missed()
+         << dds::StatusMask::sample_lost();
     reader_ = participant_->subscriber().create_datareader(participant_->topic(row, codec), qos, this, mask);
     if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));
   }
@@ -329,7 +340,8 @@ class ReaderImpl final : public dds::DataReaderListener {
   void on_liveliness_changed(dds::DataReader*, const eprosima::fastrtps::LivelinessChangedStatus& status) override {
     live_.store(status.alive_count);
   }
-  void on_requested_deadline_missed(dds::DataReader*, const eprosima::fastrtps::RequestedDeadlineMissedStatus& status) override {
+  void on_requested_deadline_missed(dds::DataReader*,
+                                    const eprosima::fastrtps::RequestedDeadlineMissedStatus& status) override {
     deadline_missed_.store(static_cast<std::uint64_t>(status.total_count));
   }
   void on_sample_lost(dds::DataReader*, const dds::SampleLostStatus& status) override {
@@ -352,7 +364,8 @@ class ReaderImpl final : public dds::DataReaderListener {
   std::atomic<std::uint64_t> deadline_missed_ = 0;
 };
 
-WriterEndpoint::WriterEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec, int strength)
+WriterEndpoint::WriterEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec,
+                               int strength)
     : impl_(std::make_unique<WriterImpl>(participant.impl(), topic, codec, strength)) {}
 WriterEndpoint::~WriterEndpoint() = default;
 WriterEndpoint::WriterEndpoint(WriterEndpoint&&) noexcept = default;
@@ -376,6 +389,7 @@ ReaderCounters ReaderEndpoint::counters() const noexcept { return impl_->counter
 
 }  // namespace detail
 
-Participant::Participant(const std::string& name, int domain) : impl_(std::make_shared<detail::ParticipantImpl>(name, domain)) {}
+Participant::Participant(const std::string& name, int domain)
+    : impl_(std::make_shared<detail::ParticipantImpl>(name, domain)) {}
 
 }  // namespace softhand::bus

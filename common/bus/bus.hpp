@@ -6,9 +6,10 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority before. One thread at a
-// time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when DDS refuses, `take_all` whatever its callback throws;
-// all else of Participant, Writer and Reader throws nothing and does not allocate on our side. Writers and readers keep their participant alive.
+// Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority
+// before. One thread at a time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when
+// DDS refuses, `take_all` whatever its callback throws; all else of Participant, Writer and Reader throws nothing and
+// does not allocate on our side. Writers and readers keep their participant alive.
 #pragma once
 
 #include <chrono>
@@ -77,8 +78,8 @@ class ReaderEndpoint {
   ~ReaderEndpoint();
   ReaderEndpoint(ReaderEndpoint&&) noexcept;
   ReaderEndpoint& operator=(ReaderEndpoint&&) noexcept;
-  /// Takes the next sample for which `well_formed`, a member of `received`, comes out true; others are counted and passed over. False when
-  /// there is none. `source_time` orders samples of several instances.
+  /// Takes the next sample for which `well_formed`, a member of `received`, comes out true; others are counted and
+  /// passed over. False when there is none. `source_time` orders samples of several instances.
   bool take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept;
   bool wait(std::chrono::nanoseconds timeout) noexcept;
   int writer_count() const noexcept;
@@ -99,8 +100,8 @@ concept AboutAHand = requires(const T& message) {
 template <typename T>
 class Writer {
  public:
-  /// `strength` decides between writers of one instance where the topic is exclusive (tracked_skeleton): the highest owns it; below 0
-  /// is 0.
+  /// `strength` decides between writers of one instance where the topic is exclusive (tracked_skeleton): the highest
+  /// owns it; below 0 is 0.
   Writer(const Participant& participant, const Topic<T>& topic, int strength = 0)
       : endpoint_(participant, topic, codec_of<T>(topic.type), strength) {}
 
@@ -118,12 +119,14 @@ template <typename T>
 class Reader {
  public:
   /// With `only`, samples about other hands are passed over.
-  Reader(const Participant& participant, const Topic<T>& topic, std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
+  Reader(const Participant& participant, const Topic<T>& topic,
+         std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
       : endpoint_(participant, topic, codec_of<T>(topic.type)), only_(only) {}
   Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
       : endpoint_(participant, topic, codec_of<T>(topic.type)) {}
 
-  /// Copies the newest sample into `out` and forgets the older ones. False, and `out` untouched, when nothing new has come. Never waits.
+  /// Copies the newest sample into `out` and forgets the older ones. False, and `out` untouched, when nothing new has
+  /// come. Never waits.
   bool take_latest(T& out) noexcept {
     bool found = false;
     std::int64_t newest = 0;
@@ -138,7 +141,8 @@ class Reader {
     return found;
   }
 
-  /// Calls f(const T&) for each new sample, oldest first within an instance; returns how many. For topics of many instances or of messages.
+  /// Calls f(const T&) for each new sample, oldest first within an instance; returns how many. For topics of many
+  /// instances or of messages.
   template <typename F>
   std::size_t take_all(F&& f) {
     std::size_t count = 0;
@@ -151,7 +155,8 @@ class Reader {
     return count;
   }
 
-  /// Waits until a sample is there to be taken; false after `timeout`. 15-30 us slower than polling: not for the 1 kHz loops.
+  /// Waits until a sample is there to be taken; false after `timeout`. 15-30 us slower than polling: not for the 1 kHz
+  /// loops.
   bool wait(std::chrono::nanoseconds timeout) noexcept { return endpoint_.wait(timeout); }
   /// Matched writers.
   int writer_count() const noexcept { return endpoint_.writer_count(); }

@@ -1,5 +1,6 @@
-// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final types. Straight from
-// and to the plain struct: no intermediate object, no allocation. The same bytes may be logged (MCAP's `cdr`) and decoded again.
+// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final
+// types. Straight from and to the plain struct: no intermediate object, no allocation. The same bytes may be logged
+// (MCAP's `cdr`) and decoded again.
 #pragma once
 
 #include <algorithm>
@@ -46,7 +47,9 @@ template <typename T>
 using LeafOf = typename Leaf<T>::Type;
 
 inline constexpr std::size_t kHeaderSize = 4;
-constexpr std::size_t padding(std::size_t offset, std::size_t alignment) { return (alignment - offset % alignment) % alignment; }
+constexpr std::size_t padding(std::size_t offset, std::size_t alignment) {
+  return (alignment - offset % alignment) % alignment;
+}
 
 /// Bytes after the header: of the message as it is, or the most it can have.
 template <bool at_capacity>
@@ -136,7 +139,8 @@ struct Encode {
   void field(const char*, const auto& value) { (*this)(value); }
 };
 
-/// Never reads outside `in`, whatever it holds; leaves the elements beyond a sequence's count and the bytes behind a text zero.
+/// Never reads outside `in`, whatever it holds; leaves the elements beyond a sequence's count and the bytes behind a
+/// text zero.
 struct Decode {
   std::span<const std::byte> in;  ///< after the header
   std::size_t offset = 0;
@@ -191,7 +195,8 @@ struct Decode {
   void field(const char*, auto& value) { (*this)(value); }
 };
 
-/// Big-endian CDR of the key fields: what DDS makes its key hash of (DDSI-RTPS 9.6.3.8). Keys are uint32 and texts only.
+/// Big-endian CDR of the key fields: what DDS makes its key hash of (DDSI-RTPS 9.6.3.8). Keys are uint32 and texts
+/// only.
 struct EncodeKey {
   std::array<std::byte, 80> bytes{};
   std::size_t size = 0;
@@ -249,7 +254,8 @@ std::size_t max_encoded_size() {
   return size;
 }
 
-/// Writes `message` to `out`; the number of bytes, or 0 when it does not fit or a sequence's count is beyond its capacity.
+/// Writes `message` to `out`; the number of bytes, or 0 when it does not fit or a sequence's count is beyond its
+/// capacity.
 template <typename T>
 std::size_t encode(const T& message, std::span<std::byte> out) {
   constexpr std::array<std::uint8_t, 4> header{0, 1, 0, 0};  // CDR, little endian
@@ -260,8 +266,9 @@ std::size_t encode(const T& message, std::span<std::byte> out) {
   return encoder.ok ? detail::kHeaderSize + encoder.offset : 0;
 }
 
-/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too long by more than
-/// padding, a sequence or text beyond its bound. `message` is unspecified then. Numbers are not judged: NaN passes.
+/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too
+/// long by more than padding, a sequence or text beyond its bound. `message` is unspecified then. Numbers are not
+/// judged: NaN passes.
 template <typename T>
 bool decode(std::span<const std::byte> bytes, T& message) {
   if (bytes.size() < detail::kHeaderSize || bytes[0] != std::byte{0} || bytes[1] != std::byte{1}) return false;

@@ -63,9 +63,10 @@ inline constexpr Topic<HandDescription>   hand_description     {{"softhand/v1/ha
 /// Calls f(topic) for every row.
 template <typename F>
 void for_each(F&& f) {
-  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects), f(object_coupling),
-      f(bone_wrench);
-  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description), f(hand_description);
+  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
+      f(object_coupling), f(bone_wrench);
+  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description),
+      f(hand_description);
 }
 
 }  // namespace topics

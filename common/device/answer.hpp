@@ -25,7 +25,8 @@ inline std::optional<double> parse_number(std::string_view text) {
 }
 
 /// The reply of `module`; its stamp is the sender's to fill.
-inline MessageReply reply_to(const Message& message, std::string_view module, std::uint32_t result, std::string_view text) {
+inline MessageReply reply_to(const Message& message, std::string_view module, std::uint32_t result,
+                             std::string_view text) {
   MessageReply reply;
   reply.id = message.id;
   set_text(reply.module, module);

@@ -14,14 +14,17 @@ constexpr double kSecondsPerNanosecond = 1e-9;
 
 void describe(OptionVisitor& v, DeviceLoopOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {10, 10000}, "Rate at which commands are written to the device.");
-  v.number("stale_after", o.stale_after, "s", {0.005, 0.045}, "Age of the newest input after which every command is zero at once.");
+  v.number("stale_after", o.stale_after, "s", {0.005, 0.045},
+           "Age of the newest input after which every command is zero at once.");
   v.number("gain", o.gain, "1", {0, 1}, "Factor on every command.");
   v.flag("enabled", o.enabled, "Whether the motors are on from the start; the message `motors` switches them.");
 }
 
-DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind)
+DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device,
+                         std::uint32_t kind)
     : options_(options), limits_(limits), clock_id_(clock_id()), gain_(options.gain), enabled_(options.enabled) {
-  if (limits.actuators < 1 || limits.actuators > kMaxActuators) throw std::invalid_argument("device: actuators: expected 1 to 32");
+  if (limits.actuators < 1 || limits.actuators > kMaxActuators)
+    throw std::invalid_argument("device: actuators: expected 1 to 32");
   if (!(limits.minimum_command <= 0) || !(limits.maximum_command > 0) || !std::isfinite(limits.maximum_command) ||
       !std::isfinite(limits.minimum_command)) {
     throw std::invalid_argument("device: expected finite minimum_command <= 0 < maximum_command");
@@ -47,11 +50,12 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
 
 bool DeviceGuard::fresh(Nanoseconds now) const {
   if (!any_) return false;
-  // By arrival; and by the publisher's stamp, so that a backlog does not count as news: however old it is on this host's clock, and within
-  // reason on one that does not say whose it is. A stamp of another clock says nothing.
+  // By arrival; and by the publisher's stamp, so that a backlog does not count as news: however old it is on this
+  // host's clock, and within reason on one that does not say whose it is. A stamp of another clock says nothing.
   const double since_arrival = static_cast<double>(now - arrival_) * kSecondsPerNanosecond;
   const double since_publish = static_cast<double>(now - stamp_.publish_time) * kSecondsPerNanosecond;
-  const bool comparable = stamp_.publish_time != 0 && (stamp_.clock_id == clock_id_ || (since_publish >= 0 && since_publish < 10));
+  const bool comparable =
+      stamp_.publish_time != 0 && (stamp_.clock_id == clock_id_ || (since_publish >= 0 && since_publish < 10));
   const double age = comparable ? std::max(since_arrival, since_publish) : since_arrival;
   return age <= options_.stale_after;
 }
@@ -113,7 +117,8 @@ MessageReply DeviceGuard::answer(const Message& message, const std::string& modu
   }
   if (key == "gain") {
     const auto gain = parse_number(value);
-    if (!gain || *gain < 0 || *gain > 1) return reply_to(message, module, kReplyRefused, "gain: expected a number from 0 to 1");
+    if (!gain || *gain < 0 || *gain > 1)
+      return reply_to(message, module, kReplyRefused, "gain: expected a number from 0 to 1");
     gain_ = *gain;
     return reply_to(message, module, kReplyApplied, "gain set");
   }

@@ -1,8 +1,9 @@
 // The driver SDK of haptic and tactile devices: what a driver implements, and the safety around every driver.
 //
-// A driver turns what the simulation sends into wanted commands, one number an actuator, and writes commands to its device. Everything that
-// keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale input, on non-finite numbers, when disabled
-// and on exit. A driver is one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
+// A driver turns what the simulation sends into wanted commands, one number an actuator, and writes commands to its
+// device. Everything that keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale
+// input, on non-finite numbers, when disabled and on exit. A driver is one folder under services/haptics or
+// services/tactile and one line of CMake (docs/add-a-device.md).
 #pragma once
 
 #include <array>
@@ -31,7 +32,8 @@ class DeviceDriver {
  public:
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
-  /// What the device should do for this input; one number an actuator, zero on entry. Need not respect the limits. Real-time.
+  /// What the device should do for this input; one number an actuator, zero on entry. Need not respect the limits.
+  /// Real-time.
   virtual void command(const Input& input, std::span<double> wanted) = 0;
   /// Hands commands, which respect the limits, to the device. Real-time: does not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
@@ -63,7 +65,8 @@ class DeviceGuard {
   bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
   /// True while the newest input is young enough to act on.
   bool fresh(Nanoseconds now) const;
-  /// Commands of this step from `wanted` (size actuators). `source_live` false: the input itself says that its source is dead.
+  /// Commands of this step from `wanted` (size actuators). `source_live` false: the input itself says that its source
+  /// is dead.
   const DeviceState& limit(Nanoseconds now, std::span<const double> wanted, bool source_live);
   /// Zeroes at once: on exit.
   const DeviceState& zero(Nanoseconds now);
@@ -101,8 +104,11 @@ inline void observe(PassivityObserver&, const Contacts&) {}
 template <typename Input>
 class DeviceLoop {
  public:
-  DeviceLoop(const DeviceLoopOptions& options, std::unique_ptr<DeviceDriver<Input>> driver, std::uint32_t device, std::uint32_t kind)
-      : driver_(std::move(driver)), guard_(options, driver_->limits(), device, kind), actuators_(driver_->limits().actuators) {}
+  DeviceLoop(const DeviceLoopOptions& options, std::unique_ptr<DeviceDriver<Input>> driver, std::uint32_t device,
+             std::uint32_t kind)
+      : driver_(std::move(driver)),
+        guard_(options, driver_->limits(), device, kind),
+        actuators_(driver_->limits().actuators) {}
   /// Zeroes the device if `stop` was not called.
   ~DeviceLoop() {
     if (!stopped_) stop(0);

@@ -18,7 +18,8 @@ void PassivityObserver::add(const BoneWrench& wrench) {
       const Vector3 moved = now.position - before.position;
       if (!(moved.norm() <= kTeleport)) continue;
       const double work =
-          to_vector(from.coupling_force).dot(moved) + to_vector(from.coupling_torque).dot(rotation_log(now.orientation * before.orientation.conjugate()));
+          to_vector(from.coupling_force).dot(moved) +
+          to_vector(from.coupling_torque).dot(rotation_log(now.orientation * before.orientation.conjugate()));
       // One number that is none, or an orientation of zeros, in either message; in the sum it would stay for ever.
       if (std::isfinite(work)) given += work;
     }

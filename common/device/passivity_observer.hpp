@@ -1,10 +1,12 @@
-// Watches that what goes to a haptic device gives the user no more energy than the user put in (Hannaford and Ryu 2002).
+// Watches that what goes to a haptic device gives the user no more energy than the user put in (Hannaford and Ryu
+// 2002).
 //
 //   E_n = E_n-1 - sum over bones of  s (f_n-1 . (x_n - x_n-1) + tau_n-1 . log(R_n R_n-1^T))
 //
-// with x, R the user's (tracked) bone and f, tau the coupling's force and torque on it, which a device holds from one message to the next, times
-// the share s of them that it is allowed to make. E is what the user put in less what the loop gave back: a loop that is passive and began at
-// rest keeps it >= 0. What a device's clamp, slew limit and mechanics change is not seen.
+// with x, R the user's (tracked) bone and f, tau the coupling's force and torque on it, which a device holds from one
+// message to the next, times the share s of them that it is allowed to make. E is what the user put in less what the
+// loop gave back: a loop that is passive and began at rest keeps it >= 0. What a device's clamp, slew limit and
+// mechanics change is not seen.
 #pragma once
 
 #include "messages/messages.hpp"

@@ -1,4 +1,5 @@
-// Writes records to a file outside the real-time thread: the loop pushes plain values, a thread of its own formats and writes them.
+// Writes records to a file outside the real-time thread: the loop pushes plain values, a thread of its own formats and
+// writes them.
 #pragma once
 
 #include <atomic>
@@ -19,8 +20,8 @@ class RecordLog {
   static_assert(std::is_trivially_copyable_v<Record>);
 
  public:
-  /// `format` appends one record as text, with its newline; it runs in the writer's thread. Throws std::runtime_error where the file
-  /// cannot be opened. `header` is written first.
+  /// `format` appends one record as text, with its newline; it runs in the writer's thread. Throws std::runtime_error
+  /// where the file cannot be opened. `header` is written first.
   RecordLog(const std::string& path, std::size_t capacity, const std::string& header,
             std::function<void(const Record&, std::string&)> format)
       : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {

@@ -12,16 +12,18 @@ namespace softhand {
 namespace {
 
 constexpr double kSecondsPerNanosecond = 1e-9;
-constexpr double kMaximumCoordinate = 1e3;    // m
-constexpr double kMaximumHandExtent = 0.5;    // m from the wrist; the longest hands measure 0.25
-constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;  // half and twice unit length, rounding included
-constexpr double kMaximumAngularSpeed = 60;   // rad/s; fast finger flicks reach 40
-constexpr Nanoseconds kFuture = 5'000'000;    // a sample this far ahead of its arrival has another clock
-constexpr Nanoseconds kPast = 1'000'000'000;  // and so has one this old
+constexpr double kMaximumCoordinate = 1e3;  // m
+constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest hands measure 0.25
+constexpr double kShortestQuaternion = 0.5 - 1e-6,
+                 kLongestQuaternion = 2 + 1e-6;  // half and twice unit length, rounding included
+constexpr double kMaximumAngularSpeed = 60;      // rad/s; fast finger flicks reach 40
+constexpr Nanoseconds kFuture = 5'000'000;       // a sample this far ahead of its arrival has another clock
+constexpr Nanoseconds kPast = 1'000'000'000;     // and so has one this old
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The joint that carries `joint` along when it is not seen: that of the parent bone; for the wrist the middle metacarpal.
+// The joint that carries `joint` along when it is not seen: that of the parent bone; for the wrist the middle
+// metacarpal.
 Joint neighbour_of(Joint joint) {
   if (joint == Joint::wrist) return Joint::middle_metacarpal;
   const Body body = body_of(joint);
@@ -51,28 +53,37 @@ void describe(OptionVisitor& v, TrackedInputOptions& o) {
            "A joint or head faster than this between samples counts as having jumped: no velocity is made of it.");
   v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10},
             "Where a device on a headset sits, in the head's frame.");
-  v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
-  v.numbers("desk_mount_position", o.desk_mount_position.data(), 3, "m", {-1000, 1000}, "Where a device on a desk stands in the world.");
-  v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1}, "Its orientation there, quaternion xyzw.");
+  v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1},
+            "Its orientation there, quaternion xyzw.");
+  v.numbers("desk_mount_position", o.desk_mount_position.data(), 3, "m", {-1000, 1000},
+            "Where a device on a desk stands in the world.");
+  v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1},
+            "Its orientation there, quaternion xyzw.");
 }
 
-bool is_plausible(Nanoseconds sample_time, Nanoseconds now) { return sample_time <= now + kFuture && sample_time >= now - kPast; }
+bool is_plausible(Nanoseconds sample_time, Nanoseconds now) {
+  return sample_time <= now + kFuture && sample_time >= now - kPast;
+}
 
 TrackedInput::TrackedInput(const TrackedInputOptions& options)
     : options_(options),
-      headset_mount_(mount(options.headset_mount_position, options.headset_mount_orientation, "headset_mount_orientation")),
+      headset_mount_(
+          mount(options.headset_mount_position, options.headset_mount_orientation, "headset_mount_orientation")),
       desk_mount_(mount(options.desk_mount_position, options.desk_mount_orientation, "desk_mount_orientation")) {}
 
 void TrackedInput::add_head_pose(const HeadPose& head) {
   if (head.valid == 0 || !all_finite(head.position) || !all_finite(head.orientation)) return;
   const Quaternion orientation = to_quaternion(head.orientation);
-  if (!(orientation.norm() > 0.5 && orientation.norm() < 2) || !(to_vector(head.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate)) return;
+  if (!(orientation.norm() > 0.5 && orientation.norm() < 2) ||
+      !(to_vector(head.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate))
+    return;
   if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) {
     // A head tracker whose clock went back starts a new history; a late sample is not worth keeping.
     if (head.stamp.sample_time > heads_[(head_count_ - 1) % heads_.size()].time - kPast) return;
     head_count_ = 0;
   }
-  heads_[head_count_++ % heads_.size()] = {head.stamp.sample_time, {to_vector(head.position), orientation.normalized()}};
+  heads_[head_count_++ % heads_.size()] = {head.stamp.sample_time,
+                                           {to_vector(head.position), orientation.normalized()}};
 }
 
 bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) const {
@@ -86,8 +97,11 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
   }
   if (frame != 1 || head_count_ == 0) return false;
   const std::uint64_t kept = std::min<std::uint64_t>(head_count_, heads_.size());
-  const auto back = [this](std::uint64_t i) -> const TimedPose& { return heads_[(head_count_ - 1 - i) % heads_.size()]; };
-  // The pair around `time`; a sample newer than the newest head pose is extrapolated from the last pair, by 50 ms at most.
+  const auto back = [this](std::uint64_t i) -> const TimedPose& {
+    return heads_[(head_count_ - 1 - i) % heads_.size()];
+  };
+  // The pair around `time`; a sample newer than the newest head pose is extrapolated from the last pair, by 50 ms at
+  // most.
   std::uint64_t i = 1;
   while (i + 1 < kept && back(i).time > time) ++i;
   if (kept == 1) {
@@ -151,7 +165,8 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     }
     const Quaternion orientation = to_quaternion(joint.orientation);
     const double norm = orientation.coeffs().stableNorm();
-    if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) || !(norm >= kShortestQuaternion && norm <= kLongestQuaternion)) {
+    if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) ||
+        !(norm >= kShortestQuaternion && norm <= kLongestQuaternion)) {
       ++counters_.refused_implausible;
       continue;
     }
@@ -167,8 +182,8 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     }
   }
 
-  // Joints that were not seen ride on their neighbour: the wrist on the middle metacarpal, then every bone on its parent, which has
-  // the lower index. Where the neighbour is missing too, a joint stays where it was.
+  // Joints that were not seen ride on their neighbour: the wrist on the middle metacarpal, then every bone on its
+  // parent, which has the lower index. Where the neighbour is missing too, a joint stays where it was.
   std::array<bool, kJointCount> placed = good;
   const auto carry = [&](Joint joint) {
     const std::size_t j = index(joint);
@@ -228,7 +243,9 @@ const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now)
   return targets_;
 }
 
-double TrackedInput::age(Nanoseconds now) const { return any_ ? static_cast<double>(now - time_) * kSecondsPerNanosecond : -1.0; }
+double TrackedInput::age(Nanoseconds now) const {
+  return any_ ? static_cast<double>(now - time_) * kSecondsPerNanosecond : -1.0;
+}
 
 bool TrackedInput::stale(Nanoseconds now) const { return !any_ || age(now) > options_.stale_after; }
 

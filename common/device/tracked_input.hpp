@@ -1,6 +1,6 @@
-// From a tracker's samples to targets in the world: refuses what cannot be a hand, composes the mount, estimates velocities and
-// extrapolates to the time of the step. Used by the tracking loop, and by the hand simulation where the intermediate layer is left out
-// (figure 2B).
+// From a tracker's samples to targets in the world: refuses what cannot be a hand, composes the mount, estimates
+// velocities and extrapolates to the time of the step. Used by the tracking loop, and by the hand simulation where the
+// intermediate layer is left out (figure 2B).
 #pragma once
 
 #include <array>
@@ -28,20 +28,21 @@ void describe(OptionVisitor& v, TrackedInputOptions& o);
 /// What a sample asks of one body: the world frame of its joint.
 struct BodyTarget {
   Pose pose;
-  Twist velocity;      ///< of the joint's origin, world axes; zero while the sample is older than the extrapolation limit
+  Twist velocity;  ///< of the joint's origin, world axes; zero while the sample is older than the extrapolation limit
   bool valid = false;  ///< false until the joint was seen once
 };
 
 /// Why a sample, or one joint of it, was not used; all since start.
 struct TrackedInputCounters {
-  std::uint64_t accepted = 0;             ///< samples
-  std::uint64_t refused_nonfinite = 0;    ///< joints with NaN or infinity
-  std::uint64_t refused_implausible = 0;  ///< joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
-  std::uint64_t refused_order = 0;        ///< samples with an old or equal sequence or time
-  std::uint64_t refused_mount = 0;        ///< samples in an unknown frame, or in the headset's without a head pose
-  std::uint64_t implausible_clock = 0;    ///< samples whose time was replaced by that of their arrival
-  std::uint64_t inferred = 0;             ///< joints carried along by a neighbour because they were refused or not seen
-  std::uint64_t repositioned = 0;         ///< jumps of the wrist beyond the reposition distance
+  std::uint64_t accepted = 0;           ///< samples
+  std::uint64_t refused_nonfinite = 0;  ///< joints with NaN or infinity
+  std::uint64_t refused_implausible =
+      0;  ///< joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
+  std::uint64_t refused_order = 0;      ///< samples with an old or equal sequence or time
+  std::uint64_t refused_mount = 0;      ///< samples in an unknown frame, or in the headset's without a head pose
+  std::uint64_t implausible_clock = 0;  ///< samples whose time was replaced by that of their arrival
+  std::uint64_t inferred = 0;           ///< joints carried along by a neighbour because they were refused or not seen
+  std::uint64_t repositioned = 0;       ///< jumps of the wrist beyond the reposition distance
 };
 
 /// False where a sample's time cannot be of the clock that says `now`: it is in the future, or more than a second ago.

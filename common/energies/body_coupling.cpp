@@ -35,7 +35,8 @@ void check_gains(const std::string& name, const CouplingGains& gains) {
     throw std::invalid_argument(name + ": " + field + " is " + std::to_string(value) + ", expected " + expected);
   };
   const auto not_negative = [&refuse](const char* field, double value) {
-    if (!(value >= 0) || !(value < std::numeric_limits<double>::infinity())) refuse(field, value, "a finite number >= 0");
+    if (!(value >= 0) || !(value < std::numeric_limits<double>::infinity()))
+      refuse(field, value, "a finite number >= 0");
   };
   not_negative("linear_stiffness", gains.linear_stiffness);
   not_negative("angular_stiffness", gains.angular_stiffness);
@@ -47,7 +48,8 @@ void check_gains(const std::string& name, const CouplingGains& gains) {
 
 }  // namespace
 
-BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, DofLayout layout) : name_(std::move(name)) {
+BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, DofLayout layout)
+    : name_(std::move(name)) {
   sites_.reserve(sites.size());
   for (const CouplingSite& given : sites) {
     check_gains(name_, given.gains);
@@ -80,7 +82,8 @@ void BodyCoupling::bind(const BlockMatrix& matrix) {
 double BodyCoupling::spring_energy(const Site& site, const Pose& body, const Pose& target) {
   const Pose frame = body * site.body_from_frame;
   const double turn = rotation_log(frame.orientation * target.orientation.conjugate()).norm();
-  return capped_spring(site.gains.linear_stiffness, site.gains.force_cap, (frame.position - target.position).norm()).energy +
+  return capped_spring(site.gains.linear_stiffness, site.gains.force_cap, (frame.position - target.position).norm())
+             .energy +
          capped_spring(site.gains.angular_stiffness, site.gains.torque_cap, turn).energy;
 }
 
@@ -90,9 +93,11 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     s.pulls = s.active;
     if (!s.pulls) continue;
     s.start = state.body_poses[static_cast<std::size_t>(s.body)];
-    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does work on the way. A target that leapt has no way either,
-    // along which a force could be told: it worked what the springs hold where it is now.
-    const bool goes_on = s.pulled && s.start.position == s.end.position && s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
+    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does
+    // work on the way. A target that leapt has no way either, along which a force could be told: it worked what the
+    // springs hold where it is now.
+    const bool goes_on = s.pulled && s.start.position == s.end.position &&
+                         s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
                          rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kLeap;
     if (!goes_on) s.end_target = s.target;
     s.start_energy = spring_energy(s, s.start, s.end_target);
@@ -110,7 +115,8 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     if (angular_damping > 0) {
       const Quaternion advanced = rotation_exp(time_step * s.target_velocity.angular) * start.orientation;
       const Vector3 arc = rotation_log(s.target.orientation * advanced.conjugate());
-      s.orientation_target = (rotation_exp(s.gains.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
+      s.orientation_target =
+          (rotation_exp(s.gains.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
     }
   }
 }
@@ -149,7 +155,8 @@ double BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
     if (!s.pulls) continue;
     const Pull pull = pull_of(s, state);
     energy += pull.energy;
-    // The log's Jacobian leaves the turn itself unchanged, J^-T phi = phi, so the gradient of the angular part is the torque.
+    // The log's Jacobian leaves the turn itself unchanged, J^-T phi = phi, so the gradient of the angular part is the
+    // torque.
     const Vector3 arm = state.body_poses[static_cast<std::size_t>(s.body)].orientation * s.body_from_frame.position;
     Clique<2>::Gradient local;
     local << -pull.wrench.force, -(pull.wrench.torque + arm.cross(pull.wrench.force));
@@ -178,16 +185,19 @@ void BodyCoupling::end_step(State& state) {
     const Vector3 stretch = frame.position - s.target.position;
     const Vector3 turn = rotation_log(frame.orientation * s.target.orientation.conjugate());
     const Vector3 spring = capped_spring(s.gains.linear_stiffness, s.gains.force_cap, stretch.norm()).secant * stretch;
-    const Vector3 angular_spring = capped_spring(s.gains.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn;
+    const Vector3 angular_spring =
+        capped_spring(s.gains.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn;
     const Wrench whole = wrench(site, state);
     const Vector3 damper = -whole.force - spring;
     const Vector3 angular_damper = -whole.torque - angular_spring;
     const Vector3 carried = time_step_ * s.target_velocity.linear;
     const Vector3 angular_carried = time_step_ * s.target_velocity.angular;
     flow_.stored += s.stored;
-    flow_.work += s.start_energy - spring.dot(target_moved) - angular_spring.dot(target_turned) - damper.dot(carried) - angular_damper.dot(angular_carried);
+    flow_.work += s.start_energy - spring.dot(target_moved) - angular_spring.dot(target_turned) - damper.dot(carried) -
+                  angular_damper.dot(angular_carried);
     flow_.damping += damper.dot(moved - carried) + angular_damper.dot(turned - angular_carried);
-    flow_.integrator += s.start_energy - s.stored + spring.dot(moved - target_moved) + angular_spring.dot(turned - target_turned);
+    flow_.integrator +=
+        s.start_energy - s.stored + spring.dot(moved - target_moved) + angular_spring.dot(turned - target_turned);
   }
 }
 
@@ -208,7 +218,8 @@ void BodyCoupling::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
     if (curvature == Curvature::exact) {
       translation = exact_stiffness(linear, stretch);
       const Matrix3 jacobian = left_jacobian_inverse(turn);
-      rotation = jacobian.transpose() * exact_stiffness(angular, turn) * jacobian + log_second_derivative(turn, angular.secant * turn) +
+      rotation = jacobian.transpose() * exact_stiffness(angular, turn) * jacobian +
+                 log_second_derivative(turn, angular.secant * turn) +
                  rotated_arm_second_derivative(arm, linear.secant * stretch);
     }
     Clique<2>::Hessian local;

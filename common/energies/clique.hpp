@@ -1,4 +1,5 @@
-// The few blocks that one small element couples, and the scatter of its dense gradient and Hessian into the global ones.
+// The few blocks that one small element couples, and the scatter of its dense gradient and Hessian into the global
+// ones.
 #pragma once
 
 #include <array>
@@ -34,7 +35,8 @@ class Clique {
   void add(BlockMatrix& matrix, const Hessian& local) const {
     std::size_t slot = 0;
     for (int row = 0; row < size; ++row) {
-      for (int column = 0; column <= row; ++column) matrix.add(slots_[slot++], local.template block<3, 3>(3 * row, 3 * column));
+      for (int column = 0; column <= row; ++column)
+        matrix.add(slots_[slot++], local.template block<3, 3>(3 * row, 3 * column));
     }
   }
 

@@ -15,16 +15,17 @@
 namespace softhand {
 namespace {
 
-constexpr double kExitSpeed = 1.0;       // m/s, of a node that started inside
-constexpr double kTeleport = 0.25;       // m; an object that moved farther between two steps was put there, not moved
-constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
-constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
-constexpr double kSamePlace = 1e-9;      // m; an object that is nearer to where the last step left it has not jumped
-constexpr double kLittleMotion = 1e-6;   // m within a step, less than what friction's springs stretch
-constexpr int kArcPoints = 8;            // pieces of the way round an object that turns, at whose ends it is looked for inside
-constexpr double kAwayFromBone = 0.8;    // cosine; a contact that pushes a node away from its bone so straight hooks. Round an edge a finger's contacts push aside
-constexpr double kSweptTurn = 0.996;     // cosine of 5 degrees; a surface that turns farther needs a new plane
-constexpr double kSweptHalfTurn = 0.999; // cosine of half of that
+constexpr double kExitSpeed = 1.0;      // m/s, of a node that started inside
+constexpr double kTeleport = 0.25;      // m; an object that moved farther between two steps was put there, not moved
+constexpr double kSmoothTurn = 0.94;    // cosine of 20 degrees; a normal that turns more in a step has met an edge
+constexpr double kOffSurface = 1e-12;   // m; an anchor nearer to the surface than this lies on it
+constexpr double kSamePlace = 1e-9;     // m; an object that is nearer to where the last step left it has not jumped
+constexpr double kLittleMotion = 1e-6;  // m within a step, less than what friction's springs stretch
+constexpr int kArcPoints = 8;  // pieces of the way round an object that turns, at whose ends it is looked for inside
+constexpr double kAwayFromBone = 0.8;     // cosine; a contact that pushes a node away from its bone so straight hooks.
+                                          // Round an edge a finger's contacts push aside
+constexpr double kSweptTurn = 0.996;      // cosine of 5 degrees; a surface that turns farther needs a new plane
+constexpr double kSweptHalfTurn = 0.999;  // cosine of half of that
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
   std::vector<std::int32_t> nodes;
@@ -41,13 +42,18 @@ std::vector<std::uint8_t> bodies_of(const HandModel& hand, const std::vector<std
   return bodies;
 }
 
-Vector3 to_local(const Pose& pose, const Vector3& point) { return pose.orientation.conjugate() * (point - pose.position); }
+Vector3 to_local(const Pose& pose, const Vector3& point) {
+  return pose.orientation.conjugate() * (point - pose.position);
+}
 
-CoulombSpring friction_of(const ContactSet::Anchor& anchor) { return {anchor.friction_stiffness, anchor.friction_bound}; }
+CoulombSpring friction_of(const ContactSet::Anchor& anchor) {
+  return {anchor.friction_stiffness, anchor.friction_bound};
+}
 
 }  // namespace
 
-ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots, int slots)
+ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body,
+                       int moving_slots, int slots)
     : stiffness_(stiffness),
       first_body_(first_body),
       moving_slots_(moving_slots),
@@ -66,19 +72,23 @@ ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, d
       start_positions_(Eigen::Matrix3Xd::Zero(3, hand.node_count())),
       displacements_(Eigen::Matrix3Xd::Zero(3, hand.node_count())) {
   if (!std::isfinite(stiffness) || !(stiffness > 0)) {
-    throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) + " N/m, expected a finite number > 0");
+    throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) +
+                                " N/m, expected a finite number > 0");
   }
   if (node_masses_.size() != hand.nodes.size()) {
-    throw std::invalid_argument("contact: " + std::to_string(node_masses_.size()) + " node masses for " + std::to_string(hand.nodes.size()) + " nodes");
+    throw std::invalid_argument("contact: " + std::to_string(node_masses_.size()) + " node masses for " +
+                                std::to_string(hand.nodes.size()) + " nodes");
   }
   if (moving_slots < 0 || moving_slots > slots) throw std::invalid_argument("contact: more moving slots than slots");
-  for (std::size_t i = 0; i < skin_nodes_.size(); ++i) skin_index_[static_cast<std::size_t>(skin_nodes_[i])] = static_cast<std::int32_t>(i);
+  for (std::size_t i = 0; i < skin_nodes_.size(); ++i)
+    skin_index_[static_cast<std::size_t>(skin_nodes_[i])] = static_cast<std::int32_t>(i);
   double total = 0;
   for (const auto& triangle : hand.surface) {
     const auto corner = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(triangle[k])]; };
     const double area = 0.5 * (corner(1) - corner(0)).cross(corner(2) - corner(0)).norm();
     total += area;
-    for (const std::int32_t node : triangle) areas_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])] += area / 3.0;
+    for (const std::int32_t node : triangle)
+      areas_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])] += area / 3.0;
   }
   const double mean = total / static_cast<double>(std::max<std::size_t>(1, skin_nodes_.size()));
   for (const double area : areas_) weights_.push_back(area / mean);
@@ -88,7 +98,8 @@ ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, d
 }
 
 std::size_t ContactSet::pair(int slot, std::int32_t node) const {
-  return static_cast<std::size_t>(slot) * skin_nodes_.size() + static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)]);
+  return static_cast<std::size_t>(slot) * skin_nodes_.size() +
+         static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)]);
 }
 
 Pose ContactSet::body_pose(int slot, const State& state) const {
@@ -110,12 +121,15 @@ void ContactSet::remove_if(Ends&& ends) {
   anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(kept), anchors_.end());
 }
 
-void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id, ContactObject kind) {
+void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id,
+                            ContactObject kind) {
   if (geometry == nullptr) throw std::invalid_argument("contact: no shape for object " + std::to_string(id));
   if (!std::isfinite(friction) || !(friction >= 0)) {
-    throw std::invalid_argument("contact: friction of object " + std::to_string(id) + " is " + std::to_string(friction) + ", expected a finite number >= 0");
+    throw std::invalid_argument("contact: friction of object " + std::to_string(id) + " is " +
+                                std::to_string(friction) + ", expected a finite number >= 0");
   }
-  if (kind == ContactObject::moving && slot >= moving_slots_) throw std::invalid_argument("contact: slot " + std::to_string(slot) + " cannot move");
+  if (kind == ContactObject::moving && slot >= moving_slots_)
+    throw std::invalid_argument("contact: slot " + std::to_string(slot) + " cannot move");
   Slot& s = at(slot);
   if (s.geometry != geometry || s.id != id) clear_object(slot);
   s.geometry = geometry;
@@ -159,7 +173,8 @@ void ContactSet::mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, 
     if (anchor.kept_recess > 0) continue;  // it started inside and is on its way out
     const Vector3 bone = to_local(body_pose(anchor.slot, state), bones.col(anchor.node));
     const Vector3 way = bone - anchor.anchor;
-    if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0) continue;
+    if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0)
+      continue;
     hooked[static_cast<std::size_t>(anchor.node)] = 1;
   }
 }
@@ -172,7 +187,8 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
     if (s.geometry == nullptr) continue;
     const Pose& pose = state.body_poses[static_cast<std::size_t>(first_body_ + slot)];
     if ((end - pose.position).norm() > s.geometry->bounding_radius() + (end - bone).norm()) continue;
-    if (const auto crossing = s.geometry->first_crossing(to_local(pose, bone), to_local(pose, end))) end = pose * crossing->point;
+    if (const auto crossing = s.geometry->first_crossing(to_local(pose, bone), to_local(pose, end)))
+      end = pose * crossing->point;
   }
   return end;
 }
@@ -185,7 +201,8 @@ double ContactSet::held(std::span<const std::uint8_t> nodes) const {
   return energy;
 }
 
-double ContactSet::held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const {
+double ContactSet::held_where_put(const State& state, std::span<const std::uint8_t> nodes,
+                                  const Eigen::Matrix3Xd& bones) const {
   double energy = 0;
   for (const Anchor& anchor : anchors_) {
     if (nodes[static_cast<std::size_t>(anchor.node)] == 0 || hooks(anchor, state, bones)) continue;
@@ -201,7 +218,8 @@ double ContactSet::held_where_put(const State& state, std::span<const std::uint8
       const Vector3 point = state.node_positions.col(skin_nodes_[i]), bone = bones.col(skin_nodes_[i]);
       const double radius = s.geometry->bounding_radius();
       // Tissue around a bone that is inside an object belongs outside, on no side in particular.
-      if ((bone - pose.position).norm() <= radius && s.geometry->signed_distance(to_local(pose, bone)) < 0) return std::numeric_limits<double>::infinity();
+      if ((bone - pose.position).norm() <= radius && s.geometry->signed_distance(to_local(pose, bone)) < 0)
+        return std::numeric_limits<double>::infinity();
       if ((point - pose.position).norm() > radius) continue;
       const double sunk = std::min(0.0, s.geometry->signed_distance(to_local(pose, point)));
       energy += 0.5 * stiffness_ * weights_[i] * sunk * sunk;
@@ -211,7 +229,9 @@ double ContactSet::held_where_put(const State& state, std::span<const std::uint8
 }
 
 void ContactSet::release(std::span<const std::uint8_t> nodes) {
-  remove_if([this, nodes](const Anchor& anchor) { return nodes[static_cast<std::size_t>(anchor.node)] != 0 && clear(anchor); });
+  remove_if([this, nodes](const Anchor& anchor) {
+    return nodes[static_cast<std::size_t>(anchor.node)] != 0 && clear(anchor);
+  });
 }
 
 ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector3& point, const Vector3& normal) {
@@ -235,7 +255,8 @@ ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector
 // How far a point of the object near the hand moves between two poses, at most.
 double ContactSet::reach(const Slot& slot, const Pose& from, const Pose& to) const {
   const double lever = std::min(slot.geometry->bounding_radius() + 0.1, groups_.farthest(from.position));
-  return (to.position - from.position).norm() + 1.01 * rotation_log(to.orientation * from.orientation.conjugate()).norm() * lever;
+  return (to.position - from.position).norm() +
+         1.01 * rotation_log(to.orientation * from.orientation.conjugate()).norm() * lever;
 }
 
 void ContactSet::begin_step(const State& state, double time_step) {
@@ -275,7 +296,8 @@ void ContactSet::find_candidates(int slot, const State& state) {
     if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
     if (s.jumped) {
       if (const auto crossing = s.geometry->first_crossing(before, now)) {
-        // Of an object that turned under it a node that stays outside only grazes the chord of its way; one that is behind it now was passed.
+        // Of an object that turned under it a node that stays outside only grazes the chord of its way; one that is
+        // behind it now was passed.
         if (nearest.distance < 0 || !same_side(s.last_pose, crossing->normal, s.start_pose, nearest.normal)) {
           create(slot, node, crossing->point, crossing->normal);
           return;
@@ -356,11 +378,13 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   if ((first - anchor.stretch_start).norm() < kLittleMotion) anchor.stretch_start = first;
   const Vector3 left = before - anchor.anchor;
   anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(left));
-  const double held = anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
+  const double held =
+      anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
   anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
 }
 
-// Whether the surface with normal `now` has come to where that with `before` was when the object went from one pose to the other, and not the far side of the object. Object's frame.
+// Whether the surface with normal `now` has come to where that with `before` was when the object went from one pose to
+// the other, and not the far side of the object. Object's frame.
 bool ContactSet::same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now) {
   return (from.orientation * before).dot(to.orientation * now) > 0;
 }
@@ -409,7 +433,8 @@ const Pose& ContactSet::pose_before(const Anchor& anchor) const {
 
 // An object of given motion may carry anchor and plane away from under the node: a drum that turns by 64 degrees in a
 // step. Such a contact slides. It goes on in the plane of the surface where the node will be, stretched by as much of
-// the surface as goes past. `start`, `end`: of the node, world; `limit`: mu f_n, N. False: it sticks, or keeps its plane.
+// the surface as goes past. `start`, `end`: of the node, world; `limit`: mu f_n, N. False: it sticks, or keeps its
+// plane.
 bool ContactSet::sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit) {
   const Slot& s = at(anchor.slot);
   const bool turns =
@@ -517,7 +542,8 @@ bool ContactSet::clear(const Anchor& anchor) {
 }
 
 // Rows of the ledger but for what sliding does to them: `push` and `drag` act on the node at the step's end.
-void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state) {
+void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag,
+                         const State& state) {
   const Slot& s = at(anchor.slot);
   const Vector3 node_moved = state.node_positions.col(anchor.node) - start_positions_.col(anchor.node);
   // From outside: between the steps, and within this one where the motion is given.
@@ -536,7 +562,8 @@ void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push,
   anchor.normal_energy = energy;
 }
 
-// What the contact holds with its anchor and plane as they are between steps; the difference is what putting them there did.
+// What the contact holds with its anchor and plane as they are between steps; the difference is what putting them there
+// did.
 void ContactSet::settle(Anchor& anchor, const Offset& offset) {
   const double normal = normal_energy(anchor, offset.depth);
   double friction = 0;
@@ -551,7 +578,8 @@ void ContactSet::settle(Anchor& anchor, const Offset& offset) {
   anchor.friction_energy = friction;
 }
 
-// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched. `drag`: |f_t| of the step, N, whose work on the slide is heat.
+// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched. `drag`: |f_t| of the step,
+// N, whose work on the slide is heat.
 void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   // A fresh anchor's true stretch is that from the crossing on; of one ahead it is that of the energy.
   const bool ahead = std::exchange(anchor.ahead, false);
@@ -562,7 +590,8 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   const double stretch = o.stretch.norm();
   const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
   // A contact that ends holds nothing any more.
-  const double held = anchor.friction_stiffness > 0 ? std::min(stretch - distance, limit / anchor.friction_stiffness) : 0.0;
+  const double held =
+      anchor.friction_stiffness > 0 ? std::min(stretch - distance, limit / anchor.friction_stiffness) : 0.0;
   const double heat = drag * std::max(0.0, stretch - held - anchor.start_excess);
   anchor.friction_energy = 0.5 * anchor.friction_stiffness * held * held;
   friction_flow_.friction += heat;
@@ -576,7 +605,8 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   Vector3 movement = origin;
   if (anchor.sliding) movement += distance / stretch * (pose.orientation.conjugate() * o.stretch);
   ++queries_;
-  const SurfacePoint nearest = at(anchor.slot).geometry->closest(anchor.anchor + anchor.recess * anchor.normal + movement);
+  const SurfacePoint nearest =
+      at(anchor.slot).geometry->closest(anchor.anchor + anchor.recess * anchor.normal + movement);
   if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
     anchor.normal = nearest.normal;
     anchor.anchor = nearest.point - anchor.recess * anchor.normal;
@@ -626,7 +656,8 @@ void ContactSet::bind(const BlockMatrix& matrix) {
   }
 }
 
-void ContactSet::scatter_gradient(const Anchor& anchor, const Vector3& lever, const Vector3& y, VectorX& gradient) const {
+void ContactSet::scatter_gradient(const Anchor& anchor, const Vector3& lever, const Vector3& y,
+                                  VectorX& gradient) const {
   gradient.segment<3>(3 * anchor.node) += y;
   if (at(anchor.slot).kind == ContactObject::fixed) return;
   const int translation = node_count_ + 2 * (first_body_ + anchor.slot);
@@ -634,8 +665,8 @@ void ContactSet::scatter_gradient(const Anchor& anchor, const Vector3& lever, co
   gradient.segment<3>(3 * translation + 3) -= lever.cross(y);
 }
 
-void ContactSet::scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness, BlockMatrix& hessian,
-                                 Curvature curvature) const {
+void ContactSet::scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness,
+                                 BlockMatrix& hessian, Curvature curvature) const {
   hessian.add(node_diagonal_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(anchor.node)])], stiffness);
   const Slot& s = at(anchor.slot);
   if (s.kind == ContactObject::fixed) return;
@@ -659,7 +690,8 @@ double ContactSet::penetration_quantile(const State& state, double fraction) {
   if (anchors_.empty()) return 0;
   sorted_.clear();
   for (const Anchor& anchor : anchors_) sorted_.push_back(std::max(0.0, -offset(anchor, state).depth));
-  const auto nth = sorted_.begin() + static_cast<std::ptrdiff_t>(std::clamp(fraction, 0.0, 1.0) * static_cast<double>(sorted_.size() - 1));
+  const auto nth = sorted_.begin() + static_cast<std::ptrdiff_t>(std::clamp(fraction, 0.0, 1.0) *
+                                                                 static_cast<double>(sorted_.size() - 1));
   std::nth_element(sorted_.begin(), nth, sorted_.end());
   return *nth;
 }
@@ -703,7 +735,8 @@ void ContactSet::write(const State& state, Contacts& out) {
     sum.area += areas_[skin];
     ++sum.count;
     // More than nothing, so that what is touched without pressure yet comes before what is not touched.
-    finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] += pressure + std::numeric_limits<double>::min();
+    finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] +=
+        pressure + std::numeric_limits<double>::min();
   }
   for (std::size_t f = 0; f < sums.size(); ++f) {
     const Sums& sum = sums[f];

@@ -2,18 +2,23 @@
 //
 //   U_n = sum 1/2 k_c w min(0, u)^2,   u = n . e,   e = R^T (x_n - x_b) - a
 //
-// a and n are the anchor and its outward normal in the object's frame, (x_b, R) the object's body, w = nodal area / mean nodal area.
-// Degrees of freedom: the node; translation and rotation of the object's body where it yields. Units: J, m, N/m.
+// a and n are the anchor and its outward normal in the object's frame, (x_b, R) the object's body, w = nodal area /
+// mean nodal area. Degrees of freedom: the node; translation and rotation of the object's body where it yields. Units:
+// J, m, N/m.
 //
 // Departures from the source.
-// - eq. 32 measures n n^T (x_a - x_n) with n in the world. Here n turns with the object, so that the energy is invariant under a rigid motion
-//   of both and force and torque balance exactly: the object takes the opposite of the node's force where the node is.
-// - One-sided (n . (x_n - x_a) < 0): a contact pushes. Exception: a node that is about to cross within the step has its anchor put at the
-//   crossing already at the step's start, and for this one step it holds two-sidedly. Otherwise a step of one Newton iteration, which starts at the
-//   state before the crossing, would not feel it, and a tip at 1 m/s would sink 11 mm before the first force.
-// - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at most.
-// - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where the node's velocity takes it:
-//   the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
+// - eq. 32 measures n n^T (x_a - x_n) with n in the world. Here n turns with the object, so that the energy is
+//   invariant under a rigid motion of both and force and torque balance exactly: the object takes the opposite of the
+//   node's force where the node is.
+// - One-sided (n . (x_n - x_a) < 0): a contact pushes. Exception: a node that is about to cross within the step has its
+//   anchor put at the crossing already at the step's start, and for this one step it holds two-sidedly. Otherwise a
+//   step of one Newton iteration, which starts at the state before the crossing, would not feel it, and a tip at 1 m/s
+//   would sink 11 mm before the first force.
+// - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at
+//   most.
+// - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where
+//   the node's velocity takes it: the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R
+//   = 0.8 mm, and the contact would chatter.
 // - A fixed object moves within the step by its velocity. The energy takes the pose of the step's end, like the
 //   positions that it is a function of. What concerns the step's start takes the pose of the start: paths, and the
 //   friction's bound. So only relative motion counts.
@@ -38,26 +43,27 @@ enum class ContactObject : std::uint8_t {
   fixed,   ///< its motion is given: the state's pose is that of the step's start; the wrench is reported only
 };
 
-/// The touched nodes of one hand: creates, slides and ends anchors. `ContactEnergy` drives it (begin_step, end_step); `FrictionEnergy`
-/// reads it and comes after `ContactEnergy` in the list of terms. Nothing after the terms are bound allocates.
+/// The touched nodes of one hand: creates, slides and ends anchors. `ContactEnergy` drives it (begin_step, end_step);
+/// `FrictionEnergy` reads it and comes after `ContactEnergy` in the list of terms. Nothing after the terms are bound
+/// allocates.
 class ContactSet {
  public:
   /// One touching (or about to touch) node. Vectors in the object's frame unless said otherwise.
   struct Anchor {
     std::int32_t node = 0;
     std::int32_t slot = 0;
-    Vector3 anchor = Vector3::Zero();       ///< a: the surface point, drawn in by `recess`
-    Vector3 normal = Vector3::UnitY();      ///< n
-    double recess = 0;                      ///< m still to move out, of a node that started inside
-    double stiffness = 0;                   ///< k_c w, N/m
-    double friction = 0;                    ///< mu
-    double friction_stiffness = 0;          ///< k_c w min(mu, 1), N/m
+    Vector3 anchor = Vector3::Zero();   ///< a: the surface point, drawn in by `recess`
+    Vector3 normal = Vector3::UnitY();  ///< n
+    double recess = 0;                  ///< m still to move out, of a node that started inside
+    double stiffness = 0;               ///< k_c w, N/m
+    double friction = 0;                ///< mu
+    double friction_stiffness = 0;      ///< k_c w min(mu, 1), N/m
     // Fixed within the step.
-    bool fresh = false;                     ///< about to cross: two-sided
-    bool sliding = false;                   ///< slid in the last step and still moves that way
-    bool ahead = false;                     ///< anchor and normal are those that the node slides to
-    double friction_bound = 0;              ///< mu f_n, N, f_n from the step's start
-    double predicted_secant = 0;            ///< of the friction of a fresh anchor at the predicted end of the step, N/m
+    bool fresh = false;           ///< about to cross: two-sided
+    bool sliding = false;         ///< slid in the last step and still moves that way
+    bool ahead = false;           ///< anchor and normal are those that the node slides to
+    double friction_bound = 0;    ///< mu f_n, N, f_n from the step's start
+    double predicted_secant = 0;  ///< of the friction of a fresh anchor at the predicted end of the step, N/m
     Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that counts as none (fresh, ahead; else zero)
     Vector3 stretch_start = Vector3::Zero();   ///< tangential stretch at the step's start
     // As between steps; what a step begins with.
@@ -66,38 +72,41 @@ class ContactSet {
     double kept_recess = 0;
     bool kept_sliding = false;
     // Results of the last step.
-    Vector3 force = Vector3::Zero();        ///< on the node, N, world
-    double slip_speed = 0;                  ///< m/s
+    Vector3 force = Vector3::Zero();  ///< on the node, N, world
+    double slip_speed = 0;            ///< m/s
     // For the energy ledger.
-    bool known = false;                     ///< was there at the end of the last step
-    double normal_energy = 0;               ///< 1/2 k min(0, u)^2 as the last step left it, J
-    double friction_energy = 0;             ///< 1/2 k_t |s|^2, |s| at most mu f_n / k_t, likewise
-    double start_energy = 0;                ///< normal, with the plane of this step, J
-    double start_excess = 0;                ///< of |s| over what `friction_energy` holds, m
+    bool known = false;          ///< was there at the end of the last step
+    double normal_energy = 0;    ///< 1/2 k min(0, u)^2 as the last step left it, J
+    double friction_energy = 0;  ///< 1/2 k_t |s|^2, |s| at most mu f_n / k_t, likewise
+    double start_energy = 0;     ///< normal, with the plane of this step, J
+    double start_excess = 0;     ///< of |s| over what `friction_energy` holds, m
   };
 
-  /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state; the first `moving_slots` of them may yield.
-  /// `stiffness` is k_c, N/m of a mean node. `node_masses` (kg) serve only the estimate of a fresh contact's normal force. Throws
-  /// std::invalid_argument when k_c is not finite and > 0.
-  ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots, int slots);
+  /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state; the first `moving_slots` of them
+  /// may yield. `stiffness` is k_c, N/m of a mean node. `node_masses` (kg) serve only the estimate of a fresh contact's
+  /// normal force. Throws std::invalid_argument when k_c is not finite and > 0.
+  ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots,
+             int slots);
 
-  /// Puts an object into a slot, or changes its friction; contacts stay when shape and id are the same. `geometry` outlives its stay.
-  /// `friction` is Coulomb's mu, >= 0.
+  /// Puts an object into a slot, or changes its friction; contacts stay when shape and id are the same. `geometry`
+  /// outlives its stay. `friction` is Coulomb's mu, >= 0.
   void set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id, ContactObject kind);
   /// Ends its contacts.
   void clear_object(int slot);
   /// The hand was moved at one stroke: all contacts end, no path is drawn from where it was.
   void reset();
 
-  // For nodes that are put elsewhere at one stroke. `nodes`: by node, 1 where meant; `bones`: by node, a point of its bone, world.
-  /// Marks in `hooked` (by node) the nodes that a contact pushes straight away from their bones: they are on the far side of the object.
+  // For nodes that are put elsewhere at one stroke. `nodes`: by node, 1 where meant; `bones`: by node, a point of its
+  // bone, world.
+  /// Marks in `hooked` (by node) the nodes that a contact pushes straight away from their bones: they are on the far
+  /// side of the object.
   void mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const;
   /// How far a skin node comes on the way from its bone to `to`: up to the first surface. Other nodes come to `to`.
   Vector3 stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const;
   /// J that the nodes hold in U_n and U_f since the last step.
   double held(std::span<const std::uint8_t> nodes) const;
-  /// J that they would hold where they are in `state`: contacts that do not hook go on, and what is inside an object is pushed out.
-  /// Infinite where a node's bone is inside an object.
+  /// J that they would hold where they are in `state`: contacts that do not hook go on, and what is inside an object is
+  /// pushed out. Infinite where a node's bone is inside an object.
   double held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
   /// Ends their contacts. No path is drawn from where they were: a step sees where it starts.
   void release(std::span<const std::uint8_t> nodes);
@@ -130,9 +139,9 @@ class ContactSet {
 
   /// e = R^T (x_n - x_b) - a in world axes, with what its derivatives need.
   struct Offset {
-    Vector3 offset;  ///< R e
-    Vector3 normal;  ///< R n
-    Vector3 lever;   ///< x_n - x_b
+    Vector3 offset;    ///< R e
+    Vector3 normal;    ///< R n
+    Vector3 lever;     ///< x_n - x_b
     double depth = 0;  ///< u; negative: penetrating
     Vector3 stretch;   ///< R (T e - s_0), tangential
     double moved = 0;  ///< of the stretch since the step's start, m
@@ -140,8 +149,8 @@ class ContactSet {
   Offset offset(const Anchor& anchor, const State& state) const;
   /// Gradient and Hessian of a function of e with gradient y (N, world axes) and stiffness K (N/m).
   void scatter_gradient(const Anchor& anchor, const Vector3& lever, const Vector3& y, VectorX& gradient) const;
-  void scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness, BlockMatrix& hessian,
-                       Curvature curvature) const;
+  void scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness,
+                       BlockMatrix& hessian, Curvature curvature) const;
 
  private:
   struct Slot {
@@ -149,11 +158,11 @@ class ContactSet {
     double friction = 0;
     std::uint32_t id = 0;
     ContactObject kind = ContactObject::fixed;
-    bool seen = false;  // last_pose holds
-    Pose last_pose;     // at the end of the last step
-    Pose start_pose;    // at the start of this one
+    bool seen = false;    // last_pose holds
+    Pose last_pose;       // at the end of the last step
+    Pose start_pose;      // at the start of this one
     bool jumped = false;  // between the two: it was moved from outside
-    Pose end_pose;      // at the end of this one, by its twist: exact of a fixed object, predicted of a moving one
+    Pose end_pose;        // at the end of this one, by its twist: exact of a fixed object, predicted of a moving one
     Vector3 moved = Vector3::Zero(), turned = Vector3::Zero();  // within the step, by the solver
     Wrench wrench;
     int count = 0;
@@ -194,18 +203,18 @@ class ContactSet {
   int node_count_;
   std::vector<double> node_masses_;
   std::vector<std::int32_t> skin_nodes_;
-  std::vector<std::int32_t> skin_index_;   // by node, -1 inside
-  std::vector<double> areas_;              // by skin index, m^2
-  std::vector<double> weights_;            // by skin index, w
-  std::vector<std::uint8_t> bodies_;       // by skin index
+  std::vector<std::int32_t> skin_index_;  // by node, -1 inside
+  std::vector<double> areas_;             // by skin index, m^2
+  std::vector<double> weights_;           // by skin index, w
+  std::vector<std::uint8_t> bodies_;      // by skin index
   NodeGroups groups_;
   std::vector<Slot> slots_;
   std::vector<Anchor> anchors_;
-  std::vector<std::uint8_t> has_anchor_;   // by (slot, skin index)
-  std::vector<NodeSlots> node_slots_;      // by (moving slot, skin index)
-  std::vector<BlockSlot> node_diagonal_;   // by skin index
+  std::vector<std::uint8_t> has_anchor_;  // by (slot, skin index)
+  std::vector<NodeSlots> node_slots_;     // by (moving slot, skin index)
+  std::vector<BlockSlot> node_diagonal_;  // by skin index
   std::vector<double> sorted_;
-  std::vector<double> finger_forces_;      // by (finger, slot)
+  std::vector<double> finger_forces_;  // by (finger, slot)
   Eigen::Matrix3Xd start_positions_;
   Eigen::Matrix3Xd displacements_;
   double time_step_ = 0;

@@ -12,14 +12,17 @@ CorotationalMaterial corotational_material(double youngs_modulus, double poisson
   const auto refuse = [](const char* what, double value) {
     throw std::invalid_argument(std::string("co-rotational material: ") + what + ", got " + std::to_string(value));
   };
-  if (!(youngs_modulus > 0) || !std::isfinite(youngs_modulus)) refuse("Young's modulus must be finite and > 0 Pa", youngs_modulus);
+  if (!(youngs_modulus > 0) || !std::isfinite(youngs_modulus))
+    refuse("Young's modulus must be finite and > 0 Pa", youngs_modulus);
   if (!(poisson_ratio >= 0 && poisson_ratio < 0.5)) refuse("Poisson's ratio must be in [0, 0.5)", poisson_ratio);
-  if (!(strain_limit_energy > 0) || !std::isfinite(strain_limit_energy)) refuse("W_max must be finite and > 0 J/m^3", strain_limit_energy);
+  if (!(strain_limit_energy > 0) || !std::isfinite(strain_limit_energy))
+    refuse("W_max must be finite and > 0 J/m^3", strain_limit_energy);
   if (!(strain_limit_stiffness >= 0) || !std::isfinite(strain_limit_stiffness)) {
     refuse("k_s must be finite and >= 0 J/m^3", strain_limit_stiffness);
   }
-  return {youngs_modulus / (2 * (1 + poisson_ratio)), youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)),
-          strain_limit_energy, strain_limit_stiffness};
+  return {youngs_modulus / (2 * (1 + poisson_ratio)),
+          youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)), strain_limit_energy,
+          strain_limit_stiffness};
 }
 
 CorotationalState evaluate_corotational(const CorotationalMaterial& material, const Matrix3& f) {

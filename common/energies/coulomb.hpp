@@ -8,10 +8,12 @@
 
 namespace softhand {
 
-/// A tangential spring of stiffness k_t (N/m) whose force is bounded by B = mu f_n (N), as a function of its stretch s (tangential, metres):
+/// A tangential spring of stiffness k_t (N/m) whose force is bounded by B = mu f_n (N), as a function of its stretch s
+/// (tangential, metres):
 ///   U = 1/2 k_t |s|^2            while k_t |s| <= B   (sticking)
 ///   U = B |s| - B^2 / (2 k_t)    beyond               (sliding; what this grows by is the heat of the step)
-/// Convex, with continuous gradient; both stiffnesses are positive semi-definite (ES2725128A1 eq. 33 bounded by Coulomb's law).
+/// Convex, with continuous gradient; both stiffnesses are positive semi-definite (ES2725128A1 eq. 33 bounded by
+/// Coulomb's law).
 struct CoulombSpring {
   double stiffness = 0;  ///< k_t, >= 0
   double bound = 0;      ///< B, >= 0; fixed within a step
@@ -23,8 +25,8 @@ struct CoulombSpring {
   }
   /// force = secant * stretch.
   double secant(double stretch) const { return slides(stretch) ? bound / stretch : stiffness; }
-  /// d force / d stretch for a stretch in the plane of normal n (unit). With `as_sliding` the sliding branch's is taken even where the
-  /// stretch just reaches the bound. Zero without a bound.
+  /// d force / d stretch for a stretch in the plane of normal n (unit). With `as_sliding` the sliding branch's is taken
+  /// even where the stretch just reaches the bound. Zero without a bound.
   Matrix3 tangent(const Vector3& stretch, const Vector3& n, bool as_sliding = false) const {
     if (!(bound > 0)) return Matrix3::Zero();
     const double length = stretch.norm();
@@ -42,6 +44,8 @@ struct CoulombSpring {
 };
 
 /// k_c w min(mu, 1): mu k_c w of eq. 33 would vanish for small mu and be too stiff for large.
-inline double friction_stiffness(double contact_stiffness, double friction) { return contact_stiffness * std::min(friction, 1.0); }
+inline double friction_stiffness(double contact_stiffness, double friction) {
+  return contact_stiffness * std::min(friction, 1.0);
+}
 
 }  // namespace softhand

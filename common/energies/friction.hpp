@@ -5,13 +5,16 @@
 // with e and n of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
 //
 // Departures from the source.
-// - eq. 33's mu scales a stiffness; here it bounds the force by Coulomb's law (coulomb.hpp). Within a step the bound takes the normal force of
-//   the step's start, so that the energy is a fixed convex function; of a fresh contact it takes the force that stops the node
-//   alone on an unmoved object, k u / (1 + k dt^2/m) at its predicted depth u.
-// - Anchors slide at the end of the step (ContactSet), by the normal force then. A sticking anchor does not move at all: no creep.
-// - s_0 is the stretch at the start of a fresh contact's first step, whose anchor lies ahead at the crossing; zero afterwards.
-// - The projected Hessian at the step's start is a choice at the kink between sticking and sliding: sliding for an anchor that slid and goes on,
-//   the secant to the predicted stretch for a fresh one. So a step of one Newton iteration does not stick where the converged slides.
+// - eq. 33's mu scales a stiffness; here it bounds the force by Coulomb's law (coulomb.hpp). Within a step the bound
+//   takes the normal force of the step's start, so that the energy is a fixed convex function; of a fresh contact it
+//   takes the force that stops the node alone on an unmoved object, k u / (1 + k dt^2/m) at its predicted depth u.
+// - Anchors slide at the end of the step (ContactSet), by the normal force then. A sticking anchor does not move at
+//   all: no creep.
+// - s_0 is the stretch at the start of a fresh contact's first step, whose anchor lies ahead at the crossing; zero
+//   afterwards.
+// - The projected Hessian at the step's start is a choice at the kink between sticking and sliding: sliding for an
+//   anchor that slid and goes on, the secant to the predicted stretch for a fresh one. So a step of one Newton
+//   iteration does not stick where the converged slides.
 #pragma once
 
 #include "energies/contact.hpp"

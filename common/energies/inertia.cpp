@@ -19,7 +19,9 @@ Matrix3 in_world(const Matrix3& inertia, const Quaternion& orientation) {
   return r * inertia * r.transpose();
 }
 
-Vector3 turn_from(const Pose& start, const Pose& now) { return rotation_log(now.orientation * start.orientation.conjugate()); }
+Vector3 turn_from(const Pose& start, const Pose& now) {
+  return rotation_log(now.orientation * start.orientation.conjugate());
+}
 
 }  // namespace
 
@@ -27,8 +29,8 @@ Inertia::Inertia(std::vector<double> node_masses, int body_count)
     : node_masses_(std::move(node_masses)), bodies_(static_cast<std::size_t>(body_count)) {
   for (std::size_t n = 0; n < node_masses_.size(); ++n) {
     if (!(node_masses_[n] > 0) || !std::isfinite(node_masses_[n])) {
-      throw std::invalid_argument("Inertia: the mass of node " + std::to_string(n) + " is " + std::to_string(node_masses_[n]) +
-                                  ", expected a finite number > 0");
+      throw std::invalid_argument("Inertia: the mass of node " + std::to_string(n) + " is " +
+                                  std::to_string(node_masses_[n]) + ", expected a finite number > 0");
     }
   }
   const auto nodes = static_cast<Eigen::Index>(node_masses_.size());
@@ -89,8 +91,9 @@ void Inertia::begin_step(const State& state, double time_step) {
     b.translation_weight = b.mass * inverse_square;
     const Vector3 momentum = in_world(b.inertia, b.start.orientation) * velocity.angular;
     b.spin_energy = 0.5 * velocity.angular.dot(momentum);
-    // Implicit midpoint by fixed-point iteration: the turn of free motion, by the inertia half way along that same turn. Whatever the last
-    // iterate is, it conserves the momentum, because the weight and the target use the same inertia.
+    // Implicit midpoint by fixed-point iteration: the turn of free motion, by the inertia half way along that same
+    // turn. Whatever the last iterate is, it conserves the momentum, because the weight and the target use the same
+    // inertia.
     Matrix3 inertia_mid;
     Vector3 turn = time_step * velocity.angular;
     for (int iteration = 0; iteration < kMidpointIterations; ++iteration) {
@@ -160,8 +163,10 @@ void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature cu
     const Vector3 turn = turn_from(b.start, state.body_poses[static_cast<std::size_t>(body)]);
     const Matrix3 jacobian = left_jacobian_inverse(turn);
     Matrix3 rotation = jacobian.transpose() * b.rotation_weight * jacobian;
-    if (curvature == Curvature::exact) rotation += log_second_derivative(turn, b.rotation_weight * (turn - b.turn_target));
-    hessian.add(diagonal_[static_cast<std::size_t>(layout.body_translation_block(body))], b.translation_weight * Matrix3::Identity());
+    if (curvature == Curvature::exact)
+      rotation += log_second_derivative(turn, b.rotation_weight * (turn - b.turn_target));
+    hessian.add(diagonal_[static_cast<std::size_t>(layout.body_translation_block(body))],
+                b.translation_weight * Matrix3::Identity());
     hessian.add(diagonal_[static_cast<std::size_t>(layout.body_rotation_block(body))], rotation);
   }
 }
@@ -193,7 +198,8 @@ void Inertia::end_step(State& state) {
     const Vector3 angular = in_world(b.inertia, pose.orientation).inverse() * momentum;
     const double spin_energy = 0.5 * angular.dot(momentum);
     flow.stored += 0.5 * b.mass * linear.squaredNorm() + spin_energy;
-    flow.integrator += 0.5 * b.mass * (linear - velocity.linear).squaredNorm() + (turn - b.turn_target).dot(b.rotation_weight * turn) - (spin_energy - b.spin_energy);
+    flow.integrator += 0.5 * b.mass * (linear - velocity.linear).squaredNorm() +
+                       (turn - b.turn_target).dot(b.rotation_weight * turn) - (spin_energy - b.spin_energy);
     flow.work += b.mass * b.gravity.dot(moved);
     velocity = {linear, angular};
   }

@@ -60,7 +60,8 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
     const auto refuse = [&site](const std::string& what) {
       throw std::invalid_argument("joint of body " + std::to_string(site.child) + ": " + what);
     };
-    if (!(m.position_stiffness >= 0) || !(m.orientation_stiffness >= 0) || !(m.limit_stiffness >= 0)) refuse("a stiffness is not >= 0");
+    if (!(m.position_stiffness >= 0) || !(m.orientation_stiffness >= 0) || !(m.limit_stiffness >= 0))
+      refuse("a stiffness is not >= 0");
     if (!(m.flexion_range[0] <= 0 && m.flexion_range[1] >= 0)) refuse("flexion_range must hold min <= 0 <= max");
     if (!(m.abduction_range[0] <= 0 && m.abduction_range[1] >= 0)) refuse("abduction_range must hold min <= 0 <= max");
     const AxisLaw held{m.orientation_stiffness, 0, 0};
@@ -70,10 +71,18 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
     JointData joint;
     joint.site = site;
     switch (m.kind) {
-      case JointKind::free: joint.axes = {loose, loose, loose}; break;
-      case JointKind::ball: joint.axes = {held, held, held}; break;
-      case JointKind::saddle: joint.axes = {flexion, abduction, held}; break;
-      case JointKind::hinge: joint.axes = {flexion, held, held}; break;
+      case JointKind::free:
+        joint.axes = {loose, loose, loose};
+        break;
+      case JointKind::ball:
+        joint.axes = {held, held, held};
+        break;
+      case JointKind::saddle:
+        joint.axes = {flexion, abduction, held};
+        break;
+      case JointKind::hinge:
+        joint.axes = {flexion, held, held};
+        break;
     }
     joint.blocks = Clique<4>({layout.body_translation_block(site.parent), layout.body_rotation_block(site.parent),
                               layout.body_translation_block(site.child), layout.body_rotation_block(site.child)});

@@ -1,14 +1,15 @@
-// Joints between bodies (ES2725128A1 eq. 20): a position spring, and springs on the rotation that the kind of joint does not allow.
+// Joints between bodies (ES2725128A1 eq. 20): a position spring, and springs on the rotation that the kind of joint
+// does not allow.
 //
 //   U = 1/2 k |x_a + r_a - x_b - r_b|^2 + sum over the held axes 1/2 k_o phi_i^2
 //       + sum over the limited axes 1/2 k_lim (max(0, phi_i - max)^2 + max(0, min - phi_i)^2),   phi = log(Q_a^T Q_b)
 //
-// with Q_a the parent's rest-aligned joint frame and Q_b the child's joint frame: phi is zero at rest and its components are the flexion,
-// abduction and twist of `JointModel`, in the parent's joint frame.
+// with Q_a the parent's rest-aligned joint frame and Q_b the child's joint frame: phi is zero at rest and its
+// components are the flexion, abduction and twist of `JointModel`, in the parent's joint frame.
 //
-// Departure from the source: it names no formula for axes and ranges; components of the rotation vector keep all three axes alike and
-// have no gimbal lock. They are the textbook joint angles while only one of them is large. phi is finite at a turn of pi and jumps there to
-// the other arc.
+// Departure from the source: it names no formula for axes and ranges; components of the rotation vector keep all three
+// axes alike and have no gimbal lock. They are the textbook joint angles while only one of them is large. phi is finite
+// at a turn of pi and jumps there to the other arc.
 //
 // Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent and six of the child. Units: J; m, rad.
 #pragma once
@@ -22,7 +23,7 @@
 namespace softhand {
 
 struct JointSite {
-  int parent = 0;          ///< index into State::body_poses
+  int parent = 0;  ///< index into State::body_poses
   int child = 0;
   Pose parent_from_joint;  ///< the joint's frame in the parent's body frame, at rest
   Pose child_from_joint;   ///< the same frame in the child's body frame

@@ -13,12 +13,12 @@
 namespace softhand {
 namespace {
 
-constexpr double kLeastStiffness = 10e3;    // N/m
-constexpr double kExtraLoad = 5;            // N that a hand presses with
-constexpr double kAllowedSink = 0.5e-3;     // m under weight and that load
-constexpr double kSharingHeight = 1e-3;     // m
-constexpr double kCompliantShare = 0.2;     // of a compliant neighbour's stiffness
-constexpr double kSameNormal = 0.9;         // cosine
+constexpr double kLeastStiffness = 10e3;  // N/m
+constexpr double kExtraLoad = 5;          // N that a hand presses with
+constexpr double kAllowedSink = 0.5e-3;   // m under weight and that load
+constexpr double kSharingHeight = 1e-3;   // m
+constexpr double kCompliantShare = 0.2;   // of a compliant neighbour's stiffness
+constexpr double kSameNormal = 0.9;       // cosine
 constexpr std::size_t kPoints = ShapeGeometry::most_resting_points;
 
 }  // namespace
@@ -30,7 +30,8 @@ PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
       kept_(kMaxNeighbourPlanes * kPoints),
       resting_(kPoints) {
   for (int slot = 0; slot < slots; ++slot) {
-    at(slot).blocks = Clique<2>({layout.body_translation_block(first_body + slot), layout.body_rotation_block(first_body + slot)});
+    at(slot).blocks =
+        Clique<2>({layout.body_translation_block(first_body + slot), layout.body_rotation_block(first_body + slot)});
     for (std::size_t p = 0; p < kMaxNeighbourPlanes; ++p) {
       at(slot).planes[p].first_point = (static_cast<std::size_t>(slot) * kMaxNeighbourPlanes + p) * kPoints;
     }
@@ -39,8 +40,10 @@ PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
 
 void PlaneContact::set_object(int slot, const ShapeGeometry* geometry, double mass, double weight) {
   if (geometry == nullptr) throw std::invalid_argument("plane contact: no shape for slot " + std::to_string(slot));
-  if (!std::isfinite(mass) || !(mass > 0)) throw std::invalid_argument("plane contact: mass is " + std::to_string(mass) + " kg, expected > 0");
-  if (!std::isfinite(weight) || !(weight >= 0)) throw std::invalid_argument("plane contact: weight is " + std::to_string(weight) + " N, expected >= 0");
+  if (!std::isfinite(mass) || !(mass > 0))
+    throw std::invalid_argument("plane contact: mass is " + std::to_string(mass) + " kg, expected > 0");
+  if (!std::isfinite(weight) || !(weight >= 0))
+    throw std::invalid_argument("plane contact: weight is " + std::to_string(weight) + " N, expected >= 0");
   clear_object(slot);
   Slot& s = at(slot);
   s.geometry = geometry;
@@ -85,7 +88,8 @@ void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) 
     plane.normal = to_vector(given.normal).normalized();
     plane.velocity = to_vector(given.velocity);
     plane.friction = std::max(0.0, given.friction);
-    plane.stiffness = given.kind == kNeighbourCompliant ? std::min(stiffness, kCompliantShare * given.stiffness) : stiffness;
+    plane.stiffness =
+        given.kind == kNeighbourCompliant ? std::min(stiffness, kCompliantShare * given.stiffness) : stiffness;
     plane.points = s.geometry->resting_points(Vector3::UnitY(), resting_);
     std::size_t same = old_count;
     double closest = kSameNormal;
@@ -116,7 +120,8 @@ void PlaneContact::begin_step(const State& state, double time_step) {
     const std::size_t body = static_cast<std::size_t>(first_body_) + i;
     slot.start = state.body_poses[body];
     slot.start_energy = 0;
-    for (std::size_t p = 0; p < slot.plane_count; ++p) begin_plane(slot, slot.planes[p], slot.start, state.body_velocities[body]);
+    for (std::size_t p = 0; p < slot.plane_count; ++p)
+      begin_plane(slot, slot.planes[p], slot.start, state.body_velocities[body]);
   }
 }
 
@@ -154,7 +159,8 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
     const Vector3 movement = next * point.material - point.material_start - carried;
     const Vector3 along = movement - plane.normal.dot(movement) * plane.normal;
     double pressure = point.normal_force;
-    if (point.fresh && !(pressure > 0)) pressure = point.stiffness * (point.target - predicted) * inertia / (inertia + point.stiffness);
+    if (point.fresh && !(pressure > 0))
+      pressure = point.stiffness * (point.target - predicted) * inertia / (inertia + point.stiffness);
     point.friction = {friction_stiffness(k, plane.friction), plane.friction * pressure};
     slot.start_energy += stored(point, point.start_height);
     point.predicted_secant = point.friction.bound > 0 ? point.friction.secant((point.stretch + along).norm()) : 0.0;
@@ -236,12 +242,18 @@ void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
         const Response r = respond(plane, point, body);
         if (r.pushes) add(r.normal_arm, r.normal_force, point.stiffness * plane.normal * plane.normal.transpose());
         if (!(point.friction.bound > 0)) continue;
-        // At the step's start the kink between sticking and sliding is resolved by where the point is going (friction.hpp).
-        const bool at_start = (r.stretch + time_step_ * (plane.velocity - plane.normal.dot(plane.velocity) * plane.normal) - point.stretch).norm() < 1e-12;
+        // At the step's start the kink between sticking and sliding is resolved by where the point is going
+        // (friction.hpp).
+        const bool at_start =
+            (r.stretch + time_step_ * (plane.velocity - plane.normal.dot(plane.velocity) * plane.normal) -
+             point.stretch)
+                .norm() < 1e-12;
         Matrix3 tangent = point.friction.tangent(r.stretch, plane.normal);
         if (curvature == Curvature::projected && at_start) {
-          tangent = point.fresh ? Matrix3(point.predicted_secant * (Matrix3::Identity() - plane.normal * plane.normal.transpose()))
-                                : point.friction.tangent(r.stretch, plane.normal, point.sliding);
+          tangent =
+              point.fresh
+                  ? Matrix3(point.predicted_secant * (Matrix3::Identity() - plane.normal * plane.normal.transpose()))
+                  : point.friction.tangent(r.stretch, plane.normal, point.sliding);
         }
         add(r.friction_arm, r.friction_force, tangent);
       }
@@ -260,7 +272,8 @@ void PlaneContact::end_step(State& state) {
     flow_.anchoring += slot.start_energy - slot.stored;
     slot.stored = 0;
     const Vector3 moved = body.position - slot.start.position;
-    const Vector3 turned = slot.plane_count > 0 ? rotation_log(body.orientation * slot.start.orientation.conjugate()) : Vector3(Vector3::Zero());
+    const Vector3 turned = slot.plane_count > 0 ? rotation_log(body.orientation * slot.start.orientation.conjugate())
+                                                : Vector3(Vector3::Zero());
     for (std::size_t p = 0; p < slot.plane_count; ++p) {
       const Plane& plane = slot.planes[p];
       const Vector3 carried = time_step_ * plane.velocity;

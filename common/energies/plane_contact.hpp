@@ -1,16 +1,19 @@
 // A mirrored object against what stops it in the world: the neighbour planes that the world publishes (mode owner,
-// docs/coupling-objects.md). Not in the source, whose mirrored objects meet the world through the symmetric spring only.
+// docs/coupling-objects.md). Not in the source, whose mirrored objects meet the world through the symmetric spring
+// only.
 //
 //   U = sum over planes and resting points of  1/2 K min(0, u - u*)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|s|)
 //
-// u is the point's height over its plane at the step's end, s its tangential stretch against the plane. Stiffness and damping in one square:
-// K = k + b/dt and u* = (b/dt)/K min(u_0, 0), u_0 the height at the step's start, so that damping acts from the surface on and never pulls. k and
-// b are the shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm) and b_A = 2 sqrt(k_A m): a point within 1 mm of the lowest one takes part in the
-// sharing, so that a plane as a whole has k_A whether a corner, an edge or a face rests on it.
+// u is the point's height over its plane at the step's end, s its tangential stretch against the plane. Stiffness and
+// damping in one square: K = k + b/dt and u* = (b/dt)/K min(u_0, 0), u_0 the height at the step's start, so that
+// damping acts from the surface on and never pulls. k and b are the shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm)
+// and b_A = 2 sqrt(k_A m): a point within 1 mm of the lowest one takes part in the sharing, so that a plane as a whole
+// has k_A whether a corner, an edge or a face rests on it.
 //
-// As in contact.hpp a point that is about to reach its plane holds it two-sidedly for that one step, and the friction's bound is that of the normal
-// force at the end of the last step (of a fresh point: what stops the object's share of mass). s is kept from step to step, and slides by
-// Coulomb's law at the step's end; where the object rolls, the point's material moves along and s with it.
+// As in contact.hpp a point that is about to reach its plane holds it two-sidedly for that one step, and the friction's
+// bound is that of the normal force at the end of the last step (of a fresh point: what stops the object's share of
+// mass). s is kept from step to step, and slides by Coulomb's law at the step's end; where the object rolls, the
+// point's material moves along and s with it.
 //
 // Degrees of freedom: translation and rotation of the object's body. Units: J, m, N/m, N s/m.
 #pragma once
@@ -32,16 +35,17 @@ class PlaneContact final : public Energy {
   /// Objects are the bodies `first_body` ... `first_body + slots - 1`.
   PlaneContact(DofLayout layout, int first_body, int slots);
 
-  /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its contacts.
+  /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its
+  /// contacts.
   void set_object(int slot, const ShapeGeometry* geometry, double mass, double weight);
   /// Its weight in N is another from the planes that are set next on; its contacts stay.
   void set_weight(int slot, double weight) { at(slot).weight = weight; }
   void clear_object(int slot);
   /// The objects were put elsewhere: no point holds anything any more. Planes stay.
   void reset();
-  /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps its friction when
-  /// its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most 0.2 of its stiffness is used (more would
-  /// not be stable).
+  /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps
+  /// its friction when its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most
+  /// 0.2 of its stiffness is used (more would not be stable).
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
 
   /// Of all planes on the object in the last step, about its centre of mass, world axes.
@@ -70,26 +74,26 @@ class PlaneContact final : public Energy {
     double normal_force = 0;            // N
     bool sliding = false;
     // Fixed within the step.
-    RestingPoint resting;                 // body axes, about the centre of mass
-    Vector3 material = Vector3::Zero();   // the object's point that touches, body axes
+    RestingPoint resting;                      // body axes, about the centre of mass
+    Vector3 material = Vector3::Zero();        // the object's point that touches, body axes
     Vector3 material_start = Vector3::Zero();  // the same in the world at the step's start
-    double stiffness = 0;                 // K
-    double target = 0;                    // u*
+    double stiffness = 0;                      // K
+    double target = 0;                         // u*
     bool fresh = false;
     CoulombSpring friction;
     double predicted_secant = 0;
-    double spring = 0;                    // k
-    double start_height = 0;              // min(u_0, 0)
+    double spring = 0;        // k
+    double start_height = 0;  // min(u_0, 0)
   };
   struct Plane {
     std::uint32_t neighbour = 0;
-    Vector3 point = Vector3::Zero();      // at the end of the step, once begun
+    Vector3 point = Vector3::Zero();  // at the end of the step, once begun
     Vector3 normal = Vector3::UnitY();
     Vector3 velocity = Vector3::Zero();
     double friction = 0;
-    double stiffness = 0;                 // k_A
+    double stiffness = 0;  // k_A
     std::size_t points = 0;
-    std::size_t first_point = 0;          // in points_
+    std::size_t first_point = 0;  // in points_
   };
   struct Slot {
     const ShapeGeometry* geometry = nullptr;
@@ -100,9 +104,9 @@ class PlaneContact final : public Energy {
     Clique<2> blocks;
     Wrench wrench;
     int count = 0;
-    Pose start;                           // of the body
-    double start_energy = 0;              // of springs and friction, with the planes of this step, J
-    double stored = 0;                    // of the same after the last step, J
+    Pose start;               // of the body
+    double start_energy = 0;  // of springs and friction, with the planes of this step, J
+    double stored = 0;        // of the same after the last step, J
   };
   /// What a point does at a state.
   struct Response {
@@ -112,13 +116,15 @@ class PlaneContact final : public Energy {
     Vector3 normal_arm, friction_arm;
     Vector3 stretch;
     double pressure = 0;
-    double height = 0;                       // u
+    double height = 0;  // u
     bool pushes = false;
   };
   static double stored(const Point& point, double height);
   Response respond(const Plane& plane, const Point& point, const Pose& body) const;
   std::span<Point> points_of(const Plane& plane) { return {points_.data() + plane.first_point, plane.points}; }
-  std::span<const Point> points_of(const Plane& plane) const { return {points_.data() + plane.first_point, plane.points}; }
+  std::span<const Point> points_of(const Plane& plane) const {
+    return {points_.data() + plane.first_point, plane.points};
+  }
   std::span<const Plane> planes_of(const Slot& slot) const { return {slot.planes.data(), slot.plane_count}; }
   Slot& at(int slot) { return slots_[static_cast<std::size_t>(slot)]; }
   const Slot& at(int slot) const { return slots_[static_cast<std::size_t>(slot)]; }

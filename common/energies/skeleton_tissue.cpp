@@ -12,10 +12,11 @@ namespace softhand {
 SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout_(layout) {
   if (layout.node_count < hand.node_count() || layout.body_count < kBodyCount) {
     throw std::invalid_argument("SkeletonTissue: the state has " + std::to_string(layout.node_count) + " nodes and " +
-                                std::to_string(layout.body_count) + " bodies, the hand " + std::to_string(hand.node_count()) + " and " +
-                                std::to_string(kBodyCount));
+                                std::to_string(layout.body_count) + " bodies, the hand " +
+                                std::to_string(hand.node_count()) + " and " + std::to_string(kBodyCount));
   }
-  std::map<std::pair<std::int32_t, std::int32_t>, double> node_stiffness;  // (column, row), ordered: the same sums on every machine
+  std::map<std::pair<std::int32_t, std::int32_t>, double>
+      node_stiffness;  // (column, row), ordered: the same sums on every machine
   std::size_t most_ties = 0;
   for (int body = 0; body < kBodyCount; ++body) {
     std::map<std::pair<std::int32_t, std::int32_t>, double> stiffness;  // (node i, node j), i >= j
@@ -96,7 +97,8 @@ void SkeletonTissue::add_pattern(BlockPattern& pattern) const {
 }
 
 void SkeletonTissue::bind(const BlockMatrix& matrix) {
-  for (NodePair& pair : node_pairs_) pair.slot = matrix.find(layout_.node_block(pair.row), layout_.node_block(pair.column));
+  for (NodePair& pair : node_pairs_)
+    pair.slot = matrix.find(layout_.node_block(pair.row), layout_.node_block(pair.column));
   for (Bone& bone : bones_) {
     const int translation = layout_.body_translation_block(bone.body);
     const int rotation = layout_.body_rotation_block(bone.body);
@@ -110,7 +112,8 @@ void SkeletonTissue::bind(const BlockMatrix& matrix) {
   }
 }
 
-double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const {
+double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian,
+                                Curvature curvature) const {
   const bool needs_pull = gradient != nullptr || hessian == nullptr || curvature == Curvature::exact;
   double energy = 0;
   for (const Bone& bone : bones_) {
@@ -129,18 +132,21 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
       for (Eigen::Index i = 0; i < count; ++i) {
         const Tie& tie = bone.ties[static_cast<std::size_t>(i)];
         Eigen::Vector4d pull = Eigen::Vector4d::Zero();  // sum_j K_ij z_j
-        for (const Entry* end = bone.entries.data() + tie.row_end; entry != end; ++entry) pull += entry->stiffness * offset_.col(entry->column);
+        for (const Entry* end = bone.entries.data() + tie.row_end; entry != end; ++entry)
+          pull += entry->stiffness * offset_.col(entry->column);
         twice_energy += pull.cwiseProduct(offset_.col(i));
         if (gradient != nullptr) {
           gradient->segment<3>(3 * layout_.node_block(tie.node)) -= pull.head<3>();
           force += pull;
           for (int k = 0; k < 3; ++k) moment.col(k) += tie.rest[k] * pull;
         }
-        if (hessian != nullptr && curvature == Curvature::exact) geometric += rotated_arm_second_derivative(r * tie.rest, pull.head<3>());
+        if (hessian != nullptr && curvature == Curvature::exact)
+          geometric += rotated_arm_second_derivative(r * tie.rest, pull.head<3>());
       }
       energy += 0.5 * twice_energy.sum();
       if (gradient != nullptr) {
-        const Matrix3 turned = moment.topRows<3>() * r.transpose();  // sum of pull (R X)^T, whose skew part is the torque
+        const Matrix3 turned =
+            moment.topRows<3>() * r.transpose();  // sum of pull (R X)^T, whose skew part is the torque
         gradient->segment<3>(3 * layout_.body_translation_block(bone.body)) += force.head<3>();
         gradient->segment<3>(3 * layout_.body_rotation_block(bone.body)) +=
             Vector3(turned(2, 1) - turned(1, 2), turned(0, 2) - turned(2, 0), turned(1, 0) - turned(0, 1));
@@ -170,7 +176,9 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
   return energy;
 }
 
-double SkeletonTissue::value(const State& state) const { return evaluate(state, nullptr, nullptr, Curvature::projected); }
+double SkeletonTissue::value(const State& state) const {
+  return evaluate(state, nullptr, nullptr, Curvature::projected);
+}
 
 double SkeletonTissue::add_gradient(const State& state, VectorX& gradient) const {
   return evaluate(state, &gradient, nullptr, Curvature::projected);

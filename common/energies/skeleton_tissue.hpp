@@ -1,18 +1,20 @@
-// Attachments of the tissue to the bones (ES2725128A1 eq. 31): one spring a (bone, tetrahedron), at the centroid of their intersection.
+// Attachments of the tissue to the bones (ES2725128A1 eq. 31): one spring a (bone, tetrahedron), at the centroid of
+// their intersection.
 //
 //   U = sum over attachments 1/2 k |x_c + R r - sum_i w_i x_i|^2
 //
-// r is where the attachment sits at rest, sum_i w_i X_i, in the bone's body frame. With the w_i summing to one, each stretch is a weighted
-// sum of the nodes' own offsets from where the bone would carry them, z_i = x_c + R X_i - x_i, so that
+// r is where the attachment sits at rest, sum_i w_i X_i, in the bone's body frame. With the w_i summing to one, each
+// stretch is a weighted sum of the nodes' own offsets from where the bone would carry them, z_i = x_c + R X_i - x_i, so
+// that
 //
 //   U = sum over bones 1/2 sum_ij K_ij z_i . z_j,   K_ij = sum over its attachments k w_i w_j
 //
-// and thousands of springs become one small constant matrix K a bone. It is the same energy, not an approximation, and it loses no digits
-// far from the origin: at rest every z_i is zero.
+// and thousands of springs become one small constant matrix K a bone. It is the same energy, not an approximation, and
+// it loses no digits far from the origin: at rest every z_i is zero.
 //
-// Departure from the source: none in the energy. Assumption: attachments are at rest where the model's rest pose puts them.
-// Projected Hessian: without the curvature of R (Gauss-Newton), a sum of squares. Degrees of freedom: the crossed tetrahedra's nodes and
-// the bones. Units: J; m, rad. Evaluation uses scratch memory of its own: one thread at a time.
+// Departure from the source: none in the energy. Assumption: attachments are at rest where the model's rest pose puts
+// them. Projected Hessian: without the curvature of R (Gauss-Newton), a sum of squares. Degrees of freedom: the crossed
+// tetrahedra's nodes and the bones. Units: J; m, rad. Evaluation uses scratch memory of its own: one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +27,8 @@ namespace softhand {
 
 class SkeletonTissue final : public Energy {
  public:
-  /// Node n of the hand is node n of the state, and so are the bodies. std::invalid_argument where the state has fewer of either.
+  /// Node n of the hand is node n of the state, and so are the bodies. std::invalid_argument where the state has fewer
+  /// of either.
   SkeletonTissue(const HandModel& hand, DofLayout layout);
 
   std::string_view name() const override { return "skeleton_tissue"; }
@@ -56,8 +59,8 @@ class SkeletonTissue final : public Energy {
   struct Bone {
     int body = 0;
     std::vector<Tie> ties;
-    std::vector<TieBlocks> blocks;  // by tie
-    std::vector<Entry> entries;     // K, row by row
+    std::vector<TieBlocks> blocks;            // by tie
+    std::vector<Entry> entries;               // K, row by row
     double total = 0;                         // sum_ij K_ij
     Vector3 moment = Vector3::Zero();         // sum_ij K_ij X_j
     Matrix3 second_moment = Matrix3::Zero();  // sum_ij K_ij [X_i]^T [X_j]

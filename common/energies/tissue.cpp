@@ -18,7 +18,8 @@ constexpr std::size_t slot_of(std::size_t row, std::size_t column) { return row 
   throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(element) + ": " + what);
 }
 
-// 0 and 1: on one side of a plane with all nodes, 2: crossed by it. Across one of the axes, through the median node; the plane that crosses fewest.
+// 0 and 1: on one side of a plane with all nodes, 2: crossed by it. Across one of the axes, through the median node;
+// the plane that crosses fewest.
 std::vector<std::uint8_t> halves(const HandModel& hand) {
   std::vector<std::uint8_t> best;
   std::size_t fewest = 0;
@@ -31,7 +32,9 @@ std::vector<std::uint8_t> halves(const HandModel& hand) {
     std::nth_element(heights.begin(), middle, heights.end());
     std::vector<std::uint8_t> groups;
     for (const auto& nodes : hand.tetrahedra) {
-      const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) { return hand.nodes[static_cast<std::size_t>(n)][axis] > *middle; });
+      const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) {
+        return hand.nodes[static_cast<std::size_t>(n)][axis] > *middle;
+      });
       groups.push_back(above == 0 ? 0 : above == 4 ? 1 : 2);
     }
     const auto crossed = static_cast<std::size_t>(std::count(groups.begin(), groups.end(), 2));
@@ -46,14 +49,17 @@ std::vector<std::uint8_t> halves(const HandModel& hand) {
 
 Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kernel(set)) {
   const std::size_t count = hand.tetrahedra.size();
-  if (hand.tetrahedron_material.size() != count) throw std::invalid_argument("Tissue: one material per tetrahedron expected");
+  if (hand.tetrahedron_material.size() != count)
+    throw std::invalid_argument("Tissue: one material per tetrahedron expected");
   std::vector<CorotationalMaterial> materials;
   for (const Material& m : hand.materials) {
-    materials.push_back(corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
+    materials.push_back(
+        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
   }
   for (std::size_t e = 0; e < count; ++e) {
     const auto& nodes = hand.tetrahedra[e];
-    if (std::any_of(nodes.begin(), nodes.end(), [&hand](std::int32_t n) { return n < 0 || n >= hand.node_count(); })) refuse(e, "node out of range");
+    if (std::any_of(nodes.begin(), nodes.end(), [&hand](std::int32_t n) { return n < 0 || n >= hand.node_count(); }))
+      refuse(e, "node out of range");
     if (hand.tetrahedron_material[e] >= materials.size()) refuse(e, "material out of range");
   }
   element_count_ = static_cast<int>(count);
@@ -77,7 +83,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     std::sort(nodes.begin(), nodes.end());
     Matrix3 edges;
     for (int a = 0; a < 3; ++a) {
-      edges.col(a) = hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a) + 1])] - hand.nodes[static_cast<std::size_t>(nodes[0])];
+      edges.col(a) = hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a) + 1])] -
+                     hand.nodes[static_cast<std::size_t>(nodes[0])];
     }
     const double volume = std::abs(edges.determinant()) / 6.0;
     const double longest = edges.colwise().norm().maxCoeff();
@@ -89,7 +96,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     corners_[e] = nodes;
     if (edges.determinant() < 0.0) std::swap(corners_[e][2], corners_[e][3]);
     for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
-    for (std::size_t k = 0; k < 9; ++k) batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
+    for (std::size_t k = 0; k < 9; ++k)
+      batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
     for (auto& slot : batch.slot) slot[lane] = -1;
     batch.volume[lane] = volume;
     const CorotationalMaterial& m = materials[hand.tetrahedron_material[e]];
@@ -103,7 +111,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
 void Tissue::add_pattern(BlockPattern& pattern) const {
   for (const TissueBatch& batch : batches_) {
     for (std::size_t lane = 0; lane < batch.count; ++lane) {
-      const std::array<int, 4> blocks{batch.node[0][lane], batch.node[1][lane], batch.node[2][lane], batch.node[3][lane]};
+      const std::array<int, 4> blocks{batch.node[0][lane], batch.node[1][lane], batch.node[2][lane],
+                                      batch.node[3][lane]};
       pattern.add_clique(blocks);
     }
   }
@@ -113,7 +122,8 @@ void Tissue::bind(const BlockMatrix& matrix) {
   for (TissueBatch& batch : batches_) {
     for (std::size_t lane = 0; lane < kTissueBatch; ++lane) {
       for (std::size_t a = 0; a < 4; ++a) {
-        for (std::size_t b = 0; b <= a; ++b) batch.slot[slot_of(a, b)][lane] = matrix.find(batch.node[a][lane], batch.node[b][lane]).index;
+        for (std::size_t b = 0; b <= a; ++b)
+          batch.slot[slot_of(a, b)][lane] = matrix.find(batch.node[a][lane], batch.node[b][lane]).index;
       }
     }
   }
@@ -145,16 +155,20 @@ Matrix3 Tissue::deformation_gradient(const State& state, int element) const {
 double Tissue::evaluate(const State& state, const TissueOutput& output) const {
   evaluated_elements_ += static_cast<std::uint64_t>(element_count_);
   const auto energy_of = [&](std::size_t group) {
-    return kernel_(batches_.data() + group_[group], group_[group + 1] - group_[group], state.node_positions.data(), output);
+    return kernel_(batches_.data() + group_[group], group_[group + 1] - group_[group], state.node_positions.data(),
+                   output);
   };
   double one = 0, other = 0;
-  run_halves(helper_, [&] { one = energy_of(0); }, [&] { other = energy_of(1); });
+  run_halves(
+      helper_, [&] { one = energy_of(0); }, [&] { other = energy_of(1); });
   return one + other + energy_of(2);
 }
 
 double Tissue::value(const State& state) const { return evaluate(state, {}); }
 
-double Tissue::add_gradient(const State& state, VectorX& gradient) const { return evaluate(state, {.gradient = gradient.data()}); }
+double Tissue::add_gradient(const State& state, VectorX& gradient) const {
+  return evaluate(state, {.gradient = gradient.data()});
+}
 
 void Tissue::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
   evaluate(state, {.blocks = hessian.values().data(), .projected = curvature == Curvature::projected});
@@ -167,7 +181,8 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .single_blocks = single_hessian_});
 }
 
-// By the sign of the volume: det F of all tetrahedra, or finding them in their batches, would be most of what a status costs.
+// By the sign of the volume: det F of all tetrahedra, or finding them in their batches, would be most of what a status
+// costs.
 int Tissue::inverted_elements(const State& state) const {
   int count = 0;
   for (const auto& corners : corners_) count += tetrahedron_volume(state.node_positions, corners) < 0.0 ? 1 : 0;

@@ -6,8 +6,10 @@
 namespace softhand {
 
 // Defined in the files of these names, which CMake compiles with their instruction set's flags.
-double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
-double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
+double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
+                          const TissueOutput& output);
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions,
+                            const TissueOutput& output);
 
 TissueKernel tissue_kernel(InstructionSet set) {
 #if defined(__x86_64__)

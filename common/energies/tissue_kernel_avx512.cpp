@@ -4,8 +4,10 @@
 
 namespace softhand {
 
-double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output);
-double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions,
+                            const TissueOutput& output);
+double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions,
+                            const TissueOutput& output) {
   return tissue_energy(batches, count, positions, output);
 }
 

@@ -1,5 +1,6 @@
-// The one source of the tissue's kernels: see tissue_kernel.hpp. Include it once in a file per instruction set, which then wraps `tissue_energy`. All of it has internal
-// linkage and nothing of the standard library or Eigen is instantiated: a function shared with the rest of the program could be the one with this file's instructions.
+// The one source of the tissue's kernels: see tissue_kernel.hpp. Include it once in a file per instruction set, which
+// then wraps `tissue_energy`. All of it has internal linkage and nothing of the standard library or Eigen is
+// instantiated: a function shared with the rest of the program could be the one with this file's instructions.
 #pragma once
 
 #include "energies/tissue_kernel.hpp"
@@ -11,11 +12,11 @@ namespace {
 constexpr std::size_t tissue_slot(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
 
 static_assert(kTissueBatch % kLanes == 0);
-constexpr int kMaxSweeps = 12;             // one-sided Jacobi converges quadratically: 3 to 5 are usual
-constexpr double kOrthogonal = 1e-29;      // square of the cosine
+constexpr int kMaxSweeps = 12;               // one-sided Jacobi converges quadratically: 3 to 5 are usual
+constexpr double kOrthogonal = 1e-29;        // square of the cosine
 constexpr double kSmallestProduct = 1e-280;  // below it squares lose digits, and the columns say nothing
-constexpr double kNoDirection = 0.1;        // what is left of a column's direction without that of the longest
-constexpr double kSmallestScale = 1e-300;  // a matrix below counts as zero
+constexpr double kNoDirection = 0.1;         // what is left of a column's direction without that of the longest
+constexpr double kSmallestScale = 1e-300;    // a matrix below counts as zero
 // Square of what counts as zero beside the diagonal of a stretch, against all of it.
 template <typename Row>
 constexpr double kDiagonal = 1e-30;
@@ -26,12 +27,15 @@ template <typename Row>
 constexpr double kSmallestSquare = kSmallestProduct;
 template <>
 constexpr double kSmallestSquare<Singles> = 1e-30;
-constexpr int kMaxPolarIterations = 7;     // Newton's: a stretch of two takes 5, of five or a fifth 7
-constexpr int kUsualPolarIterations = 3;   // of them before the first look at the change: with the next, enough for strains up to 0.14
-constexpr double kFlat = 1e-6;             // of a determinant's square against the sixth power of the norm: 1/27 where all stretches are equal
-constexpr double kPolarChange = 1e-16;     // square of an iteration's change: the error left is half of it
+constexpr int kMaxPolarIterations = 7;  // Newton's: a stretch of two takes 5, of five or a fifth 7
+constexpr int kUsualPolarIterations =
+    3;  // of them before the first look at the change: with the next, enough for strains up to 0.14
+constexpr double kFlat =
+    1e-6;  // of a determinant's square against the sixth power of the norm: 1/27 where all stretches are equal
+constexpr double kPolarChange = 1e-16;  // square of an iteration's change: the error left is half of it
 
-// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F; s itself is not kept.
+// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F; s
+// itself is not kept.
 struct LaneSvd {
   Lanes3 u[3], v[3];
 };
@@ -73,7 +77,8 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   // Scaled, so that squares neither overflow nor vanish.
   Lanes scale = absolute(f[0].x);
 #pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) scale = maximum(absolute(f[j].x), maximum(absolute(f[j].y), maximum(absolute(f[j].z), scale)));
+  for (std::size_t j = 0; j < 3; ++j)
+    scale = maximum(absolute(f[j].x), maximum(absolute(f[j].y), maximum(absolute(f[j].z), scale)));
   const Choice vanishes = scale < kSmallestScale;
   const Lanes inverse = splat(1.0) / select(vanishes, splat(1.0), scale);
   const Lanes one = splat(1.0), zero = splat(0.0);
@@ -121,15 +126,16 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   return svd;
 }
 
-// R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986): no square roots, and no directions, as energy and gradient need none. Says in which lanes it
-// converged: not in those that are squashed flat, where cofactors are rounding, nor in those turned inside out.
+// R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986): no square roots, and no directions, as
+// energy and gradient need none. Says in which lanes it converged: not in those that are squashed flat, where cofactors
+// are rounding, nor in those turned inside out.
 SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
   const Lanes volume = dot(f[0], cross(f[1], f[2])), square = dot(f[0], f[0]) + dot(f[1], f[1]) + dot(f[2], f[2]);
   const Choice upright = (volume > 0.0) & (volume * volume > kFlat * square * square * square);
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j) r[j] = f[j];
   Lanes3 change[3];
-  const auto iterate = [&r, &change]() __attribute__((always_inline)) {
+  const auto iterate = [&r, &change ]() __attribute__((always_inline)) {
     const Lanes3 cofactor[3] = {cross(r[1], r[2]), cross(r[2], r[0]), cross(r[0], r[1])};
     const Lanes half = splat(0.5) / dot(r[0], cofactor[0]);
 #pragma GCC unroll 3
@@ -153,10 +159,11 @@ SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
   return upright & done;
 }
 
-// Turns the symmetric matrix until its entry between p and q is zero, and v_p and v_q along. `diagonal` and `beside` are its entries, those beside the diagonal by the axis that
-// they do not name; a square below `least` counts as zero.
+// Turns the symmetric matrix until its entry between p and q is zero, and v_p and v_q along. `diagonal` and `beside`
+// are its entries, those beside the diagonal by the axis that they do not name; a square below `least` counts as zero.
 template <typename Row>
-SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row> (&v)[3], std::size_t p, std::size_t q, const Row& least) {
+SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row> (&v)[3], std::size_t p, std::size_t q,
+                                 const Row& least) {
   const Row one = rounded<Row>(splat(1.0)), zero = one - one, half = rounded<Row>(splat(0.5));
   const Row pq = beside[3 - p - q];
   const Row square = pq * pq;
@@ -195,7 +202,8 @@ SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<
   least = rounded<Row>(splat(kDiagonal<Row>)) * least + rounded<Row>(splat(kSmallestSquare<Row>));
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
-    if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least))) break;
+    if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least)))
+      break;
     diagonalise(stretch, beside, v, 0, 1, least);
     diagonalise(stretch, beside, v, 0, 2, least);
     diagonalise(stretch, beside, v, 1, 2, least);
@@ -207,7 +215,9 @@ SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std:
 #pragma GCC unroll 4
   for (std::size_t k = 0; k < kVectorsPerLanes; ++k) {
     const std::int32_t* of = index + k * kVectorWidth;
-    const auto at = [&](std::size_t i) { return base[3 * static_cast<std::ptrdiff_t>(of[i]) + static_cast<std::ptrdiff_t>(component)]; };
+    const auto at = [&](std::size_t i) {
+      return base[3 * static_cast<std::ptrdiff_t>(of[i]) + static_cast<std::ptrdiff_t>(component)];
+    };
 #if defined(__AVX512F__)
     result.part[k] = Vector{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
 #elif defined(__AVX2__)
@@ -219,7 +229,8 @@ SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std:
   return result;
 }
 
-// What the lanes of a batch leave to be added. The Hessian is made of rows of type `Row`: Lanes, or Singles where half the digits will do.
+// What the lanes of a batch leave to be added. The Hessian is made of rows of type `Row`: Lanes, or Singles where half
+// the digits will do.
 template <typename Row>
 struct alignas(64) BatchResult;
 template <>
@@ -239,7 +250,8 @@ struct alignas(64) BatchResult<Singles> {
 
 // w_l for a block's row of three: entry (i, l) of the sum over k of left_k right_k^T.
 template <typename Row, std::size_t kTerms>
-SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Row> (&right)[kTerms], Row3<Row> (&column)[3]) {
+SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Row> (&right)[kTerms],
+                                  Row3<Row> (&column)[3]) {
 #pragma GCC unroll 5
   for (std::size_t k = 0; k < kTerms; ++k) {
     column[0] = column[0] + right[k].x * left[k];
@@ -249,8 +261,9 @@ SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Ro
 }
 
 template <typename Row, bool kGradient, bool kHessian>
-SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions, bool projected, BatchResult<Row>& result) {
-  const auto row = [first](const double (&values)[kTissueBatch]) { return load_lanes(values + first); };
+SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions,
+                                    bool projected, BatchResult<Row>& result) {
+  const auto row = [first](const double(&values)[kTissueBatch]) { return load_lanes(values + first); };
   Lanes3 f[3];
   Lanes3 shape[3];
   {
@@ -280,7 +293,9 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     const auto row_of = [](const Lanes3& v, std::size_t j) { return j == 0 ? v.x : j == 1 ? v.y : v.z; };
 #pragma GCC unroll 3
     for (std::size_t j = 0; j < 3; ++j) {
-      rotation[j] = select(rotated, rotation[j], row_of(svd.v[0], j) * svd.u[0] + row_of(svd.v[1], j) * svd.u[1] + row_of(svd.v[2], j) * svd.u[2]);
+      rotation[j] =
+          select(rotated, rotation[j],
+                 row_of(svd.v[0], j) * svd.u[0] + row_of(svd.v[1], j) * svd.u[1] + row_of(svd.v[2], j) * svd.u[2]);
     }
   }
   // F - R, whose product with R is the sum of the principal strains, and with itself that of their squares.
@@ -302,7 +317,9 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   Lanes3 stress[3];
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j) stress[j] = (2.0 * mu) * strain[j] + (lambda * trace) * rotation[j];
-  const auto times = [](const auto (&matrix)[3], const auto& b) { return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2]; };
+  const auto times = [](const auto(&matrix)[3], const auto& b) {
+    return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2];
+  };
   // dW_q/dF b by the shape gradients b of nodes 1 to 3.
   Lanes3 pull[3];
 #pragma GCC unroll 3
@@ -333,14 +350,16 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   for (std::size_t k = 0; k < 3; ++k) u[k] = times(turn, v[k]);
   // Half of c_k, because the twists are not of unit length; floors as in corotational.cpp.
   const Lanes stiffness = 2.0 * mu;
-  const Row numerator = rounded<Row>(lambda * trace - stiffness), least = rounded<Row>(-mu), row_weight = rounded<Row>(weight);
+  const Row numerator = rounded<Row>(lambda * trace - stiffness), least = rounded<Row>(-mu),
+            row_weight = rounded<Row>(weight);
   const Row floor = rounded<Row>(splat(projected ? 1e-3 : 1e-9));
   const auto twist = [&](std::size_t i, std::size_t j) {
     const Row half = numerator / maximum(stretch[i] + stretch[j], floor);
     return row_weight * (projected ? maximum(half, least) : half);
   };
-  const Row term[5] = {rounded<Row>(weight * lambda), twist(0, 1), twist(0, 2), twist(1, 2),
-                       rounded<Row>(select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0)))};
+  const Row term[5] = {
+      rounded<Row>(weight * lambda), twist(0, 1), twist(0, 2), twist(1, 2),
+      rounded<Row>(select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0)))};
   // R b, the twists (u_i v_j^T - u_j v_i^T) b and dW_q/dF b.
   Row3<Row> factor_of[3][5], gradient_of[3];
 #pragma GCC unroll 3
@@ -353,8 +372,9 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     factor_of[n][3] = b[2] * u[1] - b[1] * u[2];
     factor_of[n][4] = rounded<Row>(pull[n]);
   }
-  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic, half_row = rounded<Row>(splat(0.5));
-  const auto put = [&](std::size_t slot, const Row3<Row> (&column)[3]) {
+  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic,
+            half_row = rounded<Row>(splat(0.5));
+  const auto put = [&](std::size_t slot, const Row3<Row>(&column)[3]) {
 #pragma GCC unroll 3
     for (std::size_t l = 0; l < 3; ++l) {
       store(result.block[slot][3 * l] + first, column[l].x);
@@ -390,12 +410,14 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
 #pragma GCC unroll 3
   for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
   // Symmetric in exact arithmetic; half of it and its transpose is in floating point too.
-  const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x), yz = half_row * (corner[1].z + corner[2].y);
+  const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x),
+            yz = half_row * (corner[1].z + corner[2].y);
   const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
   put(tissue_slot(0, 0), symmetric);
 }
 
-// Adds the blocks of a batch: block by block, and within it element by element, so that the order does not depend on the vectors' width.
+// Adds the blocks of a batch: block by block, and within it element by element, so that the order does not depend on
+// the vectors' width.
 template <typename Row>
 SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<Row>& result, double* blocks) {
   for (std::size_t slot = 0; slot < 10; ++slot) {
@@ -414,7 +436,8 @@ SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<
         if (first + lane >= batch.count) break;
         double* stored = blocks + 9 * static_cast<std::ptrdiff_t>(index[first + lane]);
 #pragma GCC unroll 4
-        for (std::size_t t = 0; t < 8 / kVectorWidth; ++t) store(stored + t * kVectorWidth, load(stored + t * kVectorWidth) + tile[t][lane]);
+        for (std::size_t t = 0; t < 8 / kVectorWidth; ++t)
+          store(stored + t * kVectorWidth, load(stored + t * kVectorWidth) + tile[t][lane]);
         stored[8] += entries[8][first + lane];
       }
     }
@@ -422,7 +445,8 @@ SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<
 }
 
 template <typename Row, bool kGradient, bool kHessian>
-double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
+                     const TissueOutput& output) {
   double energy = 0;
   BatchResult<Row> result;
   for (const TissueBatch* batch = batches; batch != batches + count; ++batch) {
@@ -443,7 +467,8 @@ double tissue_energy(const TissueBatch* batches, std::size_t count, const double
   return energy;
 }
 
-double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions, const TissueOutput& output) {
+double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
+                     const TissueOutput& output) {
   if (output.blocks == nullptr) {
     return output.gradient != nullptr ? tissue_energy<Lanes, true, false>(batches, count, positions, output)
                                       : tissue_energy<Lanes, false, false>(batches, count, positions, output);

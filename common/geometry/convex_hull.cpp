@@ -24,14 +24,17 @@ using Edges = std::map<std::pair<int, int>, int>;
 
 class Builder {
  public:
-  Builder(std::vector<Vector3> points, double size) : points_(std::move(points)), tolerance_(1e-11 * size), size_(size) {}
+  Builder(std::vector<Vector3> points, double size)
+      : points_(std::move(points)), tolerance_(1e-11 * size), size_(size) {}
 
   /// False: ambiguous, try again with moved points.
   bool build(const std::array<int, 4>& simplex) {
-    const Vector3 inside = 0.25 * (points_[at(simplex[0])] + points_[at(simplex[1])] + points_[at(simplex[2])] + points_[at(simplex[3])]);
+    const Vector3 inside =
+        0.25 * (points_[at(simplex[0])] + points_[at(simplex[1])] + points_[at(simplex[2])] + points_[at(simplex[3])]);
     for (const auto& [a, b, c] : {std::array{0, 1, 2}, std::array{0, 2, 3}, std::array{0, 3, 1}, std::array{1, 3, 2}}) {
       std::array<int, 3> corners{simplex[at(a)], simplex[at(b)], simplex[at(c)]};
-      const Vector3 normal = (points_[at(corners[1])] - points_[at(corners[0])]).cross(points_[at(corners[2])] - points_[at(corners[0])]);
+      const Vector3 normal =
+          (points_[at(corners[1])] - points_[at(corners[0])]).cross(points_[at(corners[2])] - points_[at(corners[0])]);
       if (normal.dot(inside - points_[at(corners[0])]) > 0) std::swap(corners[1], corners[2]);
       if (!add_face(corners)) return false;
     }
@@ -59,7 +62,8 @@ class Builder {
       if (!face.alive) continue;
       hull.faces.push_back({index.at(face.corners[0]), index.at(face.corners[1]), index.at(face.corners[2])});
       std::array<int, 3> across{};
-      for (std::size_t k = 0; k < 3; ++k) across[k] = place[at(edges_.at({face.corners[(k + 1) % 3], face.corners[k]}))];
+      for (std::size_t k = 0; k < 3; ++k)
+        across[k] = place[at(edges_.at({face.corners[(k + 1) % 3], face.corners[k]}))];
       hull.neighbours.push_back(across);
       hull.normals.push_back(face.normal);
       hull.offsets.push_back(face.offset);
@@ -74,7 +78,8 @@ class Builder {
   bool add_face(const std::array<int, 3>& corners) {
     Face face;
     face.corners = corners;
-    const Vector3 normal = (points_[at(corners[1])] - points_[at(corners[0])]).cross(points_[at(corners[2])] - points_[at(corners[0])]);
+    const Vector3 normal =
+        (points_[at(corners[1])] - points_[at(corners[0])]).cross(points_[at(corners[2])] - points_[at(corners[0])]);
     if (normal.norm() < 1e-13 * size_ * size_) return false;  // a sliver: its normal says nothing
     face.normal = normal.normalized();
     face.offset = face.normal.dot(points_[at(corners[0])] + points_[at(corners[1])] + points_[at(corners[2])]) / 3.0;
@@ -181,7 +186,8 @@ std::array<int, 4> spanning_simplex(std::span<const Vector3> points, double size
   const Vector3 normal = line.cross(point(c) - point(a)).normalized();
   const auto [d, depth] = best([&](const Vector3& p) { return std::abs((p - point(a)).dot(normal)); });
   if (!(width > 1e-4 * size) || !(depth > 1e-4 * size)) {
-    throw std::invalid_argument("convex hull: the vertices lie in a plane, a line or a point; expected a solid thicker than 1e-4 of its size");
+    throw std::invalid_argument(
+        "convex hull: the vertices lie in a plane, a line or a point; expected a solid thicker than 1e-4 of its size");
   }
   return {a, b, c, d};
 }
@@ -189,7 +195,8 @@ std::array<int, 4> spanning_simplex(std::span<const Vector3> points, double size
 }  // namespace
 
 ConvexHull convex_hull(std::span<const Vector3> points) {
-  if (points.size() < 4) throw std::invalid_argument("convex hull: " + std::to_string(points.size()) + " vertices, expected at least 4");
+  if (points.size() < 4)
+    throw std::invalid_argument("convex hull: " + std::to_string(points.size()) + " vertices, expected at least 4");
   Eigen::AlignedBox3d bounds;
   for (const Vector3& p : points) {
     if (!p.allFinite()) throw std::invalid_argument("convex hull: a vertex is not finite");

@@ -9,7 +9,8 @@ namespace softhand {
 NodeGroups::NodeGroups(std::vector<std::int32_t> nodes, std::span<const std::uint8_t> group_of) {
   std::vector<std::size_t> order(nodes.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&group_of](std::size_t a, std::size_t b) { return group_of[a] < group_of[b]; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&group_of](std::size_t a, std::size_t b) { return group_of[a] < group_of[b]; });
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i == 0 || group_of[order[i]] != group_of[order[i - 1]]) {
       Group group;

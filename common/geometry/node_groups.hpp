@@ -10,8 +10,9 @@
 
 namespace softhand {
 
-/// Finds the nodes that an object may reach. All groups are refused by one distance when the object is far from the hand, one group by
-/// one distance when it is far from that bone: the cost grows with the nodes that are near. Allocates at construction only.
+/// Finds the nodes that an object may reach. All groups are refused by one distance when the object is far from the
+/// hand, one group by one distance when it is far from that bone: the cost grows with the nodes that are near.
+/// Allocates at construction only.
 class NodeGroups {
  public:
   /// `nodes`: those that can touch anything; `group_of[i]`: the group of `nodes[i]`.
@@ -23,8 +24,8 @@ class NodeGroups {
   /// An upper bound of the distance of any node from `point`, metres.
   double farthest(const Vector3& point) const { return (whole_.centre - point).norm() + whole_.radius; }
 
-  /// Calls visit(node) for every node of the groups whose ball comes within `margin` metres of the shape at `pose`; groups, and nodes in them,
-  /// always in the same order.
+  /// Calls visit(node) for every node of the groups whose ball comes within `margin` metres of the shape at `pose`;
+  /// groups, and nodes in them, always in the same order.
   template <typename Visit>
   void for_each_near(const ShapeGeometry& shape, const Pose& pose, double margin, Visit&& visit) const {
     if (nodes_.empty() || !is_near(whole_, shape, pose, margin)) return;

@@ -19,8 +19,10 @@ class Solid {
  public:
   virtual ~Solid() = default;
   virtual SurfacePoint closest(const Vector3& p) const = 0;
-  /// Part of the line from + t (to - from) that is inside: [enter, exit], and the outward normal where it enters. False when it misses.
-  virtual bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const = 0;
+  /// Part of the line from + t (to - from) that is inside: [enter, exit], and the outward normal where it enters. False
+  /// when it misses.
+  virtual bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+                    Vector3& normal) const = 0;
   virtual double bounding_radius() const = 0;
   virtual std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const = 0;
   virtual SolidProperties properties() const = 0;
@@ -61,7 +63,8 @@ struct Interval {
   }
 };
 
-// Where |from + t direction| = radius, in as many dimensions as the vectors have; the whole line or nothing when it does not move.
+// Where |from + t direction| = radius, in as many dimensions as the vectors have; the whole line or nothing when it
+// does not move.
 template <typename Vector>
 void round_interval(const Vector& from, const Vector& direction, double radius, double& enter, double& exit) {
   const double a = direction.squaredNorm();
@@ -93,7 +96,8 @@ class Sphere final : public Solid {
     const Vector3 normal = length > 0 ? Vector3(p / length) : Vector3::UnitY();
     return {length - radius_, radius_ * normal, normal};
   }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     round_interval(from, direction, radius_, enter, exit);
     if (!(enter <= exit)) return false;
     normal = std::isfinite(enter) ? Vector3((from + enter * direction) / radius_) : Vector3::UnitY();
@@ -128,7 +132,8 @@ class Box final : public Solid {
     result.point[axis] = side * half_[axis];
     return result;
   }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     Interval interval;
     for (int axis = 0; axis < 3; ++axis) {
       interval.cut(Vector3::Unit(axis), half_[axis], from, direction);
@@ -167,10 +172,12 @@ class Capsule final : public Solid {
     const Vector3 normal = length > 0 ? Vector3((p - centre) / length) : Vector3::UnitX();
     return {length - radius_, centre + radius_ * normal, normal};
   }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     // The union of a cylinder and two balls; since it is convex, the union of their intervals is one interval.
     Interval side;
-    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_, side.enter, side.exit);
+    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_,
+                   side.enter, side.exit);
     side.cut(Vector3::UnitY(), half_length_, from, direction);
     side.cut(-Vector3::UnitY(), half_length_, from, direction);
     enter = kInfinity;
@@ -229,9 +236,11 @@ class Cylinder final : public Solid {
     }
     return {to_cap, std::min(radial, radius_) * outward + half_length_ * axial, axial};
   }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     Interval interval;
-    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_, interval.enter, interval.exit);
+    round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_,
+                   interval.enter, interval.exit);
     if (interval.empty()) return false;
     if (std::isfinite(interval.enter)) {
       const Vector3 point = from + interval.enter * direction;
@@ -246,7 +255,8 @@ class Cylinder final : public Solid {
   }
   double bounding_radius() const override { return std::hypot(radius_, half_length_); }
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const override {
-    // Turned so that one point of each rim is the lowest. On end, where the lowest is not defined, the turn does not matter.
+    // Turned so that one point of each rim is the lowest. On end, where the lowest is not defined, the turn does not
+    // matter.
     const double across = std::hypot(up.x(), up.z());
     const double phase = across > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
     for (std::size_t i = 0; i < 16; ++i) {
@@ -275,7 +285,8 @@ class Cylinder final : public Solid {
 class Plane final : public Solid {
  public:
   SurfacePoint closest(const Vector3& p) const override { return {p.y(), Vector3(p.x(), 0, p.z()), Vector3::UnitY()}; }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     Interval interval;
     interval.cut(Vector3::UnitY(), 0, from, direction);
     enter = interval.enter;
@@ -347,9 +358,11 @@ class Hull final : public Solid {
     }
     return walk(p, face);
   }
-  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit, Vector3& normal) const override {
+  bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
+            Vector3& normal) const override {
     Interval interval;
-    for (std::size_t f = 0; f < hull_.faces.size(); ++f) interval.cut(hull_.normals[f], hull_.offsets[f], from, direction);
+    for (std::size_t f = 0; f < hull_.faces.size(); ++f)
+      interval.cut(hull_.normals[f], hull_.offsets[f], from, direction);
     enter = interval.enter;
     exit = interval.exit;
     normal = interval.normal;
@@ -395,8 +408,10 @@ class Hull final : public Solid {
 
   double height(const Vector3& p, std::size_t f) const { return hull_.normals[f].dot(p) - hull_.offsets[f]; }
 
-  // From a face that p is above, over the surface, to neighbouring faces that p is above as long as one is nearer. Where none is, none at all is: were there a nearer point of the
-  // solid, so would be the projection of p - point onto the cone that the solid fills there, and that lies in a face around the point which p is above. (After Lin and Canny 1991.)
+  // From a face that p is above, over the surface, to neighbouring faces that p is above as long as one is nearer.
+  // Where none is, none at all is: were there a nearer point of the solid, so would be the projection of p - point onto
+  // the cone that the solid fills there, and that lies in a face around the point which p is above. (After Lin and
+  // Canny 1991.)
   SurfacePoint walk(const Vector3& p, std::size_t f) const {
     TrianglePoint here = on_face(p, f);
     double least = (p - here.point).squaredNorm();
@@ -425,7 +440,9 @@ class Hull final : public Solid {
     const double distance = std::sqrt(least);
     return {distance, here.point, (p - here.point) / distance};
   }
-  std::size_t across(std::size_t face, int edge) const { return static_cast<std::size_t>(hull_.neighbours[face][static_cast<std::size_t>(edge)]); }
+  std::size_t across(std::size_t face, int edge) const {
+    return static_cast<std::size_t>(hull_.neighbours[face][static_cast<std::size_t>(edge)]);
+  }
   std::size_t next_around(std::size_t face, int corner) const {
     const auto& corners = hull_.faces[face];
     return across(face, corners[0] == corner ? 0 : corners[1] == corner ? 1 : 2);
@@ -456,13 +473,14 @@ class Hull final : public Solid {
 
   ConvexHull hull_;
   Vector3 centre_ = Vector3::Zero();
-  std::array<std::uint16_t, 6 * kCells * kCells> faces_towards_{};  // where a walk begins, by cell of directions from `centre_`
+  std::array<std::uint16_t, 6 * kCells * kCells>
+      faces_towards_{};  // where a walk begins, by cell of directions from `centre_`
 };
 
 void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
   if (std::isfinite(value) && (value > 0 || (zero_allowed && value == 0))) return;
-  throw std::invalid_argument(std::string("shape: ") + field + " of the " + kind + " is " + std::to_string(value) + " m, expected a finite number " +
-                              (zero_allowed ? ">= 0" : "> 0"));
+  throw std::invalid_argument(std::string("shape: ") + field + " of the " + kind + " is " + std::to_string(value) +
+                              " m, expected a finite number " + (zero_allowed ? ">= 0" : "> 0"));
 }
 
 std::unique_ptr<const Solid> load(const Shape& shape) {
@@ -486,8 +504,8 @@ std::unique_ptr<const Solid> load(const Shape& shape) {
       return std::make_unique<Plane>();
     case ShapeKind::convex_hull: {
       if (shape.vertices.size() > kMaxHullVertices) {
-        throw std::invalid_argument("shape: convex hull of " + std::to_string(shape.vertices.size()) + " vertices, expected at most " +
-                                    std::to_string(kMaxHullVertices));
+        throw std::invalid_argument("shape: convex hull of " + std::to_string(shape.vertices.size()) +
+                                    " vertices, expected at most " + std::to_string(kMaxHullVertices));
       }
       std::vector<Vector3> points;
       for (const Vec3& v : shape.vertices) points.push_back(to_vector(v));
@@ -512,10 +530,13 @@ std::optional<Crossing> ShapeGeometry::first_crossing(const Vector3& from, const
   double enter = 0, exit = 0;
   Vector3 normal = Vector3::UnitY();
   // A path that only touches (enter = exit) does not enter.
-  if (!solid_->clip(from, direction, enter, exit, normal) || !(enter >= 0 && enter <= 1 && enter < exit)) return std::nullopt;
+  if (!solid_->clip(from, direction, enter, exit, normal) || !(enter >= 0 && enter <= 1 && enter < exit))
+    return std::nullopt;
   return Crossing{from + enter * direction, normal, enter};
 }
 
-std::size_t ShapeGeometry::resting_points(const Vector3& up, std::span<RestingPoint> out) const { return solid_->resting_points(up, out); }
+std::size_t ShapeGeometry::resting_points(const Vector3& up, std::span<RestingPoint> out) const {
+  return solid_->resting_points(up, out);
+}
 
 }  // namespace softhand

@@ -9,8 +9,8 @@ namespace softhand {
 
 void BlockPattern::add(int row, int column) {
   if (row < 0 || column < 0 || row >= block_count_ || column >= block_count_) {
-    throw std::out_of_range("BlockPattern: block (" + std::to_string(row) + ", " + std::to_string(column) + ") outside " +
-                            std::to_string(block_count_));
+    throw std::out_of_range("BlockPattern: block (" + std::to_string(row) + ", " + std::to_string(column) +
+                            ") outside " + std::to_string(block_count_));
   }
   pairs_.emplace_back(std::min(row, column), std::max(row, column));
 }
@@ -57,7 +57,8 @@ BlockSlot BlockMatrix::find(int row, int column) const {
     const auto found = std::lower_bound(begin, end, r);
     if (found != end && *found == r) return {static_cast<std::int32_t>(found - row_.begin()), transposed};
   }
-  throw std::out_of_range("BlockMatrix: no block (" + std::to_string(row) + ", " + std::to_string(column) + ") in the pattern");
+  throw std::out_of_range("BlockMatrix: no block (" + std::to_string(row) + ", " + std::to_string(column) +
+                          ") in the pattern");
 }
 
 void BlockMatrix::set_zero() {
@@ -121,7 +122,8 @@ double BlockMatrix::change_since_taken_back() const {
 void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
   y.setZero(3 * block_count());
   for (int column = 0; column < block_count(); ++column) {
-    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)]; k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
+    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)];
+         k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
       const int row = row_[static_cast<std::size_t>(k)];
       const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
       y.segment<3>(3 * row) += block * x.segment<3>(3 * column);
@@ -133,7 +135,8 @@ void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
 Eigen::MatrixXd BlockMatrix::dense() const {
   Eigen::MatrixXd full = Eigen::MatrixXd::Zero(3 * block_count(), 3 * block_count());
   for (int column = 0; column < block_count(); ++column) {
-    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)]; k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
+    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)];
+         k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
       const int row = row_[static_cast<std::size_t>(k)];
       const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
       full.block<3, 3>(3 * row, 3 * column) = block;

@@ -2,7 +2,8 @@
 //
 // Degrees of freedom are numbered in blocks of three. A tissue node is one block, a rigid body two (translation, then
 // rotation), so that a body's 6x6 block is four neighbouring 3x3 blocks. Only the lower triangle (row >= column) is
-// stored, compressed by block column, rows ascending. Terms look their slots up once (`find`) and then add without searching.
+// stored, compressed by block column, rows ascending. Terms look their slots up once (`find`) and then add without
+// searching.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +32,8 @@ class BlockPattern {
   std::vector<std::pair<int, int>> pairs_;  // (column, row), row >= column
 };
 
-/// Where a term adds a block: `index` into the stored blocks; `transposed` where the asked position lies in the upper triangle.
+/// Where a term adds a block: `index` into the stored blocks; `transposed` where the asked position lies in the upper
+/// triangle.
 struct BlockSlot {
   std::int32_t index = -1;
   bool transposed = false;
@@ -54,8 +56,8 @@ class BlockMatrix {
   /// The slot of block (row, column); std::out_of_range where the pattern has no such block.
   BlockSlot find(int row, int column) const;
   void set_zero();
-  /// Adds `block` as the (row, column) block that `slot` was looked up for. A symmetric matrix holds each off-diagonal pair once:
-  /// add the pair's block for one order only.
+  /// Adds `block` as the (row, column) block that `slot` was looked up for. A symmetric matrix holds each off-diagonal
+  /// pair once: add the pair's block for one order only.
   void add(BlockSlot slot, const Matrix3& block) {
     if (journals_) note(slot.index);
     Eigen::Map<Matrix3> stored(values_.data() + 9 * static_cast<std::ptrdiff_t>(slot.index));
@@ -71,7 +73,8 @@ class BlockMatrix {
   std::span<const std::int32_t> journal() const { return journal_; }
   /// Makes these blocks what they were, to the bit, and goes on remembering.
   void take_back();
-  /// Frobenius norm of the difference between what was added since the last `take_back` and what that one removed, over the larger norm of the two.
+  /// Frobenius norm of the difference between what was added since the last `take_back` and what that one removed, over
+  /// the larger norm of the two.
   double change_since_taken_back() const;
   /// y = A x, both halves counted. Sizes 3 * block_count().
   void multiply(const VectorX& x, VectorX& y) const;
@@ -86,9 +89,9 @@ class BlockMatrix {
   void note(std::int32_t block);
   bool journals_ = false;
   std::vector<std::int32_t> journal_;
-  std::vector<double> before_;         // nine a block of the journal
-  std::vector<std::uint8_t> is_noted_; // by stored block
-  std::vector<std::int32_t> removed_;  // by stored block: its place in `removed_parts_`, -1: nothing was removed
+  std::vector<double> before_;          // nine a block of the journal
+  std::vector<std::uint8_t> is_noted_;  // by stored block
+  std::vector<std::int32_t> removed_;   // by stored block: its place in `removed_parts_`, -1: nothing was removed
   std::vector<std::int32_t> removed_blocks_;
   std::vector<double> removed_parts_;  // nine a block
 };

@@ -37,7 +37,8 @@ HelperThread::~HelperThread() {
   stop_.store(true);
   wake();
   thread_.join();
-  if (pthread_equal(caller_, pthread_self()) != 0) pthread_setaffinity_np(caller_, sizeof(callers_cores_), &callers_cores_);
+  if (pthread_equal(caller_, pthread_self()) != 0)
+    pthread_setaffinity_np(caller_, sizeof(callers_cores_), &callers_cores_);
 }
 
 void HelperThread::wake() {

@@ -1,4 +1,5 @@
-// A second thread for work that falls into two halves, for loops that must not wait: nothing is allocated or locked after construction.
+// A second thread for work that falls into two halves, for loops that must not wait: nothing is allocated or locked
+// after construction.
 #pragma once
 
 #include <pthread.h>
@@ -14,8 +15,9 @@ namespace softhand {
 /// One caller at a time. The helper spins for half a millisecond after its last work, then sleeps until there is more.
 class HelperThread {
  public:
-  /// Pins the calling thread to the core that it is on, and the helper to another that the calling thread may use, with the same scheduling: two that spin on one
-  /// core would wait for each other. Where there is no other core there is no helper, and all work is the caller's.
+  /// Pins the calling thread to the core that it is on, and the helper to another that the calling thread may use, with
+  /// the same scheduling: two that spin on one core would wait for each other. Where there is no other core there is no
+  /// helper, and all work is the caller's.
   HelperThread();
   /// The calling thread may again use the cores that it could.
   ~HelperThread();
@@ -26,7 +28,8 @@ class HelperThread {
   /// There will be work soon: a helper that sleeps takes tens of microseconds to wake.
   void wake();
 
-  /// first() here and second() at the same time on the helper; both here where the helper has not begun when first() is done. Returns when both are done.
+  /// first() here and second() at the same time on the helper; both here where the helper has not begun when first() is
+  /// done. Returns when both are done.
   template <typename First, typename Second>
   void run(First&& first, Second&& second) {
     using Work = std::remove_reference_t<Second>;

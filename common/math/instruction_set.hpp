@@ -1,5 +1,5 @@
-// Which vector instructions this processor has. Programs are built for the baseline of their architecture; a kernel that gains from wider vectors is one source
-// compiled once per instruction set, and chosen here at run time.
+// Which vector instructions this processor has. Programs are built for the baseline of their architecture; a kernel
+// that gains from wider vectors is one source compiled once per instruction set, and chosen here at run time.
 #pragma once
 
 #include <array>
@@ -8,7 +8,8 @@
 
 namespace softhand {
 
-/// In ascending order of vector width: 2, 4 and 8 doubles. `baseline` is whatever the program was built for (SSE2 on x86-64).
+/// In ascending order of vector width: 2, 4 and 8 doubles. `baseline` is whatever the program was built for (SSE2 on
+/// x86-64).
 enum class InstructionSet : std::uint8_t { baseline, avx2, avx512 };
 
 inline constexpr std::array kInstructionSets{InstructionSet::baseline, InstructionSet::avx2, InstructionSet::avx512};

@@ -1,8 +1,10 @@
-// Numbers computed side by side: `Lanes` is a row of doubles with the operators of one double, each applied lane by lane.
+// Numbers computed side by side: `Lanes` is a row of doubles with the operators of one double, each applied lane by
+// lane.
 //
-// How wide the machine's vectors are follows from the flags of the including file, and so every name here has internal linkage: include it only from kernels that are compiled
-// once per instruction set (instruction_set.hpp), never from another header. No fused multiply-add (-ffp-contract=off), exact division and square root: a
-// lane's result has the same bits whatever the width.
+// How wide the machine's vectors are follows from the flags of the including file, and so every name here has internal
+// linkage: include it only from kernels that are compiled once per instruction set (instruction_set.hpp), never from
+// another header. No fused multiply-add (-ffp-contract=off), exact division and square root: a lane's result has the
+// same bits whatever the width.
 #pragma once
 
 #include <cstddef>
@@ -62,7 +64,8 @@ SOFTHAND_INLINE bool any(VectorMask mask) {
 #endif
 }
 
-/// The square of `kVectorWidth` vectors, rows for columns: the halves of pairs of rows change places, from single entries up to half a vector.
+/// The square of `kVectorWidth` vectors, rows for columns: the halves of pairs of rows change places, from single
+/// entries up to half a vector.
 SOFTHAND_INLINE void transpose(Vector (&row)[kVectorWidth]) {
 #if defined(__AVX512F__)
   const VectorMask low[3] = {{0, 8, 2, 10, 4, 12, 6, 14}, {0, 1, 8, 9, 4, 5, 12, 13}, {0, 1, 2, 3, 8, 9, 10, 11}};
@@ -101,38 +104,39 @@ struct Choice {
 };
 
 // One operation on each part.
-#define SOFTHAND_EACH(Result, expression)                              \
-  Result result;                                                       \
+#define SOFTHAND_EACH(Result, expression)                                                                   \
+  Result result;                                                                                            \
   _Pragma("GCC unroll 4") for (std::size_t k = 0; k < kVectorsPerLanes; ++k) result.part[k] = (expression); \
   return result;
 
-SOFTHAND_INLINE Lanes splat(double x) { SOFTHAND_EACH(Lanes, x - Vector{}) }
-SOFTHAND_INLINE Lanes load_lanes(const double* from) { SOFTHAND_EACH(Lanes, load(from + k * kVectorWidth)) }
-SOFTHAND_INLINE void store(double* to, const Lanes& x) {
+SOFTHAND_INLINE Lanes splat(double x){SOFTHAND_EACH(Lanes, x - Vector{})} SOFTHAND_INLINE Lanes
+    load_lanes(const double* from){SOFTHAND_EACH(Lanes, load(from + k * kVectorWidth))} SOFTHAND_INLINE
+    void store(double* to, const Lanes& x) {
   for (std::size_t k = 0; k < kVectorsPerLanes; ++k) store(to + k * kVectorWidth, x.part[k]);
 }
-SOFTHAND_INLINE Lanes operator+(const Lanes& a, const Lanes& b) { SOFTHAND_EACH(Lanes, a.part[k] + b.part[k]) }
-SOFTHAND_INLINE Lanes operator-(const Lanes& a, const Lanes& b) { SOFTHAND_EACH(Lanes, a.part[k] - b.part[k]) }
-SOFTHAND_INLINE Lanes operator*(const Lanes& a, const Lanes& b) { SOFTHAND_EACH(Lanes, a.part[k] * b.part[k]) }
-SOFTHAND_INLINE Lanes operator/(const Lanes& a, const Lanes& b) { SOFTHAND_EACH(Lanes, a.part[k] / b.part[k]) }
-SOFTHAND_INLINE Lanes operator-(const Lanes& a) { SOFTHAND_EACH(Lanes, -a.part[k]) }
-SOFTHAND_INLINE Lanes operator*(double a, const Lanes& b) { SOFTHAND_EACH(Lanes, a * b.part[k]) }
-SOFTHAND_INLINE Lanes operator-(const Lanes& a, double b) { SOFTHAND_EACH(Lanes, a.part[k] - b) }
-SOFTHAND_INLINE Choice operator>(const Lanes& a, const Lanes& b) { SOFTHAND_EACH(Choice, a.part[k] > b.part[k]) }
-SOFTHAND_INLINE Choice operator>(const Lanes& a, double b) { SOFTHAND_EACH(Choice, a.part[k] > b) }
-SOFTHAND_INLINE Choice operator<(const Lanes& a, double b) { SOFTHAND_EACH(Choice, a.part[k] < b) }
-SOFTHAND_INLINE Choice operator&(const Choice& a, const Choice& b) { SOFTHAND_EACH(Choice, a.part[k] & b.part[k]) }
-SOFTHAND_INLINE Choice operator|(const Choice& a, const Choice& b) { SOFTHAND_EACH(Choice, a.part[k] | b.part[k]) }
-SOFTHAND_INLINE Choice operator!(const Choice& a) { SOFTHAND_EACH(Choice, ~a.part[k]) }
-SOFTHAND_INLINE Lanes select(const Choice& choice, const Lanes& yes, const Lanes& no) {
-  SOFTHAND_EACH(Lanes, choice.part[k] ? yes.part[k] : no.part[k])
-}
-SOFTHAND_INLINE Lanes square_root(const Lanes& a) { SOFTHAND_EACH(Lanes, square_root(a.part[k])) }
-SOFTHAND_INLINE Lanes absolute(const Lanes& a) {
-  SOFTHAND_EACH(Lanes, reinterpret_cast<Vector>(reinterpret_cast<VectorMask>(a.part[k]) & INT64_MAX))
-}
+SOFTHAND_INLINE Lanes operator+(const Lanes& a,
+                                const Lanes& b){SOFTHAND_EACH(Lanes, a.part[k] + b.part[k])} SOFTHAND_INLINE Lanes
+operator-(const Lanes& a, const Lanes& b){SOFTHAND_EACH(Lanes, a.part[k] - b.part[k])} SOFTHAND_INLINE Lanes
+operator*(const Lanes& a, const Lanes& b){SOFTHAND_EACH(Lanes, a.part[k] * b.part[k])} SOFTHAND_INLINE Lanes
+operator/(const Lanes& a, const Lanes& b){SOFTHAND_EACH(Lanes, a.part[k] / b.part[k])} SOFTHAND_INLINE Lanes
+operator-(const Lanes& a){SOFTHAND_EACH(Lanes, -a.part[k])} SOFTHAND_INLINE Lanes
+operator*(double a, const Lanes& b){SOFTHAND_EACH(Lanes, a* b.part[k])} SOFTHAND_INLINE Lanes
+operator-(const Lanes& a, double b){SOFTHAND_EACH(Lanes, a.part[k] - b)} SOFTHAND_INLINE Choice
+operator>(const Lanes& a, const Lanes& b){SOFTHAND_EACH(Choice, a.part[k] > b.part[k])} SOFTHAND_INLINE Choice
+operator>(const Lanes& a, double b){SOFTHAND_EACH(Choice, a.part[k] > b)} SOFTHAND_INLINE Choice
+operator<(const Lanes& a, double b){SOFTHAND_EACH(Choice, a.part[k] < b)} SOFTHAND_INLINE Choice
+operator&(const Choice& a, const Choice& b){SOFTHAND_EACH(Choice, a.part[k] & b.part[k])} SOFTHAND_INLINE Choice
+operator|(const Choice& a, const Choice& b){SOFTHAND_EACH(Choice, a.part[k] | b.part[k])} SOFTHAND_INLINE Choice
+operator!(const Choice& a){SOFTHAND_EACH(Choice, ~a.part[k])} SOFTHAND_INLINE Lanes
+    select(const Choice& choice, const Lanes& yes,
+           const Lanes& no){SOFTHAND_EACH(Lanes, choice.part[k] ? yes.part[k] : no.part[k])} SOFTHAND_INLINE Lanes
+    square_root(const Lanes& a){SOFTHAND_EACH(Lanes, square_root(a.part[k]))} SOFTHAND_INLINE Lanes
+    absolute(const Lanes& a){
+        SOFTHAND_EACH(Lanes, reinterpret_cast<Vector>(reinterpret_cast<VectorMask>(a.part[k]) & INT64_MAX))}
 /// `b` where either is not a number.
-SOFTHAND_INLINE Lanes maximum(const Lanes& a, const Lanes& b) { return select(a > b, a, b); }
+SOFTHAND_INLINE Lanes maximum(const Lanes& a, const Lanes& b) {
+  return select(a > b, a, b);
+}
 SOFTHAND_INLINE bool any(const Choice& choice) {
   VectorMask all = choice.part[0];
   for (std::size_t k = 1; k < kVectorsPerLanes; ++k) all |= choice.part[k];
@@ -148,7 +152,9 @@ typedef float UnalignedSinglesPart __attribute__((vector_size(4 * kVectorWidth),
 typedef std::int32_t SinglesMask __attribute__((vector_size(4 * kLanes)));
 
 SOFTHAND_INLINE Singles select(SinglesMask choice, Singles yes, Singles no) { return choice ? yes : no; }
-SOFTHAND_INLINE Singles absolute(Singles a) { return reinterpret_cast<Singles>(reinterpret_cast<SinglesMask>(a) & INT32_MAX); }
+SOFTHAND_INLINE Singles absolute(Singles a) {
+  return reinterpret_cast<Singles>(reinterpret_cast<SinglesMask>(a) & INT32_MAX);
+}
 /// `b` where either is not a number.
 SOFTHAND_INLINE Singles maximum(Singles a, Singles b) { return a > b ? a : b; }
 SOFTHAND_INLINE Singles square_root(Singles x) {
@@ -166,7 +172,9 @@ SOFTHAND_INLINE Singles square_root(Singles x) {
 SOFTHAND_INLINE bool any(SinglesMask mask) { return any(reinterpret_cast<VectorMask>(mask)); }
 SOFTHAND_INLINE void store(float* to, Singles value) { *reinterpret_cast<UnalignedSingles*>(to) = value; }
 /// As many as a vector of doubles holds, widened.
-SOFTHAND_INLINE Vector load(const float* from) { return __builtin_convertvector(SinglesPart(*reinterpret_cast<const UnalignedSinglesPart*>(from)), Vector); }
+SOFTHAND_INLINE Vector load(const float* from) {
+  return __builtin_convertvector(SinglesPart(*reinterpret_cast<const UnalignedSinglesPart*>(from)), Vector);
+}
 
 /// Row of numbers of type `Row`, rounded where it is narrower.
 template <typename Row>
@@ -178,7 +186,8 @@ SOFTHAND_INLINE Lanes rounded<Lanes>(const Lanes& a) {
 template <>
 SOFTHAND_INLINE Singles rounded<Singles>(const Lanes& a) {
   static_assert(kVectorsPerLanes == 2);
-  const SinglesPart low = __builtin_convertvector(a.part[0], SinglesPart), high = __builtin_convertvector(a.part[1], SinglesPart);
+  const SinglesPart low = __builtin_convertvector(a.part[0], SinglesPart),
+                    high = __builtin_convertvector(a.part[1], SinglesPart);
 #if defined(__AVX512F__)
   return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
 #elif defined(__AVX2__)

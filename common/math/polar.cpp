@@ -6,7 +6,8 @@
 namespace softhand {
 namespace {
 
-// Turns columns p and q of `a` (and of `v` along) until they are orthogonal. Returns whether there was anything to turn.
+// Turns columns p and q of `a` (and of `v` along) until they are orthogonal. Returns whether there was anything to
+// turn.
 bool orthogonalise(Matrix3& a, Matrix3& v, int p, int q) {
   const double pp = a.col(p).squaredNorm();
   const double qq = a.col(q).squaredNorm();

@@ -5,8 +5,8 @@
 namespace softhand {
 namespace {
 
-// c(t) of J_l^-1(v) = I - [v]/2 + c [v]^2, c = (1 - (t/2) cot(t/2)) / t^2, and c'(t)/t. Series below 0.05 rad, where the closed
-// forms cancel.
+// c(t) of J_l^-1(v) = I - [v]/2 + c [v]^2, c = (1 - (t/2) cot(t/2)) / t^2, and c'(t)/t. Series below 0.05 rad, where
+// the closed forms cancel.
 struct InverseJacobianCoefficients {
   double c;
   double c_prime_over_t;
@@ -58,7 +58,8 @@ Vector3 rotation_log(const Quaternion& q) {
   const double s = std::sqrt(s2);
   // Below 0.02 rad, the turn of a millisecond, by the series of atan(x)/x to rounding.
   const double x2 = s2 / (w * w);
-  const double k = s < 0.01 ? 2.0 / w * (1.0 - x2 * (1.0 / 3.0 - x2 * (1.0 / 5.0 - x2 / 7.0))) : 2.0 * std::atan2(s, w) / s;
+  const double k =
+      s < 0.01 ? 2.0 / w * (1.0 - x2 * (1.0 / 3.0 - x2 * (1.0 / 5.0 - x2 / 7.0))) : 2.0 * std::atan2(s, w) / s;
   return k * axis;
 }
 
@@ -73,8 +74,8 @@ Vector3 left_jacobian_inverse_transpose(const Vector3& v, const Vector3& y) {
 }
 
 Matrix3 log_second_derivative(const Vector3& v, const Vector3& y) {
-  // With v(s) = log(exp(s d) exp(v)): v' = J(v) d, v'' = (dJ/dv [v']) d. For a direction e = J d, with [v]^2 = v v^T - |v|^2 I:
-  // dJ[e] = -[e]/2 + (c'/t)(v . e) [v]^2 + c (e v^T + v e^T - 2 (v . e) I).
+  // With v(s) = log(exp(s d) exp(v)): v' = J(v) d, v'' = (dJ/dv [v']) d. For a direction e = J d, with [v]^2 = v v^T -
+  // |v|^2 I: dJ[e] = -[e]/2 + (c'/t)(v . e) [v]^2 + c (e v^T + v e^T - 2 (v . e) I).
   const auto [c, c_prime_over_t] = inverse_jacobian_coefficients(v.norm());
   const Matrix3 j = left_jacobian_inverse(v);
   const Matrix3 v_squared = v * v.transpose() - v.squaredNorm() * Matrix3::Identity();

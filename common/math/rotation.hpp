@@ -11,8 +11,8 @@ Matrix3 skew(const Vector3& v);
 /// Rotation by |v| radians about v.
 Quaternion rotation_exp(const Vector3& v);
 
-/// Rotation vector of the shortest arc, |result| <= pi; q and -q give the same result. At exactly pi the sign of the axis is
-/// chosen so that its largest component is positive.
+/// Rotation vector of the shortest arc, |result| <= pi; q and -q give the same result. At exactly pi the sign of the
+/// axis is chosen so that its largest component is positive.
 Vector3 rotation_log(const Quaternion& q);
 
 /// Inverse of the left Jacobian: log(exp(d) exp(v)) = v + left_jacobian_inverse(v) d + O(d^2). Finite for |v| <= pi

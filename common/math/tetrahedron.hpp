@@ -10,11 +10,15 @@
 
 namespace softhand {
 
-/// The three corners of each face, the k-th opposite corner k. They turn counterclockwise seen from outside where the volume is positive.
-inline constexpr std::array<std::array<std::size_t, 3>, 4> kTetrahedronFaces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+/// The three corners of each face, the k-th opposite corner k. They turn counterclockwise seen from outside where the
+/// volume is positive.
+inline constexpr std::array<std::array<std::size_t, 3>, 4> kTetrahedronFaces{
+    {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// m^3. Positive where the edges from `a` to `b`, `c` and `d` are right-handed, negative where they are left-handed.
-inline double tetrahedron_volume(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) { return (b - a).dot((c - a).cross(d - a)) / 6.0; }
+inline double tetrahedron_volume(const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d) {
+  return (b - a).dot((c - a).cross(d - a)) / 6.0;
+}
 
 /// The same of four of `positions`, metres.
 inline double tetrahedron_volume(const std::vector<Vector3>& positions, const std::array<std::int32_t, 4>& corners) {
@@ -24,7 +28,8 @@ inline double tetrahedron_volume(const std::vector<Vector3>& positions, const st
 
 /// The same of four columns of `positions`, metres.
 inline double tetrahedron_volume(const Eigen::Matrix3Xd& positions, const std::array<std::int32_t, 4>& corners) {
-  return tetrahedron_volume(positions.col(corners[0]), positions.col(corners[1]), positions.col(corners[2]), positions.col(corners[3]));
+  return tetrahedron_volume(positions.col(corners[0]), positions.col(corners[1]), positions.col(corners[2]),
+                            positions.col(corners[3]));
 }
 
 }  // namespace softhand

@@ -13,8 +13,8 @@ using Quaternion = Eigen::Quaterniond;
 
 /// A rigid placement: maps a point p of the local frame to `position + orientation * p` of the parent frame.
 struct Pose {
-  Vector3 position = Vector3::Zero();                ///< metres, parent frame
-  Quaternion orientation = Quaternion::Identity();   ///< unit quaternion, local to parent
+  Vector3 position = Vector3::Zero();               ///< metres, parent frame
+  Quaternion orientation = Quaternion::Identity();  ///< unit quaternion, local to parent
 
   Vector3 operator*(const Vector3& point) const { return position + orientation * point; }
   Pose operator*(const Pose& local) const {

@@ -1,4 +1,5 @@
-// Between wire form and mathematical values. `all_finite` is what every loop asks before it believes or publishes a message.
+// Between wire form and mathematical values. `all_finite` is what every loop asks before it believes or publishes a
+// message.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +16,9 @@ inline Vector3 to_vector(const Vec3& v) { return {v[0], v[1], v[2]}; }
 inline Vec3 to_wire(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
 inline Quaternion to_quaternion(const Vec4& q) { return {q[3], q[0], q[1], q[2]}; }
 inline Vec4 to_wire(const Quaternion& q) { return {q.x(), q.y(), q.z(), q.w()}; }
-inline Pose to_pose(const Vec3& position, const Vec4& orientation) { return {to_vector(position), to_quaternion(orientation)}; }
+inline Pose to_pose(const Vec3& position, const Vec4& orientation) {
+  return {to_vector(position), to_quaternion(orientation)};
+}
 
 template <std::size_t n>
 bool all_finite(const std::array<double, n>& values) {
@@ -46,6 +49,8 @@ void add_named(BoundedVector<NamedValue, capacity>& list, std::string_view name,
   item.value = value;
   list.push_back(item);
 }
-inline void add_counter(LoopStatus& status, std::string_view name, double value) { add_named(status.counters, name, value); }
+inline void add_counter(LoopStatus& status, std::string_view name, double value) {
+  add_named(status.counters, name, value);
+}
 
 }  // namespace softhand

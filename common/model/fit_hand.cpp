@@ -22,8 +22,9 @@ Joint offset_frame(Joint joint) {
   return joint_of(parent_of(body));
 }
 
-// How a bone carries its surroundings from the old rest pose to the new: p -> end + turn * (length along the bone, thickness across it) * (p - start).
-// It looks at where bones lie, not at how their frames are turned about them, which is the source's convention.
+// How a bone carries its surroundings from the old rest pose to the new: p -> end + turn * (length along the bone,
+// thickness across it) * (p - start). It looks at where bones lie, not at how their frames are turned about them, which
+// is the source's convention.
 struct BoneMap {
   Vector3 old_origin = Vector3::Zero();
   Vector3 new_origin = Vector3::Zero();
@@ -43,7 +44,8 @@ struct BoneMap {
 constexpr double kThinnest = 0.85;
 constexpr double kThickest = 1.15;
 
-double finger_thickness(const std::array<double, kJointCount>& user, const std::array<double, kJointCount>& model, std::size_t joint, std::size_t end) {
+double finger_thickness(const std::array<double, kJointCount>& user, const std::array<double, kJointCount>& model,
+                        std::size_t joint, std::size_t end) {
   double ratio = 0;
   int count = 0;
   for (const std::size_t j : {joint, end}) {
@@ -55,7 +57,8 @@ double finger_thickness(const std::array<double, kJointCount>& user, const std::
   return count == 0 ? 1.0 : std::clamp(ratio / count, kThinnest, kThickest);
 }
 
-// Volume over the cube of the root mean square edge: 0 for a flat tetrahedron, negative for one turned over, largest for a regular one.
+// Volume over the cube of the root mean square edge: 0 for a flat tetrahedron, negative for one turned over, largest
+// for a regular one.
 double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vector3>& nodes) {
   const auto x = [&](std::size_t k) -> const Vector3& { return nodes[static_cast<std::size_t>(t[k])]; };
   double edges = 0;
@@ -65,8 +68,9 @@ double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vec
   return tetrahedron_volume(nodes, t) / std::pow(edges / 6, 1.5);
 }
 
-// Evens out how far neighbouring nodes were moved: first a little everywhere, then, where bones with different turns meet (the web of the thumb), as
-// long as some tetrahedron has lost most of its shape. Neighbours that move alike keep their tetrahedra's shape, so this ends.
+// Evens out how far neighbouring nodes were moved: first a little everywhere, then, where bones with different turns
+// meet (the web of the thumb), as long as some tetrahedron has lost most of its shape. Neighbours that move alike keep
+// their tetrahedra's shape, so this ends.
 void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
   constexpr int kPassesEverywhere = 4;
   constexpr int kMostPasses = 500;
@@ -112,8 +116,8 @@ void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
   for (std::size_t n = 0; n < count; ++n) nodes[n] = hand.nodes[n] + displacement[n];
 }
 
-// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on all axes but flexion, and
-// widens its ranges to what was measured.
+// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on all
+// axes but flexion, and widens its ranges to what was measured.
 void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest, JointModel& model) {
   const bool holds_x = model.kind == JointKind::ball;
   const bool holds_y = model.kind == JointKind::ball || model.kind == JointKind::hinge;
@@ -126,8 +130,12 @@ void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest
   }
   for (const auto& frame : user.orientations) {
     const Vector3 angles = rotation_log(rest.conjugate() * frame[joint]);
-    if (!holds_x) model.flexion_range = {std::min(model.flexion_range[0], angles.x()), std::max(model.flexion_range[1], angles.x())};
-    if (!holds_y) model.abduction_range = {std::min(model.abduction_range[0], angles.y()), std::max(model.abduction_range[1], angles.y())};
+    if (!holds_x)
+      model.flexion_range = {std::min(model.flexion_range[0], angles.x()),
+                             std::max(model.flexion_range[1], angles.x())};
+    if (!holds_y)
+      model.abduction_range = {std::min(model.abduction_range[0], angles.y()),
+                               std::max(model.abduction_range[1], angles.y())};
   }
 }
 
@@ -140,7 +148,8 @@ double distance_to_segment(const Vector3& p, const Vector3& a, const Vector3& b)
 
 }  // namespace
 
-MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>> frames, const std::array<double, kJointCount>& radii) {
+MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>> frames,
+                                  const std::array<double, kJointCount>& radii) {
   if (frames.empty()) throw std::invalid_argument("measure_skeleton: no frame with all joints valid");
   MeasuredSkeleton user;
   user.radii = radii;
@@ -160,7 +169,8 @@ MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>>
 
 HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   HandModel out = hand;
-  // The new rest skeleton: the user's offsets; the model's rest angles on the axes that move, the user's on those that are held.
+  // The new rest skeleton: the user's offsets; the model's rest angles on the axes that move, the user's on those that
+  // are held.
   for (std::size_t j = 2; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
     const std::size_t frame = index(offset_frame(joint));
@@ -174,11 +184,14 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   const std::size_t palm = index(Joint::palm);
   const Pose& palm_frame = out.rest_joints[index(Joint::middle_metacarpal)];
   out.rest_joints[palm].position = palm_frame * user.offsets[palm];
-  out.rest_joints[palm].orientation = palm_frame.orientation * (hand.rest_joints[index(Joint::middle_metacarpal)].orientation.conjugate() *
-                                                                hand.rest_joints[palm].orientation);
+  out.rest_joints[palm].orientation =
+      palm_frame.orientation *
+      (hand.rest_joints[index(Joint::middle_metacarpal)].orientation.conjugate() * hand.rest_joints[palm].orientation);
 
   const auto knuckles = [](const HandModel& model) {
-    return (model.rest_joints[index(Joint::index_proximal)].position - model.rest_joints[index(Joint::little_proximal)].position).norm();
+    return (model.rest_joints[index(Joint::index_proximal)].position -
+            model.rest_joints[index(Joint::little_proximal)].position)
+        .norm();
   };
   const double breadth = std::clamp(knuckles(out) / knuckles(hand), kThinnest, kThickest);
   std::array<BoneMap, kBodyCount> maps;
@@ -194,11 +207,13 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
       const Vector3 after = out.rest_joints[end].position - map.new_origin;
       map.length = after.norm() / before.norm();
       if (!(map.length >= 0.5 && map.length <= 2.0)) {
-        throw std::invalid_argument("fitted: bone " + std::string(kBodyNames[b]) + ": expected a length within a factor of 2 of the model's " +
-                                    std::to_string(before.norm() * 1e3) + " mm, got " + std::to_string(after.norm() * 1e3) + " mm");
+        throw std::invalid_argument(
+            "fitted: bone " + std::string(kBodyNames[b]) + ": expected a length within a factor of 2 of the model's " +
+            std::to_string(before.norm() * 1e3) + " mm, got " + std::to_string(after.norm() * 1e3) + " mm");
       }
       if (is_metacarpal(body)) {
-        // Sources disagree where a metacarpal begins, not where it ends: it hangs from its knuckle, and keeps nearly its length.
+        // Sources disagree where a metacarpal begins, not where it ends: it hangs from its knuckle, and keeps nearly
+        // its length.
         map.old_origin += before;
         map.new_origin += after;
         map.length = std::clamp(map.length, 0.9, 1.1);
@@ -211,13 +226,15 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     map.thickness = palm_bone ? breadth : finger_thickness(user.radii, hand.joint_radii, joint, end);
   }
 
-  // Nodes go with the bones around them, each by the inverse sixth power of its distance: continuous everywhere, and a neighbouring finger does not pull.
+  // Nodes go with the bones around them, each by the inverse sixth power of its distance: continuous everywhere, and a
+  // neighbouring finger does not pull.
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     Vector3 moved = Vector3::Zero();
     double total = 0;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       const Pose& joint = hand.rest_joints[index(joint_of(static_cast<Body>(b)))];
-      const double distance = distance_to_segment(hand.nodes[n], joint * hand.bodies[b].bone_start, joint * hand.bodies[b].bone_end);
+      const double distance =
+          distance_to_segment(hand.nodes[n], joint * hand.bodies[b].bone_start, joint * hand.bodies[b].bone_end);
       const double weight = std::pow(distance + 1e-3, -6.0);
       moved += weight * maps[b](hand.nodes[n]);
       total += weight;
@@ -236,7 +253,9 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     body.bone_end = moved(body.bone_end);
     body.bone_start_radius *= map.thickness;
     body.bone_end_radius *= map.thickness;
-    body.joint_from_body = {moved(body.joint_from_body.position), (back.orientation * map.turn * from.orientation * body.joint_from_body.orientation).normalized()};
+    body.joint_from_body = {
+        moved(body.joint_from_body.position),
+        (back.orientation * map.turn * from.orientation * body.joint_from_body.orientation).normalized()};
     const double volume = map.length * map.thickness * map.thickness;
     body.mass *= volume;
     body.inertia *= volume * 0.5 * (map.length * map.length + map.thickness * map.thickness);

@@ -1,5 +1,6 @@
-// The hand file: JSON, version 1, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight significant digits for
-// physical quantities), so that a file is small, diffs well, and writing what was read gives the same bytes.
+// The hand file: JSON, version 1, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight
+// significant digits for physical quantities), so that a file is small, diffs well, and writing what was read gives the
+// same bytes.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -47,9 +48,12 @@ const std::map<JointKind, std::string> kKindNames{
 // Reads one field after another and says which one was wrong.
 class FieldReader {
  public:
-  FieldReader(const Json& json, std::string file, std::string path) : json_(json), file_(std::move(file)), path_(std::move(path)) {}
+  FieldReader(const Json& json, std::string file, std::string path)
+      : json_(json), file_(std::move(file)), path_(std::move(path)) {}
 
-  [[noreturn]] void fail(const std::string& expected) const { throw std::runtime_error(file_ + ": " + path_ + ": expected " + expected); }
+  [[noreturn]] void fail(const std::string& expected) const {
+    throw std::runtime_error(file_ + ": " + path_ + ": expected " + expected);
+  }
 
   FieldReader operator[](const char* key) const {
     if (!json_.is_object()) fail("an object with the field '" + std::string(key) + "'");
@@ -121,7 +125,8 @@ Json body_json(const HandModel& hand, int b) {
       {"mass", quantity(body.mass)},
       {"centre_of_mass", vector_json(body.joint_from_body.position, metres)},
       {"orientation", quaternion_json(body.joint_from_body.orientation)},
-      {"inertia", Json::array({quantity(i(0, 0)), quantity(i(1, 1)), quantity(i(2, 2)), quantity(i(0, 1)), quantity(i(0, 2)), quantity(i(1, 2))})},
+      {"inertia", Json::array({quantity(i(0, 0)), quantity(i(1, 1)), quantity(i(2, 2)), quantity(i(0, 1)),
+                               quantity(i(0, 2)), quantity(i(1, 2))})},
       {"bone",
        {{"start", vector_json(body.bone_start, metres)},
         {"end", vector_json(body.bone_end, metres)},
@@ -133,7 +138,8 @@ Json body_json(const HandModel& hand, int b) {
         {"orientation_stiffness", quantity(body.joint.orientation_stiffness)},
         {"limit_stiffness", quantity(body.joint.limit_stiffness)},
         {"flexion_range", Json::array({quantity(body.joint.flexion_range[0]), quantity(body.joint.flexion_range[1])})},
-        {"abduction_range", Json::array({quantity(body.joint.abduction_range[0]), quantity(body.joint.abduction_range[1])})}}},
+        {"abduction_range",
+         Json::array({quantity(body.joint.abduction_range[0]), quantity(body.joint.abduction_range[1])})}}},
       {"coupling",
        {{"linear_stiffness", quantity(body.coupling_linear_stiffness)},
         {"angular_stiffness", quantity(body.coupling_angular_stiffness)},
@@ -157,12 +163,18 @@ BodyModel read_body(const FieldReader& reader) {
   body.bone_start_radius = bone["start_radius"].number();
   body.bone_end_radius = bone["end_radius"].number();
   const FieldReader joint = reader["joint"];
-  joint.expect_keys({"kind", "position_stiffness", "orientation_stiffness", "limit_stiffness", "flexion_range", "abduction_range"});
+  joint.expect_keys(
+      {"kind", "position_stiffness", "orientation_stiffness", "limit_stiffness", "flexion_range", "abduction_range"});
   const std::string kind = joint["kind"].string();
-  const auto found = std::find_if(kKindNames.begin(), kKindNames.end(), [&kind](const auto& entry) { return entry.second == kind; });
+  const auto found =
+      std::find_if(kKindNames.begin(), kKindNames.end(), [&kind](const auto& entry) { return entry.second == kind; });
   if (found == kKindNames.end()) joint["kind"].fail("free, ball, saddle or hinge");
-  body.joint = {found->first, joint["position_stiffness"].number(), joint["orientation_stiffness"].number(), joint["limit_stiffness"].number(),
-                joint["flexion_range"].range(), joint["abduction_range"].range()};
+  body.joint = {found->first,
+                joint["position_stiffness"].number(),
+                joint["orientation_stiffness"].number(),
+                joint["limit_stiffness"].number(),
+                joint["flexion_range"].range(),
+                joint["abduction_range"].range()};
   const FieldReader coupling = reader["coupling"];
   coupling.expect_keys({"linear_stiffness", "angular_stiffness", "force_cap", "torque_cap"});
   body.coupling_linear_stiffness = coupling["linear_stiffness"].number();
@@ -203,13 +215,30 @@ void save_hand(const HandModel& hand, const std::string& path) {
     fill(array);
     json[key] = std::move(array);
   };
-  flat("nodes", [&](Json& a) { for (const Vector3& x : hand.nodes) for (int k = 0; k < 3; ++k) a.push_back(metres(x[k])); });
-  flat("tetrahedra", [&](Json& a) { for (const auto& t : hand.tetrahedra) for (const auto n : t) a.push_back(n); });
-  flat("tetrahedron_material", [&](Json& a) { for (const auto m : hand.tetrahedron_material) a.push_back(m); });
-  flat("surface", [&](Json& a) { for (const auto& t : hand.surface) for (const auto n : t) a.push_back(n); });
-  flat("node_body", [&](Json& a) { for (const auto b : hand.node_body) a.push_back(b); });
-  flat("attachment_body", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.body); });
-  flat("attachment_tetrahedron", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(x.tetrahedron); });
+  flat("nodes", [&](Json& a) {
+    for (const Vector3& x : hand.nodes)
+      for (int k = 0; k < 3; ++k) a.push_back(metres(x[k]));
+  });
+  flat("tetrahedra", [&](Json& a) {
+    for (const auto& t : hand.tetrahedra)
+      for (const auto n : t) a.push_back(n);
+  });
+  flat("tetrahedron_material", [&](Json& a) {
+    for (const auto m : hand.tetrahedron_material) a.push_back(m);
+  });
+  flat("surface", [&](Json& a) {
+    for (const auto& t : hand.surface)
+      for (const auto n : t) a.push_back(n);
+  });
+  flat("node_body", [&](Json& a) {
+    for (const auto b : hand.node_body) a.push_back(b);
+  });
+  flat("attachment_body", [&](Json& a) {
+    for (const auto& x : hand.attachments) a.push_back(x.body);
+  });
+  flat("attachment_tetrahedron", [&](Json& a) {
+    for (const auto& x : hand.attachments) a.push_back(x.tetrahedron);
+  });
   // The last weight is what the rounded others leave, so that a reader finds a sum of 1.
   flat("attachment_weights", [&](Json& a) {
     for (const auto& x : hand.attachments) {
@@ -222,10 +251,20 @@ void save_hand(const HandModel& hand, const std::string& path) {
       a.push_back(fraction(rest));
     }
   });
-  flat("attachment_stiffness", [&](Json& a) { for (const auto& x : hand.attachments) a.push_back(short_decimal(x.stiffness, "%.5g")); });
-  flat("skin_tetrahedron", [&](Json& a) { for (const auto& x : hand.skin_vertices) a.push_back(x.tetrahedron); });
-  flat("skin_weights", [&](Json& a) { for (const auto& x : hand.skin_vertices) for (const auto w : x.weights) a.push_back(short_decimal(static_cast<double>(w), "%.4f")); });
-  flat("skin_triangles", [&](Json& a) { for (const auto& t : hand.skin_triangles) for (const auto n : t) a.push_back(n); });
+  flat("attachment_stiffness", [&](Json& a) {
+    for (const auto& x : hand.attachments) a.push_back(short_decimal(x.stiffness, "%.5g"));
+  });
+  flat("skin_tetrahedron", [&](Json& a) {
+    for (const auto& x : hand.skin_vertices) a.push_back(x.tetrahedron);
+  });
+  flat("skin_weights", [&](Json& a) {
+    for (const auto& x : hand.skin_vertices)
+      for (const auto w : x.weights) a.push_back(short_decimal(static_cast<double>(w), "%.4f"));
+  });
+  flat("skin_triangles", [&](Json& a) {
+    for (const auto& t : hand.skin_triangles)
+      for (const auto n : t) a.push_back(n);
+  });
 
   std::ofstream out(path);
   out << "{\n";
@@ -239,7 +278,8 @@ void save_hand(const HandModel& hand, const std::string& path) {
       continue;
     }
     out << "[\n";
-    for (std::size_t i = 0; i < value.size(); ++i) out << "  " << value[i].dump() << (i + 1 < value.size() ? ",\n" : "\n]");
+    for (std::size_t i = 0; i < value.size(); ++i)
+      out << "  " << value[i].dump() << (i + 1 < value.size() ? ",\n" : "\n]");
   }
   out << "\n}\n";
   out.flush();
@@ -259,9 +299,27 @@ HandModel load_hand(const std::string& path) {
   if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
   if (root["version"].index() != kVersion) root["version"].fail(std::to_string(kVersion));
   if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");
-  root.expect_keys({"format", "version", "units", "name", "side", "notice", "joints", "bodies", "materials", "nodes", "tetrahedra",
-                    "tetrahedron_material", "surface", "node_body", "attachment_body", "attachment_tetrahedron", "attachment_weights",
-                    "attachment_stiffness", "skin_tetrahedron", "skin_weights", "skin_triangles"});
+  root.expect_keys({"format",
+                    "version",
+                    "units",
+                    "name",
+                    "side",
+                    "notice",
+                    "joints",
+                    "bodies",
+                    "materials",
+                    "nodes",
+                    "tetrahedra",
+                    "tetrahedron_material",
+                    "surface",
+                    "node_body",
+                    "attachment_body",
+                    "attachment_tetrahedron",
+                    "attachment_weights",
+                    "attachment_stiffness",
+                    "skin_tetrahedron",
+                    "skin_weights",
+                    "skin_triangles"});
   HandModel hand;
   hand.name = root["name"].string();
   hand.notice = root["notice"].string();
@@ -273,22 +331,26 @@ HandModel load_hand(const std::string& path) {
   if (joints.size() != kJointCount) joints.fail("26 joints");
   for (std::size_t j = 0; j < kJointCount; ++j) {
     joints.at(j).expect_keys({"name", "position", "orientation", "radius"});
-    if (joints.at(j)["name"].string() != kJointNames[j]) joints.at(j)["name"].fail("'" + std::string(kJointNames[j]) + "'");
+    if (joints.at(j)["name"].string() != kJointNames[j])
+      joints.at(j)["name"].fail("'" + std::string(kJointNames[j]) + "'");
     hand.rest_joints[j] = {joints.at(j)["position"].vector(), joints.at(j)["orientation"].quaternion()};
     hand.joint_radii[j] = joints.at(j)["radius"].number();
   }
   const FieldReader bodies = root["bodies"];
   if (bodies.size() != kBodyCount) bodies.fail("21 bodies");
   for (std::size_t b = 0; b < kBodyCount; ++b) {
-    if (bodies.at(b)["name"].string() != kBodyNames[b]) bodies.at(b)["name"].fail("'" + std::string(kBodyNames[b]) + "'");
+    if (bodies.at(b)["name"].string() != kBodyNames[b])
+      bodies.at(b)["name"].fail("'" + std::string(kBodyNames[b]) + "'");
     hand.bodies[b] = read_body(bodies.at(b));
   }
   const FieldReader materials = root["materials"];
   for (std::size_t m = 0; m < materials.size(); ++m) {
     const FieldReader r = materials.at(m);
-    r.expect_keys({"name", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness"});
-    hand.materials.push_back({r["name"].string(), r["density"].number(), r["youngs_modulus"].number(), r["poisson_ratio"].number(),
-                              r["strain_limit_energy"].number(), r["strain_limit_stiffness"].number()});
+    r.expect_keys(
+        {"name", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness"});
+    hand.materials.push_back({r["name"].string(), r["density"].number(), r["youngs_modulus"].number(),
+                              r["poisson_ratio"].number(), r["strain_limit_energy"].number(),
+                              r["strain_limit_stiffness"].number()});
   }
 
   const FieldReader nodes = root["nodes"];
@@ -321,9 +383,12 @@ HandModel load_hand(const std::string& path) {
   const FieldReader attachment_weights = root["attachment_weights"];
   const FieldReader attachment_stiffness = root["attachment_stiffness"];
   hand.attachments.resize(attachment_body.size());
-  if (attachment_tetrahedron.size() != hand.attachments.size()) attachment_tetrahedron.fail("as many items as attachment_body");
-  if (attachment_weights.records(4) != hand.attachments.size()) attachment_weights.fail("four items for each of attachment_body");
-  if (attachment_stiffness.size() != hand.attachments.size()) attachment_stiffness.fail("as many items as attachment_body");
+  if (attachment_tetrahedron.size() != hand.attachments.size())
+    attachment_tetrahedron.fail("as many items as attachment_body");
+  if (attachment_weights.records(4) != hand.attachments.size())
+    attachment_weights.fail("four items for each of attachment_body");
+  if (attachment_stiffness.size() != hand.attachments.size())
+    attachment_stiffness.fail("as many items as attachment_body");
   for (std::size_t a = 0; a < hand.attachments.size(); ++a) {
     Attachment& attachment = hand.attachments[a];
     attachment.body = attachment_body.at(a).index();
@@ -337,10 +402,12 @@ HandModel load_hand(const std::string& path) {
   const FieldReader skin_tetrahedron = root["skin_tetrahedron"];
   const FieldReader skin_weights = root["skin_weights"];
   hand.skin_vertices.resize(skin_tetrahedron.size());
-  if (skin_weights.records(4) != hand.skin_vertices.size()) skin_weights.fail("four items for each of skin_tetrahedron");
+  if (skin_weights.records(4) != hand.skin_vertices.size())
+    skin_weights.fail("four items for each of skin_tetrahedron");
   for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) {
     hand.skin_vertices[v].tetrahedron = skin_tetrahedron.at(v).index();
-    for (std::size_t k = 0; k < 4; ++k) hand.skin_vertices[v].weights[k] = static_cast<float>(skin_weights.at(4 * v + k).number());
+    for (std::size_t k = 0; k < 4; ++k)
+      hand.skin_vertices[v].weights[k] = static_cast<float>(skin_weights.at(4 * v + k).number());
   }
   read_indices("skin_triangles", hand.skin_triangles);
   try {

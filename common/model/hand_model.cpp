@@ -26,8 +26,8 @@ class Checker {
   }
   void number(double value, double minimum, double maximum, const std::string& field) const {
     if (!(value >= minimum && value <= maximum)) {
-      throw std::invalid_argument(where_ + ": " + field + ": expected a number in [" + std::to_string(minimum) + ", " + std::to_string(maximum) +
-                                  "], got " + std::to_string(value));
+      throw std::invalid_argument(where_ + ": " + field + ": expected a number in [" + std::to_string(minimum) + ", " +
+                                  std::to_string(maximum) + "], got " + std::to_string(value));
     }
   }
 
@@ -38,7 +38,8 @@ class Checker {
 std::string at(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
 
 double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
-  // Outward normals of the four faces; the dihedral angle at the edge of two faces is pi minus the angle between their normals.
+  // Outward normals of the four faces; the dihedral angle at the edge of two faces is pi minus the angle between their
+  // normals.
   std::array<Vector3, 4> normals;
   for (std::size_t f = 0; f < 4; ++f) {
     const auto& v = kTetrahedronFaces[f];
@@ -58,9 +59,10 @@ void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   const BodyModel& body = hand.bodies[b];
   const std::string field = "bodies[" + std::string(kBodyNames[b]) + "].";
   check.number(body.mass, 1e-5, 10.0, field + "mass");
-  check(body.joint_from_body.position.allFinite() && body.joint_from_body.position.norm() < kMaximumExtent, field + "centre_of_mass",
-        "a point within 1 m of the joint");
-  check(body.inertia.allFinite() && body.inertia.llt().info() == Eigen::Success && body.inertia.isApprox(body.inertia.transpose()),
+  check(body.joint_from_body.position.allFinite() && body.joint_from_body.position.norm() < kMaximumExtent,
+        field + "centre_of_mass", "a point within 1 m of the joint");
+  check(body.inertia.allFinite() && body.inertia.llt().info() == Eigen::Success &&
+            body.inertia.isApprox(body.inertia.transpose()),
         field + "inertia", "a symmetric positive definite matrix");
   check(body.bone_start.allFinite() && body.bone_end.allFinite(), field + "bone", "finite points");
   check.number(body.bone_start_radius, 0, 0.1, field + "bone.start_radius");
@@ -69,9 +71,11 @@ void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   check.number(joint.position_stiffness, 0, 1e9, field + "joint.position_stiffness");
   check.number(joint.orientation_stiffness, 0, 1e6, field + "joint.orientation_stiffness");
   check.number(joint.limit_stiffness, 0, 1e6, field + "joint.limit_stiffness");
-  for (const auto& [range, name] : {std::pair{joint.flexion_range, "joint.flexion_range"}, std::pair{joint.abduction_range, "joint.abduction_range"}}) {
+  for (const auto& [range, name] : {std::pair{joint.flexion_range, "joint.flexion_range"},
+                                    std::pair{joint.abduction_range, "joint.abduction_range"}}) {
     check(range[0] >= -M_PI && range[1] <= M_PI && range[0] <= 0 && range[1] >= 0, field + name,
-          "radians with -pi <= minimum <= 0 <= maximum <= pi, got " + std::to_string(range[0]) + ", " + std::to_string(range[1]));
+          "radians with -pi <= minimum <= 0 <= maximum <= pi, got " + std::to_string(range[0]) + ", " +
+              std::to_string(range[1]));
   }
   check.number(body.coupling_linear_stiffness, 0, 1e6, field + "coupling.linear_stiffness");
   check.number(body.coupling_angular_stiffness, 0, 1e4, field + "coupling.angular_stiffness");
@@ -90,10 +94,12 @@ void validate_caps(const HandModel& hand, const Checker& check) {
     hand_cap += hand.bodies[b].coupling_force_cap;
   }
   for (std::size_t f = 0; f < kFingerCount; ++f) {
-    check(finger_cap[f] <= kMaximumFingerCap + 1e-9, "bodies.coupling.force_cap", "a sum of at most 20 N over the bodies of the " +
-          std::string(kFingerNames[f]) + ", got " + std::to_string(finger_cap[f]));
+    check(finger_cap[f] <= kMaximumFingerCap + 1e-9, "bodies.coupling.force_cap",
+          "a sum of at most 20 N over the bodies of the " + std::string(kFingerNames[f]) + ", got " +
+              std::to_string(finger_cap[f]));
   }
-  check(hand_cap <= kMaximumHandCap + 1e-9, "bodies.coupling.force_cap", "a sum of at most 100 N over all bodies, got " + std::to_string(hand_cap));
+  check(hand_cap <= kMaximumHandCap + 1e-9, "bodies.coupling.force_cap",
+        "a sum of at most 100 N over all bodies, got " + std::to_string(hand_cap));
 }
 
 void validate_mesh(const HandModel& hand, const Checker& check) {
@@ -105,22 +111,26 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
     check.number(material.density, 1, 1e5, at("materials", m) + ".density");
     check.number(material.youngs_modulus, 1, 1e12, at("materials", m) + ".youngs_modulus");
     check.number(material.poisson_ratio, 0, 0.49999, at("materials", m) + ".poisson_ratio");
-    check(material.strain_limit_energy > 0 && std::isfinite(material.strain_limit_energy), at("materials", m) + ".strain_limit_energy",
-          "a finite number > 0");
-    check(material.strain_limit_stiffness >= 0 && std::isfinite(material.strain_limit_stiffness), at("materials", m) + ".strain_limit_stiffness",
-          "a finite number >= 0");
+    check(material.strain_limit_energy > 0 && std::isfinite(material.strain_limit_energy),
+          at("materials", m) + ".strain_limit_energy", "a finite number > 0");
+    check(material.strain_limit_stiffness >= 0 && std::isfinite(material.strain_limit_stiffness),
+          at("materials", m) + ".strain_limit_stiffness", "a finite number >= 0");
   }
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    check(hand.nodes[n].allFinite() && hand.nodes[n].norm() < kMaximumExtent, at("nodes", n), "finite metres within 1 m of the wrist");
+    check(hand.nodes[n].allFinite() && hand.nodes[n].norm() < kMaximumExtent, at("nodes", n),
+          "finite metres within 1 m of the wrist");
   }
   check(hand.node_body.size() == hand.nodes.size(), "node_body", "one body for each node");
-  for (std::size_t n = 0; n < hand.node_body.size(); ++n) check(hand.node_body[n] < kBodyCount, at("node_body", n), "a body below 21");
+  for (std::size_t n = 0; n < hand.node_body.size(); ++n)
+    check(hand.node_body[n] < kBodyCount, at("node_body", n), "a body below 21");
 
   check(!hand.tetrahedra.empty(), "tetrahedra", "at least one");
-  check(hand.tetrahedron_material.size() == hand.tetrahedra.size(), "tetrahedron_material", "one material for each tetrahedron");
+  check(hand.tetrahedron_material.size() == hand.tetrahedra.size(), "tetrahedron_material",
+        "one material for each tetrahedron");
   std::vector<bool> used(hand.nodes.size(), false);
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    check(hand.tetrahedron_material[t] < hand.materials.size(), at("tetrahedron_material", t), "an index into materials");
+    check(hand.tetrahedron_material[t] < hand.materials.size(), at("tetrahedron_material", t),
+          "an index into materials");
     std::array<Vector3, 4> x;
     for (std::size_t k = 0; k < 4; ++k) {
       const std::int32_t node = hand.tetrahedra[t][k];
@@ -129,7 +139,8 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
       x[k] = hand.nodes[static_cast<std::size_t>(node)];
     }
     const double volume = tetrahedron_volume(x[0], x[1], x[2], x[3]);
-    check(volume > 0, at("tetrahedra", t), "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
+    check(volume > 0, at("tetrahedra", t),
+          "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
     double shortest = std::numeric_limits<double>::infinity();
     double longest = 0;
     for (std::size_t a = 0; a < 4; ++a) {
@@ -141,11 +152,13 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
     }
     check(longest <= kMaximumEdgeRatio * shortest, at("tetrahedra", t), "edges that differ by at most a factor of 50");
     const double dihedral = minimum_dihedral_degrees(x);
-    check(dihedral >= kMinimumDihedralDegrees, at("tetrahedra", t), "dihedral angles of at least 1 degree, got " + std::to_string(dihedral));
+    check(dihedral >= kMinimumDihedralDegrees, at("tetrahedra", t),
+          "dihedral angles of at least 1 degree, got " + std::to_string(dihedral));
   }
   for (std::size_t n = 0; n < used.size(); ++n) check(used[n], at("nodes", n), "a node that some tetrahedron uses");
   for (std::size_t s = 0; s < hand.surface.size(); ++s) {
-    for (const std::int32_t node : hand.surface[s]) check(node >= 0 && node < node_count, at("surface", s), "indices of nodes");
+    for (const std::int32_t node : hand.surface[s])
+      check(node >= 0 && node < node_count, at("surface", s), "indices of nodes");
   }
 }
 
@@ -154,7 +167,8 @@ void validate_embedding(const HandModel& hand, const Checker& check) {
   for (std::size_t a = 0; a < hand.attachments.size(); ++a) {
     const Attachment& attachment = hand.attachments[a];
     check(attachment.body >= 0 && attachment.body < kBodyCount, at("attachment_body", a), "a body below 21");
-    check(attachment.tetrahedron >= 0 && attachment.tetrahedron < tetrahedron_count, at("attachment_tetrahedron", a), "an index of a tetrahedron");
+    check(attachment.tetrahedron >= 0 && attachment.tetrahedron < tetrahedron_count, at("attachment_tetrahedron", a),
+          "an index of a tetrahedron");
     check.number(attachment.stiffness, 0, 1e9, at("attachment_stiffness", a));
     double sum = 0;
     for (const double w : attachment.weights) {
@@ -169,15 +183,16 @@ void validate_embedding(const HandModel& hand, const Checker& check) {
   fits(hand.skin_vertices.size(), kMaxSkinVertices, "skin_tetrahedron");
   fits(hand.skin_triangles.size(), kMaxSkinTriangles, "skin_triangles");
   for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) {
-    check(hand.skin_vertices[v].tetrahedron >= 0 && hand.skin_vertices[v].tetrahedron < tetrahedron_count, at("skin_tetrahedron", v),
-          "an index of a tetrahedron");
+    check(hand.skin_vertices[v].tetrahedron >= 0 && hand.skin_vertices[v].tetrahedron < tetrahedron_count,
+          at("skin_tetrahedron", v), "an index of a tetrahedron");
     double sum = 0;
     for (const float w : hand.skin_vertices[v].weights) sum += static_cast<double>(w);
     check(std::abs(sum - 1.0) < 1e-2, at("skin_weights", v), "a sum of 1");
   }
   const auto vertex_count = static_cast<std::int32_t>(hand.skin_vertices.size());
   for (std::size_t t = 0; t < hand.skin_triangles.size(); ++t) {
-    for (const std::int32_t vertex : hand.skin_triangles[t]) check(vertex >= 0 && vertex < vertex_count, at("skin_triangles", t), "indices of skin vertices");
+    for (const std::int32_t vertex : hand.skin_triangles[t])
+      check(vertex >= 0 && vertex < vertex_count, at("skin_triangles", t), "indices of skin vertices");
   }
 }
 
@@ -194,8 +209,8 @@ void validate(const HandModel& hand, const std::string& where) {
   const Checker check(where);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const std::string field = "joints[" + std::string(kJointNames[j]) + "]";
-    check(hand.rest_joints[j].position.allFinite() && hand.rest_joints[j].position.norm() < kMaximumExtent, field + ".position",
-          "finite metres within 1 m of the wrist");
+    check(hand.rest_joints[j].position.allFinite() && hand.rest_joints[j].position.norm() < kMaximumExtent,
+          field + ".position", "finite metres within 1 m of the wrist");
     check(std::abs(hand.rest_joints[j].orientation.norm() - 1.0) < 1e-6, field + ".orientation", "a unit quaternion");
     check.number(hand.joint_radii[j], 0, 0.1, field + ".radius");
   }
@@ -214,7 +229,8 @@ void drop_loose_nodes(HandModel& hand) {
   std::vector<std::int32_t> renumbered(count, -1);
   const auto keep = [&renumbered](const auto& nodes) {
     for (const std::int32_t node : nodes) {
-      if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size()) renumbered[static_cast<std::size_t>(node)] = 0;
+      if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size())
+        renumbered[static_cast<std::size_t>(node)] = 0;
     }
   };
   for (const auto& tetrahedron : hand.tetrahedra) keep(tetrahedron);
@@ -232,7 +248,8 @@ void drop_loose_nodes(HandModel& hand) {
   const auto renumber = [&renumbered](auto& list) {
     for (auto& nodes : list) {
       for (std::int32_t& node : nodes) {
-        if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size()) node = renumbered[static_cast<std::size_t>(node)];
+        if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size())
+          node = renumbered[static_cast<std::size_t>(node)];
       }
     }
   };
@@ -267,7 +284,8 @@ std::vector<double> lumped_masses(const HandModel& hand) {
   std::vector<double> masses(hand.nodes.size(), 0.0);
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const auto& n = hand.tetrahedra[t];
-    const double share = 0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
+    const double share =
+        0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
     for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
   }
   return masses;

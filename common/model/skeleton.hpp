@@ -1,5 +1,5 @@
-// The fixed anatomy: 26 OpenXR joints, 21 rigid bodies, and how they belong together. The same for every hand; sizes and
-// ranges of motion live in the hand's file (hand_model.hpp).
+// The fixed anatomy: 26 OpenXR joints, 21 rigid bodies, and how they belong together. The same for every hand; sizes
+// and ranges of motion live in the hand's file (hand_model.hpp).
 #pragma once
 
 #include <array>
@@ -17,25 +17,61 @@ inline constexpr int kFingerCount = 5;
 inline constexpr std::size_t kMaxSkinVertices = 20000;
 inline constexpr std::size_t kMaxSkinTriangles = 40000;
 
-/// OpenXR's hand joints in its order (XrHandJointEXT). A joint is named after the bone that lies distally of it; its frame has
-/// -Z along that bone towards the tip and +Y dorsal, on both hands.
+/// OpenXR's hand joints in its order (XrHandJointEXT). A joint is named after the bone that lies distally of it; its
+/// frame has -Z along that bone towards the tip and +Y dorsal, on both hands.
 enum class Joint : std::uint8_t {
-  palm, wrist,
-  thumb_metacarpal, thumb_proximal, thumb_distal, thumb_tip,
-  index_metacarpal, index_proximal, index_intermediate, index_distal, index_tip,
-  middle_metacarpal, middle_proximal, middle_intermediate, middle_distal, middle_tip,
-  ring_metacarpal, ring_proximal, ring_intermediate, ring_distal, ring_tip,
-  little_metacarpal, little_proximal, little_intermediate, little_distal, little_tip,
+  palm,
+  wrist,
+  thumb_metacarpal,
+  thumb_proximal,
+  thumb_distal,
+  thumb_tip,
+  index_metacarpal,
+  index_proximal,
+  index_intermediate,
+  index_distal,
+  index_tip,
+  middle_metacarpal,
+  middle_proximal,
+  middle_intermediate,
+  middle_distal,
+  middle_tip,
+  ring_metacarpal,
+  ring_proximal,
+  ring_intermediate,
+  ring_distal,
+  ring_tip,
+  little_metacarpal,
+  little_proximal,
+  little_intermediate,
+  little_distal,
+  little_tip,
 };
 
-/// The rigid bodies of the skeleton. `carpus` is rigid in the wrist joint's frame; `forearm` too, but lies proximally of it.
+/// The rigid bodies of the skeleton. `carpus` is rigid in the wrist joint's frame; `forearm` too, but lies proximally
+/// of it.
 enum class Body : std::uint8_t {
-  forearm, carpus,
-  thumb_metacarpal, thumb_proximal, thumb_distal,
-  index_metacarpal, index_proximal, index_intermediate, index_distal,
-  middle_metacarpal, middle_proximal, middle_intermediate, middle_distal,
-  ring_metacarpal, ring_proximal, ring_intermediate, ring_distal,
-  little_metacarpal, little_proximal, little_intermediate, little_distal,
+  forearm,
+  carpus,
+  thumb_metacarpal,
+  thumb_proximal,
+  thumb_distal,
+  index_metacarpal,
+  index_proximal,
+  index_intermediate,
+  index_distal,
+  middle_metacarpal,
+  middle_proximal,
+  middle_intermediate,
+  middle_distal,
+  ring_metacarpal,
+  ring_proximal,
+  ring_intermediate,
+  ring_distal,
+  little_metacarpal,
+  little_proximal,
+  little_intermediate,
+  little_distal,
 };
 
 enum class Side : std::uint8_t { left = 0, right = 1 };
@@ -43,21 +79,44 @@ enum class Side : std::uint8_t { left = 0, right = 1 };
 /// Digits, thumb first; `palm` for whatever belongs to none (forearm, carpus).
 enum class Finger : std::uint8_t { thumb, index, middle, ring, little, palm };
 
-inline constexpr std::array<std::string_view, kJointCount> kJointNames{
-    "palm", "wrist",
-    "thumb_metacarpal", "thumb_proximal", "thumb_distal", "thumb_tip",
-    "index_metacarpal", "index_proximal", "index_intermediate", "index_distal", "index_tip",
-    "middle_metacarpal", "middle_proximal", "middle_intermediate", "middle_distal", "middle_tip",
-    "ring_metacarpal", "ring_proximal", "ring_intermediate", "ring_distal", "ring_tip",
-    "little_metacarpal", "little_proximal", "little_intermediate", "little_distal", "little_tip"};
+inline constexpr std::array<std::string_view, kJointCount> kJointNames{"palm",
+                                                                       "wrist",
+                                                                       "thumb_metacarpal",
+                                                                       "thumb_proximal",
+                                                                       "thumb_distal",
+                                                                       "thumb_tip",
+                                                                       "index_metacarpal",
+                                                                       "index_proximal",
+                                                                       "index_intermediate",
+                                                                       "index_distal",
+                                                                       "index_tip",
+                                                                       "middle_metacarpal",
+                                                                       "middle_proximal",
+                                                                       "middle_intermediate",
+                                                                       "middle_distal",
+                                                                       "middle_tip",
+                                                                       "ring_metacarpal",
+                                                                       "ring_proximal",
+                                                                       "ring_intermediate",
+                                                                       "ring_distal",
+                                                                       "ring_tip",
+                                                                       "little_metacarpal",
+                                                                       "little_proximal",
+                                                                       "little_intermediate",
+                                                                       "little_distal",
+                                                                       "little_tip"};
 
-inline constexpr std::array<std::string_view, kBodyCount> kBodyNames{
-    "forearm", "carpus",
-    "thumb_metacarpal", "thumb_proximal", "thumb_distal",
-    "index_metacarpal", "index_proximal", "index_intermediate", "index_distal",
-    "middle_metacarpal", "middle_proximal", "middle_intermediate", "middle_distal",
-    "ring_metacarpal", "ring_proximal", "ring_intermediate", "ring_distal",
-    "little_metacarpal", "little_proximal", "little_intermediate", "little_distal"};
+inline constexpr std::array<std::string_view, kBodyCount> kBodyNames{"forearm",          "carpus",
+                                                                     "thumb_metacarpal", "thumb_proximal",
+                                                                     "thumb_distal",     "index_metacarpal",
+                                                                     "index_proximal",   "index_intermediate",
+                                                                     "index_distal",     "middle_metacarpal",
+                                                                     "middle_proximal",  "middle_intermediate",
+                                                                     "middle_distal",    "ring_metacarpal",
+                                                                     "ring_proximal",    "ring_intermediate",
+                                                                     "ring_distal",      "little_metacarpal",
+                                                                     "little_proximal",  "little_intermediate",
+                                                                     "little_distal"};
 
 inline constexpr std::array<std::string_view, 6> kFingerNames{"thumb", "index", "middle", "ring", "little", "palm"};
 
@@ -84,7 +143,8 @@ constexpr Body body_of(Joint joint) {
   return static_cast<Body>(5 + 4 * finger + (k == 4 ? 3 : k));
 }
 
-/// The body on the proximal side of the body's joint: forearm for the carpus, carpus for metacarpals; the forearm is its own.
+/// The body on the proximal side of the body's joint: forearm for the carpus, carpus for metacarpals; the forearm is
+/// its own.
 constexpr Body parent_of(Body body) {
   const int b = index_of(body);
   if (b < 2) return Body::forearm;
@@ -92,7 +152,8 @@ constexpr Body parent_of(Body body) {
   return static_cast<Body>(b - 1);
 }
 
-/// The next joint towards the tip, where the body's bone ends; the wrist for forearm, the middle metacarpal for the carpus.
+/// The next joint towards the tip, where the body's bone ends; the wrist for forearm, the middle metacarpal for the
+/// carpus.
 constexpr Joint end_joint_of(Body body) {
   if (body == Body::forearm) return Joint::wrist;
   if (body == Body::carpus) return Joint::middle_metacarpal;

@@ -1,5 +1,5 @@
-// State: everything that varies, in one process's hand simulation. Written by the solver; between steps the scene places
-// the hand and the objects, and puts tangled tissue back.
+// State: everything that varies, in one process's hand simulation. Written by the solver; between steps the scene
+// places the hand and the objects, and puts tangled tissue back.
 #pragma once
 
 #include <vector>
@@ -8,7 +8,8 @@
 
 namespace softhand {
 
-/// Which block (of three degrees of freedom) belongs to what: nodes first, then two blocks a body (translation, rotation).
+/// Which block (of three degrees of freedom) belongs to what: nodes first, then two blocks a body (translation,
+/// rotation).
 struct DofLayout {
   int node_count = 0;
   int body_count = 0;

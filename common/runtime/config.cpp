@@ -56,7 +56,9 @@ std::string expected_choice(const std::vector<std::string_view>& allowed) {
   return text;
 }
 
-bool inside(double value, Range range) { return std::isfinite(value) && value >= range.minimum && value <= range.maximum; }
+bool inside(double value, Range range) {
+  return std::isfinite(value) && value >= range.minimum && value <= range.maximum;
+}
 
 std::optional<double> number_in(const toml::node& node) {
   if (const auto* integer = node.as_integer()) return static_cast<double>(integer->get());
@@ -84,7 +86,8 @@ std::string suggestion(std::string_view key, const std::vector<std::string>& kno
   const std::string* best = nullptr;
   for (const std::string& candidate : known) {
     // A missing or added suffix such as a unit is as likely as a typing error.
-    const bool prefix = key.size() >= 3 && (candidate.rfind(key, 0) == 0 || (candidate.size() >= 3 && key.rfind(candidate, 0) == 0));
+    const bool prefix =
+        key.size() >= 3 && (candidate.rfind(key, 0) == 0 || (candidate.size() >= 3 && key.rfind(candidate, 0) == 0));
     const std::size_t distance = prefix ? 1 : edit_distance(key, candidate);
     if (distance < best_distance) {
       best_distance = distance;
@@ -93,7 +96,8 @@ std::string suggestion(std::string_view key, const std::vector<std::string>& kno
   }
   if (best != nullptr) return fmt::format("; did you mean '{}'?", *best);
   std::string text;
-  for (const std::string& candidate : known) text += fmt::format("{}{}", text.empty() ? "; known here: " : ", ", candidate);
+  for (const std::string& candidate : known)
+    text += fmt::format("{}{}", text.empty() ? "; known here: " : ", ", candidate);
   return text;
 }
 
@@ -107,7 +111,8 @@ std::string assign(const toml::node& node, double& value, std::string_view unit,
 
 std::string assign(const toml::node& node, std::int64_t& value, std::string_view unit, Range range) {
   const auto* integer = node.as_integer();
-  if (integer == nullptr || !inside(static_cast<double>(integer->get()), range)) return expected_number("integer", unit, range);
+  if (integer == nullptr || !inside(static_cast<double>(integer->get()), range))
+    return expected_number("integer", unit, range);
   value = integer->get();
   return {};
 }
@@ -128,7 +133,8 @@ std::string assign(const toml::node& node, std::string& value) {
 
 std::string assign(const toml::node& node, std::string& value, const std::vector<std::string_view>& allowed) {
   const auto* text = node.as_string();
-  if (text == nullptr || std::find(allowed.begin(), allowed.end(), text->get()) == allowed.end()) return expected_choice(allowed);
+  if (text == nullptr || std::find(allowed.begin(), allowed.end(), text->get()) == allowed.end())
+    return expected_choice(allowed);
   value = text->get();
   return {};
 }
@@ -169,7 +175,8 @@ class TomlReader final : public OptionVisitor {
   void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, value, unit, range); });
   }
-  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view) override {
+  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range,
+               std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, value, unit, range); });
   }
   void flag(std::string_view key, bool& value, std::string_view) override {
@@ -178,10 +185,12 @@ class TomlReader final : public OptionVisitor {
   void string(std::string_view key, std::string& value, std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, value); });
   }
-  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view) override {
+  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
+              std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, value, allowed); });
   }
-  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range, std::string_view) override {
+  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range,
+               std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, values, count, unit, range); });
   }
   void section(std::string_view key, std::string_view, const std::function<void(OptionVisitor&)>& members) override {
@@ -193,18 +202,21 @@ class TomlReader final : public OptionVisitor {
       refuse(*node, key, fmt::format("a table [{}]", joined(prefix_, key)));
     }
   }
-  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size, const std::function<void()>& append,
+  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size,
+            const std::function<void()>& append,
             const std::function<void(OptionVisitor&, std::size_t)>& element) override {
     const toml::node* node = take(key);
     if (node == nullptr) return;
     const toml::array* array = node->as_array();
-    if (array == nullptr || !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
+    if (array == nullptr ||
+        !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
       refuse(*node, key, fmt::format("an array of tables [[{}]]", joined(prefix_, key)));
       return;
     }
     for (std::size_t i = 0; i < array->size(); ++i) {
       if (i == size()) append();
-      read(*array->get(i)->as_table(), fmt::format("{}.{}", joined(prefix_, key), i), [&](OptionVisitor& v) { element(v, i); });
+      read(*array->get(i)->as_table(), fmt::format("{}.{}", joined(prefix_, key), i),
+           [&](OptionVisitor& v) { element(v, i); });
     }
   }
 
@@ -212,7 +224,8 @@ class TomlReader final : public OptionVisitor {
     for (const auto& [key, node] : table_) {
       if (std::find(known_.begin(), known_.end(), key.str()) != known_.end()) continue;
       if (std::find(foreign.begin(), foreign.end(), key.str()) != foreign.end()) continue;
-      errors_.push_back({key.source().begin, fmt::format("unknown key '{}'{}", joined(prefix_, key.str()), suggestion(key.str(), known_))});
+      errors_.push_back({key.source().begin,
+                         fmt::format("unknown key '{}'{}", joined(prefix_, key.str()), suggestion(key.str(), known_))});
     }
   }
 
@@ -228,7 +241,8 @@ class TomlReader final : public OptionVisitor {
     if (const std::string expected = assign_node(*node); !expected.empty()) refuse(*node, key, expected);
   }
   void refuse(const toml::node& node, std::string_view key, const std::string& expected) {
-    errors_.push_back({node.source().begin, fmt::format("key '{}': expected {}, got {}", joined(prefix_, key), expected, text_of(node))});
+    errors_.push_back({node.source().begin,
+                       fmt::format("key '{}': expected {}, got {}", joined(prefix_, key), expected, text_of(node))});
   }
   void read(const toml::table& table, std::string prefix, const Description& members) {
     TomlReader inner(table, std::move(prefix), errors_);
@@ -248,14 +262,18 @@ class LeafVisitor : public OptionVisitor {
   void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view text) override {
     leaf(key, text_of(value), unit, range_text(range), text);
   }
-  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view text) override {
+  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range,
+               std::string_view text) override {
     leaf(key, std::to_string(value), unit, range_text(range), text);
   }
   void flag(std::string_view key, bool& value, std::string_view text) override {
     leaf(key, value ? "true" : "false", "", "true, false", text);
   }
-  void string(std::string_view key, std::string& value, std::string_view text) override { leaf(key, toml_string(value), "", "", text); }
-  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view text) override {
+  void string(std::string_view key, std::string& value, std::string_view text) override {
+    leaf(key, toml_string(value), "", "", text);
+  }
+  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
+              std::string_view text) override {
     std::string all;
     for (const std::string_view one : allowed) all += fmt::format("{}\"{}\"", all.empty() ? "" : ", ", one);
     leaf(key, toml_string(value), "", all, text);
@@ -299,38 +317,46 @@ class Overrider final : public OptionVisitor {
 
   void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view) override {
     leaf(
-        key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return text_of(value); }, false);
+        key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return text_of(value); },
+        false);
   }
-  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view) override {
+  void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range,
+               std::string_view) override {
     leaf(
-        key, [&](const toml::node& node) { return assign(node, value, unit, range); }, [&] { return std::to_string(value); }, false);
+        key, [&](const toml::node& node) { return assign(node, value, unit, range); },
+        [&] { return std::to_string(value); }, false);
   }
   void flag(std::string_view key, bool& value, std::string_view) override {
     leaf(
-        key, [&](const toml::node& node) { return assign(node, value); }, [&] { return std::string(value ? "true" : "false"); }, false);
+        key, [&](const toml::node& node) { return assign(node, value); },
+        [&] { return std::string(value ? "true" : "false"); }, false);
   }
   void string(std::string_view key, std::string& value, std::string_view) override {
     leaf(
         key, [&](const toml::node& node) { return assign(node, value); }, [&] { return toml_string(value); }, true);
   }
-  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view) override {
+  void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
+              std::string_view) override {
     leaf(
-        key, [&](const toml::node& node) { return assign(node, value, allowed); }, [&] { return toml_string(value); }, true);
+        key, [&](const toml::node& node) { return assign(node, value, allowed); }, [&] { return toml_string(value); },
+        true);
   }
-  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range, std::string_view) override {
+  void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range,
+               std::string_view) override {
     leaf(
-        key, [&](const toml::node& node) { return assign(node, values, count, unit, range); }, [&] { return text_of(values, count); },
-        false);
+        key, [&](const toml::node& node) { return assign(node, values, count, unit, range); },
+        [&] { return text_of(values, count); }, false);
   }
   void section(std::string_view key, std::string_view, const std::function<void(OptionVisitor&)>& members) override {
     if (!matches(key)) return;
     if (depth_ + 1 == path_.size()) refuse("a key inside this table");
     enter(depth_ + 1, members);
   }
-  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size, const std::function<void()>&,
-            const std::function<void(OptionVisitor&, std::size_t)>& element) override {
+  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size,
+            const std::function<void()>&, const std::function<void(OptionVisitor&, std::size_t)>& element) override {
     if (!matches(key)) return;
-    if (depth_ + 2 >= path_.size()) refuse(fmt::format("{}.INDEX.KEY or {}.NAME.KEY of this list of {}", key, key, size()));
+    if (depth_ + 2 >= path_.size())
+      refuse(fmt::format("{}.INDEX.KEY or {}.NAME.KEY of this list of {}", key, key, size()));
     const std::size_t index = find_element(path_[depth_ + 1], size(), element);
     enter(depth_ + 2, [&](OptionVisitor& v) { element(v, index); });
   }
@@ -349,21 +375,25 @@ class Overrider final : public OptionVisitor {
     known_.clear();
     found_ = false;
     members(*this);
-    if (!found_) throw ConfigError(fmt::format("--set {}: unknown key '{}'{}", key_, path_[depth_], suggestion(path_[depth_], known_)));
+    if (!found_)
+      throw ConfigError(
+          fmt::format("--set {}: unknown key '{}'{}", key_, path_[depth_], suggestion(path_[depth_], known_)));
     depth_ = outer_depth;
     known_ = std::move(outer_known);
   }
   [[noreturn]] void refuse(const std::string& expected) const {
     throw ConfigError(fmt::format("--set {}: expected {}, got {}", key_, expected, value_));
   }
-  std::size_t find_element(const std::string& selector, std::size_t size, const std::function<void(OptionVisitor&, std::size_t)>& element) {
+  std::size_t find_element(const std::string& selector, std::size_t size,
+                           const std::function<void(OptionVisitor&, std::size_t)>& element) {
     std::vector<std::string> names;
     std::optional<std::size_t> match;
     for (std::size_t i = 0; i < size; ++i) {
       NameProbe probe;
       element(probe, i);
       if (probe.name == selector) {
-        if (match) throw ConfigError(fmt::format("--set {}: two elements are named '{}'; use the index", key_, selector));
+        if (match)
+          throw ConfigError(fmt::format("--set {}: two elements are named '{}'; use the index", key_, selector));
         match = i;
       }
       if (!probe.name.empty()) names.push_back(probe.name);
@@ -372,12 +402,14 @@ class Overrider final : public OptionVisitor {
     const bool digits = !selector.empty() && selector.size() < 10 &&
                         std::all_of(selector.begin(), selector.end(), [](char c) { return c >= '0' && c <= '9'; });
     if (digits && std::stoul(selector) < size) return std::stoul(selector);
-    throw ConfigError(fmt::format("--set {}: no element '{}' in a list of {}{}", key_, selector, size, suggestion(selector, names)));
+    throw ConfigError(
+        fmt::format("--set {}: no element '{}' in a list of {}{}", key_, selector, size, suggestion(selector, names)));
   }
   template <typename Assign, typename Text>
   void leaf(std::string_view key, const Assign& assign_node, const Text& text, bool bare_string) {
     if (!matches(key)) return;
-    if (depth_ + 1 != path_.size()) throw ConfigError(fmt::format("--set {}: '{}' is a value and has no keys", key_, key));
+    if (depth_ + 1 != path_.size())
+      throw ConfigError(fmt::format("--set {}: '{}' is a value and has no keys", key_, key));
     before_ = text();
     toml::table parsed;
     try {
@@ -415,12 +447,14 @@ std::string escaped(std::string_view text) {
 class ReferencePrinter final : public LeafVisitor {
  public:
   explicit ReferencePrinter(std::string& out) : out_(out) {}
-  void section(std::string_view key, std::string_view text, const std::function<void(OptionVisitor&)>& members) override {
+  void section(std::string_view key, std::string_view text,
+               const std::function<void(OptionVisitor&)>& members) override {
     const std::string full = joined(prefix_, key);
     row(fmt::format("**[{}]**", full), "", "", "", text);
     inside_of(full, members);
   }
-  void list(std::string_view key, std::string_view text, const std::function<std::size_t()>& size, const std::function<void()>& append,
+  void list(std::string_view key, std::string_view text, const std::function<std::size_t()>& size,
+            const std::function<void()>& append,
             const std::function<void(OptionVisitor&, std::size_t)>& element) override {
     const std::string full = joined(prefix_, key);
     row(fmt::format("**[[{}]]**", full), fmt::format("{} elements", size()), "", "", text);
@@ -436,8 +470,10 @@ class ReferencePrinter final : public LeafVisitor {
   }
 
  private:
-  void row(const std::string& key, const std::string& value, std::string_view unit, const std::string& range, std::string_view text) {
-    out_ += fmt::format("| {} | {} | {} | {} | {} |\n", key, escaped(value), escaped(unit), escaped(range), escaped(text));
+  void row(const std::string& key, const std::string& value, std::string_view unit, const std::string& range,
+           std::string_view text) {
+    out_ +=
+        fmt::format("| {} | {} | {} | {} | {} |\n", key, escaped(value), escaped(unit), escaped(range), escaped(text));
   }
   void inside_of(const std::string& prefix, const Description& members) {
     const std::string outer = std::exchange(prefix_, prefix);
@@ -451,19 +487,26 @@ class ReferencePrinter final : public LeafVisitor {
 class JsonWriter final : public OptionVisitor {
  public:
   explicit JsonWriter(nlohmann::ordered_json& out) : out_(out) {}
-  void number(std::string_view key, double& value, std::string_view, Range, std::string_view) override { at(key) = value; }
-  void integer(std::string_view key, std::int64_t& value, std::string_view, Range, std::string_view) override { at(key) = value; }
+  void number(std::string_view key, double& value, std::string_view, Range, std::string_view) override {
+    at(key) = value;
+  }
+  void integer(std::string_view key, std::int64_t& value, std::string_view, Range, std::string_view) override {
+    at(key) = value;
+  }
   void flag(std::string_view key, bool& value, std::string_view) override { at(key) = value; }
   void string(std::string_view key, std::string& value, std::string_view) override { at(key) = value; }
-  void choice(std::string_view key, std::string& value, std::vector<std::string_view>, std::string_view) override { at(key) = value; }
-  void numbers(std::string_view key, double* values, std::size_t count, std::string_view, Range, std::string_view) override {
+  void choice(std::string_view key, std::string& value, std::vector<std::string_view>, std::string_view) override {
+    at(key) = value;
+  }
+  void numbers(std::string_view key, double* values, std::size_t count, std::string_view, Range,
+               std::string_view) override {
     at(key) = std::vector<double>(values, values + count);
   }
   void section(std::string_view key, std::string_view, const std::function<void(OptionVisitor&)>& members) override {
     at(key) = to_json(members);
   }
-  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size, const std::function<void()>&,
-            const std::function<void(OptionVisitor&, std::size_t)>& element) override {
+  void list(std::string_view key, std::string_view, const std::function<std::size_t()>& size,
+            const std::function<void()>&, const std::function<void(OptionVisitor&, std::size_t)>& element) override {
     nlohmann::ordered_json elements = nlohmann::ordered_json::array();
     for (std::size_t i = 0; i < size(); ++i) elements.push_back(to_json([&](OptionVisitor& v) { element(v, i); }));
     at(key) = std::move(elements);
@@ -497,13 +540,15 @@ void read_toml_text(const Description& description, std::string_view text, const
   if (errors.empty()) return;
   std::stable_sort(errors.begin(), errors.end(), [](const auto& a, const auto& b) { return a.where < b.where; });
   std::string message;
-  for (const auto& error : errors) message += fmt::format("{}{}:{}: {}", message.empty() ? "" : "\n", path, error.where.line, error.text);
+  for (const auto& error : errors)
+    message += fmt::format("{}{}:{}: {}", message.empty() ? "" : "\n", path, error.where.line, error.text);
   throw ConfigError(message);
 }
 
 AppliedOverride apply_override(const Description& description, std::string_view assignment) {
   const std::size_t equals = assignment.find('=');
-  if (equals == std::string_view::npos || equals == 0) throw ConfigError(fmt::format("--set {}: expected KEY=VALUE", assignment));
+  if (equals == std::string_view::npos || equals == 0)
+    throw ConfigError(fmt::format("--set {}: expected KEY=VALUE", assignment));
   std::vector<std::string> path;
   std::stringstream key{std::string(assignment.substr(0, equals))};
   for (std::string part; std::getline(key, part, '.');) path.push_back(part);
@@ -512,7 +557,8 @@ AppliedOverride apply_override(const Description& description, std::string_view 
 }
 
 std::string reference_markdown(const Description& description, std::string_view title) {
-  std::string out = fmt::format("## {}\n\n| key | default | unit | range | meaning |\n| --- | --- | --- | --- | --- |\n", title);
+  std::string out =
+      fmt::format("## {}\n\n| key | default | unit | range | meaning |\n| --- | --- | --- | --- | --- |\n", title);
   ReferencePrinter printer(out);
   description(printer);
   return out;

@@ -1,5 +1,5 @@
-// What can be done with described options (options.hpp): read TOML, override one key, print the reference page, dump effective values.
-// One description serves all four, so they cannot disagree. All of this runs before the loops start.
+// What can be done with described options (options.hpp): read TOML, override one key, print the reference page, dump
+// effective values. One description serves all four, so they cannot disagree. All of this runs before the loops start.
 #pragma once
 
 #include <functional>
@@ -14,8 +14,8 @@
 
 namespace softhand {
 
-/// A configuration that cannot be used. what() names file and line or override, key, what was expected and what stood there; several
-/// errors stand on a line each.
+/// A configuration that cannot be used. what() names file and line or override, key, what was expected and what stood
+/// there; several errors stand on a line each.
 class ConfigError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -38,12 +38,14 @@ std::string reference_markdown(const Description& description, std::string_view 
 nlohmann::ordered_json to_json(const Description& description);
 }  // namespace config_detail
 
-/// Reads TOML `text` into `options`; `path` only names it in errors. Keys that are missing keep their values; an array of tables overlays
-/// the elements that are there already, in order, and appends the rest. Unknown keys (with the nearest known one), wrong types, values out
-/// of range and non-finite numbers are refused together, sorted by line. Throws ConfigError, and then `options` is unchanged.
-/// `foreign` are top-level keys of a shared file (a scene) that other programs read: they are passed over.
+/// Reads TOML `text` into `options`; `path` only names it in errors. Keys that are missing keep their values; an array
+/// of tables overlays the elements that are there already, in order, and appends the rest. Unknown keys (with the
+/// nearest known one), wrong types, values out of range and non-finite numbers are refused together, sorted by line.
+/// Throws ConfigError, and then `options` is unchanged. `foreign` are top-level keys of a shared file (a scene) that
+/// other programs read: they are passed over.
 template <typename T>
-void read_toml_text(T& options, std::string_view text, const std::string& path, const std::vector<std::string_view>& foreign = {}) {
+void read_toml_text(T& options, std::string_view text, const std::string& path,
+                    const std::vector<std::string_view>& foreign = {}) {
   T fresh = options;
   config_detail::read_toml_text([&fresh](OptionVisitor& v) { describe(v, fresh); }, text, path, foreign);
   options = std::move(fresh);
@@ -55,13 +57,14 @@ void read_toml(T& options, const std::string& path, const std::vector<std::strin
   read_toml_text(options, config_detail::read_whole_file(path), path, foreign);
 }
 
-/// Applies `--set dotted.path=value`, e.g. `hand.rate_hz=90`, `objects.0.mass=0.1`, or `objects.cube.mass=0.1` where an element of the list
-/// has the string key `name = "cube"`. The value is written as in TOML; strings may go without quotes. Throws ConfigError that names the
-/// key and what was expected, and then `options` is unchanged.
+/// Applies `--set dotted.path=value`, e.g. `hand.rate_hz=90`, `objects.0.mass=0.1`, or `objects.cube.mass=0.1` where an
+/// element of the list has the string key `name = "cube"`. The value is written as in TOML; strings may go without
+/// quotes. Throws ConfigError that names the key and what was expected, and then `options` is unchanged.
 template <typename T>
 AppliedOverride apply_override(T& options, std::string_view assignment) {
   T fresh = options;
-  AppliedOverride applied = config_detail::apply_override([&fresh](OptionVisitor& v) { describe(v, fresh); }, assignment);
+  AppliedOverride applied =
+      config_detail::apply_override([&fresh](OptionVisitor& v) { describe(v, fresh); }, assignment);
   options = std::move(fresh);
   return applied;
 }

@@ -1,7 +1,8 @@
-// Options: each is written once in code, with default, unit, range and text. The same description reads TOML, applies `--set`
-// overrides, and prints the reference page.
+// Options: each is written once in code, with default, unit, range and text. The same description reads TOML, applies
+// `--set` overrides, and prints the reference page.
 //
-// A struct of options has plain members with their defaults and one overload `void describe(OptionVisitor&, T&)` beside it:
+// A struct of options has plain members with their defaults and one overload `void describe(OptionVisitor&, T&)` beside
+// it:
 //
 //   struct TrackingOptions { double rate_hz = 1000; };
 //   inline void describe(OptionVisitor& v, TrackingOptions& o) {
@@ -29,18 +30,24 @@ struct Range {
 class OptionVisitor {
  public:
   virtual ~OptionVisitor() = default;
-  virtual void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view text) = 0;
-  virtual void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range, std::string_view text) = 0;
+  virtual void number(std::string_view key, double& value, std::string_view unit, Range range,
+                      std::string_view text) = 0;
+  virtual void integer(std::string_view key, std::int64_t& value, std::string_view unit, Range range,
+                       std::string_view text) = 0;
   virtual void flag(std::string_view key, bool& value, std::string_view text) = 0;
   virtual void string(std::string_view key, std::string& value, std::string_view text) = 0;
   /// A string out of `allowed`.
-  virtual void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed, std::string_view text) = 0;
+  virtual void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
+                      std::string_view text) = 0;
   /// A fixed number of numbers, e.g. a vector or a quaternion xyzw.
-  virtual void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range, std::string_view text) = 0;
+  virtual void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range,
+                       std::string_view text) = 0;
   /// A table `[key]`.
-  virtual void section(std::string_view key, std::string_view text, const std::function<void(OptionVisitor&)>& members) = 0;
+  virtual void section(std::string_view key, std::string_view text,
+                       const std::function<void(OptionVisitor&)>& members) = 0;
   /// An array of tables `[[key]]`: `append` adds a default element, `element(i)` describes the i-th.
-  virtual void list(std::string_view key, std::string_view text, const std::function<std::size_t()>& size, const std::function<void()>& append,
+  virtual void list(std::string_view key, std::string_view text, const std::function<std::size_t()>& size,
+                    const std::function<void()>& append,
                     const std::function<void(OptionVisitor&, std::size_t)>& element) = 0;
 };
 
@@ -51,8 +58,9 @@ void describe_section(OptionVisitor& v, std::string_view key, std::string_view t
 }
 template <typename T>
 void describe_list(OptionVisitor& v, std::string_view key, std::string_view text, std::vector<T>& values) {
-  v.list(key, text, [&values] { return values.size(); }, [&values] { values.emplace_back(); },
-         [&values](OptionVisitor& inner, std::size_t i) { describe(inner, values[i]); });
+  v.list(
+      key, text, [&values] { return values.size(); }, [&values] { values.emplace_back(); },
+      [&values](OptionVisitor& inner, std::size_t i) { describe(inner, values[i]); });
 }
 
 }  // namespace softhand

@@ -47,7 +47,8 @@ void PeriodicLoop::fill(LoopStatus& status) const {
 std::vector<std::string> request_real_time(int priority) {
   std::vector<std::string> warnings;
 #if defined(__GLIBC__)
-  // Locked memory is resident, stacks too: at glibc's 8 MB each those of a DDS participant's threads are half of a service's memory.
+  // Locked memory is resident, stacks too: at glibc's 8 MB each those of a DDS participant's threads are half of a
+  // service's memory.
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
   pthread_attr_setstacksize(&attributes, kThreadStack);

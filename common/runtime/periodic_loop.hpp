@@ -14,9 +14,9 @@
 
 namespace softhand {
 
-/// When steps are due, apart from any clock. Steps lie on the grid start + n * period and never drift from it. A step that ends after the
-/// next one was due is followed at once by one late step; the further ones that it made late are skipped for good, so that a stall is never
-/// made up for by a burst.
+/// When steps are due, apart from any clock. Steps lie on the grid start + n * period and never drift from it. A step
+/// that ends after the next one was due is followed at once by one late step; the further ones that it made late are
+/// skipped for good, so that a stall is never made up for by a burst.
 class Schedule {
  public:
   Schedule(Nanoseconds start, Nanoseconds period) : due_(start), period_(period) {}
@@ -39,21 +39,23 @@ class Schedule {
   std::uint64_t misses_ = 0;
 };
 
-/// Runs a step at a rate in the calling thread and measures it. Nothing allocates, locks or logs after construction, as far as the step
-/// does not.
+/// Runs a step at a rate in the calling thread and measures it. Nothing allocates, locks or logs after construction, as
+/// far as the step does not.
 class PeriodicLoop {
  public:
   /// Throws std::invalid_argument unless rate_hz is in [0.1, 100000].
   explicit PeriodicLoop(double rate_hz);
 
-  /// Calls `step(start)` on time, with the time of its actual start, until `stop` is set; looks at `stop` once a period.
+  /// Calls `step(start)` on time, with the time of its actual start, until `stop` is set; looks at `stop` once a
+  /// period.
   template <typename Step>
   void run(const std::atomic<bool>& stop, Step&& step) {
     run(stop, SimulatedClock(), step, [](Nanoseconds) {});
   }
 
-  /// Lays the grid on `clock`, which may be commanded meanwhile, and gives `step` its time: a slowed clock has as many steps a simulated second as ever.
-  /// `between(now)`, of real time, is called after each step, and 50 times a second at least while the clock keeps the next one waiting.
+  /// Lays the grid on `clock`, which may be commanded meanwhile, and gives `step` its time: a slowed clock has as many
+  /// steps a simulated second as ever. `between(now)`, of real time, is called after each step, and 50 times a second
+  /// at least while the clock keeps the next one waiting.
   template <typename Step, typename Between>
   void run(const std::atomic<bool>& stop, const SimulatedClock& clock, Step&& step, Between&& between) {
     schedule_ = Schedule(clock.at(now()), period_);
@@ -74,7 +76,8 @@ class PeriodicLoop {
     }
   }
 
-  /// Process id, rates, step times, steps and misses; call it within the step, or after the run. The other fields stay as they are.
+  /// Process id, rates, step times, steps and misses; call it within the step, or after the run. The other fields stay
+  /// as they are.
   void fill(LoopStatus& status) const;
 
   std::uint64_t steps() const { return steps_; }
@@ -92,9 +95,9 @@ class PeriodicLoop {
   std::uint64_t steps_ = 0;
 };
 
-/// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each that the system
-/// refused, with the reason: the loop then runs all the same, with less certain times. Threads started later inherit the priority, and have
-/// stacks of a megabyte.
+/// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each
+/// that the system refused, with the reason: the loop then runs all the same, with less certain times. Threads started
+/// later inherit the priority, and have stacks of a megabyte.
 std::vector<std::string> request_real_time(int priority);
 
 }  // namespace softhand

@@ -18,7 +18,15 @@ static_assert(std::endian::native == std::endian::little);  // as MCAP's integer
 constexpr std::array<unsigned char, 8> kMagic{0x89, 'M', 'C', 'A', 'P', 0x30, '\r', '\n'};
 constexpr std::size_t kPrefix = 9;  // opcode and length of a record
 
-enum Opcode : std::uint8_t { kHeader = 1, kFooter = 2, kSchema = 3, kChannel = 4, kMessage = 5, kChunk = 6, kDataEnd = 15 };
+enum Opcode : std::uint8_t {
+  kHeader = 1,
+  kFooter = 2,
+  kSchema = 3,
+  kChannel = 4,
+  kMessage = 5,
+  kChunk = 6,
+  kDataEnd = 15
+};
 
 // Takes values from a record's content; `good` falls when it runs out.
 struct Cursor {
@@ -69,7 +77,8 @@ RecordWriter::~RecordWriter() {
 }
 
 std::uint16_t RecordWriter::add_channel(const RecordChannel& channel) {
-  if (channel_count_ == std::numeric_limits<std::uint16_t>::max()) throw std::runtime_error(path_ + ": too many channels");
+  if (channel_count_ == std::numeric_limits<std::uint16_t>::max())
+    throw std::runtime_error(path_ + ": too many channels");
   const auto id = static_cast<std::uint16_t>(channel_count_ + 1);  // 0 means no schema
   if (!channel.schema_name.empty()) {
     begin_record(kSchema);
@@ -91,7 +100,8 @@ std::uint16_t RecordWriter::add_channel(const RecordChannel& channel) {
 
 void RecordWriter::write(std::uint16_t channel, std::uint32_t sequence, Nanoseconds log_time, Nanoseconds publish_time,
                          std::span<const std::byte> payload) {
-  if (channel == 0 || channel > channel_count_) throw std::runtime_error(path_ + ": no channel " + std::to_string(channel));
+  if (channel == 0 || channel > channel_count_)
+    throw std::runtime_error(path_ + ": no channel " + std::to_string(channel));
   begin_record(kMessage);
   append(channel);
   append(sequence);
@@ -171,7 +181,8 @@ RecordReader::RecordReader(const std::string& path) : path_(path), file_(path, s
   file_.seekg(0);
   std::array<char, kMagic.size()> magic{};
   file_.read(magic.data(), magic.size());
-  if (!file_ || std::memcmp(magic.data(), kMagic.data(), magic.size()) != 0) throw std::runtime_error(path_ + ": is not an MCAP file");
+  if (!file_ || std::memcmp(magic.data(), kMagic.data(), magic.size()) != 0)
+    throw std::runtime_error(path_ + ": is not an MCAP file");
   size_ = static_cast<std::uint64_t>(end);
   offset_ = kMagic.size();
 }

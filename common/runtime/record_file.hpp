@@ -1,5 +1,6 @@
-// Recordings of topics: MCAP (https://mcap.dev/spec), without chunks, compression and index, so that every message is in the file as soon
-// as `write` returns and a recording cut off by kill -9 or a full disk reads up to its last whole message. Payloads are the caller's bytes.
+// Recordings of topics: MCAP (https://mcap.dev/spec), without chunks, compression and index, so that every message is
+// in the file as soon as `write` returns and a recording cut off by kill -9 or a full disk reads up to its last whole
+// message. Payloads are the caller's bytes.
 #pragma once
 
 #include <cstddef>
@@ -68,8 +69,8 @@ class RecordReader {
  public:
   /// Throws std::runtime_error when the file cannot be read or is not MCAP.
   explicit RecordReader(const std::string& path);
-  /// The next message in the file's order; false at its end. Throws std::runtime_error where a record contradicts itself, or is a chunk (we
-  /// write none).
+  /// The next message in the file's order; false at its end. Throws std::runtime_error where a record contradicts
+  /// itself, or is a chunk (we write none).
   bool next(RecordedMessage& message);
   /// After `next` returned false: the file was not finished.
   bool truncated() const { return truncated_; }

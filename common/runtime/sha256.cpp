@@ -31,7 +31,9 @@ Sha256::~Sha256() = default;
 Sha256::Sha256(Sha256&&) noexcept = default;
 Sha256& Sha256::operator=(Sha256&&) noexcept = default;
 
-void Sha256::add(std::span<const std::byte> bytes) { require(EVP_DigestUpdate(context_->digest.get(), bytes.data(), bytes.size()) == 1); }
+void Sha256::add(std::span<const std::byte> bytes) {
+  require(EVP_DigestUpdate(context_->digest.get(), bytes.data(), bytes.size()) == 1);
+}
 
 std::string Sha256::hex() const {
   const ContextPointer copy{EVP_MD_CTX_new()};

@@ -20,7 +20,8 @@ StopSignal::StopSignal() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, &former_interrupt_);
   sigaction(SIGTERM, &action, &former_terminate_);
-  // A terminal that is closed hangs up on what runs in it: a device must not keep its last command then. `nohup` has it ignored.
+  // A terminal that is closed hangs up on what runs in it: a device must not keep its last command then. `nohup` has it
+  // ignored.
   sigaction(SIGHUP, nullptr, &former_hang_up_);
   if (former_hang_up_.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
 }

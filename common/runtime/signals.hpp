@@ -6,8 +6,9 @@
 
 namespace softhand {
 
-/// While one lives, SIGINT, SIGTERM and SIGHUP (unless that is ignored) set a flag instead of ending the process; the destructor puts the
-/// former handlers back. One at a time in a process. Signals that came before construction are forgotten.
+/// While one lives, SIGINT, SIGTERM and SIGHUP (unless that is ignored) set a flag instead of ending the process; the
+/// destructor puts the former handlers back. One at a time in a process. Signals that came before construction are
+/// forgotten.
 class StopSignal {
  public:
   StopSignal();
@@ -25,8 +26,8 @@ class StopSignal {
   struct sigaction former_hang_up_ {};
 };
 
-/// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused, or when the parent
-/// is gone already.
+/// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused,
+/// or when the parent is gone already.
 bool stop_with_parent();
 
 }  // namespace softhand

@@ -9,7 +9,8 @@ namespace softhand {
 
 Nanoseconds SimulatedClock::at(const Command& command, Nanoseconds real) {
   const Nanoseconds elapsed = std::min(real, command.until) - command.from;
-  // A double counts nanoseconds exactly for 104 days: enough for what was slowed down, not for the time since a host's start.
+  // A double counts nanoseconds exactly for 104 days: enough for what was slowed down, not for the time since a host's
+  // start.
   if (command.pace == 1) return command.simulated + elapsed;
   return command.simulated + static_cast<Nanoseconds>(std::floor(command.pace * static_cast<double>(elapsed)));
 }
@@ -24,7 +25,8 @@ void SimulatedClock::command(Nanoseconds from, double pace, Nanoseconds until) {
     --count_;
     --place;
   }
-  std::copy_backward(commands_.begin() + static_cast<std::ptrdiff_t>(place), commands_.begin() + static_cast<std::ptrdiff_t>(count_),
+  std::copy_backward(commands_.begin() + static_cast<std::ptrdiff_t>(place),
+                     commands_.begin() + static_cast<std::ptrdiff_t>(count_),
                      commands_.begin() + static_cast<std::ptrdiff_t>(count_ + 1));
   ++count_;
   commands_[place] = {from, until, pace, 0};
@@ -48,7 +50,8 @@ Nanoseconds SimulatedClock::when(Nanoseconds simulated) const {
       continue;
     }
     const Nanoseconds real =
-        command.from + (command.pace == 1 ? ahead : static_cast<Nanoseconds>(std::ceil(static_cast<double>(ahead) / command.pace)));
+        command.from +
+        (command.pace == 1 ? ahead : static_cast<Nanoseconds>(std::ceil(static_cast<double>(ahead) / command.pace)));
     if (real <= last) return real;
   }
   return kNever;
@@ -64,7 +67,8 @@ std::string SimulatedClock::text() const {
   std::ostringstream out;
   out.precision(17);
   out << commands_[0].simulated;
-  for (std::size_t i = 0; i < count_; ++i) out << ' ' << commands_[i].from << ' ' << commands_[i].pace << ' ' << commands_[i].until;
+  for (std::size_t i = 0; i < count_; ++i)
+    out << ' ' << commands_[i].from << ' ' << commands_[i].pace << ' ' << commands_[i].until;
   return out.str();
 }
 
@@ -83,7 +87,8 @@ SimulatedClock SimulatedClock::from_text(std::string_view text) {
     clock.commands_[clock.count_++] = next;
   }
   // What does not come out as it went in was cut short, or is nothing of ours.
-  if (clock.count_ == 0 || text != clock.text()) throw std::invalid_argument("no simulated clock: '" + std::string(text) + "'");
+  if (clock.count_ == 0 || text != clock.text())
+    throw std::invalid_argument("no simulated clock: '" + std::string(text) + "'");
   return clock;
 }
 

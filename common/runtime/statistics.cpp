@@ -8,7 +8,8 @@ namespace softhand {
 
 // Durations below 2^5 ns have a bucket each; above, the five bits after the leading one choose within its octave.
 std::size_t RollingHistogram::bucket_of(Nanoseconds duration) {
-  const auto value = std::min(static_cast<std::uint64_t>(std::max<Nanoseconds>(duration, 0)), (std::uint64_t{1} << kLargestBits) - 1);
+  const auto value =
+      std::min(static_cast<std::uint64_t>(std::max<Nanoseconds>(duration, 0)), (std::uint64_t{1} << kLargestBits) - 1);
   const auto bits = static_cast<int>(std::bit_width(value));
   if (bits <= kSubBits) return static_cast<std::size_t>(value);
   const int shift = bits - kSubBits - 1;
@@ -49,7 +50,8 @@ void RollingHistogram::add(Nanoseconds time, Nanoseconds duration) {
 
 Nanoseconds RollingHistogram::quantile(double p) const {
   if (count_ == 0) return 0;
-  const auto rank = std::clamp<std::uint64_t>(static_cast<std::uint64_t>(std::ceil(p * static_cast<double>(count_))), 1, count_);
+  const auto rank =
+      std::clamp<std::uint64_t>(static_cast<std::uint64_t>(std::ceil(p * static_cast<double>(count_))), 1, count_);
   std::uint64_t below = 0;
   std::size_t bucket = 0;
   while ((below += totals_[bucket]) < rank) ++bucket;

@@ -9,8 +9,8 @@
 
 namespace softhand {
 
-/// Histogram of durations over a window of one second that rolls on in tenths. Buckets are log-spaced, 32 an octave: a quantile is exact to
-/// 1.6 % from 32 ns to 18 minutes. `add` costs a few nanoseconds; about 50 kB.
+/// Histogram of durations over a window of one second that rolls on in tenths. Buckets are log-spaced, 32 an octave: a
+/// quantile is exact to 1.6 % from 32 ns to 18 minutes. `add` costs a few nanoseconds; about 50 kB.
 class RollingHistogram {
  public:
   /// `time` never falls from call to call; a negative duration counts as 0.

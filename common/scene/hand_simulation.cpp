@@ -24,7 +24,8 @@ constexpr double kStandardGravity = 9.81;  // m/s^2
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is critical.
+// What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is
+// critical.
 std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::vector<double>& node_masses) {
   std::array<double, kBodyCount> masses{};
   for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
@@ -32,13 +33,18 @@ std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::
   return masses;
 }
 
-Twist at_point(const Twist& of_centre, const Vector3& lever) { return {of_centre.linear + of_centre.angular.cross(lever), of_centre.angular}; }
+Twist at_point(const Twist& of_centre, const Vector3& lever) {
+  return {of_centre.linear + of_centre.angular.cross(lever), of_centre.angular};
+}
 
 }  // namespace
 
-HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
-                               const ObjectSpring& object_spring)
-    : hand_(hand), object_spring_(object_spring), mirrored_slots_(mirrored_slots), static_slots_(static_slots),
+HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots,
+                               int static_slots, const ObjectSpring& object_spring)
+    : hand_(hand),
+      object_spring_(object_spring),
+      mirrored_slots_(mirrored_slots),
+      static_slots_(static_slots),
       untangler_(hand, options.untangle_patience) {
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
@@ -46,7 +52,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   state_.node_velocities.setZero(3, hand_.node_count());
   state_.body_poses.resize(static_cast<std::size_t>(bodies));
   state_.body_velocities.resize(static_cast<std::size_t>(bodies));
-  for (int b = 0; b < kBodyCount; ++b) state_.body_poses[static_cast<std::size_t>(b)] = hand_.body_rest_pose(static_cast<Body>(b));
+  for (int b = 0; b < kBodyCount; ++b)
+    state_.body_poses[static_cast<std::size_t>(b)] = hand_.body_rest_pose(static_cast<Body>(b));
   for (int j = 0; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
     joint_in_body_[index(joint)] = hand_.body_rest_pose(body_of(joint)).inverse() * hand_.rest_joints[index(joint)];
@@ -62,7 +69,9 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   auto inertia = std::make_unique<Inertia>(masses, bodies);
   inertia_ = inertia.get();
   inertia->set_node_gravity(weight);
-  for (int b = 0; b < kBodyCount; ++b) inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass, hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
+  for (int b = 0; b < kBodyCount; ++b)
+    inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass,
+                         hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
   terms_.push_back(std::move(inertia));
 
   if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
@@ -86,9 +95,11 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     CouplingGains gains;
     gains.linear_stiffness = body.coupling_linear_stiffness;
     gains.angular_stiffness = body.coupling_angular_stiffness;
-    gains.linear_damping = 2 * options.coupling_damping_ratio * std::sqrt(body.coupling_linear_stiffness * carried[static_cast<std::size_t>(b)]);
+    gains.linear_damping = 2 * options.coupling_damping_ratio *
+                           std::sqrt(body.coupling_linear_stiffness * carried[static_cast<std::size_t>(b)]);
     const double turning_inertia = body.inertia.trace() / 3 * carried[static_cast<std::size_t>(b)] / body.mass;
-    gains.angular_damping = 2 * options.coupling_damping_ratio * std::sqrt(body.coupling_angular_stiffness * turning_inertia);
+    gains.angular_damping =
+        2 * options.coupling_damping_ratio * std::sqrt(body.coupling_angular_stiffness * turning_inertia);
     gains.force_cap = body.coupling_force_cap;
     gains.torque_cap = body.coupling_torque_cap;
     bones.push_back({b, body.joint_from_body.inverse(), gains});
@@ -99,7 +110,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   // Terms about objects exist only where there are slots for objects.
   if (slot_count() > 0) {
-    contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_, slot_count());
+    contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_,
+                                             slot_count());
     terms_.push_back(std::make_unique<ContactEnergy>(*contacts_));
     terms_.push_back(std::make_unique<FrictionEnergy>(*contacts_));
   }
@@ -122,17 +134,20 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   solver_options.helper = helper_.get();
   solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, solver_options);
   std::vector<Linkage::Link> links(kBodyCount);
-  for (const JointSite& joint : hand_joints(hand_)) links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
-  solver_->allow_chord_steps(Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this] {
-    return contact_count() == 0 && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
-  });
+  for (const JointSite& joint : hand_joints(hand_))
+    links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
+  solver_->allow_chord_steps(
+      Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this] {
+        return contact_count() == 0 && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
+      });
 }
 
 HandSimulation::~HandSimulation() = default;
 
 void HandSimulation::reposition(const Pose& wrist) {
   const Pose move = wrist * joint_pose(Joint::wrist).inverse();
-  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
+  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n)
+    state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
   state_.node_velocities.setZero();
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     state_.body_poses[b] = move * state_.body_poses[b];
@@ -143,8 +158,10 @@ void HandSimulation::reposition(const Pose& wrist) {
 }
 
 void HandSimulation::restore(const State& state) {
-  if (state.node_positions.cols() != state_.node_positions.cols() || state.node_velocities.cols() != state_.node_velocities.cols() ||
-      state.body_poses.size() != state_.body_poses.size() || state.body_velocities.size() != state_.body_velocities.size()) {
+  if (state.node_positions.cols() != state_.node_positions.cols() ||
+      state.node_velocities.cols() != state_.node_velocities.cols() ||
+      state.body_poses.size() != state_.body_poses.size() ||
+      state.body_velocities.size() != state_.body_velocities.size()) {
     throw std::invalid_argument("HandSimulation: a state of another layout");
   }
   state_ = state;
@@ -155,7 +172,9 @@ void HandSimulation::restore(const State& state) {
   restored_ = true;
 }
 
-void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) { coupling_->set_target(index_of(body), joint, velocity); }
+void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) {
+  coupling_->set_target(index_of(body), joint, velocity);
+}
 
 void HandSimulation::clear_targets() {
   for (int b = 0; b < kBodyCount; ++b) coupling_->clear_target(b);
@@ -168,7 +187,8 @@ void HandSimulation::set_slot(int slot, const MirroredObject& object) {
     gains.linear_stiffness = object_spring_.linear_stiffness;
     gains.angular_stiffness = object_spring_.angular_stiffness;
     gains.linear_damping = 2 * object_spring_.damping_ratio * std::sqrt(object_spring_.linear_stiffness * object.mass);
-    gains.angular_damping = 2 * object_spring_.damping_ratio * std::sqrt(object_spring_.angular_stiffness * object.inertia.trace() / 3);
+    gains.angular_damping =
+        2 * object_spring_.damping_ratio * std::sqrt(object_spring_.angular_stiffness * object.inertia.trace() / 3);
     object_coupling_->set_gains(slot, gains);
   }
   make_kinematic(slot);
@@ -215,7 +235,9 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
   contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
 }
 
-void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) { object_coupling_->set_target(slot, pose, velocity); }
+void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) {
+  object_coupling_->set_target(slot, pose, velocity);
+}
 
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
@@ -239,7 +261,8 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
-  // A state from outside may be any: what would throw bones and objects in its first step is put right before it, and before the books begin.
+  // A state from outside may be any: what would throw bones and objects in its first step is put right before it, and
+  // before the books begin.
   if (std::exchange(restored_, false) && tissue_ != nullptr) {
     untangled_nodes_ += static_cast<std::uint64_t>(untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_));
   }
@@ -252,7 +275,8 @@ StepReport HandSimulation::step(double time_step) {
   if (report.state_changed && tissue_ != nullptr) {
     const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));
     int moved = 0;
-    if (due == Untangler::Due::look) moved = untangler_.look(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
+    if (due == Untangler::Due::look)
+      moved = untangler_.look(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
     if (due == Untangler::Due::glance) moved = untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_);
     if (moved > 0) {
       untangled_nodes_ += static_cast<std::uint64_t>(moved);
@@ -263,8 +287,9 @@ StepReport HandSimulation::step(double time_step) {
   return report;
 }
 
-// A step that was cut off leaves tissue out of balance, and the way that a node went in it says little about where the node goes next. Contacts are
-// predicted from velocities, so each node takes that of the bone that carries it, where that is slower: no energy is put in.
+// A step that was cut off leaves tissue out of balance, and the way that a node went in it says little about where the
+// node goes next. Contacts are predicted from velocities, so each node takes that of the bone that carries it, where
+// that is slower: no energy is put in.
 void HandSimulation::calm_nodes() {
   for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) {
     const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
@@ -317,7 +342,9 @@ double HandSimulation::tissue_energy(const StepReport& report) const {
   return energy;
 }
 
-Pose HandSimulation::joint_pose(Joint joint) const { return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)]; }
+Pose HandSimulation::joint_pose(Joint joint) const {
+  return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)];
+}
 
 Twist HandSimulation::joint_velocity(Joint joint) const {
   const std::size_t body = index(body_of(joint));
@@ -345,10 +372,13 @@ void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes
 void HandSimulation::collect_bone_contacts() {
   bone_contact_forces_.fill(Vector3::Zero());
   if (!contacts_) return;
-  for (const ContactSet::Anchor& anchor : contacts_->anchors()) bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
+  for (const ContactSet::Anchor& anchor : contacts_->anchors())
+    bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
 }
 
-double HandSimulation::deepest_penetration() const { return contacts_ ? contacts_->penetration_quantile(state_, 1) : 0.0; }
+double HandSimulation::deepest_penetration() const {
+  return contacts_ ? contacts_->penetration_quantile(state_, 1) : 0.0;
+}
 
 double HandSimulation::largest_coupling_stretch() const {
   double largest = 0;
@@ -360,7 +390,8 @@ double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(
 int HandSimulation::inverted_elements() const { return tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_); }
 
 WorkCounters HandSimulation::work() const {
-  return {tissue_ == nullptr ? 0 : tissue_->evaluated_elements(), contacts_ ? contacts_->queries() : 0, factorised_steps_};
+  return {tissue_ == nullptr ? 0 : tissue_->evaluated_elements(), contacts_ ? contacts_->queries() : 0,
+          factorised_steps_};
 }
 
 }  // namespace softhand

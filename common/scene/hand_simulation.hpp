@@ -1,7 +1,8 @@
 // One simulated hand with the objects that it can touch: the only place that names every energy term.
 //
-// Bodies of the state: 0..20 the bones, then `mirrored_slots` objects that may move, then `static_slots` that may not. An object's slot is empty,
-// kinematic (its motion is given; it yields to nothing) or dynamic (the twin carries mass, inertia and gravity).
+// Bodies of the state: 0..20 the bones, then `mirrored_slots` objects that may move, then `static_slots` that may not.
+// An object's slot is empty, kinematic (its motion is given; it yields to nothing) or dynamic (the twin carries mass,
+// inertia and gravity).
 #pragma once
 
 #include <array>
@@ -31,13 +32,14 @@ enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
 /// What the simulation must know of an object that it mirrors.
 struct MirroredObject {
   std::uint32_t id = 0;
-  const ShapeGeometry* shape = nullptr;  ///< outlives its stay in the slot
-  double mass = 1;                       ///< kg, > 0
-  Matrix3 inertia = Matrix3::Identity(); ///< kg m^2, body axes
+  const ShapeGeometry* shape = nullptr;   ///< outlives its stay in the slot
+  double mass = 1;                        ///< kg, > 0
+  Matrix3 inertia = Matrix3::Identity();  ///< kg m^2, body axes
   double friction = 0;
 };
 
-/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, no such spring.
+/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, no such
+/// spring.
 struct ObjectSpring {
   double linear_stiffness = 0;   ///< N/m
   double angular_stiffness = 0;  ///< N m/rad
@@ -54,7 +56,8 @@ struct WorkCounters {
 class HandSimulation {
  public:
   /// The hand stands at rest with its wrist at the world's origin; all slots are empty.
-  HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots, const ObjectSpring& object_spring = {});
+  HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
+                 const ObjectSpring& object_spring = {});
   ~HandSimulation();
 
   const HandModel& hand() const { return hand_; }
@@ -64,10 +67,12 @@ class HandSimulation {
 
   /// Moves the whole hand rigidly, so that its wrist joint comes to `wrist`; velocities and contacts end.
   void reposition(const Pose& wrist);
-  /// Goes on from another state of this layout, such as one that was kept; contacts end, the books begin anew. Throws std::invalid_argument where the layout is another.
+  /// Goes on from another state of this layout, such as one that was kept; contacts end, the books begin anew. Throws
+  /// std::invalid_argument where the layout is another.
   void restore(const State& state);
 
-  /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until changed.
+  /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until
+  /// changed.
   void set_target(Body body, const Pose& joint, const Twist& velocity);
   /// Of all bones: none is pulled until it has a target again.
   void clear_targets();
@@ -87,7 +92,8 @@ class HandSimulation {
   /// Target of U'_crb, the world's copy (mode symmetric).
   void set_object_target(int slot, const Pose& pose, const Twist& velocity);
 
-  /// Becomes what `other` is, contacts and all: both then go on alike. `other` was made of the same hand with as many slots; shapes in its slots outlive this.
+  /// Becomes what `other` is, contacts and all: both then go on alike. `other` was made of the same hand with as many
+  /// slots; shapes in its slots outlive this.
   void take_state(const HandSimulation& other);
 
   StepReport step(double time_step);

@@ -12,7 +12,7 @@ namespace {
 Eigen::Matrix3Xd settled(HandSimulation& simulation, const State& from) {
   constexpr double kLongStep = 0.1;  // s; the inertia of the tissue hardly matters any more
   constexpr int kSteps = 100;
-  constexpr double kStill = 1e-9;    // m, the farthest move of a node in a step
+  constexpr double kStill = 1e-9;  // m, the farthest move of a node in a step
   simulation.restore(from);
   for (int i = 0; i < kSteps; ++i) {
     const Eigen::Matrix3Xd before = simulation.state().node_positions;
@@ -44,7 +44,8 @@ double rest_error(const HandModel& hand, const State& state) {
   const Eigen::Matrix3Xd present = settled(simulation, from);
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     const Pose rest = hand.body_rest_pose(static_cast<Body>(hand.node_body[n]));
-    from.node_positions.col(static_cast<Eigen::Index>(n)) = from.body_poses[hand.node_body[n]] * (rest.inverse() * hand.nodes[n]);
+    from.node_positions.col(static_cast<Eigen::Index>(n)) =
+        from.body_poses[hand.node_body[n]] * (rest.inverse() * hand.nodes[n]);
   }
   return std::sqrt((present - settled(simulation, from)).squaredNorm() / hand.node_count());
 }

@@ -6,9 +6,9 @@
 
 namespace softhand {
 
-/// Metres, root mean square over the nodes: between the equilibrium that the tissue of `state` comes to when it is let settle, and the one that it comes to from its rest
-/// shape, each node carried by its nearest bone. Bones stay where `state` has them, and nothing touches the hand, so motion at the end of a run does not count. 0
-/// without tissue.
+/// Metres, root mean square over the nodes: between the equilibrium that the tissue of `state` comes to when it is let
+/// settle, and the one that it comes to from its rest shape, each node carried by its nearest bone. Bones stay where
+/// `state` has them, and nothing touches the hand, so motion at the end of a run does not count. 0 without tissue.
 double rest_error(const HandModel& hand, const State& state);
 
 }  // namespace softhand

@@ -12,12 +12,13 @@ namespace {
 
 constexpr double kTwistedEnergy = 20e-3;  // J; a hand's tissue under its own weight holds 1 mJ
 constexpr double kAtRest = 0.1;           // of the excess energy may be motion
-constexpr std::array<int, 6> kRings{1, 2, 4, 8, 16, 1000};  // of neighbours that go along; the last: everything that hangs together
-constexpr double kWorthMore = 0.1;        // so much more of the energy a larger region must release
-constexpr double kOfViolent = 0.5;        // of a violent hand's energy must be released
-constexpr double kOfTangled = 0.5;        // of what the tangled tetrahedra hold must be released
-constexpr int kClustersPerLook = 2;       // each costs a dozen evaluations of the tissue's energy
-constexpr std::uint8_t kPause = 4;        // looks without a try after one that released nothing
+constexpr std::array<int, 6> kRings{1,  2,   4, 8,
+                                    16, 1000};  // of neighbours that go along; the last: everything that hangs together
+constexpr double kWorthMore = 0.1;              // so much more of the energy a larger region must release
+constexpr double kOfViolent = 0.5;              // of a violent hand's energy must be released
+constexpr double kOfTangled = 0.5;              // of what the tangled tetrahedra hold must be released
+constexpr int kClustersPerLook = 2;             // each costs a dozen evaluations of the tissue's energy
+constexpr std::uint8_t kPause = 4;              // looks without a try after one that released nothing
 
 Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
   const Vector3 along = to - from;
@@ -44,13 +45,15 @@ Untangler::Untangler(const HandModel& hand, double patience)
     const Pose body_from_rest = hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse();
     const Pose body_from_joint = body.joint_from_body.inverse();
     rest_in_body_.push_back(body_from_rest * hand.nodes[n]);
-    bone_in_body_.push_back(nearest_on_segment(body_from_joint * body.bone_start, body_from_joint * body.bone_end, rest_in_body_.back()));
+    bone_in_body_.push_back(
+        nearest_on_segment(body_from_joint * body.bone_start, body_from_joint * body.bone_end, rest_in_body_.back()));
   }
   Eigen::Matrix3Xd rest(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) rest.col(static_cast<Eigen::Index>(n)) = hand.nodes[n];
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
-    const CorotationalMaterial law = corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+    const CorotationalMaterial law =
+        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
     violent_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
   }
 }
@@ -62,7 +65,8 @@ void Untangler::put_back(const View& view, std::size_t node) const {
   const Twist& velocity = state.body_velocities[node_body_[node]];
   const Vector3 lever = body.orientation * rest_in_body_[node];
   Vector3 position = body.position + lever;
-  if (view.contacts != nullptr) position = view.contacts->stopped(state, static_cast<std::int32_t>(node), bones_.col(column), position);
+  if (view.contacts != nullptr)
+    position = view.contacts->stopped(state, static_cast<std::int32_t>(node), bones_.col(column), position);
   state.node_positions.col(column) = position;
   state.node_velocities.col(column) = velocity.linear + velocity.angular.cross(lever);
 }
@@ -79,17 +83,21 @@ Untangler::Due Untangler::due(double time_step, double energy) {
   return energy > violent_ && !std::exchange(glanced_, true) ? Due::glance : Due::nothing;
 }
 
-double Untangler::stored(const View& view) const { return view.tissue.value(view.state) + view.attachments.value(view.state); }
+double Untangler::stored(const View& view) const {
+  return view.tissue.value(view.state) + view.attachments.value(view.state);
+}
 
 // What putting `move_` back has released, J: `before` was stored, and the nodes' contacts are still those from before.
 double Untangler::fall(const View& view, double before) const {
   double released = before - stored(view);
-  if (view.contacts != nullptr) released += view.contacts->held(move_) - view.contacts->held_where_put(view.state, move_, bones_);
+  if (view.contacts != nullptr)
+    released += view.contacts->held(move_) - view.contacts->held_where_put(view.state, move_, bones_);
   return released;
 }
 
 void Untangler::place_bones(const State& state) {
-  for (std::size_t n = 0; n < node_body_.size(); ++n) bones_.col(static_cast<Eigen::Index>(n)) = state.body_poses[node_body_[n]] * bone_in_body_[n];
+  for (std::size_t n = 0; n < node_body_.size(); ++n)
+    bones_.col(static_cast<Eigen::Index>(n)) = state.body_poses[node_body_[n]] * bone_in_body_[n];
 }
 
 // Ends the contacts of the nodes in `move_`, which are where they shall be. Returns how many.
@@ -100,12 +108,14 @@ int Untangler::keep(const View& view) {
   return static_cast<int>(std::count(move_.begin(), move_.end(), 1));
 }
 
-// Tissue that rests goes to where the bones carry it or below that in energy: it would, from there. What holds more is caught in another minimum.
+// Tissue that rests goes to where the bones carry it or below that in energy: it would, from there. What holds more is
+// caught in another minimum.
 int Untangler::put_all_back(const View& view, double kinetic_energy, bool patient) {
   State& state = view.state;
   const double before = stored(view);
   place_bones(state);
-  // Pressed round an edge tissue may hold more than where it would be put: without inverted tetrahedra or hooks only a hand that touches nothing is wound.
+  // Pressed round an edge tissue may hold more than where it would be put: without inverted tetrahedra or hooks only a
+  // hand that touches nothing is wound.
   patient = patient && (view.contacts == nullptr || view.contacts->count() == 0);
   if (!patient) twisted_ = false;
   if (!patient && before <= violent_) return 0;
@@ -133,15 +143,19 @@ int Untangler::grow() {
   int grown = 0;
   more_ = move_;
   for (const auto& nodes : tetrahedra_) {
-    if (std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; })) continue;
-    for (const std::int32_t n : nodes) grown += std::exchange(more_[static_cast<std::size_t>(n)], std::uint8_t{1}) == 0 ? 1 : 0;
+    if (std::none_of(nodes.begin(), nodes.end(),
+                     [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; }))
+      continue;
+    for (const std::int32_t n : nodes)
+      grown += std::exchange(more_[static_cast<std::size_t>(n)], std::uint8_t{1}) == 0 ? 1 : 0;
   }
   move_.swap(more_);
   return grown;
 }
 
-// Puts back the tangled tetrahedra that hang together with `seed`, with as much around them as releases most energy. A hook may hold its energy in bones that it keeps from
-// their targets: where the cluster has one, what tissue and contact release does not decide whether, only how much.
+// Puts back the tangled tetrahedra that hang together with `seed`, with as much around them as releases most energy. A
+// hook may hold its energy in bones that it keeps from their targets: where the cluster has one, what tissue and
+// contact release does not decide whether, only how much.
 int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   State& state = view.state;
   std::fill(move_.begin(), move_.end(), 0);
@@ -152,7 +166,9 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
     grown = false;
     for (std::size_t t = seed; t < tetrahedra_.size(); ++t) {
       const auto& nodes = tetrahedra_[t];
-      if (stays_[t] == 0 || std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; })) continue;
+      if (stays_[t] == 0 || std::none_of(nodes.begin(), nodes.end(),
+                                         [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; }))
+        continue;
       for (const std::int32_t n : nodes) {
         move_[static_cast<std::size_t>(n)] = 1;
         hooks = hooks || hooked_[static_cast<std::size_t>(n)] != 0;
@@ -197,13 +213,15 @@ int Untangler::glance(State& state, ContactSet* contacts, const Tissue& tissue, 
   return patience_ > 0 ? put_all_back({state, contacts, tissue, attachments}, 0, false) : 0;
 }
 
-int Untangler::look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue, const Energy& attachments) {
+int Untangler::look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
+                    const Energy& attachments) {
   const View view{state, contacts, tissue, attachments};
   if (const int moved = put_all_back(view, kinetic_energy, true)) return moved;
   if (contacts != nullptr) contacts->mark_hooked(state, bones_, hooked_);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     const auto& nodes = tetrahedra_[t];
-    const bool hooked = std::any_of(nodes.begin(), nodes.end(), [this](std::int32_t n) { return hooked_[static_cast<std::size_t>(n)] != 0; });
+    const bool hooked = std::any_of(nodes.begin(), nodes.end(),
+                                    [this](std::int32_t n) { return hooked_[static_cast<std::size_t>(n)] != 0; });
     const bool tangled = hooked || tissue.is_folded(state, static_cast<int>(t));
     if (!tangled) {
       wait_[t] = 0;

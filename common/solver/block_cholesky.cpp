@@ -28,8 +28,9 @@ std::size_t at(Index i) { return static_cast<std::size_t>(i); }
 
 Index tiles_of(Index scalars) { return (scalars + kCholeskyTile - 1) / kCholeskyTile; }
 
-// Elimination order of the blocks: order[k] is eliminated k-th. Approximate minimum degree, which breaks ties by the blocks' numbers: those are shuffled with `seed`, 0 as they are.
-// `dense`: blocks with more than this times the root of the blocks' number of neighbours come last (AMD_DENSE); negative: none.
+// Elimination order of the blocks: order[k] is eliminated k-th. Approximate minimum degree, which breaks ties by the
+// blocks' numbers: those are shuffled with `seed`, 0 as they are. `dense`: blocks with more than this times the root of
+// the blocks' number of neighbours come last (AMD_DENSE); negative: none.
 std::vector<Index> minimum_degree(const BlockMatrix& matrix, double dense, std::uint32_t seed) {
   const Index count = matrix.block_count();
   std::vector<Index> label(at(count)), order(at(count)), block(at(count));
@@ -42,14 +43,16 @@ std::vector<Index> minimum_degree(const BlockMatrix& matrix, double dense, std::
   for (Index k = 0; k < count; ++k) block[at(label[at(k)])] = k;
   std::vector<Index> start{0}, row;
   for (const Index column : block) {
-    for (Index k = matrix.column_start()[at(column)]; k < matrix.column_start()[at(column) + 1]; ++k) row.push_back(label[at(matrix.row()[at(k)])]);
+    for (Index k = matrix.column_start()[at(column)]; k < matrix.column_start()[at(column) + 1]; ++k)
+      row.push_back(label[at(matrix.row()[at(k)])]);
     std::sort(row.begin() + start.back(), row.end());
     start.push_back(static_cast<Index>(row.size()));
   }
   double control[AMD_CONTROL];
   amd_defaults(control);
   control[AMD_DENSE] = dense;
-  if (amd_order(count, start.data(), row.data(), order.data(), control, nullptr) < AMD_OK) throw std::runtime_error("BlockCholesky: the ordering failed");
+  if (amd_order(count, start.data(), row.data(), order.data(), control, nullptr) < AMD_OK)
+    throw std::runtime_error("BlockCholesky: the ordering failed");
   for (Index& k : order) k = block[at(k)];
   return order;
 }
@@ -60,17 +63,20 @@ struct Supernode {
   std::vector<Index> children;
 };
 
-// Time of a front in cycles of the AVX-512 kernels in double, measured roughly: a column of a tile is one fused multiply-add.
+// Time of a front in cycles of the AVX-512 kernels in double, measured roughly: a column of a tile is one fused
+// multiply-add.
 double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
   const double pivots = 3.0 * static_cast<double>(pivot_blocks);
   const double p = static_cast<double>(tiles_of(static_cast<Index>(3 * pivot_blocks)));
   const double q = static_cast<double>(tiles_of(static_cast<Index>(3 * row_blocks)));
   constexpr double kPerFront = 300, kPerPivotTile = 400, kPerTileClearedAndSolved = 60, kPerUpdateTile = 40;
   const double strips = 64 * (p * (p - 1) / 2 * q + (p * (p - 1) / 2 * p - p * (p - 1) * (2 * p - 1) / 6));
-  return kPerFront + kPerPivotTile * p + kPerTileClearedAndSolved * p * (q + 0.5 * p) + 1.1 * strips + q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
+  return kPerFront + kPerPivotTile * p + kPerTileClearedAndSolved * p * (q + 0.5 * p) + 1.1 * strips +
+         q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
 }
 
-constexpr double kKeptSubtree = 0.08;  // of the whole factorisation: those that cost less are done again with what they are part of
+constexpr double kKeptSubtree =
+    0.08;  // of the whole factorisation: those that cost less are done again with what they are part of
 
 double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 
@@ -108,7 +114,8 @@ std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::v
       auto best = parent.children.end();
       for (auto child = parent.children.begin(); child != parent.children.end(); ++child) {
         const Supernode& c = nodes[at(*child)];
-        const double gain = front_cost(c.pivots.size(), c.rows.size()) + front_cost(parent.pivots.size(), parent.rows.size()) + extend_add_cost(c.rows.size()) -
+        const double gain = front_cost(c.pivots.size(), c.rows.size()) +
+                            front_cost(parent.pivots.size(), parent.rows.size()) + extend_add_cost(c.rows.size()) -
                             front_cost(c.pivots.size() + parent.pivots.size(), parent.rows.size());
         if (gain > best_gain) {
           best_gain = gain;
@@ -141,7 +148,8 @@ std::vector<Supernode> cheapest_supernodes(const BlockMatrix& matrix) {
       std::vector<Supernode> nodes = merged_supernodes(matrix, minimum_degree(matrix, dense, seed));
       double cost = 0;
       for (const Supernode& node : nodes) {
-        if (!node.pivots.empty()) cost += front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
+        if (!node.pivots.empty())
+          cost += front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
       }
       if (cost < least) {
         least = cost;
@@ -157,7 +165,8 @@ struct Visit {
   std::uint8_t group = kAncestors;
 };
 
-// Into which group each node falls: whole subtrees into the first two, so that the dearer of them together with the ancestors, which wait for both, costs least.
+// Into which group each node falls: whole subtrees into the first two, so that the dearer of them together with the
+// ancestors, which wait for both, costs least.
 std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
   const auto own_cost = [&nodes](Index n) {
     const Supernode& node = nodes[at(n)];
@@ -245,7 +254,8 @@ typename BlockCholesky<Scalar>::Buffer BlockCholesky<Scalar>::make_buffer(std::s
   Buffer buffer(static_cast<Scalar*>(std::aligned_alloc(alignment, rounded)));
   if (!buffer) throw std::bad_alloc();
 #if defined(__linux__)
-  // A factor of some megabytes is walked front by front: in small pages the translation of addresses costs a tenth. A hint; refused, nothing changes.
+  // A factor of some megabytes is walked front by front: in small pages the translation of addresses costs a tenth. A
+  // hint; refused, nothing changes.
   if (alignment == kHugePage) madvise(buffer.get(), rounded, MADV_HUGEPAGE);
 #endif
   std::fill_n(buffer.get(), count, Scalar(0));  // touched now rather than in the first step
@@ -253,7 +263,8 @@ typename BlockCholesky<Scalar>::Buffer BlockCholesky<Scalar>::make_buffer(std::s
 }
 
 template <typename Scalar>
-BlockCholesky<Scalar>::BlockCholesky(InstructionSet set, HelperThread* helper) : kernel_(cholesky_kernel<Scalar>(set)), helper_(helper) {}
+BlockCholesky<Scalar>::BlockCholesky(InstructionSet set, HelperThread* helper)
+    : kernel_(cholesky_kernel<Scalar>(set)), helper_(helper) {}
 
 template <typename Scalar>
 void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
@@ -282,8 +293,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
 
   std::int64_t panel_size = 0, update_size = 0;
-  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist. Those of large subtrees have a place of their own,
-  // where they outlast the factorisation.
+  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist.
+  // Those of large subtrees have a place of their own, where they outlast the factorisation.
   std::int64_t top[3][2] = {}, highest[3][2] = {};
   std::vector<double> cost(visits.size(), 0.0);  // of the front's subtree
   keeps_update_.assign(visits.size(), 0);
@@ -306,7 +317,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     front.row_tiles = tiles_of(front.rows);
     longest = std::max(longest, front.pivot_tiles + front.row_tiles);
     front.panel = panel_size;
-    panel_size += static_cast<std::int64_t>(front.pivot_tiles + front.row_tiles) * front.pivot_tiles * kCholeskyTile * kCholeskyTile;
+    panel_size += static_cast<std::int64_t>(front.pivot_tiles + front.row_tiles) * front.pivot_tiles * kCholeskyTile *
+                  kCholeskyTile;
     front.row_begin = static_cast<Index>(row_position_.size());
     for (const Index row : node.rows) row_position_.push_back(position_[at(row)]);
     std::sort(row_position_.begin() + front.row_begin, row_position_.end());
@@ -317,7 +329,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
 
     const std::uint8_t group = visits[f].group;
     const int parity = visits[f].depth % 2;
-    const std::int64_t size = static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
+    const std::int64_t size =
+        static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
     if (cost[f] >= kKeptSubtree * total_cost) {
       keeps_update_[f] = 1;
       front.update = update_size;
@@ -328,7 +341,9 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
       highest[group][parity] = std::max(highest[group][parity], top[group][parity]);
     }
     // Its children's are used up; those of the two groups' subtrees stay below what their groups still stack.
-    const auto is_stacked = [&](Index child) { return visits[at(child)].group == group && keeps_update_[at(child)] == 0; };
+    const auto is_stacked = [&](Index child) {
+      return visits[at(child)].group == group && keeps_update_[at(child)] == 0;
+    };
     const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_stacked);
     if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
     for (Index p = 0; p < front.pivots; ++p) {
@@ -351,7 +366,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   const auto panel_row = [](const CholeskyFront& front, const Index* rows, Index position) {
     if (position < front.first_pivot + front.pivots) return position - front.first_pivot;
     const Index* const begin = rows + front.row_begin;
-    return kCholeskyTile * front.pivot_tiles + 3 * static_cast<Index>(std::lower_bound(begin, begin + front.rows / 3, position) - begin);
+    return kCholeskyTile * front.pivot_tiles +
+           3 * static_cast<Index>(std::lower_bound(begin, begin + front.rows / 3, position) - begin);
   };
   row_in_parent_.assign(row_position_.size(), 0);
   tile_rows_.clear();
@@ -359,7 +375,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     for (Index k = parent.child_begin; k < parent.child_end; ++k) {
       CholeskyFront& child = fronts_[at(child_[at(k)])];
       for (Index b = 0; b < child.rows / 3; ++b) {
-        row_in_parent_[at(child.row_begin + b)] = panel_row(parent, row_position_.data(), row_position_[at(child.row_begin + b)]);
+        row_in_parent_[at(child.row_begin + b)] =
+            panel_row(parent, row_position_.data(), row_position_[at(child.row_begin + b)]);
       }
       child.tile_begin = static_cast<Index>(tile_rows_.size());
       for (Index r = 0; r < child.rows; ++r) {
@@ -384,11 +401,13 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
       const Index f = front_of_block[at(low)];
       const CholeskyFront& front = fronts_[at(f)];
       front_of_stored_[at(k)] = f;
-      entries.push_back({f, position_[at(low)] - front.first_pivot, panel_row(front, row_position_.data(), position_[at(high)]), transposed ? ~k : k});
+      entries.push_back({f, position_[at(low)] - front.first_pivot,
+                         panel_row(front, row_position_.data(), position_[at(high)]), transposed ? ~k : k});
     }
   }
-  std::sort(entries.begin(), entries.end(),
-            [](const Entry& a, const Entry& b) { return std::tie(a.front, a.column, a.row) < std::tie(b.front, b.column, b.row); });
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+    return std::tie(a.front, a.column, a.row) < std::tie(b.front, b.column, b.row);
+  });
   entries_.clear();
   for (const Entry& entry : entries) {
     CholeskyFront& front = fronts_[at(entry.front)];
@@ -418,7 +437,8 @@ void BlockCholesky<Scalar>::load(const BlockMatrix& matrix) {
 
 template <typename Scalar>
 CholeskyPlan BlockCholesky<Scalar>::plan() const {
-  return {fronts_.data(), fronts_.size(), child_.data(), row_position_.data(), row_in_parent_.data(), entries_.data(), tile_rows_.data()};
+  return {fronts_.data(),        fronts_.size(),  child_.data(),    row_position_.data(),
+          row_in_parent_.data(), entries_.data(), tile_rows_.data()};
 }
 
 template <typename Scalar>
@@ -447,17 +467,21 @@ bool BlockCholesky<Scalar>::refactorize(std::span<const std::int32_t> changed) {
 template <typename Scalar>
 bool BlockCholesky<Scalar>::factorize_stale() {
   bool one = false, other = false;
-  run_halves(helper_, [&] { one = factorize_stale(0); }, [&] { other = factorize_stale(1); });
+  run_halves(
+      helper_, [&] { one = factorize_stale(0); }, [&] { other = factorize_stale(1); });
   has_updates_ = one && other && factorize_stale(kAncestors);
   return has_updates_;
 }
 
 template <typename Scalar>
 bool BlockCholesky<Scalar>::factorize_stale(int group) {
-  const auto begin = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group)]), end = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group + 1)]);
+  const auto begin = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group)]),
+             end = stale_.begin() + static_cast<std::ptrdiff_t>(group_[at(group + 1)]);
   for (auto first = std::find(begin, end, 1); first != end;) {
     const auto last = std::find(first, end, 0);
-    if (!kernel_.factorize(plan(), static_cast<std::size_t>(first - stale_.begin()), static_cast<std::size_t>(last - stale_.begin()), values_, panels_.get(), updates_.get(), inverse_diagonal_.get())) {
+    if (!kernel_.factorize(plan(), static_cast<std::size_t>(first - stale_.begin()),
+                           static_cast<std::size_t>(last - stale_.begin()), values_, panels_.get(), updates_.get(),
+                           inverse_diagonal_.get())) {
       return false;
     }
     first = std::find(last, end, 1);
@@ -475,11 +499,13 @@ double BlockCholesky<Scalar>::last_operations() const {
 template <typename Scalar>
 void BlockCholesky<Scalar>::solve(const VectorX& rhs, VectorX& x) {
   for (std::size_t block = 0; block < position_.size(); ++block) {
-    for (std::size_t k = 0; k < 3; ++k) x_[at(position_[block]) + k] = static_cast<Scalar>(rhs[static_cast<Eigen::Index>(3 * block + k)]);
+    for (std::size_t k = 0; k < 3; ++k)
+      x_[at(position_[block]) + k] = static_cast<Scalar>(rhs[static_cast<Eigen::Index>(3 * block + k)]);
   }
   kernel_.solve(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
   for (std::size_t block = 0; block < position_.size(); ++block) {
-    for (std::size_t k = 0; k < 3; ++k) x[static_cast<Eigen::Index>(3 * block + k)] = static_cast<double>(x_[at(position_[block]) + k]);
+    for (std::size_t k = 0; k < 3; ++k)
+      x[static_cast<Eigen::Index>(3 * block + k)] = static_cast<double>(x_[at(position_[block]) + k]);
   }
 }
 

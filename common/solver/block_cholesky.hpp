@@ -1,10 +1,11 @@
 // Multifrontal Cholesky L L^T of the step's matrix: the default linear solver.
 //
-// Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD; the cheapest of a few), supernodes merged where a model of the kernels' time gains, blocks
-// added straight into the fronts, dense kernels for the processor's vectors (block_cholesky_kernel.hpp). Subtrees of the elimination tree are dealt out to two groups of about the
-// same cost, which a second thread may share; their common ancestors follow. Update matrices are kept, so that a few changed blocks cost no more than the fronts above them.
-// The same matrix gives the same bits on each run and with one thread or two, with one instruction
-// set; sets differ by rounding. Figures: docs/performance.md.
+// Approximate minimum degree ordering of the 3x3 blocks (AMD of SuiteSparse, BSD; the cheapest of a few), supernodes
+// merged where a model of the kernels' time gains, blocks added straight into the fronts, dense kernels for the
+// processor's vectors (block_cholesky_kernel.hpp). Subtrees of the elimination tree are dealt out to two groups of
+// about the same cost, which a second thread may share; their common ancestors follow. Update matrices are kept, so
+// that a few changed blocks cost no more than the fronts above them. The same matrix gives the same bits on each run
+// and with one thread or two, with one instruction set; sets differ by rounding. Figures: docs/performance.md.
 #pragma once
 
 #include <algorithm>
@@ -21,8 +22,9 @@
 
 namespace softhand {
 
-/// `Scalar` is what the factor is computed and kept in: double or float. Right-hand sides and solutions are doubles either way; a float factor solves to about
-/// 1e-7 times the matrix's condition number, and refuses what is not positive definite in float.
+/// `Scalar` is what the factor is computed and kept in: double or float. Right-hand sides and solutions are doubles
+/// either way; a float factor solves to about 1e-7 times the matrix's condition number, and refuses what is not
+/// positive definite in float.
 template <typename Scalar>
 class BlockCholesky final : public LinearSolver {
  public:
@@ -45,7 +47,9 @@ class BlockCholesky final : public LinearSolver {
   double factor_entries() const override { return static_cast<double>(panel_size_); }
   std::size_t front_count() const { return fronts_.size(); }
   /// In the last factorisation.
-  std::size_t factorised_fronts() const { return static_cast<std::size_t>(std::count(stale_.begin(), stale_.end(), 1)); }
+  std::size_t factorised_fronts() const {
+    return static_cast<std::size_t>(std::count(stale_.begin(), stale_.end(), 1));
+  }
 
  private:
   struct Free {
@@ -63,7 +67,8 @@ class BlockCholesky final : public LinearSolver {
   HelperThread* helper_ = nullptr;
   double operations_ = 0;
   std::vector<double> front_operations_;
-  std::array<std::size_t, 4> group_{};  // where the fronts of two groups of subtrees and of their ancestors begin and end
+  std::array<std::size_t, 4>
+      group_{};  // where the fronts of two groups of subtrees and of their ancestors begin and end
   std::vector<std::int32_t> position_;  // scalar, in elimination order, of each block of the matrix
   std::vector<CholeskyFront> fronts_;
   std::vector<std::int32_t> child_, row_position_, row_in_parent_;
@@ -73,7 +78,7 @@ class BlockCholesky final : public LinearSolver {
   std::vector<std::uint8_t> keeps_update_;     // by front: beyond the factorisation
   std::vector<std::uint8_t> stale_;            // by front
   bool has_updates_ = false;                   // of the last matrix, in full
-  const double* values_ = nullptr;  // of the matrix that was loaded
+  const double* values_ = nullptr;             // of the matrix that was loaded
   std::size_t panel_size_ = 0, update_size_ = 0;
   Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
 };

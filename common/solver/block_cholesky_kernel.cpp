@@ -5,7 +5,8 @@
 
 namespace softhand {
 
-// Defined in the files of these names, which CMake compiles with their instruction set's flags. The argument only picks the type.
+// Defined in the files of these names, which CMake compiles with their instruction set's flags. The argument only picks
+// the type.
 CholeskyKernel<double> cholesky_kernel_avx2(double);
 CholeskyKernel<float> cholesky_kernel_avx2(float);
 CholeskyKernel<double> cholesky_kernel_avx512(double);

@@ -1,5 +1,6 @@
-// The one source of the factorisation's kernels: see block_cholesky_kernel.hpp. Include it once in a file per instruction set. All of it has internal linkage and nothing
-// of the standard library or Eigen is instantiated: a function shared with the rest of the program could be the one with this file's instructions.
+// The one source of the factorisation's kernels: see block_cholesky_kernel.hpp. Include it once in a file per
+// instruction set. All of it has internal linkage and nothing of the standard library or Eigen is instantiated: a
+// function shared with the rest of the program could be the one with this file's instructions.
 #pragma once
 
 #include "solver/block_cholesky_kernel.hpp"
@@ -22,7 +23,8 @@ constexpr int kVectorBytes = 32, kRegisters = 16;
 constexpr int kVectorBytes = 16, kRegisters = 16;
 #endif
 
-// A tile's column in machine vectors. Floats fill a tile with half an AVX-512 vector: as fast on processors that split those, and one layout for all.
+// A tile's column in machine vectors. Floats fill a tile with half an AVX-512 vector: as fast on processors that split
+// those, and one layout for all.
 template <typename Scalar>
 struct Shape {
   static constexpr int kTileBytes = kTile * static_cast<int>(sizeof(Scalar));
@@ -45,11 +47,11 @@ SOFTHAND_INLINE const typename Shape<Scalar>::Vector& vector_at(const Scalar* at
   return *reinterpret_cast<const typename Shape<Scalar>::Vector*>(at);
 }
 
-// C = [C] - A B^T for `Tiles` tiles of A below each other and `Columns` rows of a tile of B, over `depth` columns of both. `tile_step` from tile to tile of A,
-// `c_tile_step` and `c_column_step` in C.
+// C = [C] - A B^T for `Tiles` tiles of A below each other and `Columns` rows of a tile of B, over `depth` columns of
+// both. `tile_step` from tile to tile of A, `c_tile_step` and `c_column_step` in C.
 template <typename Scalar, int Tiles, int Columns, bool Accumulate>
-SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, const Scalar* b, std::ptrdiff_t depth, Scalar* c, std::ptrdiff_t c_tile_step,
-                                    std::ptrdiff_t c_column_step) {
+SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, const Scalar* b, std::ptrdiff_t depth,
+                                    Scalar* c, std::ptrdiff_t c_tile_step, std::ptrdiff_t c_column_step) {
   using S = Shape<Scalar>;
   using Vector = typename S::Vector;
   Vector sum[Columns][Tiles][S::kParts] = {};
@@ -89,21 +91,24 @@ SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, c
 
 // The same for a column of `tiles` tiles and all rows of the tile of B.
 template <typename Scalar, bool Accumulate>
-void multiply(const Scalar* a, std::ptrdiff_t tile_step, int tiles, const Scalar* b, std::ptrdiff_t depth, Scalar* c, std::ptrdiff_t c_tile_step,
-              std::ptrdiff_t c_column_step) {
+void multiply(const Scalar* a, std::ptrdiff_t tile_step, int tiles, const Scalar* b, std::ptrdiff_t depth, Scalar* c,
+              std::ptrdiff_t c_tile_step, std::ptrdiff_t c_column_step) {
   using S = Shape<Scalar>;
   for (int j = 0; j < kTile; j += S::kColumns) {
     int t = 0;
     for (; t + S::kTiles <= tiles; t += S::kTiles) {
-      multiply_block<Scalar, S::kTiles, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+      multiply_block<Scalar, S::kTiles, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth,
+                                                                 c + t * c_tile_step + j * c_column_step, c_tile_step,
                                                                  c_column_step);
     }
     if constexpr (S::kTiles == 3) {
       if (tiles - t == 2) {
-        multiply_block<Scalar, 2, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+        multiply_block<Scalar, 2, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth,
+                                                           c + t * c_tile_step + j * c_column_step, c_tile_step,
                                                            c_column_step);
       } else if (tiles - t == 1) {
-        multiply_block<Scalar, 1, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth, c + t * c_tile_step + j * c_column_step, c_tile_step,
+        multiply_block<Scalar, 1, S::kColumns, Accumulate>(a + t * tile_step, tile_step, b + j, depth,
+                                                           c + t * c_tile_step + j * c_column_step, c_tile_step,
                                                            c_column_step);
       }
     }
@@ -128,7 +133,8 @@ SOFTHAND_INLINE bool factorize_tile(Scalar* tile, Scalar* inverse_diagonal) {
     for (int k = 0; k < S::kParts; ++k) vector_at(tile + c * kTile + k * S::kWidth) *= inverse;
     for (int j = c + 1; j < kTile; ++j) {
       const Scalar factor = tile[c * kTile + j];
-      for (int k = 0; k < S::kParts; ++k) vector_at(tile + j * kTile + k * S::kWidth) -= vector_at(tile + c * kTile + k * S::kWidth) * factor;
+      for (int k = 0; k < S::kParts; ++k)
+        vector_at(tile + j * kTile + k * S::kWidth) -= vector_at(tile + c * kTile + k * S::kWidth) * factor;
     }
   }
   return true;
@@ -136,7 +142,8 @@ SOFTHAND_INLINE bool factorize_tile(Scalar* tile, Scalar* inverse_diagonal) {
 
 // X = X L^-T for tiles below the diagonal tile `l`.
 template <typename Scalar>
-SOFTHAND_INLINE void divide(Scalar* x, std::ptrdiff_t tile_step, int tiles, const Scalar* l, const Scalar* inverse_diagonal) {
+SOFTHAND_INLINE void divide(Scalar* x, std::ptrdiff_t tile_step, int tiles, const Scalar* l,
+                            const Scalar* inverse_diagonal) {
   using S = Shape<Scalar>;
   for (int t = 0; t < tiles; ++t) {
     for (int k = 0; k < S::kParts; ++k) {
@@ -156,16 +163,23 @@ SOFTHAND_INLINE void divide(Scalar* x, std::ptrdiff_t tile_step, int tiles, cons
   }
 }
 
-SOFTHAND_INLINE std::ptrdiff_t tile_step_of(const CholeskyFront& front) { return static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile * kTile; }
+SOFTHAND_INLINE std::ptrdiff_t tile_step_of(const CholeskyFront& front) {
+  return static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile * kTile;
+}
 // Where row `row` of a panel begins; columns follow at kTile.
-SOFTHAND_INLINE std::ptrdiff_t row_offset(std::ptrdiff_t row, std::ptrdiff_t tile_step) { return (row / kTile) * tile_step + row % kTile; }
+SOFTHAND_INLINE std::ptrdiff_t row_offset(std::ptrdiff_t row, std::ptrdiff_t tile_step) {
+  return (row / kTile) * tile_step + row % kTile;
+}
 
 template <typename Scalar>
-SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFront& front, const double* values, Scalar* panel) {
+SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFront& front, const double* values,
+                                      Scalar* panel) {
   const std::ptrdiff_t step = tile_step_of(front);
   const std::ptrdiff_t size = (front.pivot_tiles + front.row_tiles) * step;
-  for (std::ptrdiff_t k = 0; k < size; k += Shape<Scalar>::kWidth) vector_at(panel + k) = typename Shape<Scalar>::Vector{};
-  for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c) panel[row_offset(c, step) + c * kTile] = Scalar(1);
+  for (std::ptrdiff_t k = 0; k < size; k += Shape<Scalar>::kWidth)
+    vector_at(panel + k) = typename Shape<Scalar>::Vector{};
+  for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c)
+    panel[row_offset(c, step) + c * kTile] = Scalar(1);
   for (const CholeskyEntry* entry = plan.entry + front.entry_begin; entry != plan.entry + front.entry_end; ++entry) {
     // The matrix lies in another order and is larger than the caches near the core.
     const std::int32_t soon = entry[kCholeskyEntriesAhead].source;
@@ -180,7 +194,8 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
 #pragma GCC unroll 3
       for (int c = 0; c < 3; ++c) {
 #pragma GCC unroll 3
-        for (int r = 0; r < 3; ++r) to[c * kTile + r + (r < left ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
+        for (int r = 0; r < 3; ++r)
+          to[c * kTile + r + (r < left ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
       }
     };
     if (left < 3) {
@@ -193,8 +208,8 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
   }
 }
 
-// Which rows of a tile are meant, as the instruction set wants it. `add_to_tile` adds numbers that lie together to these rows of a tile's column, and may read a tile's length
-// of them.
+// Which rows of a tile are meant, as the instruction set wants it. `add_to_tile` adds numbers that lie together to
+// these rows of a tile's column, and may read a tile's length of them.
 template <typename Scalar>
 struct ChosenRows;
 #if defined(__AVX2__)
@@ -209,7 +224,9 @@ struct RowsBefore {
   }
 };
 constexpr RowsBefore kRowsBefore;
-SOFTHAND_INLINE __m128i rows_before(std::uint32_t rows) { return _mm_cvtsi64_si128(static_cast<long long>(kRowsBefore.of[rows])); }
+SOFTHAND_INLINE __m128i rows_before(std::uint32_t rows) {
+  return _mm_cvtsi64_si128(static_cast<long long>(kRowsBefore.of[rows]));
+}
 #endif
 // A permutation of a vector that was loaded costs less than one that expands (vexpandps).
 #if defined(__AVX512F__)
@@ -217,19 +234,23 @@ template <>
 struct ChosenRows<double> {
   __m512i before;
   __mmask8 mask;
-  explicit ChosenRows(std::uint32_t rows) : before(_mm512_maskz_cvtepi8_epi64(0xff, rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
+  explicit ChosenRows(std::uint32_t rows)
+      : before(_mm512_maskz_cvtepi8_epi64(0xff, rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
 };
 template <>
 struct ChosenRows<float> {
   __m256i before;
   __mmask8 mask;
-  explicit ChosenRows(std::uint32_t rows) : before(_mm256_cvtepi8_epi32(rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
+  explicit ChosenRows(std::uint32_t rows)
+      : before(_mm256_cvtepi8_epi32(rows_before(rows))), mask(static_cast<__mmask8>(rows)) {}
 };
 SOFTHAND_INLINE void add_to_tile(double* to, const double* from, const ChosenRows<double>& chosen) {
-  _mm512_store_pd(to, _mm512_add_pd(_mm512_load_pd(to), _mm512_maskz_permutexvar_pd(chosen.mask, chosen.before, _mm512_loadu_pd(from))));
+  _mm512_store_pd(to, _mm512_add_pd(_mm512_load_pd(to),
+                                    _mm512_maskz_permutexvar_pd(chosen.mask, chosen.before, _mm512_loadu_pd(from))));
 }
 SOFTHAND_INLINE void add_to_tile(float* to, const float* from, const ChosenRows<float>& chosen) {
-  _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to), _mm256_maskz_permutexvar_ps(chosen.mask, chosen.before, _mm256_loadu_ps(from))));
+  _mm256_store_ps(to, _mm256_add_ps(_mm256_load_ps(to),
+                                    _mm256_maskz_permutexvar_ps(chosen.mask, chosen.before, _mm256_loadu_ps(from))));
 }
 #elif defined(__AVX2__)
 template <>
@@ -254,7 +275,8 @@ struct ChosenRows<float> {
 SOFTHAND_INLINE void add_to_tile(double* to, const double* from, const ChosenRows<double>& chosen) {
 #pragma GCC unroll 2
   for (int half = 0; half < 2; ++half) {
-    const __m256 spread = _mm256_permutevar8x32_ps(_mm256_castpd_ps(_mm256_loadu_pd(from + (half == 0 ? 0 : chosen.first))), chosen.pair[half]);
+    const __m256 spread = _mm256_permutevar8x32_ps(
+        _mm256_castpd_ps(_mm256_loadu_pd(from + (half == 0 ? 0 : chosen.first))), chosen.pair[half]);
     const __m256d added = _mm256_andnot_pd(_mm256_castsi256_pd(chosen.none[half]), _mm256_castps_pd(spread));
     _mm256_store_pd(to + 4 * half, _mm256_add_pd(_mm256_load_pd(to + 4 * half), added));
   }
@@ -276,10 +298,11 @@ SOFTHAND_INLINE void add_to_tile(Scalar* to, const Scalar* from, const ChosenRow
 }
 #endif
 
-// Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates) or update matrix.
+// Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates)
+// or update matrix.
 template <typename Scalar, bool IntoPanel>
-SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& child, const Scalar* update, std::int32_t begin, std::int32_t end,
-                                const CholeskyFront& parent, Scalar* target) {
+SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& child, const Scalar* update,
+                                std::int32_t begin, std::int32_t end, const CholeskyFront& parent, Scalar* target) {
   const std::int32_t* const in_parent = plan.row_in_parent + child.row_begin;
   const std::ptrdiff_t from_step = static_cast<std::ptrdiff_t>(child.row_tiles) * kTile;
   const std::ptrdiff_t tile_step = IntoPanel ? tile_step_of(parent) : kTile;
@@ -291,11 +314,13 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
     const std::int32_t row = in_parent[block];
     const Scalar* const from = update + 3 * block * from_step;
     Scalar* const to = target + (row - skipped * kTile) * to_step;
-    const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first, const ChosenRows<Scalar>& chosen) {
+    const auto add = [&](int column, const CholeskyTileRows& rows, std::int32_t first,
+                         const ChosenRows<Scalar>& chosen) {
       add_to_tile(to + column * to_step + (rows.tile - skipped) * tile_step, from + column * from_step + first, chosen);
     };
     while (tile->tile < row / kTile) ++tile;
-    // From the diagonal down to its tile's end; where a tile begins within the block, the columns before it have all of it below them.
+    // From the diagonal down to its tile's end; where a tile begins within the block, the columns before it have all of
+    // it below them.
     for (int column = 0; column < 3; ++column) {
       const std::int32_t diagonal = row + column;
       if (tile->tile < diagonal / kTile) {
@@ -313,7 +338,8 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
 }
 
 template <typename Scalar>
-bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels, Scalar* updates, Scalar* inverse_diagonal) {
+bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels,
+               Scalar* updates, Scalar* inverse_diagonal) {
   for (std::size_t f = begin; f < end; ++f) {
     const CholeskyFront& front = plan.fronts[f];
     Scalar* const panel = panels + front.panel;
@@ -332,11 +358,13 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
     for (int j = 0; j < front.pivot_tiles; ++j) {
       Scalar* const diagonal = panel + j * step + static_cast<std::ptrdiff_t>(j) * kTile * kTile;
       if (j > 0) {
-        multiply<Scalar, true>(panel + j * step, step, tiles - j, panel + j * step, static_cast<std::ptrdiff_t>(j) * kTile, diagonal, step, kTile);
+        multiply<Scalar, true>(panel + j * step, step, tiles - j, panel + j * step,
+                               static_cast<std::ptrdiff_t>(j) * kTile, diagonal, step, kTile);
       }
       Scalar inverse[kTile];
       if (!factorize_tile(diagonal, inverse)) return false;
-      for (int c = 0; c < kTile && j * kTile + c < front.pivots; ++c) inverse_diagonal[front.first_pivot + j * kTile + c] = inverse[c];
+      for (int c = 0; c < kTile && j * kTile + c < front.pivots; ++c)
+        inverse_diagonal[front.first_pivot + j * kTile + c] = inverse[c];
       divide(diagonal + step, step, tiles - j - 1, diagonal, inverse);
     }
     // The update matrix is written first and its children's added after: it need not be cleared.
@@ -344,11 +372,13 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
     const Scalar* const below = panel + front.pivot_tiles * step;
     const std::ptrdiff_t height = static_cast<std::ptrdiff_t>(front.row_tiles) * kTile;
     for (int j = 0; j < front.row_tiles; ++j) {
-      multiply<Scalar, false>(below + j * step, step, front.row_tiles - j, below + j * step, front.pivots, update + j * kTile * (height + 1), kTile, height);
+      multiply<Scalar, false>(below + j * step, step, front.row_tiles - j, below + j * step, front.pivots,
+                              update + j * kTile * (height + 1), kTile, height);
     }
     for (std::int32_t k = front.child_begin; k < front.child_end; ++k) {
       const CholeskyFront& child = plan.fronts[plan.child[k]];
-      extend_add<Scalar, false>(plan, child, updates + child.update, eliminated_blocks(child), child.rows / 3, front, update);
+      extend_add<Scalar, false>(plan, child, updates + child.update, eliminated_blocks(child), child.rows / 3, front,
+                                update);
     }
   }
   return true;
@@ -374,7 +404,8 @@ void solve(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse
       std::int32_t p = 0;
       for (; p + 2 <= depth; p += 2) {
         for (int half = 0; half < 2; ++half) {
-          for (int k = 0; k < S::kParts; ++k) sum[half][k] += vector_at(tile + (p + half) * kTile + k * S::kWidth) * pivot[p + half];
+          for (int k = 0; k < S::kParts; ++k)
+            sum[half][k] += vector_at(tile + (p + half) * kTile + k * S::kWidth) * pivot[p + half];
         }
       }
       if (p < depth) {

@@ -53,8 +53,10 @@ void CholmodSolver::analyze(const BlockMatrix& blocks) {
   w.clear();
   w.gather.clear();
   const int size = 3 * blocks.block_count();
-  const std::size_t entries = 9 * static_cast<std::size_t>(blocks.stored_blocks()) - 3 * static_cast<std::size_t>(blocks.block_count());
-  w.matrix = cholmod_allocate_sparse(static_cast<std::size_t>(size), static_cast<std::size_t>(size), entries, 1, 1, -1, CHOLMOD_REAL, &w.common);
+  const std::size_t entries =
+      9 * static_cast<std::size_t>(blocks.stored_blocks()) - 3 * static_cast<std::size_t>(blocks.block_count());
+  w.matrix = cholmod_allocate_sparse(static_cast<std::size_t>(size), static_cast<std::size_t>(size), entries, 1, 1, -1,
+                                     CHOLMOD_REAL, &w.common);
   if (w.matrix == nullptr) throw std::runtime_error("CholmodSolver: no memory for the matrix");
   auto* start = static_cast<int*>(w.matrix->p);
   auto* row = static_cast<int*>(w.matrix->i);
@@ -89,7 +91,8 @@ void CholmodSolver::load(const BlockMatrix& blocks) {
 bool CholmodSolver::factorize() {
   Workspace& w = *workspace_;
   w.common.status = CHOLMOD_OK;
-  return cholmod_factorize(w.matrix, w.factor, &w.common) != 0 && w.common.status == CHOLMOD_OK && w.factor->minor == w.factor->n;
+  return cholmod_factorize(w.matrix, w.factor, &w.common) != 0 && w.common.status == CHOLMOD_OK &&
+         w.factor->minor == w.factor->n;
 }
 
 void CholmodSolver::solve(const VectorX& rhs, VectorX& x) {
@@ -100,7 +103,8 @@ void CholmodSolver::solve(const VectorX& rhs, VectorX& x) {
   b.x = const_cast<double*>(rhs.data());  // CHOLMOD reads it only
   b.xtype = CHOLMOD_REAL;
   b.dtype = CHOLMOD_DOUBLE;
-  if (cholmod_solve2(CHOLMOD_A, w.factor, &b, nullptr, &w.solution, nullptr, &w.scratch_y, &w.scratch_e, &w.common) == 0) {
+  if (cholmod_solve2(CHOLMOD_A, w.factor, &b, nullptr, &w.solution, nullptr, &w.scratch_y, &w.scratch_e, &w.common) ==
+      0) {
     x.setConstant(std::numeric_limits<double>::quiet_NaN());  // the caller checks directions for finite numbers
     return;
   }

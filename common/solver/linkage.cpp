@@ -19,13 +19,16 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
       coasted_(kept_.size(), Matrix3::Identity()),
       then_(kept_.size(), Vector3::Zero()),
       now_(kept_.size(), Vector3::Zero()) {
-  if (carriers_.size() != static_cast<std::size_t>(layout.node_count)) throw std::invalid_argument("Linkage: one carrier a node expected");
+  if (carriers_.size() != static_cast<std::size_t>(layout.node_count))
+    throw std::invalid_argument("Linkage: one carrier a node expected");
   if (links_.size() > kept_.size()) throw std::invalid_argument("Linkage: more links than bodies");
   for (std::size_t b = 0; b < links_.size(); ++b) {
-    if (links_[b].parent >= static_cast<int>(b)) throw std::invalid_argument("Linkage: a parent comes before its children");
+    if (links_[b].parent >= static_cast<int>(b))
+      throw std::invalid_argument("Linkage: a parent comes before its children");
   }
   for (const std::int32_t carrier : carriers_) {
-    if (carrier < 0 || carrier >= layout.body_count) throw std::invalid_argument("Linkage: a carrier that does not exist");
+    if (carrier < 0 || carrier >= layout.body_count)
+      throw std::invalid_argument("Linkage: a carrier that does not exist");
   }
 }
 
@@ -35,13 +38,15 @@ void Linkage::keep(const State& state) {
 }
 
 void Linkage::turn(const State& state) {
-  for (std::size_t b = 0; b < kept_.size(); ++b) turns_[b] = (state.body_poses[b].orientation * kept_[b].conjugate()).toRotationMatrix();
+  for (std::size_t b = 0; b < kept_.size(); ++b)
+    turns_[b] = (state.body_poses[b].orientation * kept_[b].conjugate()).toRotationMatrix();
 }
 
 double Linkage::root_mean_square(const VectorX& increment) const {
   double nodes = 0, bodies = 0;
   if (layout_.node_count > 0) nodes = increment.head(3 * layout_.node_count).squaredNorm() / layout_.node_count;
-  for (int body = 0; body < linked_bodies(); ++body) bodies += increment.segment<3>(translation(body)).squaredNorm() / linked_bodies();
+  for (int body = 0; body < linked_bodies(); ++body)
+    bodies += increment.segment<3>(translation(body)).squaredNorm() / linked_bodies();
   return std::sqrt(std::max(nodes, bodies));
 }
 
@@ -136,7 +141,8 @@ void Linkage::to_then(VectorX& gradient) {
     gradient.segment<3>(rotation(body)) = rotated;
   }
   // A parent's own part is whole once all its children have added theirs.
-  for (int body = 0; body < layout_.body_count; ++body) gradient.segment<3>(translation(body)) = then_[static_cast<std::size_t>(body)];
+  for (int body = 0; body < layout_.body_count; ++body)
+    gradient.segment<3>(translation(body)) = then_[static_cast<std::size_t>(body)];
 }
 
 }  // namespace softhand

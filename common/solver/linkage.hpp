@@ -1,13 +1,15 @@
 // Increments of a jointed body with what it carries, taken from one state to another.
 //
-// Stiffness turns with what is stiff. A matrix of second derivatives that was made at an earlier state serves at a later one as well as its blocks are turned along:
-// A_now ~ G^-T A_then G^-1, with G the map that takes increments at the earlier state to the increments at the later one which stretch the same springs alike.
-// Turning each block with its own body would tear the joints, the stiffest springs of all: two bodies that have turned differently no longer meet. So a body keeps its
-// increment *relative to its parent at their joint*, and what it carries keeps its increment relative to the body:
+// Stiffness turns with what is stiff. A matrix of second derivatives that was made at an earlier state serves at a
+// later one as well as its blocks are turned along: A_now ~ G^-T A_then G^-1, with G the map that takes increments at
+// the earlier state to the increments at the later one which stretch the same springs alike. Turning each block with
+// its own body would tear the joints, the stiffest springs of all: two bodies that have turned differently no longer
+// meet. So a body keeps its increment *relative to its parent at their joint*, and what it carries keeps its increment
+// relative to the body:
 //
-//   rotation     Phi_b = W_b phi_b,   W_b = R_b now (R_b then)^T
-//   translation  T_b   = T_a + W_a (t_b - t_a) + (W_a - W_b)(phi_b x r_b),   a its parent, r_b from its centre of mass to the joint, then, in world axes
-//   carried      Y_n   = T_b + W_b (y_n - t_b)
+//   rotation     Phi_b = W_b phi_b,   W_b = R_b now (R_b then)^T translation  T_b   = T_a + W_a (t_b - t_a) + (W_a -
+//   W_b)(phi_b x r_b),   a its parent, r_b from its centre of mass to the joint, then, in world axes carried      Y_n
+//   = T_b + W_b (y_n - t_b)
 //
 // Exact where all turned alike, for the springs of joints, and for everything between one body and what it carries.
 #pragma once
@@ -22,11 +24,12 @@ namespace softhand {
 class Linkage {
  public:
   struct Link {
-    int parent = -1;                          ///< a body with a smaller index; -1: it hangs at none
-    Vector3 joint = Vector3::Zero();          ///< in the body's own frame
+    int parent = -1;                  ///< a body with a smaller index; -1: it hangs at none
+    Vector3 joint = Vector3::Zero();  ///< in the body's own frame
   };
   Linkage() = default;
-  /// `links`: of the first bodies of the state; the others are each alone. `carriers`: by node, the body that carries it. std::invalid_argument where an index is out of range.
+  /// `links`: of the first bodies of the state; the others are each alone. `carriers`: by node, the body that carries
+  /// it. std::invalid_argument where an index is out of range.
   Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers);
 
   int linked_bodies() const { return static_cast<int>(links_.size()); }
@@ -36,7 +39,8 @@ class Linkage {
   void turn(const State& state);
   /// Of an increment's translations, m: of the nodes or of the linked bodies, whichever is more.
   double root_mean_square(const VectorX& increment) const;
-  /// Moves the linked bodies of `state` on for `time_step` seconds as their velocities lead, and what they carry as it moves on them.
+  /// Moves the linked bodies of `state` on for `time_step` seconds as their velocities lead, and what they carry as it
+  /// moves on them.
   void coast(State& state, double time_step);
   /// The nodes' rows of a gradient, from world axes to those of the bodies that carry them, and back.
   void to_bodies(const State& state, VectorX& gradient) const;

@@ -18,28 +18,35 @@ constexpr double kFirstShift = 1e-4;  // of the diagonal entry; times ten each t
 constexpr int kMaxHalvings = 30;
 constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
-constexpr double kSlowContraction = 0.15;    // of two increments: beyond it a new factor costs less than the iterations that it saves
-constexpr double kStalled = 0.5;   // of two increments of a chord step, or two residuals
-constexpr double kNoEnergy = 1e-12;  // J, of a millinewton over a nanometre: at rest all energies are rounding
+constexpr double kSlowContraction =
+    0.15;  // of two increments: beyond it a new factor costs less than the iterations that it saves
+constexpr double kStalled = 0.5;            // of two increments of a chord step, or two residuals
+constexpr double kNoEnergy = 1e-12;         // J, of a millinewton over a nanometre: at rest all energies are rounding
 constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
-constexpr double kWorthProjected = 8;  // iterations with a kept factor that cost as much as one with a new Hessian and factor
+constexpr double kWorthProjected =
+    8;  // iterations with a kept factor that cost as much as one with a new Hessian and factor
 constexpr double kWorthExact = 4;      // likewise where the new Hessian is exact, and converges faster
-constexpr double kFullMove = 0.05;        // m; a body that moves less in the step may be off by as much less than a node
-constexpr double kLeastMove = 1e-5;       // m; but not by less than one that moves this
-constexpr double kKinkFraction = 0.6;     // of a whole factor, what renewing contact and friction is expected to cost
-constexpr double kKinkChange = 0.05;      // of the blocks of contact and friction: with less change the rest of the Hessian is too old
+constexpr double kFullMove = 0.05;     // m; a body that moves less in the step may be off by as much less than a node
+constexpr double kLeastMove = 1e-5;    // m; but not by less than one that moves this
+constexpr double kKinkFraction = 0.6;  // of a whole factor, what renewing contact and friction is expected to cost
+constexpr double kKinkChange =
+    0.05;  // of the blocks of contact and friction: with less change the rest of the Hessian is too old
 constexpr int kMostKinksInTurn = 2;  // then the rest of the Hessian may be what is too old
 constexpr double kSlowest = 0.9;     // of two increments, when the rest is estimated: beyond it a series says nothing
-constexpr double kUsualReduction = 0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
+constexpr double kUsualReduction =
+    0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
 constexpr int kMaxBracketings = 6;
-constexpr double kLevel = 0.5;       // of the slope at the start: no more may be left at the end of a line search, beyond the minimum
-constexpr double kShort = 0.05;      // likewise short of the minimum, but for a full step
-constexpr double kFar = 0.6;         // likewise of a full step: with more left the Hessian is too stiff along it
+constexpr double kLevel =
+    0.5;  // of the slope at the start: no more may be left at the end of a line search, beyond the minimum
+constexpr double kShort = 0.05;  // likewise short of the minimum, but for a full step
+constexpr double kFar = 0.6;     // likewise of a full step: with more left the Hessian is too stiff along it
 constexpr double kLeastStride = 1.5, kLongestStride = 4;  // of a step that goes on then, over the one before
-constexpr double kInside = 0.05;     // of a bracket: how near to its ends the next trial may be
-constexpr double kNoise = 100;       // of the energy's rounding: what falls by less has no slope worth a search
+constexpr double kInside = 0.05;                          // of a bracket: how near to its ends the next trial may be
+constexpr double kNoise = 100;  // of the energy's rounding: what falls by less has no slope worth a search
 
-double steady_seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+double steady_seconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 State empty_state(DofLayout layout) {
   State state;
@@ -64,13 +71,15 @@ double iterations_until(double now, double tolerance, double contraction) {
 
 bool fits(const State& state, DofLayout layout) {
   return state.node_positions.cols() == layout.node_count && state.node_velocities.cols() == layout.node_count &&
-         state.body_poses.size() == static_cast<std::size_t>(layout.body_count) && state.body_velocities.size() == state.body_poses.size();
+         state.body_poses.size() == static_cast<std::size_t>(layout.body_count) &&
+         state.body_velocities.size() == state.body_poses.size();
 }
 
 }  // namespace
 
 std::string_view to_string(StepStatus status) {
-  constexpr std::array<std::string_view, 6> names{"converged", "iteration_limit", "budget_spent", "failed_factorisation", "nonfinite", "refused"};
+  constexpr std::array<std::string_view, 6> names{
+      "converged", "iteration_limit", "budget_spent", "failed_factorisation", "nonfinite", "refused"};
   return names[static_cast<std::size_t>(status)];
 }
 
@@ -79,14 +88,18 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
-      // Where the exact Hessian is not positive definite its factor was work for nothing, which a budget has no room for.
-      tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations && options.work_budget == 0),
+      // Where the exact Hessian is not positive definite its factor was work for nothing, which a budget has no room
+      // for.
+      tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations &&
+                   options.work_budget == 0),
       tries_exact_now_(tries_exact_),
       clock_(options.clock ? options.clock : steady_seconds) {
-  if (terms_.size() > kMaxTerms) throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
+  if (terms_.size() > kMaxTerms)
+    throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
   if (options_.max_iterations < 1) throw std::invalid_argument("NewtonSolver: max_iterations must be at least 1");
   if (options_.curvature != "exact" && options_.curvature != "projected" && options_.curvature != "adaptive") {
-    throw std::invalid_argument("NewtonSolver: curvature must be adaptive, projected or exact, got " + options_.curvature);
+    throw std::invalid_argument("NewtonSolver: curvature must be adaptive, projected or exact, got " +
+                                options_.curvature);
   }
   if (options_.factor != "float" && options_.factor != "double") {
     throw std::invalid_argument("NewtonSolver: factor must be float or double, got " + options_.factor);
@@ -115,7 +128,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
     std::size_t bodies = 0;
     for (const auto& [column, row] : touched.lower_triangle()) {
       ++potential_blocks;
-      if (column != row && row >= layout_.node_count) bodies = std::max(bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
+      if (column != row && row >= layout_.node_count)
+        bodies = std::max(bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
     }
     potentials_.bodies = std::max(potentials_.bodies, bodies);
     order_.insert(bodies == 0 ? order_.begin() + static_cast<std::ptrdiff_t>(first_bodily_++) : order_.end(), t);
@@ -129,7 +143,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   }
   work_ = step_work({potential_blocks, linear_solver_->factor_operations(), linear_solver_->factor_entries()});
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
-  potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ = VectorX::Zero(layout_.dof_count());
+  potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ =
+      VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
   gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
@@ -137,12 +152,14 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
 }
 
 void NewtonSolver::measure_displacement(const State& state) {
-  Eigen::Map<Eigen::Matrix3Xd>(displacement_.data(), 3, layout_.node_count) = state.node_positions - start_.node_positions;
+  Eigen::Map<Eigen::Matrix3Xd>(displacement_.data(), 3, layout_.node_count) =
+      state.node_positions - start_.node_positions;
   for (int body = 0; body < layout_.body_count; ++body) {
     const Pose& now = state.body_poses[static_cast<std::size_t>(body)];
     const Pose& start = start_.body_poses[static_cast<std::size_t>(body)];
     displacement_.segment<3>(3 * layout_.body_translation_block(body)) = now.position - start.position;
-    displacement_.segment<3>(3 * layout_.body_rotation_block(body)) = rotation_log(now.orientation * start.orientation.conjugate());
+    displacement_.segment<3>(3 * layout_.body_rotation_block(body)) =
+        rotation_log(now.orientation * start.orientation.conjugate());
   }
 }
 
@@ -155,10 +172,11 @@ bool NewtonSolver::knows_potentials(const State& state) const {
   return true;
 }
 
-// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite. `may_be_result`: where work is
-// measured, that of the step so far is; a step's start and what it surely goes on from do without. `carried`: the gradient of the potentials of nodes alone, which are then not
-// evaluated, nor their energy.
-bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result, const VectorX* carried) {
+// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
+// `may_be_result`: where work is measured, that of the step so far is; a step's start and what it surely goes on from
+// do without. `carried`: the gradient of the potentials of nodes alone, which are then not evaluated, nor their energy.
+bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result,
+                            const VectorX* carried) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -193,9 +211,10 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
       potentials_.known = true;
     }
     if (with_hessian && k == first_kinked_) hessian_.begin_journal();
-    const double energy = k < known      ? potentials_.joules[k]
-                          : with_hessian ? terms_[t]->add_all(state, gradient_, hessian_, k < first_kinked_ ? smooth : curvature_)
-                                         : terms_[t]->add_gradient(state, gradient_);
+    const double energy = k < known ? potentials_.joules[k]
+                          : with_hessian
+                              ? terms_[t]->add_all(state, gradient_, hessian_, k < first_kinked_ ? smooth : curvature_)
+                              : terms_[t]->add_gradient(state, gradient_);
     if (known == 0) potentials_.joules[k] = energy;
     const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
@@ -253,12 +272,15 @@ bool NewtonSolver::factorize(const State& state, StepReport& report, bool in_dou
     // Each entry by its own size: metres and radians differ by orders of magnitude.
     const double next = attempt++ == 0 ? kFirstShift : 10.0 * shift;
     double largest = 0;
-    const auto entry = [this](std::int32_t block, int k) -> double& { return hessian_.values()[static_cast<std::size_t>(9 * block + 4 * k)]; };
+    const auto entry = [this](std::int32_t block, int k) -> double& {
+      return hessian_.values()[static_cast<std::size_t>(9 * block + 4 * k)];
+    };
     for (const std::int32_t block : diagonal_) {
       for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(entry(block, k)));
     }
     for (const std::int32_t block : diagonal_) {
-      for (int k = 0; k < 3; ++k) entry(block, k) += (next - shift) * std::max(std::abs(entry(block, k)), 1e-9 * largest);
+      for (int k = 0; k < 3; ++k)
+        entry(block, k) += (next - shift) * std::max(std::abs(entry(block, k)), 1e-9 * largest);
     }
     shift = next;
     ++report.shifts;
@@ -267,13 +289,14 @@ bool NewtonSolver::factorize(const State& state, StepReport& report, bool in_dou
   return false;
 }
 
-// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where that part hardly changed, or where the sum is
-// not positive definite: then all of the Hessian must be renewed.
+// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where that part
+// hardly changed, or where the sum is not positive definite: then all of the Hessian must be renewed.
 bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
   double time = clock_();
   changed_.assign(hessian_.journal().begin(), hessian_.journal().end());
   hessian_.take_back();
-  for (std::size_t k = first_kinked_; k < order_.size(); ++k) terms_[order_[k]]->add_hessian(state, hessian_, curvature_);
+  for (std::size_t k = first_kinked_; k < order_.size(); ++k)
+    terms_[order_[k]]->add_hessian(state, hessian_, curvature_);
   changed_.insert(changed_.end(), hessian_.journal().begin(), hessian_.journal().end());
   report.work += work_.contact_blocks;
   has_smooth_ = hessian_.change_since_taken_back() > kKinkChange;
@@ -291,15 +314,19 @@ bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
 }
 
 void NewtonSolver::count_factor(StepReport& report) const {
-  report.work += work_.per_operation * factor_->last_operations() * (factor_ == precise_solver_.get() ? work_.per_double : 1.0);
+  report.work +=
+      work_.per_operation * factor_->last_operations() * (factor_ == precise_solver_.get() ? work_.per_double : 1.0);
 }
 
-// Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of the step that was taken; 0 where E does not fall in
-// floating point (then `state` and `report` are unchanged). `measured`: the energy and the gradient there are evaluated, at a full step with the Hessian too if it is wanted.
+// Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of
+// the step that was taken; 0 where E does not fall in floating point (then `state` and `report` are unchanged).
+// `measured`: the energy and the gradient there are evaluated, at a full step with the Hessian too if it is wanted.
 //
-// E has kinks in its slope's slope: contacts that begin and end, friction that sticks and slides. Short of one the Hessian does not know what lies beyond, and steps that were
-// halved until E falls would come nearer in each iteration and never cross. So the search brackets the minimum by the slope and ends at it or beyond, where the next Hessian is another.
-// And a full step may stop far short: a Hessian made positive semi-definite is too stiff where tissue snaps through, for dozens of iterations. There the search goes on.
+// E has kinks in its slope's slope: contacts that begin and end, friction that sticks and slides. Short of one the
+// Hessian does not know what lies beyond, and steps that were halved until E falls would come nearer in each iteration
+// and never cross. So the search brackets the minimum by the slope and ends at it or beyond, where the next Hessian is
+// another. And a full step may stop far short: a Hessian made positive semi-definite is too stiff where tissue snaps
+// through, for dozens of iterations. There the search goes on.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   const double rounding = rounding_of_energy(report);
@@ -318,21 +345,25 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
       const double there = finite ? gradient_.dot(direction_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
       const bool is_bracketed = high > 0;
-      const bool goes_on = falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
-      const bool level = there <= -kLevel * slope && (there >= kShort * slope || !is_bracketed || trial == kMaxBracketings);
+      const bool goes_on =
+          falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
+      const bool level =
+          there <= -kLevel * slope && (there >= kShort * slope || !is_bracketed || trial == kMaxBracketings);
       if (falls && !goes_on && (level || -slope <= kNoise * rounding)) {
         report.increment *= scale;
         return scale;
       }
       state = base_;
       if (goes_on) {
-        const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low) : std::numeric_limits<double>::infinity();
+        const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low)
+                                              : std::numeric_limits<double>::infinity();
         low = scale;
         low_slope = there;
         scale = std::clamp(root, kLeastStride * low, kLongestStride * low);
         continue;
       }
-      // Regula falsi; an end that stays twice is taken for less than it is, so that the other moves (Illinois: Dowell and Jarratt 1971, BIT 11:168).
+      // Regula falsi; an end that stays twice is taken for less than it is, so that the other moves (Illinois: Dowell
+      // and Jarratt 1971, BIT 11:168).
       if (falls && there < 0) {
         low = scale;
         low_slope = there;
@@ -351,7 +382,8 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
   }
   for (int halving = 0; halving <= kMaxHalvings; ++halving, scale *= 0.5) {
     apply_increment(state, direction_, scale);
-    if (energy_at(state, report) <= bound(scale) && (!measured || (evaluate(state, report, false) && report.energy <= bound(scale)))) {
+    if (energy_at(state, report) <= bound(scale) &&
+        (!measured || (evaluate(state, report, false) && report.energy <= bound(scale)))) {
       report.increment *= scale;
       return scale;
     }
@@ -365,25 +397,30 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
   return 0;
 }
 
-// Of the last iteration's increment: the largest move of a node or body, over what it may be off by. A rotation counts as the length that it moves
-// the body's stiffness by: sqrt(tr H_rr / tr H_tt), of a free body its radius of gyration. A body that moves far in the step must be off by less than a
-// part of that, whatever its mass: residuals say nothing about what is light.
+// Of the last iteration's increment: the largest move of a node or body, over what it may be off by. A rotation counts
+// as the length that it moves the body's stiffness by: sqrt(tr H_rr / tr H_tt), of a free body its radius of gyration.
+// A body that moves far in the step must be off by less than a part of that, whatever its mass: residuals say nothing
+// about what is light.
 double NewtonSolver::largest_move(const State& state) const {
   const double most = std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
-  double largest = layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() / most : 0.0;
+  double largest =
+      layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() / most : 0.0;
   const auto trace = [this](int block) {
-    const double* const values = hessian_.values().data() + 9 * static_cast<std::ptrdiff_t>(diagonal_[static_cast<std::size_t>(block)]);
+    const double* const values =
+        hessian_.values().data() + 9 * static_cast<std::ptrdiff_t>(diagonal_[static_cast<std::size_t>(block)]);
     return values[0] + values[4] + values[8];
   };
   for (int body = 0; body < layout_.body_count; ++body) {
     const int translation = layout_.body_translation_block(body), rotation = layout_.body_rotation_block(body);
-    const Pose &now = state.body_poses[static_cast<std::size_t>(body)], &start = start_.body_poses[static_cast<std::size_t>(body)];
+    const Pose &now = state.body_poses[static_cast<std::size_t>(body)],
+               &start = start_.body_poses[static_cast<std::size_t>(body)];
     const double stiffness = trace(translation);
     const double lever = stiffness > 0 ? std::sqrt(std::max(0.0, trace(rotation)) / stiffness) : 0.0;
     const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
     const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
     const double tolerance = most * std::clamp(moved, kLeastMove, kFullMove) / kFullMove;
-    const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(), lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
+    const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(),
+                                 lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
     largest = std::max(largest, move / tolerance);
   }
   return largest;
@@ -425,28 +462,33 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   kept_time_step_ = carried_for_ = 0;
   tries_exact_now_ = tries_exact_;
   // Whether a factor serves for more than one iteration, that of the step before too. Few iterations are Newton's own.
-  const bool may_keep = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations && !was_cut_off_;
+  const bool may_keep =
+      options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations && !was_cut_off_;
   const double worth = tries_exact_ ? kWorthExact : kWorthProjected;
   // The next iteration takes the last factor.
   bool keeps = may_keep && (carried_time_step_ == time_step || (begun && report.factorisations > 0));
   carried_time_step_ = 0;
   bool have_best = false;
-  bool evaluated = true;       // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = !keeps;    // so is `hessian_`
-  bool in_double = false;      // factors from now on
-  bool needs_double = false;   // one in float led nowhere
-  bool double_helps = true;    // as far as is known, where float does little
+  bool evaluated = true;      // the report's energy and residual, and `gradient_`, are those of `state`
+  bool linearised = !keeps;   // so is `hessian_`
+  bool in_double = false;     // factors from now on
+  bool needs_double = false;  // one in float led nowhere
+  bool double_helps = true;   // as far as is known, where float does little
   int kinks_in_turn = keeps ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
   double best_energy = 0;
   double moved_before = 0;
   double contraction = 0;
   double remaining_move = std::numeric_limits<double>::infinity();  // over what is tolerated
-  const auto has_converged = [&] { return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move <= 1; };
+  const auto has_converged = [&] {
+    return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move <= 1;
+  };
   // Work of an iteration with the last factor, with one that is new in its kinks, and with a new Hessian and factor.
   const double kept_work = work_.solve + work_.evaluation;
   const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + kept_work;
   const double whole_work = work_.linearisation + work_.whole_factor + kept_work;
-  const auto remaining_work = [&] { return options_.work_budget > 0 ? options_.work_budget - report.work : std::numeric_limits<double>::infinity(); };
+  const auto remaining_work = [&] {
+    return options_.work_budget > 0 ? options_.work_budget - report.work : std::numeric_limits<double>::infinity();
+  };
   const auto has_whole_factor = [&] { return report.factorisations > report.kink_factors; };
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, linearised, false)) return give_up();
@@ -466,12 +508,17 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       }
     }
     bool renews = !keeps;
-    bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() && kinks_in_turn < kMostKinksInTurn && !in_double;
-    if (const double remaining = remaining_work(); (iteration > 0 || (begun && report.iterations > 0)) && std::isfinite(remaining)) {
-      // A new Hessian and factor is worth most, so its work is kept in reserve until the step has had one; then the rest goes where it may.
+    bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() &&
+                        kinks_in_turn < kMostKinksInTurn && !in_double;
+    if (const double remaining = remaining_work();
+        (iteration > 0 || (begun && report.iterations > 0)) && std::isfinite(remaining)) {
+      // A new Hessian and factor is worth most, so its work is kept in reserve until the step has had one; then the
+      // rest goes where it may.
       const double reserve = has_whole_factor() ? 0.0 : whole_work;
       const bool affords_whole = remaining >= whole_work;
-      if (!renews && !has_whole_factor() && affords_whole && remaining - kept_work < whole_work && iterations_until(remaining_move, 1, contraction) * kept_work > remaining) renews = true;
+      if (!renews && !has_whole_factor() && affords_whole && remaining - kept_work < whole_work &&
+          iterations_until(remaining_move, 1, contraction) * kept_work > remaining)
+        renews = true;
       if (renews_kinks && remaining < kinks_work + reserve) renews_kinks = !affords_whole && remaining >= kinks_work;
       if (renews && !renews_kinks && !affords_whole) renews = false;
       // The factor of a chord step that made none in this step does not hold here.
@@ -486,7 +533,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     const double before = report.residual;
     double scale = 0;
     bool factorised = true;
-    // Once; again with a new factor where the kept one leads nowhere, and with one in double where that does not either.
+    // Once; again with a new factor where the kept one leads nowhere, and with one in double where that does not
+    // either.
     for (;;) {
       if (renews_kinks) renews_kinks = renew_kinks(state, report);
       if (renews && !renews_kinks) {
@@ -523,7 +571,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         report.increment = 0;
         break;
       }
-      // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for ever.
+      // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for
+      // ever.
       apply_increment(state, direction_);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
@@ -534,7 +583,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     remaining_move = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
     moved_before = moved;
     keeps = may_keep && scale == 1 &&
-            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual), iterations_until(remaining_move, 1, contraction)) <= worth;
+            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
+                     iterations_until(remaining_move, 1, contraction)) <= worth;
     kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
     if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
       double_helps = double_helps && !in_double;
@@ -562,11 +612,13 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  // One that failed leaves no factor. One that was cut off is far from the minimum, where only Newton's own iterations lead on.
+  // One that failed leaves no factor. One that was cut off is far from the minimum, where only Newton's own iterations
+  // lead on.
   was_cut_off_ = report.status == StepStatus::budget_spent;
   const bool may_carry = report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
   if (may_carry && (keeps || has_whole_factor())) carried_time_step_ = time_step;
-  if (is_quiet && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0) kept_time_step_ = time_step;
+  if (is_quiet && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0)
+    kept_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -595,8 +647,9 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   carried_for_ = other.carried_for_;
 }
 
-// False where the iteration does not contract, or its work would exceed the budget. `state` is then the lowest that was reached, and `report` tells of it
-// where it lies below the step's start; else both are as they were, but for time and work.
+// False where the iteration does not contract, or its work would exceed the budget. `state` is then the lowest that was
+// reached, and `report` tells of it where it lies below the step's start; else both are as they were, but for time and
+// work.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
   carried_time_step_ = 0;
   if (measures_start_) {
@@ -614,7 +667,8 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   carried_for_ = knows ? time_step : 0;
   // Of the start, where an ordinary step would descend from, and of where velocities lead, if that is evaluated.
   double least = std::numeric_limits<double>::infinity();
-  double lowest = -std::numeric_limits<double>::infinity();  // the energy of `best_`; without that of the start nothing is known to lie below it
+  double lowest = -std::numeric_limits<double>::infinity();  // the energy of `best_`; without that of the start nothing
+                                                             // is known to lie below it
   if (knows) {
     if (!evaluate(state, report, false, false)) return false;
     for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
@@ -644,7 +698,9 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   }
   const double iteration_work = work_.solve + work_.evaluation;
   for (int iteration = 0; iteration < kMaxChordIterations; ++iteration) {
-    if (options_.work_budget > 0 && report.work + iteration_work + (renews ? work_.whole_factor : 0.0) > options_.work_budget) return give_up();
+    if (options_.work_budget > 0 &&
+        report.work + iteration_work + (renews ? work_.whole_factor : 0.0) > options_.work_budget)
+      return give_up();
     if (renews) {
       if (!factorize(state, report, false) || report.shifts > 0) return give_up();
       linkage_.keep(state);
@@ -669,7 +725,8 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     const bool renewed = std::exchange(renews, !moved_little && contracts_slowly_ && !stalled);
     const double residual = report.residual;
     if (!evaluate(state, report, renews, moved_little)) return give_up();
-    // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain limit.
+    // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain
+    // limit.
     const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
     note_lowest();

@@ -1,10 +1,11 @@
+#include "cli/check.hpp"
+
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
 #include <stdexcept>
 #include <string>
 
-#include "cli/check.hpp"
 #include "cli/commands.hpp"
 #include "cli/rig.hpp"
 #include "math/tetrahedron.hpp"
@@ -20,8 +21,9 @@ void check_hand(const std::string& path) {
   const HandModel hand = load_hand(path);
   double volume = 0;
   for (const auto& t : hand.tetrahedra) volume += tetrahedron_volume(hand.nodes, t);
-  fmt::print("{}: a {} hand, {} nodes, {} tetrahedra, {:.0f} ml, {} attachments, {} skin vertices\n", path, hand.side == Side::left ? "left" : "right",
-             hand.node_count(), hand.tetrahedra.size(), volume * 1e6, hand.attachments.size(), hand.skin_vertices.size());
+  fmt::print("{}: a {} hand, {} nodes, {} tetrahedra, {:.0f} ml, {} attachments, {} skin vertices\n", path,
+             hand.side == Side::left ? "left" : "right", hand.node_count(), hand.tetrahedra.size(), volume * 1e6,
+             hand.attachments.size(), hand.skin_vertices.size());
 }
 
 void check_rig(const std::string& path) {
@@ -33,8 +35,9 @@ void check_rig(const std::string& path) {
 void check_scene(const std::string& path) {
   const Scene scene = read_checked_scene(path);
   const HandModel hand = load_scene_hand(scene);
-  fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path, scene.options.objects.size(),
-             hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(), make_scene_motion(scene, hand)->duration());
+  fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
+             scene.options.objects.size(), hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
+             make_scene_motion(scene, hand)->duration());
 }
 
 // What a process does at its start; where it refuses to, the message begins with `where`.
@@ -61,7 +64,8 @@ bool is_rig(const std::string& path) {
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides) {
   Scene scene = read_scene(path, overrides);
   std::string wrong;
-  for (const std::string& problem : check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
+  for (const std::string& problem :
+       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
   if (!wrong.empty()) throw ConfigError(wrong);

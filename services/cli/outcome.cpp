@@ -17,24 +17,25 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kPressingForce = 3.0;        // N, the most at which depths are compared
-constexpr double kClosedFist = 0.060;         // m, middle tip to middle metacarpal joint
-constexpr double kHeldMovement = 0.005;       // m in the palm's frame
-constexpr double kGripGap = 0.1;              // s
-constexpr double kAtRest = 0.005;             // m/s
-constexpr double kLargestShift = 0.030;       // s, over which a constant lag is looked for; searched to twice that
-constexpr double kGapPeriods = 4;             // median sample periods; a longer interval without tracked samples is a gap
+constexpr double kPressingForce = 3.0;   // N, the most at which depths are compared
+constexpr double kClosedFist = 0.060;    // m, middle tip to middle metacarpal joint
+constexpr double kHeldMovement = 0.005;  // m in the palm's frame
+constexpr double kGripGap = 0.1;         // s
+constexpr double kAtRest = 0.005;        // m/s
+constexpr double kLargestShift = 0.030;  // s, over which a constant lag is looked for; searched to twice that
+constexpr double kGapPeriods = 4;        // median sample periods; a longer interval without tracked samples is a gap
 
 double seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-// The sample at a time, linearly between neighbours (orientation: shortest arc). Nothing outside the samples, and nothing
-// between neighbours that are more than `longest_span` seconds apart.
+// The sample at a time, linearly between neighbours (orientation: shortest arc). Nothing outside the samples, and
+// nothing between neighbours that are more than `longest_span` seconds apart.
 template <typename Sample, typename Get>
 std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get,
                             double longest_span = std::numeric_limits<double>::infinity()) {
-  const auto after = std::lower_bound(samples.begin(), samples.end(), time, [](const Sample& s, double t) { return seconds(s.time) < t; });
+  const auto after = std::lower_bound(samples.begin(), samples.end(), time,
+                                      [](const Sample& s, double t) { return seconds(s.time) < t; });
   if (after == samples.end() || (after == samples.begin() && seconds(after->time) > time)) return std::nullopt;
   if (after == samples.begin()) return get(*after);
   const auto before = after - 1;
@@ -67,7 +68,8 @@ std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const st
 std::size_t joint(Joint j) { return static_cast<std::size_t>(index_of(j)); }
 
 bool valid(const Skeleton& skeleton) {
-  return std::all_of(skeleton.joints.begin(), skeleton.joints.end(), [](const JointSample& j) { return (j.flags & kJointValid) != 0; });
+  return std::all_of(skeleton.joints.begin(), skeleton.joints.end(),
+                     [](const JointSample& j) { return (j.flags & kJointValid) != 0; });
 }
 
 std::array<Pose, kJointCount> poses_of(const Skeleton& skeleton) {
@@ -80,7 +82,8 @@ std::array<Pose, kJointCount> poses_of(const Skeleton& skeleton) {
 
 double percentile(std::vector<double> values, double q) {
   if (values.empty()) return std::nan("");
-  const auto at = static_cast<std::size_t>(std::min(q * static_cast<double>(values.size()), static_cast<double>(values.size() - 1)));
+  const auto at = static_cast<std::size_t>(
+      std::min(q * static_cast<double>(values.size()), static_cast<double>(values.size() - 1)));
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(at), values.end());
   return values[at];
 }
@@ -91,7 +94,8 @@ void Outcome::on_tracked(const Skeleton& skeleton) {
 
 void Outcome::on_simulated(const Skeleton& skeleton) {
   for (const JointSample& j : skeleton.joints) {
-    if (!all_finite(j.position) || !all_finite(j.orientation) || !all_finite(j.linear_velocity) || !all_finite(j.angular_velocity)) {
+    if (!all_finite(j.position) || !all_finite(j.orientation) || !all_finite(j.linear_velocity) ||
+        !all_finite(j.angular_velocity)) {
       ++nonfinite_;
       return;
     }
@@ -124,12 +128,14 @@ void Outcome::on_contacts(const Contacts& contacts) {
 
 void Outcome::on_coupling(const ObjectCoupling& coupling) {
   for (const ObjectTwin& twin : coupling.twins) {
-    if (!all_finite(twin.position) || !all_finite(twin.orientation) || !all_finite(twin.contact_force) || !all_finite(twin.linear_velocity)) {
+    if (!all_finite(twin.position) || !all_finite(twin.orientation) || !all_finite(twin.contact_force) ||
+        !all_finite(twin.linear_velocity)) {
       ++nonfinite_;
       continue;
     }
-    twins_.push_back({coupling.stamp.sample_time, twin.object, twin.owned != 0, to_pose(twin.position, twin.orientation),
-                      to_vector(twin.linear_velocity), to_vector(twin.contact_force)});
+    twins_.push_back({coupling.stamp.sample_time, twin.object, twin.owned != 0,
+                      to_pose(twin.position, twin.orientation), to_vector(twin.linear_velocity),
+                      to_vector(twin.contact_force)});
   }
 }
 
@@ -139,7 +145,8 @@ void Outcome::on_objects(const WorldObjects& objects) {
       ++nonfinite_;
       continue;
     }
-    objects_.push_back({objects.stamp.sample_time, object.object, to_pose(object.position, object.orientation), to_vector(object.linear_velocity)});
+    objects_.push_back({objects.stamp.sample_time, object.object, to_pose(object.position, object.orientation),
+                        to_vector(object.linear_velocity)});
   }
 }
 
@@ -155,7 +162,8 @@ void Outcome::on_bone_wrench(const BoneWrench& wrench) {
     finger[static_cast<std::size_t>(finger_of(static_cast<Body>(b)))] += force;
     hand += force;
   }
-  for (std::size_t f = 0; f < kFingerCount; ++f) largest_finger_coupling_ = std::max(largest_finger_coupling_, finger[f]);
+  for (std::size_t f = 0; f < kFingerCount; ++f)
+    largest_finger_coupling_ = std::max(largest_finger_coupling_, finger[f]);
   largest_hand_coupling_ = std::max(largest_hand_coupling_, hand);
 }
 
@@ -165,11 +173,15 @@ void Outcome::on_device(const DeviceState& state) {
   }
   const Chain& chain = state.stamp.chain;
   if (state.live == 0 || state.kind != 0 || chain.tracker_sample == 0 || chain.wrench_published == 0) return;
-  const auto ms = [](Nanoseconds from, Nanoseconds to) { return from == 0 || to == 0 ? std::nan("") : static_cast<double>(to - from) * 1e-6; };
-  const Nanoseconds to_hand = chain.intermediate_published != 0 ? chain.intermediate_published : chain.tracked_published;
-  latencies_.push_back({{ms(chain.tracker_sample, chain.tracked_published), ms(chain.tracked_published, chain.intermediate_published),
-                         ms(to_hand, chain.simulated_published), ms(chain.simulated_published, chain.wrench_published),
-                         ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
+  const auto ms = [](Nanoseconds from, Nanoseconds to) {
+    return from == 0 || to == 0 ? std::nan("") : static_cast<double>(to - from) * 1e-6;
+  };
+  const Nanoseconds to_hand =
+      chain.intermediate_published != 0 ? chain.intermediate_published : chain.tracked_published;
+  latencies_.push_back(
+      {{ms(chain.tracker_sample, chain.tracked_published), ms(chain.tracked_published, chain.intermediate_published),
+        ms(to_hand, chain.simulated_published), ms(chain.simulated_published, chain.wrench_published),
+        ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
 }
 
 double Outcome::longest_tracked_interval() const {
@@ -181,7 +193,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   const double start = seconds(frame.motion_start);
   Json json;
   std::vector<TwinSample> twins;
-  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
+  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins),
+               [&frame](const TwinSample& t) { return t.object == frame.object; });
 
   double slip = std::nan("");
   double weight_ratio = std::nan("");
@@ -203,7 +216,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
       ++count;
       std::size_t k = 0;
       for (const Joint distal : {Joint::thumb_distal, Joint::index_distal}) {
-        const auto bone = pose_at(simulated_, seconds(twin.time), [distal](const HandSample& s) { return s.joints[joint(distal)]; });
+        const auto bone =
+            pose_at(simulated_, seconds(twin.time), [distal](const HandSample& s) { return s.joints[joint(distal)]; });
         if (bone) {
           const Vector3 local = bone->inverse() * twin.pose.position;
           if (!referred[k]) reference[k] = local;
@@ -241,7 +255,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
     if (from && to) turned = rotation_log(to->orientation * from->orientation.conjugate()).norm() * 180.0 / M_PI;
   }
   if (const auto shake = find(frame.phases, "shake"); shake && frame.shake_frequency > 0) {
-    // Position and force as c + s sin(wt) + k cos(wt), least squares over whole periods; a = -w^2 x; the ratio is the in-phase part.
+    // Position and force as c + s sin(wt) + k cos(wt), least squares over whole periods; a = -w^2 x; the ratio is the
+    // in-phase part.
     const double w = 2 * M_PI * frame.shake_frequency;
     std::vector<const TwinSample*> window;
     const double settle = shake->begin + 2.0 / frame.shake_frequency;  // transients die out first
@@ -288,7 +303,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
     bool touched = false;
     for (const ContactSample& c : contacts_) {
       if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
-      for (std::size_t f = 0; f < c.finger_force.size(); ++f) touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
+      for (std::size_t f = 0; f < c.finger_force.size(); ++f)
+        touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
     }
     // The median: a physics engine may jolt a standing object by some mm/s for a step.
     std::vector<double> speeds;
@@ -311,25 +327,29 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   json["hold_share_min"] = number(fingers > 0 ? *std::min_element(hold_force.begin(), palm) / fingers : std::nan(""));
   json["penetration_p95_mm"] = number(percentile(depths, 0.95));
   json["penetration_max_mm"] = number(depths.empty() ? std::nan("") : *std::max_element(depths.begin(), depths.end()));
-  json["pressing_harder_fraction"] = number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
+  json["pressing_harder_fraction"] =
+      number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
   json["released"] = released;
   return json;
 }
 
 Json Outcome::following(const OutcomeFrame& frame) const {
   Json json;
-  constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
+  constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip,
+                                      Joint::little_tip};
   // Free motion: no finger touches anything, nor did within the last 0.3 s.
   std::vector<double> touching;
   for (const ContactSample& c : contacts_) {
-    if (std::any_of(c.finger_contacts.begin(), c.finger_contacts.end(), [](std::uint32_t n) { return n > 0; })) touching.push_back(seconds(c.time));
+    if (std::any_of(c.finger_contacts.begin(), c.finger_contacts.end(), [](std::uint32_t n) { return n > 0; }))
+      touching.push_back(seconds(c.time));
   }
   const auto free_motion = [&touching](double t) {
     const auto later = std::lower_bound(touching.begin(), touching.end(), t - 0.3);
     return later == touching.end() || *later > t;
   };
   const double longest = longest_tracked_interval();
-  const double first = tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
+  const double first =
+      tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
   const auto rms_at = [&](double shift) {
     double sum = 0;
     std::size_t count = 0;
@@ -337,7 +357,8 @@ Json Outcome::following(const OutcomeFrame& frame) const {
       const double t = seconds(sample.time);
       if (t < first || !free_motion(t)) continue;
       for (const Joint tip : tips) {
-        const auto wanted = pose_at(tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; }, longest);
+        const auto wanted = pose_at(
+            tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; }, longest);
         if (!wanted) continue;
         sum += (wanted->position - sample.joints[joint(tip)].position).squaredNorm();
         ++count;
@@ -360,8 +381,10 @@ Json Outcome::following(const OutcomeFrame& frame) const {
 
   // Held while closed.
   std::vector<TwinSample> twins;
-  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins), [&frame](const TwinSample& t) { return t.object == frame.object; });
-  // In each grip (closed, with gaps of at most a tenth of a second) the object's place in the palm is its median place; held is who stays near it.
+  std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins),
+               [&frame](const TwinSample& t) { return t.object == frame.object; });
+  // In each grip (closed, with gaps of at most a tenth of a second) the object's place in the palm is its median place;
+  // held is who stays near it.
   std::size_t closed_samples = 0;
   std::size_t held_samples = 0;
   double largest_movement = 0;
@@ -384,21 +407,25 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   };
   for (const ContactSample& c : contacts_) {
     const double t = seconds(c.time);
-    const auto tip = pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; }, longest);
-    const auto root =
-        pose_at(tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; }, longest);
+    const auto tip = pose_at(
+        tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_tip)]; }, longest);
+    const auto root = pose_at(
+        tracked_, t, [](const HandSample& s) { return s.joints[joint(Joint::middle_metacarpal)]; }, longest);
     if (!tip || !root || (tip->position - root->position).norm() >= kClosedFist) continue;
     if (t - last_closed > kGripGap) end_grip();
     last_closed = t;
     ++closed_samples;
     int fingers = 0;
-    for (std::size_t f = 0; f < kFingerCount; ++f) fingers += c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object;
+    for (std::size_t f = 0; f < kFingerCount; ++f)
+      fingers += c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object;
     const auto palm = pose_at(simulated_, t, [](const HandSample& s) { return s.joints[joint(Joint::palm)]; });
     const auto object = pose_at(twins, t, [](const TwinSample& s) { return s.pose; });
     if (fingers >= 2 && palm && object) places.push_back(palm->inverse() * object->position);
   }
   end_grip();
-  json["held_fraction"] = closed_samples == 0 ? Json(nullptr) : Json(static_cast<double>(held_samples) / static_cast<double>(closed_samples));
+  json["held_fraction"] = closed_samples == 0
+                              ? Json(nullptr)
+                              : Json(static_cast<double>(held_samples) / static_cast<double>(closed_samples));
   json["closed_samples"] = closed_samples;
   json["held_movement_max_mm"] = largest_movement * 1e3;
   return json;

@@ -1,4 +1,5 @@
-// Outcome: what a run showed, from the messages alone, so that `simulate` (virtual clock) and `up` (real processes) judge by the same rule.
+// Outcome: what a run showed, from the messages alone, so that `simulate` (virtual clock) and `up` (real processes)
+// judge by the same rule.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -43,7 +44,7 @@ class Outcome {
   };
   struct ContactSample {
     Nanoseconds time;
-    std::array<double, 6> finger_force;           // N, magnitude per finger on any object
+    std::array<double, 6> finger_force;  // N, magnitude per finger on any object
     std::array<std::uint32_t, 6> finger_object;
     std::array<std::uint32_t, 6> finger_contacts;
   };

@@ -14,8 +14,11 @@ int run_record(const RecordArguments& arguments) {
   const bus::Participant participant("softhand record");
   TopicRecorder recorder(participant, arguments.path, arguments.topics);
   const auto started = std::chrono::steady_clock::now();
-  const auto elapsed = [&started] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count(); };
-  fmt::print("recording to {}{}\n", arguments.path, arguments.seconds > 0 ? fmt::format(" for {:g} s", arguments.seconds) : ", Ctrl-C ends it");
+  const auto elapsed = [&started] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  };
+  fmt::print("recording to {}{}\n", arguments.path,
+             arguments.seconds > 0 ? fmt::format(" for {:g} s", arguments.seconds) : ", Ctrl-C ends it");
   std::fflush(stdout);
   while (!stop.requested() && (arguments.seconds <= 0 || elapsed() < arguments.seconds)) {
     recorder.poll();
@@ -27,8 +30,10 @@ int run_record(const RecordArguments& arguments) {
   for (const auto& [topic, count] : recorder.counts()) {
     total += count.messages;
     if (count.messages + count.lost + count.refused == 0) continue;
-    fmt::print("{:<22} {:>9} messages, {:>7.1f} a second{}{}\n", topic, count.messages, static_cast<double>(count.messages) / seconds,
-               count.lost > 0 ? fmt::format(", {} lost", count.lost) : "", count.refused > 0 ? fmt::format(", {} malformed", count.refused) : "");
+    fmt::print("{:<22} {:>9} messages, {:>7.1f} a second{}{}\n", topic, count.messages,
+               static_cast<double>(count.messages) / seconds,
+               count.lost > 0 ? fmt::format(", {} lost", count.lost) : "",
+               count.refused > 0 ? fmt::format(", {} malformed", count.refused) : "");
   }
   if (total == 0) fmt::print(stderr, "softhand record: nothing was heard on this domain\n");
   return total > 0 ? 0 : 1;

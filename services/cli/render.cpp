@@ -42,7 +42,9 @@ void record(const RenderArguments& arguments, const std::string& path) {
   if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
   const Scene scene = read_scene(arguments.scene, overrides);
   const HandModel hand = load_scene_hand(scene);
-  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
   viewer::Recording recording(path);
   const auto described = std::make_unique<HandDescription>(rig.hand().description());
   recording.add(0, viewer::encode(*described, hand.nodes));
@@ -68,7 +70,8 @@ void record(const RenderArguments& arguments, const std::string& path) {
 int run_render(const RenderArguments& arguments) {
   const fs::path share = fs::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/softhand";
   const fs::path script = share / "renderer/render.mjs";
-  if (!fs::exists(script)) throw std::runtime_error(script.string() + " is missing: built with SOFTHAND_VIEWER=OFF, or without npm");
+  if (!fs::exists(script))
+    throw std::runtime_error(script.string() + " is missing: built with SOFTHAND_VIEWER=OFF, or without npm");
   const bool keep = fs::path(arguments.out).extension() == ".shv";
   const std::string recording =
       keep ? arguments.out : (fs::temp_directory_path() / fmt::format("softhand_render_{}.shv", getpid())).string();

@@ -16,7 +16,8 @@ int run_replay(const ReplayArguments& arguments) {
   const StopSignal stop;
   const bus::Participant participant("softhand replay");
   TopicPlayer player(participant, arguments.path, arguments.topics, arguments.speed);
-  fmt::print("{}: {:.1f} s{}\n", arguments.path, static_cast<double>(player.duration()) * 1e-9, player.truncated() ? ", cut off before its end" : "");
+  fmt::print("{}: {:.1f} s{}\n", arguments.path, static_cast<double>(player.duration()) * 1e-9,
+             player.truncated() ? ", cut off before its end" : "");
   std::fflush(stdout);
   std::this_thread::sleep_for(milliseconds(700));  // until readers have found the writers
   while (!stop.requested() && player.play(now())) {
@@ -26,7 +27,8 @@ int run_replay(const ReplayArguments& arguments) {
   std::this_thread::sleep_for(milliseconds(200));  // until the last messages are delivered
   std::uint64_t refused = 0;
   for (const auto& [topic, count] : player.counts()) {
-    fmt::print("{:<22} {:>9} messages{}\n", topic, count.messages, count.refused > 0 ? fmt::format(", {} malformed", count.refused) : "");
+    fmt::print("{:<22} {:>9} messages{}\n", topic, count.messages,
+               count.refused > 0 ? fmt::format(", {} malformed", count.refused) : "");
     refused += count.refused;
   }
   return refused == 0 ? 0 : 1;

@@ -43,17 +43,21 @@ RigOptions read_rig(const std::string& path) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
     const bool alone = std::count_if(rig.processes.begin(), rig.processes.end(), same_name) == 1;
     if (!known.insert({process.name, process.choice}).second || (!alone && process.choice.empty()))
-      throw ConfigError(path + ": process: several are called '" + process.name + "': expected a choice of its own for each");
+      throw ConfigError(path + ": process: several are called '" + process.name +
+                        "': expected a choice of its own for each");
   }
   for (const std::string& choice : words(rig.choose)) {
     const auto is_it = [&choice](const RigProcess& process) { return process.choice == choice; };
-    if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it)) throw ConfigError(path + ": choose: expected the choice of a process, not '" + choice + "'");
+    if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it))
+      throw ConfigError(path + ": choose: expected the choice of a process, not '" + choice + "'");
   }
   return rig;
 }
 
 bool choose(RigOptions& rig, const std::string& name, const std::string& choice) {
-  const auto is_it = [&](const RigProcess& process) { return process.name == name && process.choice == choice && !choice.empty(); };
+  const auto is_it = [&](const RigProcess& process) {
+    return process.name == name && process.choice == choice && !choice.empty();
+  };
   if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it)) return false;
   rig.choose += " " + choice;
   return true;
@@ -69,7 +73,9 @@ std::vector<RigProcess> chosen_processes(const RigOptions& rig) {
   for (const std::string& choice : words(rig.choose)) {
     for (const RigProcess& process : rig.processes) {
       if (process.choice != choice) continue;
-      std::replace_if(chosen.begin(), chosen.end(), [&process](const RigProcess& other) { return other.name == process.name; }, process);
+      std::replace_if(
+          chosen.begin(), chosen.end(), [&process](const RigProcess& other) { return other.name == process.name; },
+          process);
     }
   }
   return chosen;

@@ -12,8 +12,10 @@ namespace softhand {
 
 int run_send(const SendArguments& arguments) {
   Message message;
-  if (arguments.module.size() >= message.module.size() || arguments.key.size() >= message.key.size() || arguments.value.size() >= message.value.size()) {
-    fmt::print(stderr, "softhand send: module, key and value take at most {} characters each\n", message.key.size() - 1);
+  if (arguments.module.size() >= message.module.size() || arguments.key.size() >= message.key.size() ||
+      arguments.value.size() >= message.value.size()) {
+    fmt::print(stderr, "softhand send: module, key and value take at most {} characters each\n",
+               message.key.size() - 1);
     return 1;
   }
   set_text(message.module, arguments.module);
@@ -23,9 +25,11 @@ int run_send(const SendArguments& arguments) {
   bus::Reader replies(participant, bus::topics::message_reply);
   bus::Writer writer(participant, bus::topics::message);
 
-  // Modules are found one after another, also after the message was written: it and the answers wait for whoever comes within their lifespan.
+  // Modules are found one after another, also after the message was written: it and the answers wait for whoever comes
+  // within their lifespan.
   const auto found_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
-  while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
   if (!writer.has_readers()) {
     fmt::print(stderr, "softhand send: no module is listening on this domain\n");
     return 1;
@@ -37,7 +41,8 @@ int run_send(const SendArguments& arguments) {
 
   int applied = 0;
   int answers = 0;
-  const auto patience = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(arguments.seconds));
+  const auto patience =
+      std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(arguments.seconds));
   auto until = std::chrono::steady_clock::now() + patience;
   while (std::chrono::steady_clock::now() < until) {
     replies.wait(std::chrono::milliseconds(50));
@@ -46,7 +51,9 @@ int run_send(const SendArguments& arguments) {
       until = std::chrono::steady_clock::now() + patience;
       ++answers;
       applied += reply.result == kReplyApplied;
-      const char* result = reply.result == kReplyApplied ? "applied" : reply.result == kReplyRefused ? "REFUSED" : "not mine";
+      const char* result = reply.result == kReplyApplied   ? "applied"
+                           : reply.result == kReplyRefused ? "REFUSED"
+                                                           : "not mine";
       fmt::print("{:<18} {:<8} {}\n", get_text(reply.module), result, get_text(reply.text));
     });
   }

@@ -27,14 +27,18 @@ class SignalFile {
     if (!out_) throw std::runtime_error(path + ": cannot be written");
     out_ << "t_s,residual_n,iterations,work,status,contacts";
     for (std::size_t f = 0; f < kFingerCount; ++f) out_ << ',' << kFingerNames[f] << "_force_n";
-    for (const char* joint : {"thumb_tip", "index_tip", "palm"}) out_ << ',' << joint << "_x_m," << joint << "_y_m," << joint << "_z_m";
-    out_ << ",object,owned,object_x_m,object_y_m,object_z_m,object_vx,object_vy,object_vz,contact_fx_n,contact_fy_n,contact_fz_n,penetration_max_mm\n";
+    for (const char* joint : {"thumb_tip", "index_tip", "palm"})
+      out_ << ',' << joint << "_x_m," << joint << "_y_m," << joint << "_z_m";
+    out_ << ",object,owned,object_x_m,object_y_m,object_z_m,object_vx,object_vy,object_vz,contact_fx_n,contact_fy_n,"
+            "contact_fz_n,penetration_max_mm\n";
   }
   void add(const HandStepView& view) {
     const HandOutput& o = *view.output;
-    out_ << fmt::format("{:.6f},{:.3e},{},{:.3f},{},{}", static_cast<double>(view.time - VirtualRig::kStart) * 1e-9, o.report.residual, o.report.iterations, o.report.work,
-                         to_string(o.report.status), o.contacts.contacts.size());
-    for (std::size_t f = 0; f < kFingerCount; ++f) out_ << fmt::format(",{:.5f}", to_vector(o.contacts.fingers[f].force).norm());
+    out_ << fmt::format("{:.6f},{:.3e},{},{:.3f},{},{}", static_cast<double>(view.time - VirtualRig::kStart) * 1e-9,
+                        o.report.residual, o.report.iterations, o.report.work, to_string(o.report.status),
+                        o.contacts.contacts.size());
+    for (std::size_t f = 0; f < kFingerCount; ++f)
+      out_ << fmt::format(",{:.5f}", to_vector(o.contacts.fingers[f].force).norm());
     for (const Joint joint : {Joint::thumb_tip, Joint::index_tip, Joint::palm}) {
       const Vec3& p = o.simulated.joints[static_cast<std::size_t>(index_of(joint))].position;
       out_ << fmt::format(",{:.6f},{:.6f},{:.6f}", p[0], p[1], p[2]);
@@ -45,8 +49,9 @@ class SignalFile {
       out_ << ",,,,,,,,,,,";
     } else {
       const ObjectTwin& t = o.coupling.twins[0];
-      out_ << fmt::format(",{},{},{:.6f},{:.6f},{:.6f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f}", t.object, t.owned, t.position[0], t.position[1], t.position[2],
-                          t.linear_velocity[0], t.linear_velocity[1], t.linear_velocity[2], t.contact_force[0], t.contact_force[1], t.contact_force[2]);
+      out_ << fmt::format(",{},{},{:.6f},{:.6f},{:.6f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f}", t.object, t.owned,
+                          t.position[0], t.position[1], t.position[2], t.linear_velocity[0], t.linear_velocity[1],
+                          t.linear_velocity[2], t.contact_force[0], t.contact_force[1], t.contact_force[2]);
     }
     out_ << fmt::format(",{:.4f}\n", deepest * 1e3);
   }
@@ -103,18 +108,25 @@ int run_simulate(const SimulateArguments& arguments) {
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
-  OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
+  OutcomeFrame frame =
+      outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
   Json json;
   json["scene"] = arguments.scene;
-  json["hand"] = {{"name", hand.name}, {"side", hand.side == Side::right ? "right" : "left"}, {"nodes", hand.node_count()}, {"tetrahedra", hand.tetrahedra.size()}};
+  json["hand"] = {{"name", hand.name},
+                  {"side", hand.side == Side::right ? "right" : "left"},
+                  {"nodes", hand.node_count()},
+                  {"tetrahedra", hand.tetrahedra.size()}};
   json["overrides"] = Json::array();
-  for (const AppliedOverride& o : scene.overrides) json["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
+  for (const AppliedOverride& o : scene.overrides)
+    json["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   json["simulated_seconds"] = seconds;
   json.update(rig.outcome().summary(frame));
   const HandSimulation& simulation = rig.hand().simulation();
   json["inverted_end"] = simulation.inverted_elements();
-  json["inverted_steps_fraction"] = static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
-  json["rest_error_mm"] = simulation.contact_count() > 0 ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
+  json["inverted_steps_fraction"] =
+      static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
+  json["rest_error_mm"] =
+      simulation.contact_count() > 0 ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
   const EnergyLedger& ledger = simulation.ledger();
   json["energy_ledger_defect"] = ledger.defect();
   json["energy_excess"] = ledger.excess();
@@ -139,7 +151,10 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"tissue_elements", work.tissue_elements},
                            {"contact_queries", work.contact_queries},
                            {"objects_without_slot", counters.objects_without_slot}};
-  json["step_work"] = {{"p50", percentile(work_of_steps, 0.5)}, {"p90", percentile(work_of_steps, 0.9)}, {"p99", percentile(work_of_steps, 0.99)}, {"max", percentile(work_of_steps, 1)}};
+  json["step_work"] = {{"p50", percentile(work_of_steps, 0.5)},
+                       {"p90", percentile(work_of_steps, 0.9)},
+                       {"p99", percentile(work_of_steps, 0.99)},
+                       {"max", percentile(work_of_steps, 1)}};
   if (rig.tracking() != nullptr) {
     const TrackedInputCounters& input = rig.tracking()->input().counters();
     json["tracking_counters"] = {{"accepted", input.accepted},

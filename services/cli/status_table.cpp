@@ -20,7 +20,8 @@ void append_named(std::string& line, std::string_view title, const Items& items)
 // What a loop of physics knows beyond its times; nothing for the others.
 std::string physics_line(const LoopStatus& status) {
   std::string line;
-  if (status.iterations > 0) line += fmt::format("  inverted={} penetration={:.3f} mm", status.inverted_elements, status.penetration * 1e3);
+  if (status.iterations > 0)
+    line += fmt::format("  inverted={} penetration={:.3f} mm", status.inverted_elements, status.penetration * 1e3);
   if (status.coupling_stretch > 0) line += fmt::format("  coupling stretch={:.2f} mm", status.coupling_stretch * 1e3);
   if (status.passivity_energy != 0) line += fmt::format("  passivity={:.3g} J", status.passivity_energy);
   append_named(line, "energy J:", status.energies);
@@ -31,8 +32,9 @@ std::string physics_line(const LoopStatus& status) {
 }  // namespace
 
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now) {
-  std::string out = fmt::format("{:<18} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n", "module", "rate Hz", "nominal", "p50 ms", "p99 ms",
-                                "p99.9 ms", "missed", "input ms", "drops", "residual N", "iter", "contacts", "counted");
+  std::string out = fmt::format("{:<18} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n",
+                                "module", "rate Hz", "nominal", "p50 ms", "p99 ms", "p99.9 ms", "missed", "input ms",
+                                "drops", "residual N", "iter", "contacts", "counted");
   for (const auto& [name, status] : modules) {
     const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
     std::string counted;
@@ -42,10 +44,12 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     }
     if (silent > 1.0) counted = fmt::format("SILENT for {:.1f} s", silent);
     const bool solves = status.iterations > 0;
-    out += fmt::format("{:<18} {:>8.1f} {:>8.1f} {:>8.3f} {:>8.3f} {:>8.3f} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n", name, status.rate_hz,
-                       status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.step_ms_p999, status.deadline_misses,
+    out += fmt::format("{:<18} {:>8.1f} {:>8.1f} {:>8.3f} {:>8.3f} {:>8.3f} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n",
+                       name, status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99,
+                       status.step_ms_p999, status.deadline_misses,
                        status.input_age_ms < 0 ? "-" : fmt::format("{:.1f}", status.input_age_ms), status.input_drops,
-                       solves ? fmt::format("{:.2e}", status.residual) : "-", solves ? fmt::format("{}", status.iterations) : "-",
+                       solves ? fmt::format("{:.2e}", status.residual) : "-",
+                       solves ? fmt::format("{}", status.iterations) : "-",
                        solves ? fmt::format("{}", status.contact_count) : "-", counted);
     if (!(silent > 1.0)) out += physics_line(status);
   }
@@ -71,12 +75,16 @@ nlohmann::ordered_json status_json(const LoopStatus& status) {
                               {"coupling_stretch_m", status.coupling_stretch},
                               {"passivity_energy_j", status.passivity_energy},
                               {"process_id", status.process_id}};
-  for (const NamedValue& energy : status.energies) json["energies_j"][std::string(get_text(energy.name))] = energy.value;
+  for (const NamedValue& energy : status.energies)
+    json["energies_j"][std::string(get_text(energy.name))] = energy.value;
   for (const NamedValue& row : status.ledger) json["ledger_j"][std::string(get_text(row.name))] = row.value;
-  for (const NamedValue& counter : status.counters) json["counters"][std::string(get_text(counter.name))] = counter.value;
+  for (const NamedValue& counter : status.counters)
+    json["counters"][std::string(get_text(counter.name))] = counter.value;
   return json;
 }
 
-std::string json_text(const nlohmann::ordered_json& json) { return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace); }
+std::string json_text(const nlohmann::ordered_json& json) {
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
 
 }  // namespace softhand

@@ -59,7 +59,8 @@ void Supervisor::launch(Child& child) {
   for (const std::string& word : child.spec.command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   const pid_t parent = getpid();
-  // Until it is another program the child has our handlers, which would take a stop that comes at once for one of ours: it waits until theirs is the default.
+  // Until it is another program the child has our handlers, which would take a stop that comes at once for one of ours:
+  // it waits until theirs is the default.
   sigset_t stops, before;
   sigemptyset(&stops);
   sigaddset(&stops, SIGINT);
@@ -129,7 +130,8 @@ void Supervisor::reap() {
                      : child->backoff.count() == 0       ? kFirstBackoff
                                                          : std::min(2 * child->backoff, kLongestBackoff);
     child->restart_at = now + child->backoff;
-    log_(child->spec.name, how_it_ended(status) + "; starting again in " + std::to_string(child->backoff.count()) + " ms");
+    log_(child->spec.name,
+         how_it_ended(status) + "; starting again in " + std::to_string(child->backoff.count()) + " ms");
   }
 }
 
@@ -166,7 +168,9 @@ bool Supervisor::stop(std::chrono::milliseconds grace) {
     if ((*child)->pid > 0) kill((*child)->pid, SIGTERM);
   }
   const auto deadline = Clock::now() + grace;
-  const auto anyone = [this] { return std::any_of(children_.begin(), children_.end(), [](const auto& child) { return child->pid > 0; }); };
+  const auto anyone = [this] {
+    return std::any_of(children_.begin(), children_.end(), [](const auto& child) { return child->pid > 0; });
+  };
   while (anyone() && Clock::now() < deadline) poll(milliseconds(20));
   for (auto& child : children_) {
     if (child->pid <= 0) continue;

@@ -1,4 +1,5 @@
-// Starts, watches, restarts and stops the processes of a rig. Knows nothing of DDS: the caller says when a process is ready.
+// Starts, watches, restarts and stops the processes of a rig. Knows nothing of DDS: the caller says when a process is
+// ready.
 #pragma once
 
 #include <sys/types.h>
@@ -31,10 +32,11 @@ class Supervisor {
 
   /// Starts a child. Throws std::runtime_error where the program cannot be started at all.
   void start(const ChildSpec& spec);
-  /// Forwards output, reaps the dead, restarts after a backoff: at once for the first death, then 0.25 s doubling to 8 s; a child that lived
-  /// 10 s has a clean slate. Waits at most `timeout` for something to happen.
+  /// Forwards output, reaps the dead, restarts after a backoff: at once for the first death, then 0.25 s doubling to 8
+  /// s; a child that lived 10 s has a clean slate. Waits at most `timeout` for something to happen.
   void poll(std::chrono::milliseconds timeout);
-  /// SIGTERM to all, last started first; SIGKILL to those that live on after `grace`. Returns true when nobody had to be killed.
+  /// SIGTERM to all, last started first; SIGKILL to those that live on after `grace`. Returns true when nobody had to
+  /// be killed.
   bool stop(std::chrono::milliseconds grace = std::chrono::milliseconds(3000));
 
   std::uint64_t restarts(const std::string& name) const;

@@ -40,7 +40,8 @@ struct TopicRecorder::Lane {
   std::uint64_t messages = 0;
 };
 
-TopicRecorder::TopicRecorder(const bus::Participant& participant, const std::string& path, const std::vector<std::string>& topics)
+TopicRecorder::TopicRecorder(const bus::Participant& participant, const std::string& path,
+                             const std::vector<std::string>& topics)
     : file_((refuse_unknown(topics), path)) {
   bus::topics::for_each([&]<typename T>(const bus::Topic<T>& topic) {
     if (!chosen(topics, topic.name)) return;
@@ -49,7 +50,8 @@ TopicRecorder::TopicRecorder(const bus::Participant& participant, const std::str
       void poll(RecordWriter& file) override {
         reader.take_all([&](const T& message) {
           const std::size_t size = bus::encode(message, bytes);
-          file.write(channel, static_cast<std::uint32_t>(message.stamp.sequence), now(), message.stamp.publish_time, {bytes.data(), size});
+          file.write(channel, static_cast<std::uint32_t>(message.stamp.sequence), now(), message.stamp.publish_time,
+                     {bytes.data(), size});
           ++messages;
         });
       }
@@ -75,7 +77,8 @@ void TopicRecorder::finish() { file_.finish(); }
 
 std::map<std::string, TopicCount> TopicRecorder::counts() const {
   std::map<std::string, TopicCount> counts;
-  for (const auto& lane : lanes_) counts[lane->name] = {lane->messages, lane->counters().lost, lane->counters().refused};
+  for (const auto& lane : lanes_)
+    counts[lane->name] = {lane->messages, lane->counters().lost, lane->counters().refused};
   return counts;
 }
 
@@ -85,10 +88,12 @@ struct TopicPlayer::Lane {
   TopicCount count;
 };
 
-TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string& path, const std::vector<std::string>& topics, double speed)
+TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string& path,
+                         const std::vector<std::string>& topics, double speed)
     : file_((refuse_unknown(topics), path)), speed_(speed), epoch_(make_epoch()), clock_id_(clock_id()) {
   if (!(speed > 0)) throw std::invalid_argument("speed must be above 0");
-  // A first reading finds the topics that are needed: writers take a moment to be found, so they are made before the first message is due.
+  // A first reading finds the topics that are needed: writers take a moment to be found, so they are made before the
+  // first message is due.
   RecordReader survey(path);
   RecordedMessage message;
   std::map<std::string, RecordChannel> present;
@@ -106,8 +111,8 @@ TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string&
     const auto channel = present.find(std::string(topic.name));
     if (channel == present.end()) return;
     if (channel->second.message_encoding != "cdr" || channel->second.schema_name != topic.type) {
-      throw std::runtime_error(path + ": " + channel->first + " holds " + channel->second.schema_name + " as " + channel->second.message_encoding +
-                               "; expected " + topic.type + " as cdr");
+      throw std::runtime_error(path + ": " + channel->first + " holds " + channel->second.schema_name + " as " +
+                               channel->second.message_encoding + "; expected " + topic.type + " as cdr");
     }
     struct LaneOf final : Lane {
       explicit LaneOf(bus::Writer<T> w) : writer(std::move(w)) {}
@@ -151,8 +156,9 @@ bool TopicPlayer::play(Nanoseconds now) {
   const auto restamp = [this](Stamp& stamp) {
     stamp.epoch ^= epoch_;
     stamp.clock_id = clock_id_;
-    for (Nanoseconds* time : {&stamp.sample_time, &stamp.publish_time, &stamp.chain.tracker_sample, &stamp.chain.tracked_published,
-                              &stamp.chain.intermediate_published, &stamp.chain.simulated_published, &stamp.chain.wrench_published}) {
+    for (Nanoseconds* time :
+         {&stamp.sample_time, &stamp.publish_time, &stamp.chain.tracker_sample, &stamp.chain.tracked_published,
+          &stamp.chain.intermediate_published, &stamp.chain.simulated_published, &stamp.chain.wrench_published}) {
       *time = moved(*time);
     }
   };

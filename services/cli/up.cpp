@@ -34,7 +34,8 @@ using Clock = std::chrono::steady_clock;
 constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misses none
 constexpr std::string_view kDeskModule = "rig";
 
-// Listens to what a summary needs, and to statuses alone when no summary is asked for: a topic that nobody reads is not computed.
+// Listens to what a summary needs, and to statuses alone when no summary is asked for: a topic that nobody reads is not
+// computed.
 class Listener {
  public:
   Listener(const bus::Participant& participant, bool everything)
@@ -75,9 +76,12 @@ class Listener {
  private:
   struct Streams {
     explicit Streams(const bus::Participant& p)
-        : tracked(p, with_history(bus::topics::tracked_skeleton, kHistory)), simulated(p, with_history(bus::topics::simulated_skeleton, kHistory)),
-          contacts(p, with_history(bus::topics::contacts, kHistory)), coupling(p, with_history(bus::topics::object_coupling, kHistory)),
-          objects(p, with_history(bus::topics::objects, kHistory)), wrench(p, with_history(bus::topics::bone_wrench, kHistory)),
+        : tracked(p, with_history(bus::topics::tracked_skeleton, kHistory)),
+          simulated(p, with_history(bus::topics::simulated_skeleton, kHistory)),
+          contacts(p, with_history(bus::topics::contacts, kHistory)),
+          coupling(p, with_history(bus::topics::object_coupling, kHistory)),
+          objects(p, with_history(bus::topics::objects, kHistory)),
+          wrench(p, with_history(bus::topics::bone_wrench, kHistory)),
           device(p, with_history(bus::topics::device_state, kHistory)) {}
     bus::Reader<Skeleton> tracked;
     bus::Reader<Skeleton> simulated;
@@ -93,19 +97,24 @@ class Listener {
   Outcome outcome_;
 };
 
-// Where wishes about the whole rig are heard: another scene, another of the processes that share a name. What there is to choose from is in its status,
-// as counters "WHAT CHOICE", 1 for what runs.
+// Where wishes about the whole rig are heard: another scene, another of the processes that share a name. What there is
+// to choose from is in its status, as counters "WHAT CHOICE", 1 for what runs.
 class Desk {
  public:
   Desk(const bus::Participant& participant, const UpArguments& arguments)
-      : arguments_(arguments), rig_(read_rig(arguments.rig)), messages_(participant, bus::topics::message), replies_(participant, bus::topics::message_reply),
-        statuses_(participant, bus::topics::loop_status), epoch_(make_epoch()) {
+      : arguments_(arguments),
+        rig_(read_rig(arguments.rig)),
+        messages_(participant, bus::topics::message),
+        replies_(participant, bus::topics::message_reply),
+        statuses_(participant, bus::topics::loop_status),
+        epoch_(make_epoch()) {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     scene_ = read_checked_scene(rig_.scene, overrides_);
     const fs::path folder = fs::path(rig_.scene).parent_path();
     for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {
-      if (entry.path().extension() == ".toml" && !is_rig(entry.path().string())) scenes_.push_back(entry.path().stem().string());
+      if (entry.path().extension() == ".toml" && !is_rig(entry.path().string()))
+        scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());
   }
@@ -136,8 +145,11 @@ class Desk {
     for (const std::string& each : scenes_) offer(status, "scene", each, each == running);
     const std::vector<RigProcess> chosen = chosen_processes(rig_);
     for (const RigProcess& process : rig_.processes) {
-      const auto is_it = [&process](const RigProcess& other) { return other.name == process.name && other.choice == process.choice; };
-      if (!process.choice.empty()) offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
+      const auto is_it = [&process](const RigProcess& other) {
+        return other.name == process.name && other.choice == process.choice;
+      };
+      if (!process.choice.empty())
+        offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
     }
     stamp(status.stamp, ++told_);
     statuses_.write(status);
@@ -156,14 +168,19 @@ class Desk {
   }
 
   MessageReply answer(const Message& message) {
-    if (!is_addressed(message, kDeskModule)) return reply_to(message, kDeskModule, kReplyIgnored, "not for this module");
-    const auto reply = [&message](std::uint32_t result, std::string_view text) { return reply_to(message, kDeskModule, result, text); };
+    if (!is_addressed(message, kDeskModule))
+      return reply_to(message, kDeskModule, kReplyIgnored, "not for this module");
+    const auto reply = [&message](std::uint32_t result, std::string_view text) {
+      return reply_to(message, kDeskModule, result, text);
+    };
     const std::string what(get_text(message.key)), choice(get_text(message.value));
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
-    if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it)) return reply(kReplyIgnored, "unknown key; known: scene, and what the status counts");
+    if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it))
+      return reply(kReplyIgnored, "unknown key; known: scene, and what the status counts");
     if (!arguments_.json.empty()) return reply(kReplyRefused, "a run that is summed up (--json) stays as it is");
     if (what == "scene") {
-      if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end()) return reply(kReplyRefused, "no scene beside the present one is called " + choice);
+      if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end())
+        return reply(kReplyRefused, "no scene beside the present one is called " + choice);
       const std::string path = (fs::path(rig_.scene).parent_path() / (choice + ".toml")).string();
       try {
         scene_ = read_checked_scene(path, overrides_);
@@ -194,7 +211,8 @@ class Desk {
   bool changed_ = false;
 };
 
-std::vector<std::string> command_of(const RigProcess& process, const std::string& scene, const std::vector<std::string>& overrides) {
+std::vector<std::string> command_of(const RigProcess& process, const std::string& scene,
+                                    const std::vector<std::string>& overrides) {
   const fs::path beside = fs::read_symlink("/proc/self/exe").parent_path() / process.program;
   std::vector<std::string> command{process.program.find('/') == std::string::npos ? beside.string() : process.program};
   std::istringstream words(process.arguments);
@@ -208,7 +226,8 @@ void say(std::string_view name, std::string_view text) {
   std::fflush(stdout);
 }
 
-// Starts the rig's processes in their order, each when the one before is ready. Ends early where somebody wishes something else.
+// Starts the rig's processes in their order, each when the one before is ready. Ends early where somebody wishes
+// something else.
 void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, const StopSignal& stop) {
   std::size_t started = 0;
   for (const RigProcess& process : chosen_processes(desk.rig())) {
@@ -219,7 +238,8 @@ void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, con
     }
     supervisor.start({process.name, command});
     ++started;
-    const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(process.ready_timeout));
+    const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                            std::chrono::duration<double>(process.ready_timeout));
     const auto is_ready = [&] { return listener.modules().count(process.name) > 0; };
     while (!stop.requested() && !desk.changed() && !is_ready() && Clock::now() < give_up) {
       supervisor.poll(milliseconds(20));
@@ -229,15 +249,20 @@ void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, con
     if (stop.requested() || desk.changed()) return;
     if (!is_ready()) say(process.name, fmt::format("not ready after {:g} s, going on", process.ready_timeout));
   }
-  say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.", desk.rig().name, started, desk.rig().scene));
+  say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.",
+                              desk.rig().name, started, desk.rig().scene));
 }
 
-nlohmann::ordered_json summary_of(const UpArguments& arguments, const Desk& desk, const Listener& listener, const Supervisor& supervisor, double seconds) {
-  nlohmann::ordered_json summary{{"rig", arguments.rig}, {"scene", desk.rig().scene}, {"overrides", nlohmann::ordered_json::array()}};
-  for (const AppliedOverride& o : desk.scene().overrides) summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
+nlohmann::ordered_json summary_of(const UpArguments& arguments, const Desk& desk, const Listener& listener,
+                                  const Supervisor& supervisor, double seconds) {
+  nlohmann::ordered_json summary{
+      {"rig", arguments.rig}, {"scene", desk.rig().scene}, {"overrides", nlohmann::ordered_json::array()}};
+  for (const AppliedOverride& o : desk.scene().overrides)
+    summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   summary["seconds"] = seconds;
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
-  for (const RigProcess& process : chosen_processes(desk.rig())) summary["restarts"][process.name] = supervisor.restarts(process.name);
+  for (const RigProcess& process : chosen_processes(desk.rig()))
+    summary["restarts"][process.name] = supervisor.restarts(process.name);
   summary.update(listener.outcome().summary(outcome_frame(desk.scene(), listener.motion_start())));
   return summary;
 }
@@ -261,7 +286,9 @@ int run_up(const UpArguments& arguments) {
       listener.poll();
       desk.poll();
     }
-    if (!arguments.json.empty()) summary = summary_of(arguments, desk, listener, supervisor, std::chrono::duration<double>(Clock::now() - started).count());
+    if (!arguments.json.empty())
+      summary = summary_of(arguments, desk, listener, supervisor,
+                           std::chrono::duration<double>(Clock::now() - started).count());
     clean = supervisor.stop() && clean;
     listener.forget_modules();
   } while (desk.take_changed() && !stop.requested());

@@ -16,8 +16,10 @@ void add_bits(Sha256& hasher, const T& value) {
 }
 
 void add_state(Sha256& hasher, const State& state) {
-  hasher.add(std::as_bytes(std::span(state.node_positions.data(), static_cast<std::size_t>(state.node_positions.size()))));
-  hasher.add(std::as_bytes(std::span(state.node_velocities.data(), static_cast<std::size_t>(state.node_velocities.size()))));
+  hasher.add(
+      std::as_bytes(std::span(state.node_positions.data(), static_cast<std::size_t>(state.node_positions.size()))));
+  hasher.add(
+      std::as_bytes(std::span(state.node_velocities.data(), static_cast<std::size_t>(state.node_velocities.size()))));
   const auto add = [&hasher](const auto& coefficients) {
     hasher.add(std::as_bytes(std::span(coefficients.data(), static_cast<std::size_t>(coefficients.size()))));
   };
@@ -33,8 +35,12 @@ void add_state(Sha256& hasher, const State& state) {
 
 }  // namespace
 
-VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker, RigWitness* witness)
-    : options_(scene.options), tracker_(std::move(tracker)), witness_(witness), transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
+VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker,
+                       RigWitness* witness)
+    : options_(scene.options),
+      tracker_(std::move(tracker)),
+      witness_(witness),
+      transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
       hand_compute_(nanoseconds(scene.options.simulate.hand_compute_fraction / scene.options.hand.rate_hz)) {
   const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
   const bool layered = !options_.hand.direct;
@@ -43,7 +49,8 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
   for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
   descriptions_heard_ = world_->descriptions_version();
-  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop, std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
+  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop,
+                                                     std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
 
   // Phases are spread so that no two loops tick together; where they do, the order below decides.
   const auto add = [this](RigLoop name, double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
@@ -63,7 +70,8 @@ void VirtualRig::run(double seconds, const std::function<void(const HandStepView
   after_hand_step_ = after_hand_step;
   const Nanoseconds end = kStart + nanoseconds(seconds);
   for (;;) {
-    Loop& next = *std::min_element(loops_.begin(), loops_.end(), [](const Loop& a, const Loop& b) { return a.next < b.next; });
+    Loop& next =
+        *std::min_element(loops_.begin(), loops_.end(), [](const Loop& a, const Loop& b) { return a.next < b.next; });
     if (next.next >= end) break;
     const Nanoseconds now = next.next;
     next.next += next.period;

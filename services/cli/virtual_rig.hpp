@@ -1,5 +1,5 @@
-// All loops of a rig in one process on a virtual clock: each at its own rate, phase and delay, so that every copy is as stale as between real
-// processes, and the same bits come out on every run.
+// All loops of a rig in one process on a virtual clock: each at its own rate, phase and delay, so that every copy is as
+// stale as between real processes, and the same bits come out on every run.
 #pragma once
 
 #include <algorithm>
@@ -19,7 +19,8 @@
 
 namespace softhand {
 
-/// The newest message that has had time to arrive. One that would arrive after a newer one is lost, and so is the oldest where too many are under way.
+/// The newest message that has had time to arrive. One that would arrive after a newer one is lost, and so is the
+/// oldest where too many are under way.
 template <typename T>
 class Delayed {
  public:
@@ -36,7 +37,8 @@ class Delayed {
     entry.message = message;
     if (sent_ - received_ > ring_.size()) ++received_;
   }
-  /// The newest message that has arrived by `now` and was not received before, until the next call; null when there is none.
+  /// The newest message that has arrived by `now` and was not received before, until the next call; null when there is
+  /// none.
   const T* receive(Nanoseconds now) {
     const T* newest = nullptr;
     while (received_ < sent_ && at(received_).arrives <= now) newest = &at(received_++).message;
@@ -88,7 +90,8 @@ class VirtualRig {
   static constexpr Nanoseconds kStart = 1'000'000'000;
 
   /// `witness`, where there is one, outlives the rig.
-  VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker, RigWitness* witness = nullptr);
+  VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker,
+             RigWitness* witness = nullptr);
   ~VirtualRig();
 
   /// Runs for `seconds`; calls `after_hand_step` after each step of the hand.
@@ -100,7 +103,8 @@ class VirtualRig {
   void describe_object(const ObjectDescription& description) { hand_->describe_object(description); }
 
   const Outcome& outcome() const { return outcome_; }
-  /// SHA-256 of the tracked and intermediate joints, the hand's nodes and bodies, and the objects' poses and velocities at every step.
+  /// SHA-256 of the tracked and intermediate joints, the hand's nodes and bodies, and the objects' poses and velocities
+  /// at every step.
   std::string state_hash() { return hasher_.hex(); }
   const HandLoop& hand() const { return *hand_; }
   const TrackingLoop* tracking() const { return tracking_.get(); }

@@ -18,49 +18,60 @@ std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)
 bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
 
 bool usable(const JointSample& joint) {
-  return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) && all_finite(joint.linear_velocity) &&
-         all_finite(joint.angular_velocity) && is_unit(to_quaternion(joint.orientation).norm());
+  return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
+         all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
+         is_unit(to_quaternion(joint.orientation).norm());
 }
 
-// Metres, metres and radians a second, and so on: larger is no scene's, and would overflow the step in which it is first touched.
+// Metres, metres and radians a second, and so on: larger is no scene's, and would overflow the step in which it is
+// first touched.
 bool moderate(const Vec3& values) {
   return std::all_of(values.begin(), values.end(), [](double x) { return std::abs(x) <= 1e4; });
 }
 bool usable(const NeighbourPlane& plane) {
   const auto not_negative = [](double x) { return x >= 0 && std::isfinite(x); };
-  return moderate(plane.point) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) && not_negative(plane.friction) &&
-         not_negative(plane.stiffness);
+  return moderate(plane.point) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) &&
+         not_negative(plane.friction) && not_negative(plane.stiffness);
 }
 bool usable(const ObjectState& object) {
-  return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) && moderate(object.linear_velocity) &&
-         moderate(object.angular_velocity) && moderate(object.gravity) && std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
+  return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) &&
+         moderate(object.linear_velocity) && moderate(object.angular_velocity) && moderate(object.gravity) &&
+         std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
 }
 
 // std::invalid_argument where a step that touches the object would fail, or throw.
 void check(const ObjectDescription& description) {
   const auto demand = [](const char* what, double value, bool in_range, const char* expected) {
-    if (!in_range) throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
+    if (!in_range)
+      throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
   };
   constexpr double kMost = 1e9;  // kg, kg m^2, 1: far more than a scene file may have, and far from overflowing
   demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
   if (description.is_static != 0) return;
-  demand("mass", description.mass, description.mass > 0 && description.mass <= kMost, "of what moves more than 0, to 1e9 kg");
-  for (const double inertia : description.inertia) demand("inertia", inertia, inertia > 0 && inertia <= kMost, "of what moves more than 0, to 1e9 kg m^2");
+  demand("mass", description.mass, description.mass > 0 && description.mass <= kMost,
+         "of what moves more than 0, to 1e9 kg");
+  for (const double inertia : description.inertia)
+    demand("inertia", inertia, inertia > 0 && inertia <= kMost, "of what moves more than 0, to 1e9 kg m^2");
 }
 
 bool is_same(const Shape& a, const Shape& b) {
-  return a.kind == b.kind && a.size == b.size && std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end());
+  return a.kind == b.kind && a.size == b.size &&
+         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end());
 }
 
 Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
   return increment(pose, seconds * velocity.linear, seconds * velocity.angular);
 }
 
-Twist twist_of(const JointSample& joint) { return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)}; }
-Twist twist_of(const ObjectState& object) { return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)}; }
+Twist twist_of(const JointSample& joint) {
+  return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)};
+}
+Twist twist_of(const ObjectState& object) {
+  return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)};
+}
 
-constexpr double kForgetDistance = 1.5;    // of the distance from which on an object is mirrored: there it loses its slot
-constexpr double kSkinDistance = 0.02;     // m, of skin from the bones
+constexpr double kForgetDistance = 1.5;  // of the distance from which on an object is mirrored: there it loses its slot
+constexpr double kSkinDistance = 0.02;   // m, of skin from the bones
 constexpr double kSlotPreference = 0.005;  // m; an object must be nearer by this to take another's slot
 
 // The bones as segments from joint to joint, side by side: a hundred objects ask for their distances in each step.
@@ -70,7 +81,8 @@ class BoneSegments {
     const Vector3 along = end - start;
     const double square = along.squaredNorm();
     // An even number of rows fills the machine's vectors; the last bone stands twice.
-    for (auto row = static_cast<Eigen::Index>(bone); row < (bone + 1 < kBodyCount ? static_cast<Eigen::Index>(bone) + 1 : kRows); ++row) {
+    for (auto row = static_cast<Eigen::Index>(bone);
+         row < (bone + 1 < kBodyCount ? static_cast<Eigen::Index>(bone) + 1 : kRows); ++row) {
       start_.row(row) = start.transpose().array();
       along_.row(row) = along.transpose().array();
       inverse_square_[row] = square > 0 ? 1 / square : 0;
@@ -78,20 +90,25 @@ class BoneSegments {
   }
   double distance(const Vector3& p) const {
     const Coordinates x = p.x() - start_.col(0), y = p.y() - start_.col(1), z = p.z() - start_.col(2);
-    const Coordinates part = ((x * along_.col(0) + y * along_.col(1) + z * along_.col(2)) * inverse_square_).max(0.0).min(1.0);
-    return std::sqrt(((x - part * along_.col(0)).square() + (y - part * along_.col(1)).square() + (z - part * along_.col(2)).square()).minCoeff());
+    const Coordinates part =
+        ((x * along_.col(0) + y * along_.col(1) + z * along_.col(2)) * inverse_square_).max(0.0).min(1.0);
+    return std::sqrt(((x - part * along_.col(0)).square() + (y - part * along_.col(1)).square() +
+                      (z - part * along_.col(2)).square())
+                         .minCoeff());
   }
   /// Of their ends to a shape.
   double distance(const Pose& pose, const ShapeGeometry& shape) const {
     const Pose back = pose.inverse();
     double nearest = std::numeric_limits<double>::infinity();
-    for (std::size_t b = 0; b < kBodyCount; ++b) nearest = std::min({nearest, shape.signed_distance(back * start(b)), shape.signed_distance(back * end(b))});
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      nearest = std::min({nearest, shape.signed_distance(back * start(b)), shape.signed_distance(back * end(b))});
     return nearest;
   }
   /// From `middle` to the farthest end.
   double reach(const Vector3& middle) const {
     double farthest = 0;
-    for (std::size_t b = 0; b < kBodyCount; ++b) farthest = std::max({farthest, (start(b) - middle).squaredNorm(), (end(b) - middle).squaredNorm()});
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      farthest = std::max({farthest, (start(b) - middle).squaredNorm(), (end(b) - middle).squaredNorm()});
     return std::sqrt(farthest);
   }
 
@@ -109,20 +126,25 @@ class BoneSegments {
 }  // namespace
 
 HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring)
-    : options_(options), key_(key), symmetric_(object_spring.linear_stiffness > 0), time_step_(1.0 / options.rate_hz),
+    : options_(options),
+      key_(key),
+      symmetric_(object_spring.linear_stiffness > 0),
+      time_step_(1.0 / options.rate_hz),
       simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
                                                    static_cast<int>(options.static_objects), object_spring)),
       tracked_(options.tracked_input) {
   slot_object_.assign(static_cast<std::size_t>(simulation_->slot_count()), -1);
   objects_.reserve(kMaxObjects);
   waiting_.reserve(kMaxObjects);
-  output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand = output_.surface.hand = key_;
+  output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
+      output_.surface.hand = key_;
 }
 
 HandLoop::~HandLoop() = default;
 
 void HandLoop::describe_object(const ObjectDescription& description) {
-  auto known = std::find_if(objects_.begin(), objects_.end(), [&description](const KnownObject& o) { return o.id == description.object; });
+  auto known = std::find_if(objects_.begin(), objects_.end(),
+                            [&description](const KnownObject& o) { return o.id == description.object; });
   if (known != objects_.end()) clear_slot(*known);
   if (description.removed != 0) {
     if (known == objects_.end()) return;
@@ -148,8 +170,10 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   // A world that puts an object elsewhere describes it anew: where it was before says nothing of where it is.
   known->owned = known->seen = false;
   known->last_touch = 0;
-  known->mirrored = {description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
-                     description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()), description.friction};
+  known->mirrored = {
+      description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
+      description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()),
+      description.friction};
 }
 
 void HandLoop::take_state(const HandLoop& other) {
@@ -195,7 +219,8 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     tracked_.add_sample(skeleton, now);
     return;
   }
-  const bool newer = skeleton.stamp.epoch != skeleton_.stamp.epoch || skeleton.stamp.sequence > skeleton_.stamp.sequence;
+  const bool newer =
+      skeleton.stamp.epoch != skeleton_.stamp.epoch || skeleton.stamp.sequence > skeleton_.stamp.sequence;
   if (any_skeleton_ && !newer) {
     ++counters_.refused_order;
     return;
@@ -216,7 +241,8 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     reposition_asked_ = false;
     // Nor does a joint stay behind that was not to be believed just now.
     const JointSample& wrist_before = before.joints[index(Joint::wrist)];
-    const Pose leap = (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
+    const Pose leap =
+        (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
     for (std::size_t j = 0; j < kJointCount; ++j) {
       if (usable(skeleton.joints[j])) continue;
       JointSample& joint = skeleton_.joints[j];
@@ -232,7 +258,8 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
 void HandLoop::set_targets(Nanoseconds now) {
   if (options_.direct) {
     const auto& targets = tracked_.targets(now);
-    if ((tracked_.take_repositioned() || reposition_asked_) && targets[static_cast<std::size_t>(index_of(Body::carpus))].valid) {
+    if ((tracked_.take_repositioned() || reposition_asked_) &&
+        targets[static_cast<std::size_t>(index_of(Body::carpus))].valid) {
       if (any_skeleton_) ++counters_.repositioned;
       reposition_asked_ = false;
       simulation_->reposition(targets[static_cast<std::size_t>(index_of(Body::carpus))].pose);
@@ -251,7 +278,8 @@ void HandLoop::set_targets(Nanoseconds now) {
     const JointSample& joint = skeleton_.joints[index(joint_of(static_cast<Body>(b)))];
     if ((joint.flags & kJointValid) == 0) continue;
     const Twist velocity = twist_of(joint);
-    simulation_->set_target(static_cast<Body>(b), extrapolated(to_pose(joint), velocity, ahead), moving ? velocity : Twist{});
+    simulation_->set_target(static_cast<Body>(b), extrapolated(to_pose(joint), velocity, ahead),
+                            moving ? velocity : Twist{});
   }
 }
 
@@ -261,7 +289,8 @@ void HandLoop::take_world(const WorldObjects& world) {
   auto next = objects_.begin();  // worlds list their objects in the order in which they announced them
   for (const ObjectState& state : world.objects) {
     const auto is_it = [&state](const KnownObject& o) { return o.id == state.object; };
-    const auto known = next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
+    const auto known =
+        next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
     if (known == objects_.end()) continue;
     known->listed = true;
     if (world.stamp.sample_time < known->description.stamp.sample_time) continue;
@@ -311,13 +340,15 @@ void HandLoop::measure_distances() {
   const Vector3 middle = simulation_->joint_pose(Joint::palm).position;
   const double reach = bones.reach(middle);
   double fastest = 0;  // m/s, of a bone
-  for (std::size_t b = 0; b < kBodyCount; ++b) fastest = std::max(fastest, simulation_->joint_velocity(joint_of(static_cast<Body>(b))).linear.norm());
+  for (std::size_t b = 0; b < kBodyCount; ++b)
+    fastest = std::max(fastest, simulation_->joint_velocity(joint_of(static_cast<Body>(b))).linear.norm());
   for (KnownObject& object : objects_) {
     if (!object.seen) continue;
     const Vector3 position = to_vector(object.state.position);
     // It is swept from where it was in its slot: it has to have one a step before it can meet the skin.
     const double spin = to_vector(object.state.angular_velocity).norm();
-    const double speed = fastest + to_vector(object.state.linear_velocity).norm() + (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
+    const double speed = fastest + to_vector(object.state.linear_velocity).norm() +
+                         (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
     object.near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
     // One distance tells of most objects that they are out of reach.
     if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * object.near) {
@@ -330,7 +361,8 @@ void HandLoop::measure_distances() {
   }
 }
 
-// Slots go to the nearest objects. Who has one keeps it against an equal; the hand's own and the touched are never put out.
+// Slots go to the nearest objects. Who has one keeps it against an equal; the hand's own and the touched are never put
+// out.
 void HandLoop::give_slots(Nanoseconds now) {
   waiting_.clear();
   for (std::size_t o = 0; o < objects_.size(); ++o) {
@@ -351,7 +383,8 @@ void HandLoop::give_slots(Nanoseconds now) {
       const int holder = slot_object_[static_cast<std::size_t>(slot)];
       if (holder < 0) {
         object.slot = slot;
-      } else if (!at(holder).owned && !simulation_->touched(slot) && (farthest < 0 || at(holder).distance > at(farthest).distance)) {
+      } else if (!at(holder).owned && !simulation_->touched(slot) &&
+                 (farthest < 0 || at(holder).distance > at(farthest).distance)) {
         farthest = holder;
       }
     }
@@ -394,7 +427,8 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
     simulation_->set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
     return;
   }
-  const bool touched_lately = object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
+  const bool touched_lately =
+      object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
   if (touched_lately && !object.owned) {
     // First touch: from here on the twin carries mass, inertia and gravity.
     object.owned = true;
@@ -466,8 +500,13 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
     const Joint joint = static_cast<Joint>(j);
     const Pose pose = simulation_->joint_pose(joint);
     const Twist velocity = simulation_->joint_velocity(joint);
-    simulated.joints[j] = {to_wire(pose.position), to_wire(pose.orientation), to_wire(velocity.linear), to_wire(velocity.angular),
-                           simulation_->hand().joint_radii[j], kJointValid, 1};
+    simulated.joints[j] = {to_wire(pose.position),
+                           to_wire(pose.orientation),
+                           to_wire(velocity.linear),
+                           to_wire(velocity.angular),
+                           simulation_->hand().joint_radii[j],
+                           kJointValid,
+                           1};
   }
 
   ObjectCoupling& coupling = output_.coupling;
@@ -481,8 +520,9 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
     const Twist velocity = simulation_->slot_velocity(object.slot);
     const Wrench contact = simulation_->contact_wrench(object.slot);
     const Wrench spring = simulation_->object_coupling_wrench(object.slot);
-    coupling.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation), to_wire(velocity.linear),
-                              to_wire(velocity.angular), to_wire(contact.force), to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
+    coupling.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation),
+                              to_wire(velocity.linear), to_wire(velocity.angular), to_wire(contact.force),
+                              to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
   }
 
   if (wants.contacts) {
@@ -512,9 +552,15 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
       const Pose pose = simulation_->joint_pose(joint_of(body));
       const Wrench coupled = simulation_->coupling_wrench(body);
       // What the coupling does to the simulated bone, the simulated bone does to the user's, turned round.
-      wrench.bones[b] = {to_wire(targets[b].pose.position), to_wire(targets[b].pose.orientation), to_wire(targets[b].pose.position),
-                         to_wire(targets[b].pose.orientation), to_wire(pose.position), to_wire(pose.orientation), to_wire(Vector3(-coupled.force)),
-                         to_wire(Vector3(-coupled.torque)), to_wire(simulation_->bone_contact_forces()[b])};
+      wrench.bones[b] = {to_wire(targets[b].pose.position),
+                         to_wire(targets[b].pose.orientation),
+                         to_wire(targets[b].pose.position),
+                         to_wire(targets[b].pose.orientation),
+                         to_wire(pose.position),
+                         to_wire(pose.orientation),
+                         to_wire(Vector3(-coupled.force)),
+                         to_wire(Vector3(-coupled.torque)),
+                         to_wire(simulation_->bone_contact_forces()[b])};
     }
   }
 }
@@ -538,12 +584,16 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.inverted_elements = static_cast<std::uint32_t>(simulation_->inverted_elements());
   status.penetration = simulation_->deepest_penetration();
   status.coupling_stretch = simulation_->largest_coupling_stretch();
-  simulation_->for_each_stored([&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
+  simulation_->for_each_stored(
+      [&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
   if (simulation_->ledger().begun()) {
-    simulation_->ledger().for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
+    simulation_->ledger().for_each_row(
+        [&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   }
-  add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite + tracked_.counters().refused_nonfinite));
-  add_counter(status, "refused_order", static_cast<double>(counters_.refused_order + tracked_.counters().refused_order));
+  add_counter(status, "refused_nonfinite",
+              static_cast<double>(counters_.refused_nonfinite + tracked_.counters().refused_nonfinite));
+  add_counter(status, "refused_order",
+              static_cast<double>(counters_.refused_order + tracked_.counters().refused_order));
   add_counter(status, "repositioned", static_cast<double>(counters_.repositioned));
   add_counter(status, "stale_steps", static_cast<double>(counters_.stale_steps));
   add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));
@@ -570,7 +620,8 @@ HandDescription HandLoop::description() const {
     out.vertex_weights.push_back(vertex.weights);
   }
   for (const auto& triangle : hand.skin_triangles) {
-    out.triangles.push_back({static_cast<std::uint32_t>(triangle[0]), static_cast<std::uint32_t>(triangle[1]), static_cast<std::uint32_t>(triangle[2])});
+    out.triangles.push_back({static_cast<std::uint32_t>(triangle[0]), static_cast<std::uint32_t>(triangle[1]),
+                             static_cast<std::uint32_t>(triangle[2])});
   }
   return out;
 }

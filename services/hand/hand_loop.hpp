@@ -1,4 +1,5 @@
-// The hand's loop: takes the newest skeleton and world, makes one step, gives everything that others may want to know. No clock, no DDS.
+// The hand's loop: takes the newest skeleton and world, makes one step, gives everything that others may want to know.
+// No clock, no DDS.
 #pragma once
 
 #include <array>
@@ -39,13 +40,13 @@ struct HandOutput {
 };
 
 struct HandCounters {
-  std::uint64_t refused_nonfinite = 0;   ///< joints or objects with a number that is not finite
-  std::uint64_t refused_order = 0;       ///< samples that are not newer than the last
+  std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
+  std::uint64_t refused_order = 0;      ///< samples that are not newer than the last
   std::uint64_t repositioned = 0;
-  std::uint64_t stale_steps = 0;         ///< steps whose newest skeleton was older than `stale_after`
-  std::uint64_t failed_steps = 0;        ///< steps that the solver gave up, keeping the state
-  std::uint64_t budget_steps = 0;        ///< steps that ended for want of time before they had converged
-  std::uint64_t chord_steps = 0;         ///< chord steps (`NewtonSolver::allow_chord_steps`)
+  std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
+  std::uint64_t failed_steps = 0;          ///< steps that the solver gave up, keeping the state
+  std::uint64_t budget_steps = 0;          ///< steps that ended for want of time before they had converged
+  std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::allow_chord_steps`)
   std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs that were near the hand while all slots were taken
 };
 
@@ -55,19 +56,22 @@ class HandLoop {
   HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {});
   ~HandLoop();
 
-  /// An object that the world announced, or removed, or put elsewhere: it is let go, and states sampled before the description are not used. Between steps; builds a shape that it does not know,
-  /// which allocates. Throws std::invalid_argument on a bad shape, friction out of [0, 1e9], and, of what moves, mass (kg) or inertia (kg m^2) out of (0, 1e9]; it is then described as before.
+  /// An object that the world announced, or removed, or put elsewhere: it is let go, and states sampled before the
+  /// description are not used. Between steps; builds a shape that it does not know, which allocates. Throws
+  /// std::invalid_argument on a bad shape, friction out of [0, 1e9], and, of what moves, mass (kg) or inertia (kg m^2)
+  /// out of (0, 1e9]; it is then described as before.
   void describe_object(const ObjectDescription& description);
 
-  /// Becomes what `other` is: both then go on alike where their options allow it. `other` was made of the same hand with as many slots, and heard of the same
-  /// objects. Between steps; allocates.
+  /// Becomes what `other` is: both then go on alike where their options allow it. `other` was made of the same hand
+  /// with as many slots, and heard of the same objects. Between steps; allocates.
   void take_state(const HandLoop& other);
 
-  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; the rest of them is the caller's to fill in, in
-  /// place, before the next step.
+  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; the rest of them
+  /// is the caller's to fill in, in place, before the next step.
   HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
 
-  /// As at the start: empty-handed, and nowhere until a skeleton comes that was sampled after `time`. What the world said until then is not used.
+  /// As at the start: empty-handed, and nowhere until a skeleton comes that was sampled after `time`. What the world
+  /// said until then is not used.
   void reset(Nanoseconds time);
 
   HandDescription description() const;
@@ -88,11 +92,11 @@ class HandLoop {
     std::shared_ptr<const ShapeGeometry> shape;  // shared with a loop that took this one's state
     MirroredObject mirrored;
     double bounding_radius = 0;
-    ObjectState state;       // newest from the world
-    bool seen = false;       // `state` holds something
-    bool listed = false;     // in the newest sample
-    double distance = 0;     // to the hand, m; infinity where it is surely beyond all reach
-    double near = 0;         // m; mirrored from this distance on
+    ObjectState state;    // newest from the world
+    bool seen = false;    // `state` holds something
+    bool listed = false;  // in the newest sample
+    double distance = 0;  // to the hand, m; infinity where it is surely beyond all reach
+    double near = 0;      // m; mirrored from this distance on
     int slot = -1;
     bool owned = false;
     Nanoseconds last_touch = 0;

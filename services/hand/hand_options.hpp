@@ -32,14 +32,26 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
            "1450, 3000 and 6000 of which two fast steps fit into its budget on this machine, at least right_400. "
            "`softhand simulate` and other processes then use right_1450.");
   v.choice("side", o.side, {"left", "right"}, "Side of the hand; a file of the other side is mirrored.");
-  v.flag("direct", o.direct, "Leave the intermediate layer out: couple to the tracked skeleton (figure 2B), for matched rates.");
-  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2}, "A target pose is extrapolated by its age, at most by this.");
-  v.number("stale_after", o.stale_after, "s", {0.01, 10}, "Age of the newest skeleton after which the status says that the input is stale.");
-  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100}, "Where the target's wrist is farther than this from the simulated one, the whole hand is moved there at once. With hand.direct a leap beyond hand.tracked_input.reposition_distance does that.");
-  v.number("near_distance", o.near_distance, "m", {0.005, 1}, "Objects nearer to the hand than this are mirrored in its simulation, those that move fast from farther away.");
-  v.number("release_time", o.release_time, "s", {0, 1}, "How long after the last contact the hand still owns an object.");
-  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16}, "Slots for objects that can move, at most as many as the scene lists, where it lists any objects; the nearest get them. Each widens the matrix by six columns.");
-  v.integer("static_objects", o.static_objects, "1", {0, 16}, "Slots for objects that cannot move (a table), at most as many as the scene lists, where it lists any objects.");
+  v.flag("direct", o.direct,
+         "Leave the intermediate layer out: couple to the tracked skeleton (figure 2B), for matched rates.");
+  v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
+           "A target pose is extrapolated by its age, at most by this.");
+  v.number("stale_after", o.stale_after, "s", {0.01, 10},
+           "Age of the newest skeleton after which the status says that the input is stale.");
+  v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100},
+           "Where the target's wrist is farther than this from the simulated one, the whole hand is moved there at "
+           "once. With hand.direct a leap beyond hand.tracked_input.reposition_distance does that.");
+  v.number(
+      "near_distance", o.near_distance, "m", {0.005, 1},
+      "Objects nearer to the hand than this are mirrored in its simulation, those that move fast from farther away.");
+  v.number("release_time", o.release_time, "s", {0, 1},
+           "How long after the last contact the hand still owns an object.");
+  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16},
+            "Slots for objects that can move, at most as many as the scene lists, where it lists any objects; the "
+            "nearest get them. Each widens the matrix by six columns.");
+  v.integer(
+      "static_objects", o.static_objects, "1", {0, 16},
+      "Slots for objects that cannot move (a table), at most as many as the scene lists, where it lists any objects.");
   describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);
   describe_section(v, "simulation", "Energies and solver.", o.simulation);
 }

@@ -1,4 +1,5 @@
-// softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of every topic.
+// softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of
+// every topic.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -14,7 +15,8 @@
 namespace {
 using namespace softhand;
 
-constexpr double kBudgetFraction = 0.6;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
+constexpr double kBudgetFraction =
+    0.6;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
 
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -60,18 +62,22 @@ void run(int argc, char** argv) {
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
 
-  // With the service's urgency, since that is what the loop will run with. A live step that ends late is worth less than one that is a little less
-  // exact: the period is turned into work, once.
+  // With the service's urgency, since that is what the loop will run with. A live step that ends late is worth less
+  // than one that is a little less exact: the period is turned into work, once.
   const double budget_seconds = kBudgetFraction / options.rate_hz;
   HandSizeChoice choice;
   if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
-  const HandModel hand = load_scene_hand(scene, chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model);
-  const double fast_step = chooses_hand_size(scene) ? choice.fast_steps[choice.size] : measure_fast_step(hand, options, budget_seconds, seconds_now);
+  const HandModel hand =
+      load_scene_hand(scene, chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model);
+  const double fast_step = chooses_hand_size(scene) ? choice.fast_steps[choice.size]
+                                                    : measure_fast_step(hand, options, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
   if (work_budget == 0) work_budget = budget_seconds / fast_step;
-  spdlog::info("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(), 1e3 * fast_step, work_budget);
+  spdlog::info("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps",
+               hand.node_count(), 1e3 * fast_step, work_budget);
 
-  // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its urgency, which the helper shall have too.
+  // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its
+  // urgency, which the helper shall have too.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
   const auto description = std::make_unique<HandDescription>(loop.description());
   service.stamp(description->stamp);
@@ -85,7 +91,8 @@ void run(int argc, char** argv) {
     if (!writer.has_readers()) return;
     service.stamp(message.stamp);
     message.stamp.chain.simulated_published = message.stamp.publish_time;
-    if constexpr (std::is_same_v<decltype(message), BoneWrench&>) message.stamp.chain.wrench_published = message.stamp.publish_time;
+    if constexpr (std::is_same_v<decltype(message), BoneWrench&>)
+      message.stamp.chain.wrench_published = message.stamp.publish_time;
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
@@ -105,8 +112,11 @@ void run(int argc, char** argv) {
       head = each;
       input.head = &head;
     });
-    HandOutput& output = loop.step(now, input, {.surface = surface_writer.has_readers(), .contacts = contacts_writer.has_readers(),
-                                                .bone_wrench = options.direct && wrench_writer.has_readers(), .ledger = service.status_wanted()});
+    HandOutput& output = loop.step(now, input,
+                                   {.surface = surface_writer.has_readers(),
+                                    .contacts = contacts_writer.has_readers(),
+                                    .bone_wrench = options.direct && wrench_writer.has_readers(),
+                                    .ledger = service.status_wanted()});
     if (!output.valid) return;
     publish(simulated_writer, output.simulated);
     publish(coupling_writer, output.coupling);
@@ -121,7 +131,8 @@ void run(int argc, char** argv) {
     add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
-    add_counter(status, "surfaces_sent", static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
+    add_counter(status, "surfaces_sent",
+                static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
   };
   service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status,
                [&](Nanoseconds time) { loop.reset(time); }});

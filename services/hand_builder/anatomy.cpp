@@ -17,7 +17,8 @@ constexpr double kReferenceBreadth = 0.085;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Joint joint_of_finger(int finger, int k) { return static_cast<Joint>(6 + 5 * (finger - 1) + k); }
 
-// One long finger. Lengths are fractions of hand length, palm positions fractions of breadth (x) and millimetres of the reference hand (y).
+// One long finger. Lengths are fractions of hand length, palm positions fractions of breadth (x) and millimetres of the
+// reference hand (y).
 struct FingerRow {
   double palm_length;               // wrist to MCP, Buchholz
   std::array<double, 3> phalanges;  // Buchholz
@@ -26,23 +27,65 @@ struct FingerRow {
   double spread;                    // degrees about the dorsal axis, positive to the thumb
   double roll;                      // degrees about the finger: the transverse arch turns the pads to the thumb
   std::array<double, 3> flexion;    // degrees at rest: MCP, PIP, DIP
-  std::array<double, 5> radii;      // millimetres of the reference hand: metacarpal, proximal, intermediate, distal, tip
+  std::array<double, 5> radii;  // millimetres of the reference hand: metacarpal, proximal, intermediate, distal, tip
 };
 
-// Flexion is that of a relaxed hand, about 40, 35 and 15 degrees, more to the little finger (the natural cascade). Tissue is strained from
-// there both ways: a fist at MCP 82, PIP 100 and DIP 60 stretches the back half as much as it would from the flat hand.
+// Flexion is that of a relaxed hand, about 40, 35 and 15 degrees, more to the little finger (the natural cascade).
+// Tissue is strained from there both ways: a fist at MCP 82, PIP 100 and DIP 60 stretches the back half as much as it
+// would from the flat hand.
 constexpr std::array<FingerRow, 4> kFingers{{
-    {0.447, {0.245, 0.143, 0.097}, -0.290, 0.0, -0.150, 1.0, 0.150, 5.0, -5.0, {36, 33, 14}, {12.5, 10.8, 9.4, 8.3, 7.0}},
-    {0.446, {0.266, 0.170, 0.108}, -0.035, 2.5, -0.025, 3.0, 0.150, 1.0, 0.0, {40, 35, 15}, {12.5, 11.0, 9.6, 8.5, 7.2}},
-    {0.421, {0.244, 0.165, 0.107}, 0.200, 0.5, 0.085, 2.0, 0.145, -4.0, -2.0, {43, 37, 16}, {12.0, 10.3, 9.0, 7.9, 6.8}},
-    {0.414, {0.204, 0.117, 0.093}, 0.408, -4.0, 0.190, -1.0, 0.135, -11.0, -5.0, {46, 38, 16}, {11.5, 9.3, 8.0, 7.1, 6.1}},
+    {0.447,
+     {0.245, 0.143, 0.097},
+     -0.290,
+     0.0,
+     -0.150,
+     1.0,
+     0.150,
+     5.0,
+     -5.0,
+     {36, 33, 14},
+     {12.5, 10.8, 9.4, 8.3, 7.0}},
+    {0.446,
+     {0.266, 0.170, 0.108},
+     -0.035,
+     2.5,
+     -0.025,
+     3.0,
+     0.150,
+     1.0,
+     0.0,
+     {40, 35, 15},
+     {12.5, 11.0, 9.6, 8.5, 7.2}},
+    {0.421,
+     {0.244, 0.165, 0.107},
+     0.200,
+     0.5,
+     0.085,
+     2.0,
+     0.145,
+     -4.0,
+     -2.0,
+     {43, 37, 16},
+     {12.0, 10.3, 9.0, 7.9, 6.8}},
+    {0.414,
+     {0.204, 0.117, 0.093},
+     0.408,
+     -4.0,
+     0.190,
+     -1.0,
+     0.135,
+     -11.0,
+     -5.0,
+     {46, 38, 16},
+     {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
 
-// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis, so what opposition
-// adds to it stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al. 1981: the trapezium's axes lie 80
-// degrees pronated against the third metacarpal's (48 flexed, 38 abducted), and pronation goes with flexion (Li and Tang 2007); a recorded
-// Quest 3 hand has 83 at the metacarpal and 104 at the distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so
-// that the pads face each other (docs/hand-builder.md).
+// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis,
+// so what opposition adds to it stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al.
+// 1981: the trapezium's axes lie 80 degrees pronated against the third metacarpal's (48 flexed, 38 abducted), and
+// pronation goes with flexion (Li and Tang 2007); a recorded Quest 3 hand has 83 at the metacarpal and 104 at the
+// distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so that the pads face each other
+// (docs/hand-builder.md).
 struct ThumbRow {
   std::array<double, 3> lengths;    // fractions of hand length: metacarpal, proximal, distal; Buchholz
   std::array<double, 4> radii;      // millimetres of the reference hand: metacarpal, proximal, distal, tip
@@ -67,7 +110,8 @@ Quaternion thumb_metacarpal_orientation() {
   return frame(along, Vector3::UnitY()) * about(Vector3::UnitZ(), kThumb.pronation[0]);
 }
 
-// Orientations of the natural pose, which do not depend on who the hand belongs to (metacarpals II-V are set by their ends).
+// Orientations of the natural pose, which do not depend on who the hand belongs to (metacarpals II-V are set by their
+// ends).
 void natural_orientations(std::array<Pose, kJointCount>& joints) {
   for (int f = 1; f < kFingerCount; ++f) {
     const FingerRow& row = kFingers[static_cast<std::size_t>(f - 1)];
@@ -88,7 +132,8 @@ void natural_orientations(std::array<Pose, kJointCount>& joints) {
 }
 
 void place_palm(std::array<Pose, kJointCount>& joints) {
-  joints[at(Joint::palm)].position = 0.5 * (joints[at(Joint::middle_metacarpal)].position + joints[at(Joint::middle_proximal)].position);
+  joints[at(Joint::palm)].position =
+      0.5 * (joints[at(Joint::middle_metacarpal)].position + joints[at(Joint::middle_proximal)].position);
   joints[at(Joint::palm)].orientation = joints[at(Joint::middle_metacarpal)].orientation;
 }
 
@@ -102,7 +147,8 @@ double reference_radius(Joint joint) {
 
 }  // namespace
 
-double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vector3& b, double radius_a, double radius_b) {
+double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vector3& b, double radius_a,
+                             double radius_b) {
   const Vector3 axis = b - a;
   const double length = axis.norm();
   const double taper = radius_a - radius_b;
@@ -121,8 +167,10 @@ double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vecto
 }
 
 RestSkeleton natural_rest(const HandSize& size) {
-  if (!(size.length >= 0.10 && size.length <= 0.26)) throw std::invalid_argument("length: expected metres in [0.10, 0.26]");
-  if (!(size.breadth >= 0.05 && size.breadth <= 0.13)) throw std::invalid_argument("breadth: expected metres in [0.05, 0.13]");
+  if (!(size.length >= 0.10 && size.length <= 0.26))
+    throw std::invalid_argument("length: expected metres in [0.10, 0.26]");
+  if (!(size.breadth >= 0.05 && size.breadth <= 0.13))
+    throw std::invalid_argument("breadth: expected metres in [0.05, 0.13]");
   RestSkeleton rest;
   const double thickness = size.breadth / kReferenceBreadth;
   for (std::size_t j = 0; j < kJointCount; ++j) rest.radii[j] = thickness * reference_radius(static_cast<Joint>(j));
@@ -141,12 +189,13 @@ RestSkeleton natural_rest(const HandSize& size) {
     Vector3 head(row.mcp_x * size.breadth, row.mcp_y * millimetre, 0);
     const double reach = row.palm_length * scale;
     head.z() = -std::sqrt(reach * reach - head.squaredNorm());
-    rest.joints[at(joint_of_finger(f, 0))] = {base, frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};
+    rest.joints[at(joint_of_finger(f, 0))] = {base,
+                                              frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};
     for (int k = 1; k <= 4; ++k) {
       rest.joints[at(joint_of_finger(f, k))].position = head;
       if (k <= 3) {
-        head -=
-            rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() * row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
+        head -= rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() *
+                row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
       }
     }
   }
@@ -197,9 +246,12 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
   // Meshing what is no hand ends by want of memory or of a mesh, with no word about the recording.
   const double reach = rest.joints[at(Joint::middle_tip)].position.norm();
   if (!(reach > kShortestReach && reach < kLongestReach))
-    throw std::invalid_argument("expected positions in metres, of a middle fingertip 0.05 to 0.4 m from the wrist, got " + std::to_string(reach) + " m");
+    throw std::invalid_argument(
+        "expected positions in metres, of a middle fingertip 0.05 to 0.4 m from the wrist, got " +
+        std::to_string(reach) + " m");
   if (!(rest.joints[at(Joint::thumb_metacarpal)].position.x() < rest.joints[at(Joint::little_proximal)].position.x()))
-    throw std::invalid_argument(std::string("expected a ") + (side == Side::left ? "left" : "right") + " hand, got the other one's thumb; say so with --side");
+    throw std::invalid_argument(std::string("expected a ") + (side == Side::left ? "left" : "right") +
+                                " hand, got the other one's thumb; say so with --side");
   // Where a source tells no radius: that of the reference hand, scaled by the middle finger's palm.
   const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
   for (std::size_t j = 0; j < kJointCount; ++j) {
@@ -211,7 +263,8 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
 
 namespace {
 
-// Bone radii of the reference hand at start and end, millimetres. They leave a finger's pulp 2.5 to 3.4 mm thick on the palmar side.
+// Bone radii of the reference hand at start and end, millimetres. They leave a finger's pulp 2.5 to 3.4 mm thick on the
+// palmar side.
 struct BoneRow {
   double start, end;
 };
@@ -227,7 +280,8 @@ BoneRow bone_row(Body body) {
 }
 
 void set_mass(BodyModel& body) {
-  // Bone of 1,700 kg/m^3. The nodes carry the tissue's mass. The floor keeps the ratio of stiffness to mass within what one step resolves.
+  // Bone of 1,700 kg/m^3. The nodes carry the tissue's mass. The floor keeps the ratio of stiffness to mass within what
+  // one step resolves.
   constexpr double kDensity = 1700.0, kLightest = 0.004, kThinnest = 0.006;
   const Vector3 axis = body.bone_end - body.bone_start;
   const double length = axis.norm();
@@ -269,8 +323,8 @@ MotionRow motion_row(Body body) {
 JointModel make_joint(const RestSkeleton& rest, Body body) {
   JointModel joint;
   if (body == Body::forearm) return joint;
-  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the carpus is not one
-  // rigid bone).
+  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the
+  // carpus is not one rigid bone).
   joint.position_stiffness = body == Body::thumb_metacarpal ? 2e3 : body == Body::index_metacarpal ? 2e4 : 1e5;
   joint.kind = JointKind::ball;
   if (body == Body::carpus) return joint;  // the wrist is free under the coupling
@@ -283,8 +337,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   joint.kind = saddle ? JointKind::saddle : JointKind::hinge;
   joint.orientation_stiffness = saddle ? 8 : 10;
   joint.limit_stiffness = body == Body::thumb_metacarpal ? 5 : 3;
-  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight pose: it counts from
-  // rest.
+  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight
+  // pose: it counts from rest.
   double flexed = 0, abducted = 0;
   if (body != Body::thumb_metacarpal) {
     const Quaternion parent = rest.joints[at(joint_of(parent_of(body)))].orientation;
@@ -293,9 +347,11 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
     abducted = angle.y();
   }
   const MotionRow row = motion_row(body);
-  joint.flexion_range = {std::min(0.0, -row.flexion * kDegree - flexed), std::max(0.0, row.extension * kDegree - flexed)};
+  joint.flexion_range = {std::min(0.0, -row.flexion * kDegree - flexed),
+                         std::max(0.0, row.extension * kDegree - flexed)};
   if (saddle) {
-    // Abduction counts from half the rest spread: a resting hand is spread a little, and may close further than it may open.
+    // Abduction counts from half the rest spread: a resting hand is spread a little, and may close further than it may
+    // open.
     joint.abduction_range = {std::min(-0.1, -row.abduction * kDegree - 0.5 * abducted),
                              std::max(0.1, row.abduction * kDegree - 0.5 * abducted)};
   }
@@ -325,7 +381,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     const double skin_start = rest.radii[at(joint_of(which))] / reference_radius(joint_of(which));
     const double skin_end = rest.radii[at(end_joint_of(which))] / reference_radius(end_joint_of(which));
     const BoneRow row = bone_row(which);
-    const double finger_scale = finger_of(which) == Finger::thumb ? 1.2 : finger_of(which) == Finger::little ? 0.88 : 1.0;
+    const double finger_scale = finger_of(which) == Finger::thumb    ? 1.2
+                                : finger_of(which) == Finger::little ? 0.88
+                                                                     : 1.0;
     body.bone_start_radius = 1e-3 * row.start * skin_start * finger_scale;
     body.bone_end_radius = 1e-3 * row.end * skin_end * finger_scale;
     if (which == Body::forearm) {

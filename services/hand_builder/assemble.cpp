@@ -10,22 +10,24 @@
 namespace softhand::builder {
 namespace {
 
-// N/m per cubic metre of bone inside a tetrahedron: a phalanx (0.4-2 cm^3) is held with 4e4 to 2e5 N/m in total, a hundred times
-// stiffer than the tissue around it and a hundred times softer than what would spoil the step's conditioning.
+// N/m per cubic metre of bone inside a tetrahedron: a phalanx (0.4-2 cm^3) is held with 4e4 to 2e5 N/m in total, a
+// hundred times stiffer than the tissue around it and a hundred times softer than what would spoil the step's
+// conditioning.
 constexpr double kAttachmentStiffness = 1e11;
 
 enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
 std::vector<Material> make_materials() {
-  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the kink). Only the pulp does not
-  // bend with a joint: it has the skin's stiffness, fitted to people's fingertips (docs/human-data.md). Elsewhere softer tetrahedra stand for
-  // skin that folds and slides. Limiting from 30 % hands the stretch over a knuckle on to its neighbours and keeps creases from turning over.
+  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the
+  // kink). Only the pulp does not bend with a joint: it has the skin's stiffness, fitted to people's fingertips
+  // (docs/human-data.md). Elsewhere softer tetrahedra stand for skin that folds and slides. Limiting from 30 % hands
+  // the stretch over a knuckle on to its neighbours and keeps creases from turning over.
   const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
     return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy};
   };
-  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 2e4, 0.40, 0.35, 2), material("back", 8e3, 0.35, 0.30, 2),
-          material("knuckle", 1e4, 0.35, 0.30, 2)};
+  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 2e4, 0.40, 0.35, 2),
+          material("back", 8e3, 0.35, 0.30, 2), material("knuckle", 1e4, 0.35, 0.30, 2)};
 }
 
 struct Bones {
@@ -34,7 +36,8 @@ struct Bones {
 
   double distance(std::size_t b, const Vector3& point) const {
     const BodyModel& body = (*bodies)[b];
-    return rounded_cone_distance(joints[b].inverse() * point, body.bone_start, body.bone_end, body.bone_start_radius, body.bone_end_radius);
+    return rounded_cone_distance(joints[b].inverse() * point, body.bone_start, body.bone_end, body.bone_start_radius,
+                                 body.bone_end_radius);
   }
   std::size_t nearest(const Vector3& point) const {
     std::size_t best = 0;
@@ -72,7 +75,8 @@ std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3&
 // Finds the tetrahedron around a point through a uniform grid of their bounding boxes.
 class Locator {
  public:
-  Locator(const std::vector<Vector3>& nodes, const std::vector<std::array<std::int32_t, 4>>& tetrahedra) : nodes_(nodes), tetrahedra_(tetrahedra) {
+  Locator(const std::vector<Vector3>& nodes, const std::vector<std::array<std::int32_t, 4>>& tetrahedra)
+      : nodes_(nodes), tetrahedra_(tetrahedra) {
     inverse_.reserve(tetrahedra.size());
     for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
       const auto x = [&](std::size_t k) { return nodes[static_cast<std::size_t>(tetrahedra[t][k])]; };
@@ -90,7 +94,8 @@ class Locator {
     }
   }
 
-  /// The tetrahedron in which the point's smallest weight is largest: the one around it, or the nearest one. -1 when none is near.
+  /// The tetrahedron in which the point's smallest weight is largest: the one around it, or the nearest one. -1 when
+  /// none is near.
   std::int32_t find(const Vector3& point, std::array<double, 4>& weights) const {
     const auto found = cells_.find(cell_of(point));
     if (found == cells_.end()) return -1;
@@ -109,14 +114,16 @@ class Locator {
   }
 
   std::array<double, 4> weights_in(std::int32_t t, const Vector3& point) const {
-    const Vector3 w = inverse_[static_cast<std::size_t>(t)] * (point - nodes_[static_cast<std::size_t>(tetrahedra_[static_cast<std::size_t>(t)][0])]);
+    const Vector3 w = inverse_[static_cast<std::size_t>(t)] *
+                      (point - nodes_[static_cast<std::size_t>(tetrahedra_[static_cast<std::size_t>(t)][0])]);
     return {1 - w.sum(), w.x(), w.y(), w.z()};
   }
 
  private:
   static constexpr double kCell = 0.005;
   static std::array<int, 3> cell_of(const Vector3& p) {
-    return {static_cast<int>(std::floor(p.x() / kCell)), static_cast<int>(std::floor(p.y() / kCell)), static_cast<int>(std::floor(p.z() / kCell))};
+    return {static_cast<int>(std::floor(p.x() / kCell)), static_cast<int>(std::floor(p.y() / kCell)),
+            static_cast<int>(std::floor(p.z() / kCell))};
   }
   const std::vector<Vector3>& nodes_;
   const std::vector<std::array<std::int32_t, 4>>& tetrahedra_;
@@ -124,8 +131,8 @@ class Locator {
   std::map<std::array<int, 3>, std::vector<std::int32_t>> cells_;
 };
 
-// Around a joint that moves the tissue slides on the bones: bound to both of them it would be torn, and the stretch of the skin over the
-// knuckle could not spread. In this body's frame: centres, and radii within which it holds no tissue.
+// Around a joint that moves the tissue slides on the bones: bound to both of them it would be torn, and the stretch of
+// the skin over the knuckle could not spread. In this body's frame: centres, and radii within which it holds no tissue.
 std::vector<std::pair<Vector3, double>> free_of_bone(const HandModel& hand, const Bones& bones, std::size_t b) {
   constexpr double kBoneRadii = 1.6;
   std::vector<std::pair<Vector3, double>> spheres;
@@ -159,8 +166,12 @@ void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
       for (int j = 0; j < steps(1); ++j) {
         for (int k = 0; k < steps(2); ++k) {
           const Vector3 local = low + kSample * Vector3(i + 0.5, j + 0.5, k + 0.5);
-          if (rounded_cone_distance(local, body.bone_start, body.bone_end, body.bone_start_radius, body.bone_end_radius) > 0) continue;
-          if (std::any_of(bare.begin(), bare.end(), [&local](const auto& sphere) { return (local - sphere.first).norm() < sphere.second; })) continue;
+          if (rounded_cone_distance(local, body.bone_start, body.bone_end, body.bone_start_radius,
+                                    body.bone_end_radius) > 0)
+            continue;
+          if (std::any_of(bare.begin(), bare.end(),
+                          [&local](const auto& sphere) { return (local - sphere.first).norm() < sphere.second; }))
+            continue;
           const Vector3 point = bones.joints[b] * local;
           std::array<double, 4> weights{};
           const std::int32_t t = locator.find(point, weights);
@@ -173,7 +184,8 @@ void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
     }
     for (const auto& [t, part] : parts) {
       const double volume = part.samples * kSample * kSample * kSample;
-      hand.attachments.push_back({static_cast<std::int32_t>(b), t, locator.weights_in(t, part.sum / part.samples), kAttachmentStiffness * volume});
+      hand.attachments.push_back({static_cast<std::int32_t>(b), t, locator.weights_in(t, part.sum / part.samples),
+                                  kAttachmentStiffness * volume});
     }
   }
 }
@@ -187,7 +199,9 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     double radius = 0.007;  // m around the line from a to b
   };
   std::vector<Piece> pieces;
-  const auto joint_at = [&rest](Joint joint) -> const Pose& { return rest.joints[static_cast<std::size_t>(index_of(joint))]; };
+  const auto joint_at = [&rest](Joint joint) -> const Pose& {
+    return rest.joints[static_cast<std::size_t>(index_of(joint))];
+  };
   for (int b = 0; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     const Joint joint = joint_of(body), end = end_joint_of(body);
@@ -197,16 +211,21 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : joint_at(joint).position;
     pieces.push_back({start, joint_at(end).position, size});
     if (!digit || to_tip > 1) continue;
-    // The pulp, whose contact area and stiffness count most: from the middle of the distal bone to the tip, between bone and skin.
+    // The pulp, whose contact area and stiffness count most: from the middle of the distal bone to the tip, between
+    // bone and skin.
     const double depth = 0.6 * rest.radii[static_cast<std::size_t>(index_of(end))];
     const Vector3 palmar = -depth * (joint_at(joint).orientation * Vector3::UnitY());
-    pieces.push_back({0.6 * start + 0.4 * joint_at(end).position + palmar, joint_at(end).position + palmar, 0.8, 0.004});
+    pieces.push_back(
+        {0.6 * start + 0.4 * joint_at(end).position + palmar, joint_at(end).position + palmar, 0.8, 0.004});
   }
   // The webs: coarse facets would bridge the gap between two fingers.
   for (int j = index_of(Joint::index_proximal); j < index_of(Joint::little_proximal); j += 5) {
-    const auto web = [&rest](int joint) { return Vector3(rest.joints[static_cast<std::size_t>(joint)] * Vector3(0, 0, -0.016)); };
+    const auto web = [&rest](int joint) {
+      return Vector3(rest.joints[static_cast<std::size_t>(joint)] * Vector3(0, 0, -0.016));
+    };
     const Vector3 middle = 0.5 * (web(j) + web(j + 5));
-    pieces.push_back({middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 1.1});
+    pieces.push_back(
+        {middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 1.1});
   }
   return [pieces](const Vector3& point) {
     double least = 3.6;
@@ -233,7 +252,9 @@ std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin)
     for (int j = f == 0 ? 3 : tip - 3; j < tip; ++j) {
       const Pose& joint = rest.joints[static_cast<std::size_t>(j)];
       const Vector3 middle = 0.5 * (joint.position + rest.joints[static_cast<std::size_t>(j + 1)].position);
-      for (const double side : {1.0, -1.0}) seeds.push_back(skin.project(middle + joint.orientation * Vector3(0, side * rest.radii[static_cast<std::size_t>(j)], 0)));
+      for (const double side : {1.0, -1.0})
+        seeds.push_back(
+            skin.project(middle + joint.orientation * Vector3(0, side * rest.radii[static_cast<std::size_t>(j)], 0)));
     }
   }
   return seeds;
@@ -251,7 +272,8 @@ HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, c
   hand.materials = make_materials();
 
   Bones bones{{}, &hand.bodies};
-  for (std::size_t b = 0; b < kBodyCount; ++b) bones.joints[b] = rest.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
+  for (std::size_t b = 0; b < kBodyCount; ++b)
+    bones.joints[b] = rest.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
   for (const Vector3& node : hand.nodes) hand.node_body.push_back(static_cast<std::uint8_t>(bones.nearest(node)));
   for (const auto& t : hand.tetrahedra) {
     Vector3 centre = Vector3::Zero();

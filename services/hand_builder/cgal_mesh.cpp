@@ -1,4 +1,7 @@
-// The only file that includes CGAL (GPL-3.0+ for Mesh_3): the program that links it takes that licence; the meshes it writes do not.
+// The only file that includes CGAL (GPL-3.0+ for Mesh_3): the program that links it takes that licence; the meshes it
+// writes do not.
+#include "hand_builder/cgal_mesh.hpp"
+
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Labeled_mesh_domain_3.h>
 #include <CGAL/Mesh_complex_3_in_triangulation_3.h>
@@ -8,8 +11,6 @@
 #include <CGAL/make_mesh_3.h>
 
 #include <map>
-
-#include "hand_builder/cgal_mesh.hpp"
 
 namespace softhand::builder {
 
@@ -32,7 +33,8 @@ struct ScaledField {
 };
 }  // namespace
 
-TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds) {
+TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, double scale,
+                          const std::vector<Vector3>& seeds) {
   namespace params = CGAL::parameters;
   CGAL::get_default_random() = CGAL::Random(42);
   CGAL::Random random(42);
@@ -40,20 +42,24 @@ TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, doub
   const auto box = skin.bounds();
   const Vector3 centre = 0.5 * (box[0] + box[1]);
   const double radius = 0.6 * (box[1] - box[0]).norm();
-  Domain domain = Domain::create_implicit_mesh_domain(function, Kernel::Sphere_3(Kernel::Point_3(centre.x(), centre.y(), centre.z()), radius * radius),
-                                                      params::relative_error_bound = 1e-5, params::p_rng = &random);
+  Domain domain = Domain::create_implicit_mesh_domain(
+      function, Kernel::Sphere_3(Kernel::Point_3(centre.x(), centre.y(), centre.z()), radius * radius),
+      params::relative_error_bound = 1e-5, params::p_rng = &random);
   Complex complex;
   using Seed = std::pair<Kernel::Point_3, Domain::Index>;
   std::vector<Seed> points;
   domain.construct_initial_points_object()(std::back_inserter(points), 12);
-  for (const Vector3& seed : seeds) points.emplace_back(Kernel::Point_3(seed.x(), seed.y(), seed.z()), points.front().second);
+  for (const Vector3& seed : seeds)
+    points.emplace_back(Kernel::Point_3(seed.x(), seed.y(), seed.z()), points.front().second);
   complex.insert_surface_points(points.begin(), points.end());
 
-  Criteria criteria(params::facet_angle = 25, params::facet_size = ScaledField{&sizing, 1.25 * scale}, params::facet_distance = ScaledField{&sizing, 0.3 * scale},
-                    params::cell_radius_edge_ratio = 2.0, params::cell_size = ScaledField{&sizing, 0.85 * scale});
-  CGAL::refine_mesh_3(complex, domain, criteria, params::no_odt(), params::no_lloyd(), params::no_perturb(), params::no_exude());
-  CGAL::odt_optimize_mesh_3(complex, domain, params::time_limit = 0, params::max_iteration_number = 20, params::convergence = 0.02,
-                            params::freeze_bound = 0.01, params::do_freeze = true);
+  Criteria criteria(params::facet_angle = 25, params::facet_size = ScaledField{&sizing, 1.25 * scale},
+                    params::facet_distance = ScaledField{&sizing, 0.3 * scale}, params::cell_radius_edge_ratio = 2.0,
+                    params::cell_size = ScaledField{&sizing, 0.85 * scale});
+  CGAL::refine_mesh_3(complex, domain, criteria, params::no_odt(), params::no_lloyd(), params::no_perturb(),
+                      params::no_exude());
+  CGAL::odt_optimize_mesh_3(complex, domain, params::time_limit = 0, params::max_iteration_number = 20,
+                            params::convergence = 0.02, params::freeze_bound = 0.01, params::do_freeze = true);
   CGAL::perturb_mesh_3(complex, domain, params::time_limit = 0, params::sliver_bound = 14);
   CGAL::exude_mesh_3(complex, params::time_limit = 0, params::sliver_bound = 14);
 

@@ -6,6 +6,7 @@
 namespace softhand::builder {
 
 /// Delaunay refinement and its optimisers; nodes and positively oriented tetrahedra, no surface yet. Deterministic.
-TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, double scale, const std::vector<Vector3>& seeds);
+TetrahedralMesh cgal_mesh(const SkinShape& skin, const SizingField& sizing, double scale,
+                          const std::vector<Vector3>& seeds);
 
 }  // namespace softhand::builder

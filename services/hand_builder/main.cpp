@@ -29,7 +29,8 @@ void write_preview(const HandModel& hand, const std::string& path) {
   out << "g surface\n";
   for (const auto& t : hand.surface) out << "f " << t[0] + 1 << ' ' << t[1] + 1 << ' ' << t[2] + 1 << '\n';
   out << "g skin\n";
-  for (const auto& t : hand.skin_triangles) out << "f " << t[0] + offset << ' ' << t[1] + offset << ' ' << t[2] + offset << '\n';
+  for (const auto& t : hand.skin_triangles)
+    out << "f " << t[0] + offset << ' ' << t[1] + offset << ' ' << t[2] + offset << '\n';
   if (!out) throw std::runtime_error(path + ": cannot be written");
 }
 
@@ -46,13 +47,15 @@ int main(int argc, char** argv) {
   app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")
       ->capture_default_str()
       ->check(CLI::Range(0.05, 0.13));
-  CLI::Option* joints =
-      app.add_option("--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
+  CLI::Option* joints = app.add_option(
+      "--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
   joints->check(CLI::ExistingFile);
-  app.add_option("--gltf", gltf, "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")
+  app.add_option("--gltf", gltf,
+                 "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")
       ->check(CLI::ExistingFile)
       ->excludes(joints);
-  app.add_option("--notice", notice, "licence notice that the hand file carries; default: the GLB's own copyright line");
+  app.add_option("--notice", notice,
+                 "licence notice that the hand file carries; default: the GLB's own copyright line");
   app.add_option("--nodes", nodes, "tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
   app.add_option("--side", side_name, "side of the hand that is written, and of the recording")
       ->capture_default_str()
@@ -71,7 +74,8 @@ int main(int argc, char** argv) {
       rest = rigged.rest;
       skin = std::make_unique<builder::MeshSkin>(rigged.skin);
       display = std::move(rigged.skin);
-      if (notice.empty()) notice = !rigged.copyright.empty() ? rigged.copyright : "Made from " + gltf + ", whose licence applies";
+      if (notice.empty())
+        notice = !rigged.copyright.empty() ? rigged.copyright : "Made from " + gltf + ", whose licence applies";
     } else {
       if (recording.empty()) {
         rest = builder::natural_rest(size);
@@ -95,7 +99,8 @@ int main(int argc, char** argv) {
     save_hand(hand, output);
     if (!preview.empty()) write_preview(hand, preview);
     std::printf(
-        "%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, volume %.1f cm^3 (skin "
+        "%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, "
+        "volume %.1f cm^3 (skin "
         "%.1f)\n",
         output.c_str(), hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(),
         mesh.minimum_dihedral_degrees(), mesh.volume() * 1e6, builder::skin_volume(*skin, 0.001) * 1e6);

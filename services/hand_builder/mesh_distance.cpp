@@ -1,5 +1,5 @@
-// Signed distance to a triangle mesh: nearest triangle by a tree of boxes, sign by the pseudonormal of the feature that is nearest
-// (Baerentzen and Aanaes 2005).
+// Signed distance to a triangle mesh: nearest triangle by a tree of boxes, sign by the pseudonormal of the feature that
+// is nearest (Baerentzen and Aanaes 2005).
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -50,14 +50,18 @@ struct MeshSkin::Tree {
     // Corners weigh their triangles by angle, edges weigh both alike.
     std::vector<Vector3> corner(vertices.size(), Vector3::Zero());
     std::map<std::array<std::int32_t, 2>, Vector3> edge;
-    const auto key = [](std::int32_t a, std::int32_t b) { return std::array<std::int32_t, 2>{std::min(a, b), std::max(a, b)}; };
+    const auto key = [](std::int32_t a, std::int32_t b) {
+      return std::array<std::int32_t, 2>{std::min(a, b), std::max(a, b)};
+    };
     const auto face_normal = [this](const std::array<std::int32_t, 3>& t) {
-      return Vector3((vertices[at(t[1])] - vertices[at(t[0])]).cross(vertices[at(t[2])] - vertices[at(t[0])]).normalized());
+      return Vector3(
+          (vertices[at(t[1])] - vertices[at(t[0])]).cross(vertices[at(t[2])] - vertices[at(t[0])]).normalized());
     };
     for (const auto& t : triangles) {
       const Vector3 normal = face_normal(t);
       for (std::size_t k = 0; k < 3; ++k) {
-        const Vector3 one = vertices[at(t[(k + 1) % 3])] - vertices[at(t[k])], other = vertices[at(t[(k + 2) % 3])] - vertices[at(t[k])];
+        const Vector3 one = vertices[at(t[(k + 1) % 3])] - vertices[at(t[k])],
+                      other = vertices[at(t[(k + 2) % 3])] - vertices[at(t[k])];
         corner[at(t[k])] += std::atan2(one.cross(other).norm(), one.dot(other)) * normal;
         edge.try_emplace(key(t[k], t[(k + 1) % 3]), Vector3::Zero()).first->second += normal;
       }
@@ -92,7 +96,8 @@ struct MeshSkin::Tree {
       };
       const auto begin = triangles.begin();
       std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle),
-                       begin + static_cast<std::ptrdiff_t>(last), [&](const auto& a, const auto& b) { return place(a) < place(b); });
+                       begin + static_cast<std::ptrdiff_t>(last),
+                       [&](const auto& a, const auto& b) { return place(a) < place(b); });
       const std::size_t left = build(first, middle), right = build(middle, last);
       boxes[number].count = 0;
       boxes[number].left = left;
@@ -134,7 +139,8 @@ double MeshSkin::distance(const Vector3& point) const {
   Tree::Best best;
   tree_->search(0, point, best);
   const double distance = std::sqrt(best.squared);
-  const bool outside = (point - best.point).dot(tree_->normals[best.triangle][static_cast<std::size_t>(best.feature)]) >= 0;
+  const bool outside =
+      (point - best.point).dot(tree_->normals[best.triangle][static_cast<std::size_t>(best.feature)]) >= 0;
   return outside ? distance : -distance;
 }
 

@@ -1,8 +1,9 @@
-// The mesh of asked size: CGAL's refinement inside a search for the scale, a repair of what it bridged, then our own smoother.
+// The mesh of asked size: CGAL's refinement inside a search for the scale, a repair of what it bridged, then our own
+// smoother.
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <set>
 #include <stdexcept>
@@ -29,11 +30,13 @@ class DisjointSets {
 };
 
 int shared_nodes(const std::array<std::int32_t, 4>& a, const std::array<std::int32_t, 4>& b) {
-  return static_cast<int>(std::count_if(a.begin(), a.end(), [&b](std::int32_t n) { return std::find(b.begin(), b.end(), n) != b.end(); }));
+  return static_cast<int>(
+      std::count_if(a.begin(), a.end(), [&b](std::int32_t n) { return std::find(b.begin(), b.end(), n) != b.end(); }));
 }
 
 // Of the tetrahedra around an edge or a node, those outside the largest group that hangs together by faces.
-void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::int32_t>& around, std::set<std::int32_t>& out) {
+void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::int32_t>& around,
+                          std::set<std::int32_t>& out) {
   DisjointSets groups(around.size());
   for (std::size_t i = 0; i < around.size(); ++i) {
     for (std::size_t j = i + 1; j < around.size(); ++j) {
@@ -44,14 +47,16 @@ void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::in
   for (std::size_t i = 0; i < around.size(); ++i) {
     volumes[groups.find(i)] += tetrahedron_volume(mesh.nodes, mesh.tetrahedra[at(around[i])]);
   }
-  const auto largest = std::max_element(volumes.begin(), volumes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  const auto largest = std::max_element(volumes.begin(), volumes.end(),
+                                        [](const auto& a, const auto& b) { return a.second < b.second; });
   for (std::size_t i = 0; i < around.size(); ++i) {
     if (groups.find(i) != largest->first) out.insert(around[i]);
   }
 }
 
-// Coarse meshes touch themselves across a web in an edge or a node. The tetrahedra that touch there are bridges: take the smaller side away until the
-// boundary is a closed manifold, drop what hangs loose after that, and number the remaining nodes.
+// Coarse meshes touch themselves across a web in an edge or a node. The tetrahedra that touch there are bridges: take
+// the smaller side away until the boundary is a closed manifold, drop what hangs loose after that, and number the
+// remaining nodes.
 void open_bridges(TetrahedralMesh& mesh) {
   for (bool changed = true; changed;) {
     std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> edges;
@@ -79,7 +84,8 @@ void open_bridges(TetrahedralMesh& mesh) {
     }
     std::map<std::size_t, int> sizes;
     for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) ++sizes[components.find(t)];
-    const auto largest = std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+    const auto largest =
+        std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
     for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
       if (components.find(t) != largest->first) removed.insert(static_cast<std::int32_t>(t));
     }
@@ -114,10 +120,12 @@ bool is_topological_ball(const TetrahedralMesh& mesh) {
 
 }  // namespace
 
-TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count, const std::vector<Vector3>& seeds) {
+TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count,
+                          const std::vector<Vector3>& seeds) {
   // Counts go with scale to a power between -2 (surface) and -3; start from a guess, then follow the measured counts.
   double scale = 0.0042 * std::pow(1450.0 / node_count, 0.45);
-  // A coarse mesh may leave a handle between two fingers: those tries count only while there is no better one, and never in the end.
+  // A coarse mesh may leave a handle between two fingers: those tries count only while there is no better one, and
+  // never in the end.
   constexpr double kGoal = 1.02;
   double least_error = std::numeric_limits<double>::infinity();
   TetrahedralMesh best;
@@ -134,7 +142,8 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
     // Where the count is right and the topology is not, another scale nearby makes another mesh.
     scale *= error > 0.02 ? std::pow(ratio, 0.42) : trial % 2 == 0 ? 0.99 : 1.015;
   }
-  if (!(least_error < 0.05)) throw std::runtime_error("mesh: no sound mesh of " + std::to_string(node_count) + " nodes or up to 7 % more");
+  if (!(least_error < 0.05))
+    throw std::runtime_error("mesh: no sound mesh of " + std::to_string(node_count) + " nodes or up to 7 % more");
   improve(best, skin, sizing, seeds, skin_volume(skin, 0.001));
   return best;
 }

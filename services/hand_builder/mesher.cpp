@@ -61,14 +61,16 @@ std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<s
   return surface;
 }
 
-void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds, double volume) {
+void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds,
+             double volume) {
   const std::size_t count = mesh.nodes.size();
   std::vector<std::vector<std::int32_t>> around(count);
   for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
     for (const std::int32_t n : mesh.tetrahedra[t]) around[at(n)].push_back(static_cast<std::int32_t>(t));
   }
   std::vector<bool> outer(count, false);
-  for (const auto& f : mesh.surface) for (const std::int32_t n : f) outer[at(n)] = true;
+  for (const auto& f : mesh.surface)
+    for (const std::int32_t n : f) outer[at(n)] = true;
 
   const auto worst_around = [&](std::size_t n) {
     double worst = -1;
@@ -79,8 +81,8 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
     return worst;
   };
 
-  // Each seed's node comes back to it as far as its tetrahedra bear it, and stays once it is there. So fingertips and pads of a coarse mesh
-  // lie where those of a fine one do.
+  // Each seed's node comes back to it as far as its tetrahedra bear it, and stays once it is there. So fingertips and
+  // pads of a coarse mesh lie where those of a fine one do.
   std::vector<bool> pinned(count, false);
   const auto recall_seeds = [&] {
     constexpr double kThere = 0.1e-3, kFar = 0.008;  // m
@@ -105,11 +107,15 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
     }
   };
 
-  // Hill climbing. The generator is ours (the standard one's numbers are fixed by the language, its distributions are not).
+  // Hill climbing. The generator is ours (the standard one's numbers are fixed by the language, its distributions are
+  // not).
   std::minstd_rand generator(7);
-  const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0; };
-  // How far outside the skin a surface node lies: a facet of edge h over a radius r cuts off a cap of h^2/(8 r), and the skin is finely meshed
-  // where r is small, so the cap's height goes as h. Thus the pulps, which must touch where the skin is, move little for what the palm lacks.
+  const auto uniform = [&generator] {
+    return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0;
+  };
+  // How far outside the skin a surface node lies: a facet of edge h over a radius r cuts off a cap of h^2/(8 r), and
+  // the skin is finely meshed where r is small, so the cap's height goes as h. Thus the pulps, which must touch where
+  // the skin is, move little for what the palm lacks.
   double height = 0;  // m, where the sizing is 1
   std::vector<double> share(count, 0);
   for (std::size_t n = 0; n < count; ++n) share[n] = sizing(mesh.nodes[n]);
@@ -132,7 +138,8 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
       if (best < std::cos(40.0 * M_PI / 180.0)) continue;  // good enough: spend the effort where it counts
       for (int trial = 0; trial < 10; ++trial) {
         const Vector3 old = mesh.nodes[n];
-        Vector3 moved = trial == 0 ? Vector3(old + 0.5 * reach * (centroid - old)) : Vector3(old + reach * 0.3 * shortest * Vector3(uniform(), uniform(), uniform()));
+        Vector3 moved = trial == 0 ? Vector3(old + 0.5 * reach * (centroid - old))
+                                   : Vector3(old + reach * 0.3 * shortest * Vector3(uniform(), uniform(), uniform()));
         if (outer[n]) moved = skin.project(moved, level_of(n));
         mesh.nodes[n] = moved;
         const double now = worst_around(n);
@@ -152,7 +159,8 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
   // Move the surface out until the volume is right; the step of each node shrinks where it would turn something over.
   double shared_area = 0;
   for (const auto& f : mesh.surface) {
-    const double area = 0.5 * (mesh.nodes[at(f[1])] - mesh.nodes[at(f[0])]).cross(mesh.nodes[at(f[2])] - mesh.nodes[at(f[0])]).norm();
+    const double area =
+        0.5 * (mesh.nodes[at(f[1])] - mesh.nodes[at(f[0])]).cross(mesh.nodes[at(f[2])] - mesh.nodes[at(f[0])]).norm();
     shared_area += area * (share[at(f[0])] + share[at(f[1])] + share[at(f[2])]) / 3;
   }
   for (int round = 0; round < 4; ++round) {
@@ -191,7 +199,9 @@ TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
   const auto box = skin.bounds();
   std::array<int, 3> size{};
   for (int k = 0; k < 3; ++k) size[at(k)] = static_cast<int>(std::ceil((box[1][k] - box[0][k]) / cell)) + 1;
-  const auto number = [&size](int i, int j, int k) { return (static_cast<std::size_t>(i) * at(size[1]) + at(j)) * at(size[2]) + at(k); };
+  const auto number = [&size](int i, int j, int k) {
+    return (static_cast<std::size_t>(i) * at(size[1]) + at(j)) * at(size[2]) + at(k);
+  };
   std::vector<double> value(number(size[0] - 1, size[1] - 1, size[2] - 1) + 1);
   for (int i = 0; i < size[0]; ++i) {
     for (int j = 0; j < size[1]; ++j) {
@@ -211,7 +221,9 @@ TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
             if (corner & (1 << axis)) continue;
             const int other = corner | (1 << axis);
             const auto offset = [](int c) { return Vector3(c & 1, (c >> 1) & 1, (c >> 2) & 1); };
-            const auto sample = [&](int c) { return value[number(i + (c & 1), j + ((c >> 1) & 1), k + ((c >> 2) & 1))]; };
+            const auto sample = [&](int c) {
+              return value[number(i + (c & 1), j + ((c >> 1) & 1), k + ((c >> 2) & 1))];
+            };
             const double a = sample(corner), b = sample(other);
             if ((a < 0) == (b < 0)) continue;
             sum += offset(corner) + a / (a - b) * (offset(other) - offset(corner));
@@ -242,7 +254,9 @@ TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
           std::array<std::int32_t, 4> quad{corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)};
           if (!inside) std::swap(quad[1], quad[3]);
           // The shorter diagonal.
-          const auto length = [&](std::size_t a, std::size_t b) { return (mesh.vertices[at(quad[a])] - mesh.vertices[at(quad[b])]).norm(); };
+          const auto length = [&](std::size_t a, std::size_t b) {
+            return (mesh.vertices[at(quad[a])] - mesh.vertices[at(quad[b])]).norm();
+          };
           if (length(0, 2) <= length(1, 3)) {
             mesh.triangles.push_back({quad[0], quad[1], quad[2]});
             mesh.triangles.push_back({quad[0], quad[2], quad[3]});

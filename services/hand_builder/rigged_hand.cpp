@@ -30,11 +30,12 @@ class Glb {
       std::memcpy(&value, bytes.data() + place, sizeof value);
       return value;
     };
-    check(bytes.size() >= 20 && word(0) == 0x46546C67 && word(4) == 2, "header", "a binary glTF file of version 2 (.glb)");
+    check(bytes.size() >= 20 && word(0) == 0x46546C67 && word(4) == 2, "header",
+          "a binary glTF file of version 2 (.glb)");
     const std::size_t text = word(12);
     check(word(16) == 0x4E4F534A && text <= bytes.size() - 20, "chunk 0", "JSON inside the file");
-    check(bytes.size() - 20 - text >= 8 && word(24 + text) == 0x004E4942 && word(20 + text) <= bytes.size() - 28 - text, "chunk 1",
-          "binary data inside the file");
+    check(bytes.size() - 20 - text >= 8 && word(24 + text) == 0x004E4942 && word(20 + text) <= bytes.size() - 28 - text,
+          "chunk 1", "binary data inside the file");
     document_ = json::parse(bytes.begin() + 20, bytes.begin() + 20 + static_cast<std::ptrdiff_t>(text), nullptr, false);
     check(document_.is_object(), "chunk 0", "valid JSON");
     binary_ = bytes.substr(28 + text, word(20 + text));
@@ -63,19 +64,20 @@ class Glb {
     check(accessor.value("type", std::string()) == type, where + ".type", type);
     check(!accessor.contains("sparse"), where + ".sparse", "nothing");
     const json& view = element("bufferViews", index(accessor, "bufferView", where));
-    check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"), where + ".bufferView.buffer",
-          "the file's own binary chunk");
+    check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"),
+          where + ".bufferView.buffer", "the file's own binary chunk");
     const std::size_t columns = type == "SCALAR" ? 1 : type == "VEC3" ? 3 : type == "VEC4" ? 4 : 16;
     const std::size_t component = index(accessor, "componentType", where), count = index(accessor, "count", where);
     check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType",
           "5121, 5123, 5125 or 5126");
     const std::size_t width = component == 5121 ? 1 : component == 5123 ? 2 : 4;
-    const std::size_t start = view.value("byteOffset", std::size_t{0}), offset = accessor.value("byteOffset", std::size_t{0});
+    const std::size_t start = view.value("byteOffset", std::size_t{0}),
+                      offset = accessor.value("byteOffset", std::size_t{0});
     const std::size_t length = index(view, "byteLength", where + ".bufferView");
     const std::size_t stride = view.value("byteStride", columns * width);
     const std::size_t size = binary_.size();
-    check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 && length <= size &&
-              start <= size - length && offset + (count - 1) * stride + columns * width <= length,
+    check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 &&
+              length <= size && start <= size - length && offset + (count - 1) * stride + columns * width <= length,
           where, "data inside the binary chunk");
     const bool normalised = accessor.value("normalized", false);
     std::vector<double> out;
@@ -112,7 +114,8 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
   TriangleMesh out;
   std::map<std::array<long long, 3>, std::int32_t> places;
   const auto primitives = mesh.find("primitives");
-  file.check(primitives != mesh.end() && primitives->is_array() && !primitives->empty(), "meshes.primitives", "at least one");
+  file.check(primitives != mesh.end() && primitives->is_array() && !primitives->empty(), "meshes.primitives",
+             "at least one");
   for (const json& primitive : *primitives) {
     file.check(primitive.value("mode", 4) == 4, "meshes.primitives.mode", "4 (triangles)");
     const auto attributes = primitive.find("attributes");
@@ -120,10 +123,12 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
     const auto attribute = [&](const char* key, const char* type) {
       return file.numbers(file.index(*attributes, key, "meshes.primitives.attributes"), type, key);
     };
-    const auto positions = attribute("POSITION", "VEC3"), joints = attribute("JOINTS_0", "VEC4"), weights = attribute("WEIGHTS_0", "VEC4");
+    const auto positions = attribute("POSITION", "VEC3"), joints = attribute("JOINTS_0", "VEC4"),
+               weights = attribute("WEIGHTS_0", "VEC4");
     const auto indices = file.numbers(file.index(primitive, "indices", "meshes.primitives"), "SCALAR", "indices");
     const std::size_t count = positions.size() / 3;
-    file.check(joints.size() == 4 * count && weights.size() == 4 * count, "JOINTS_0, WEIGHTS_0", "as many rows as POSITION");
+    file.check(joints.size() == 4 * count && weights.size() == 4 * count, "JOINTS_0, WEIGHTS_0",
+               "as many rows as POSITION");
     std::vector<std::int32_t> welded;
     for (std::size_t v = 0; v < count; ++v) {
       double sum = 0;
@@ -133,8 +138,9 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
       }
       file.check(std::abs(sum - 1) < 0.02, "WEIGHTS_0", "weights that sum to 1 at every vertex");
       const Vector3 x(positions[3 * v], positions[3 * v + 1], positions[3 * v + 2]);
-      const auto [found, fresh] = places.try_emplace({std::llround(x.x() * 1e6), std::llround(x.y() * 1e6), std::llround(x.z() * 1e6)},
-                                                     static_cast<std::int32_t>(out.vertices.size()));
+      const auto [found, fresh] =
+          places.try_emplace({std::llround(x.x() * 1e6), std::llround(x.y() * 1e6), std::llround(x.z() * 1e6)},
+                             static_cast<std::int32_t>(out.vertices.size()));
       if (fresh) out.vertices.push_back(x);
       welded.push_back(found->second);
     }
@@ -157,7 +163,8 @@ void check_closed(const Glb& file, const TriangleMesh& mesh) {
   double volume = 0;
   for (const auto& t : mesh.triangles) {
     const auto x = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(t[k])]; };
-    file.check((x(1) - x(0)).cross(x(2) - x(0)).norm() > 1e-14, "indices", "triangles with an area once vertices are welded");
+    file.check((x(1) - x(0)).cross(x(2) - x(0)).norm() > 1e-14, "indices",
+               "triangles with an area once vertices are welded");
     volume += x(0).dot(x(1).cross(x(2))) / 6;
     for (std::size_t k = 0; k < 3; ++k) {
       used[static_cast<std::size_t>(t[k])] = true;
@@ -168,8 +175,10 @@ void check_closed(const Glb& file, const TriangleMesh& mesh) {
   for (const auto& [edge, count] : edges)
     file.check(edges.count({edge[1], edge[0]}) == 1, "indices", "a closed surface: an edge has only one triangle");
   const auto vertices = std::count(used.begin(), used.end(), true);
-  file.check(vertices == static_cast<std::ptrdiff_t>(mesh.vertices.size()), "POSITION", "vertices that all belong to triangles");
-  file.check(2 * static_cast<std::size_t>(vertices) == 4 + mesh.triangles.size(), "indices", "one closed surface without handles");
+  file.check(vertices == static_cast<std::ptrdiff_t>(mesh.vertices.size()), "POSITION",
+             "vertices that all belong to triangles");
+  file.check(2 * static_cast<std::size_t>(vertices) == 4 + mesh.triangles.size(), "indices",
+             "one closed surface without handles");
   file.check(volume > 0, "indices", "triangles that look outward");
 }
 
@@ -184,11 +193,13 @@ RiggedHand load_rigged_hand(const std::string& path) {
 RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   const Glb file(in, name);
   const json& document = file.document();
-  file.check(document.contains("skins") && document["skins"].is_array() && document["skins"].size() == 1, "skins", "exactly one");
+  file.check(document.contains("skins") && document["skins"].is_array() && document["skins"].size() == 1, "skins",
+             "exactly one");
   const json& skin = file.element("skins", 0);
   file.check(skin.contains("joints") && skin["joints"].is_array(), "skins[0].joints", "a list");
   const json& joints = skin["joints"];
-  const auto matrices = file.numbers(file.index(skin, "inverseBindMatrices", "skins[0]"), "MAT4", "inverseBindMatrices");
+  const auto matrices =
+      file.numbers(file.index(skin, "inverseBindMatrices", "skins[0]"), "MAT4", "inverseBindMatrices");
   file.check(matrices.size() == 16 * joints.size(), "skins[0].inverseBindMatrices", "one for each joint");
   std::map<std::string, Pose> frames;
   for (std::size_t j = 0; j < joints.size(); ++j) {
@@ -198,8 +209,9 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
     // Column by column, as glTF stores it.
     const Eigen::Matrix4d frame = Eigen::Map<const Eigen::Matrix4d>(matrices.data() + 16 * j).inverse();
     const Matrix3 turn = frame.topLeftCorner<3, 3>();
-    file.check(frame.allFinite() && (turn.transpose() * turn - Matrix3::Identity()).norm() < 0.02 && turn.determinant() > 0,
-               "skins[0].inverseBindMatrices (" + joint_name + ")", "a rotation and a translation in metres, without scale");
+    file.check(
+        frame.allFinite() && (turn.transpose() * turn - Matrix3::Identity()).norm() < 0.02 && turn.determinant() > 0,
+        "skins[0].inverseBindMatrices (" + joint_name + ")", "a rotation and a translation in metres, without scale");
     frames[joint_name] = {frame.topRightCorner<3, 1>(), Quaternion(turn).normalized()};
   }
 
@@ -213,13 +225,15 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   std::size_t node = 0;
   while (node < document["nodes"].size() && !document["nodes"][node].contains("skin")) ++node;
   const json& skinned = file.element("nodes", node);
-  hand.skin = read_mesh(file, file.element("meshes", file.index(skinned, "mesh", "nodes[" + std::to_string(node) + "]")), joints.size());
+  hand.skin = read_mesh(
+      file, file.element("meshes", file.index(skinned, "mesh", "nodes[" + std::to_string(node) + "]")), joints.size());
 
   // Into the wrist's frame, and to the right side. A mirrored frame is S R S.
   const Pose to_wrist = hand.rest.joints[at(Joint::wrist)].inverse();
   for (Pose& joint : hand.rest.joints) joint = to_wrist * joint;
   for (Vector3& vertex : hand.skin.vertices) vertex = to_wrist * vertex;
-  if (hand.rest.joints[at(Joint::thumb_proximal)].position.x() > hand.rest.joints[at(Joint::little_proximal)].position.x()) {
+  if (hand.rest.joints[at(Joint::thumb_proximal)].position.x() >
+      hand.rest.joints[at(Joint::little_proximal)].position.x()) {
     hand.side = Side::left;
     for (Pose& joint : hand.rest.joints) {
       joint.position.x() = -joint.position.x();
@@ -236,17 +250,19 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
     const Pose& joint = hand.rest.joints[at(joint_of(body))];
     const Vector3 along = (hand.rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
     file.check(along.dot(joint.orientation * -Vector3::UnitZ()) > std::cos(30 * M_PI / 180),
-               "skins[0].inverseBindMatrices (" + std::string(webxr_name(joint_of(body))) + ")", "-Z within 30 degrees of the bone");
+               "skins[0].inverseBindMatrices (" + std::string(webxr_name(joint_of(body))) + ")",
+               "-Z within 30 degrees of the bone");
   }
   const Pose& metacarpal = hand.rest.joints[at(Joint::middle_metacarpal)];
-  hand.rest.joints[at(Joint::palm)] = {0.5 * (metacarpal.position + hand.rest.joints[at(Joint::middle_proximal)].position),
-                                       metacarpal.orientation};
+  hand.rest.joints[at(Joint::palm)] = {
+      0.5 * (metacarpal.position + hand.rest.joints[at(Joint::middle_proximal)].position), metacarpal.orientation};
 
   const MeshSkin shape(hand.skin);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     hand.rest.radii[j] = -shape.distance(hand.rest.joints[j].position);
     file.check(hand.rest.radii[j] > 0.002 && hand.rest.radii[j] < 0.05,
-               "skins[0].inverseBindMatrices (" + std::string(kJointNames[j]) + ")", "a joint 2 to 50 mm inside the skin");
+               "skins[0].inverseBindMatrices (" + std::string(kJointNames[j]) + ")",
+               "a joint 2 to 50 mm inside the skin");
   }
   // Deep in the palm the skin says nothing about one bone's thickness.
   for (int f = 1; f < kFingerCount; ++f) {
@@ -255,7 +271,8 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   }
   hand.rest.stump = 0;
   for (const Vector3& vertex : hand.skin.vertices) hand.rest.stump = std::max(hand.rest.stump, vertex.z());
-  if (document.contains("asset") && document["asset"].is_object()) hand.copyright = document["asset"].value("copyright", std::string());
+  if (document.contains("asset") && document["asset"].is_object())
+    hand.copyright = document["asset"].value("copyright", std::string());
   return hand;
 } catch (const json::exception& error) {  // text where a number is expected, and the like
   throw std::runtime_error(name + ": " + error.what());

@@ -17,10 +17,11 @@ struct RiggedHand {
   std::string copyright;    ///< of the file's asset, empty where it tells none
 };
 
-/// Reads the file's only skin and the mesh that it moves: positions, triangles, joints, weights, inverse bind matrices (each the inverse of
-/// its joint's frame in OpenXR's sense: -Z along the bone, +Y dorsal). Everything must lie in the file's own binary chunk. Checks that the
-/// 25 WebXR joints are there and point along their bones, that weights sum to 1, and that the mesh is one closed 2-manifold once vertices
-/// nearer than a micrometre are welded. Throws std::runtime_error naming file and field.
+/// Reads the file's only skin and the mesh that it moves: positions, triangles, joints, weights, inverse bind matrices
+/// (each the inverse of its joint's frame in OpenXR's sense: -Z along the bone, +Y dorsal). Everything must lie in the
+/// file's own binary chunk. Checks that the 25 WebXR joints are there and point along their bones, that weights sum to
+/// 1, and that the mesh is one closed 2-manifold once vertices nearer than a micrometre are welded. Throws
+/// std::runtime_error naming file and field.
 RiggedHand load_rigged_hand(const std::string& path);
 RiggedHand parse_rigged_hand(std::istream& in, const std::string& name);
 

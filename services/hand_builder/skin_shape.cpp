@@ -7,7 +7,8 @@
 namespace softhand::builder {
 namespace {
 
-// Cubic smooth minimum: equals min(a, b) where they differ by more than `blend`, bulges by blend/6 where they are equal.
+// Cubic smooth minimum: equals min(a, b) where they differ by more than `blend`, bulges by blend/6 where they are
+// equal.
 double smooth_minimum(double a, double b, double blend) {
   const double h = std::max(blend - std::abs(a - b), 0.0) / blend;
   return std::min(a, b) - h * h * h * blend / 6.0;
@@ -36,9 +37,13 @@ Vector3 SkinShape::project(Vector3 point, double level) const {
 }
 
 ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
-  const auto position = [&rest](Joint joint) { return rest.joints[static_cast<std::size_t>(index_of(joint))].position; };
+  const auto position = [&rest](Joint joint) {
+    return rest.joints[static_cast<std::size_t>(index_of(joint))].position;
+  };
   const auto radius = [&rest](Joint joint) { return rest.radii[static_cast<std::size_t>(index_of(joint))]; };
-  const auto axis = [&rest](Joint joint, int k) { return Vector3(rest.joints[static_cast<std::size_t>(index_of(joint))].orientation * Vector3::Unit(k)); };
+  const auto axis = [&rest](Joint joint, int k) {
+    return Vector3(rest.joints[static_cast<std::size_t>(index_of(joint))].orientation * Vector3::Unit(k));
+  };
   const double scale = radius(Joint::middle_proximal) / 0.011;
   const double mm = 1e-3 * scale;
   palm_blend_ = 12 * mm;
@@ -51,7 +56,8 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
     const Joint metacarpal = static_cast<Joint>(6 + 5 * (f - 1));
     const Joint proximal = static_cast<Joint>(index_of(metacarpal) + 1);
     const Vector3 head = position(proximal);
-    palm_.push_back({position(metacarpal) - 1.0 * mm * Vector3::UnitY(), head - 1.5 * mm * Vector3::UnitY(), radius(metacarpal), radius(proximal)});
+    palm_.push_back({position(metacarpal) - 1.0 * mm * Vector3::UnitY(), head - 1.5 * mm * Vector3::UnitY(),
+                     radius(metacarpal), radius(proximal)});
     if (f < 4) {
       // The web: its edge lies a good third along the proximal phalanges, nearer the palm than the back.
       const Joint next = static_cast<Joint>(index_of(proximal) + 5);
@@ -65,33 +71,42 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
   }
   // Carpus.
   const Vector3 wrist = position(Joint::wrist);
-  const Vector3 wide = Vector3::UnitX() * (position(Joint::little_metacarpal) - position(Joint::index_metacarpal)).norm();
-  palm_.push_back({wrist - 0.30 * wide + Vector3(0, -1, -4) * mm, wrist + 0.30 * wide + Vector3(0, -1, -4) * mm, 15.0 * mm, 14.0 * mm});
+  const Vector3 wide =
+      Vector3::UnitX() * (position(Joint::little_metacarpal) - position(Joint::index_metacarpal)).norm();
+  palm_.push_back({wrist - 0.30 * wide + Vector3(0, -1, -4) * mm, wrist + 0.30 * wide + Vector3(0, -1, -4) * mm,
+                   15.0 * mm, 14.0 * mm});
 
   // The hollow of the palm is shallow.
   const auto along_metacarpal = [&position](Joint metacarpal, double fraction) {
-    return Vector3((1 - fraction) * position(metacarpal) + fraction * position(static_cast<Joint>(index_of(metacarpal) + 1)));
+    return Vector3((1 - fraction) * position(metacarpal) +
+                   fraction * position(static_cast<Joint>(index_of(metacarpal) + 1)));
   };
-  palm_.push_back({0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.2) + along_metacarpal(Joint::ring_metacarpal, 0.2)) - 5.0 * mm * Vector3::UnitY(),
-                   0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.95) + along_metacarpal(Joint::ring_metacarpal, 0.95)) - 5.0 * mm * Vector3::UnitY(),
-                   10.5 * mm, 9.5 * mm});
+  palm_.push_back(
+      {0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.2) + along_metacarpal(Joint::ring_metacarpal, 0.2)) -
+           5.0 * mm * Vector3::UnitY(),
+       0.5 * (along_metacarpal(Joint::middle_metacarpal, 0.95) + along_metacarpal(Joint::ring_metacarpal, 0.95)) -
+           5.0 * mm * Vector3::UnitY(),
+       10.5 * mm, 9.5 * mm});
 
-  // Thenar: from the thumb's base along its metacarpal, bulging to the palm; and the web of muscle to the index metacarpal.
+  // Thenar: from the thumb's base along its metacarpal, bulging to the palm; and the web of muscle to the index
+  // metacarpal.
   const Vector3 cmc = position(Joint::thumb_metacarpal);
   const Vector3 thumb_mcp = position(Joint::thumb_proximal);
   const Vector3 index_base = position(Joint::index_metacarpal);
   const Vector3 index_head = position(Joint::index_proximal);
   const Vector3 thumb_palmar = -axis(Joint::thumb_metacarpal, 1);
-  palm_.push_back({cmc + 3.0 * mm * thumb_palmar + 0.10 * (thumb_mcp - cmc), thumb_mcp, radius(Joint::thumb_metacarpal) + 1.5 * mm,
-                   radius(Joint::thumb_proximal)});
+  palm_.push_back({cmc + 3.0 * mm * thumb_palmar + 0.10 * (thumb_mcp - cmc), thumb_mcp,
+                   radius(Joint::thumb_metacarpal) + 1.5 * mm, radius(Joint::thumb_proximal)});
   palm_.push_back({cmc + 0.25 * (thumb_mcp - cmc) + 8.0 * mm * thumb_palmar + Vector3(3, -2, 0) * mm,
-                   cmc + 0.60 * (thumb_mcp - cmc) + 6.0 * mm * thumb_palmar + Vector3(2, 0, 0) * mm, 11.5 * mm, 9.0 * mm});
+                   cmc + 0.60 * (thumb_mcp - cmc) + 6.0 * mm * thumb_palmar + Vector3(2, 0, 0) * mm, 11.5 * mm,
+                   9.0 * mm});
   palm_.push_back({cmc + 0.50 * (thumb_mcp - cmc), index_base + 0.50 * (index_head - index_base), 9.5 * mm, 9.5 * mm});
   palm_.push_back({cmc + 0.82 * (thumb_mcp - cmc), index_base + 0.72 * (index_head - index_base), 5.5 * mm, 6.5 * mm});
   // Hypothenar: the cushion of the palm's ulnar edge.
   const Vector3 little_base = position(Joint::little_metacarpal);
   const Vector3 little_head = position(Joint::little_proximal);
-  palm_.push_back({little_base + Vector3(3, -7, 2) * mm, little_base + 0.75 * (little_head - little_base) + Vector3(1.5, -4.5, 0) * mm, 11.5 * mm, 9.0 * mm});
+  palm_.push_back({little_base + Vector3(3, -7, 2) * mm,
+                   little_base + 0.75 * (little_head - little_base) + Vector3(1.5, -4.5, 0) * mm, 11.5 * mm, 9.0 * mm});
 
   // Digits.
   for (int f = 0; f < kFingerCount; ++f) {
@@ -108,14 +123,16 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
     const Joint tip = static_cast<Joint>(last);
     const Vector3 palmar = -axis(distal, 1);
     const Vector3 start = position(distal) + 0.45 * (position(tip) - position(distal));
-    digit.push_back({start + 0.9 * mm * palmar, position(tip) + 0.7 * mm * palmar - 0.6 * mm * (position(tip) - position(distal)).normalized(),
-                           0.5 * (radius(distal) + radius(tip)) - 0.2 * mm, radius(tip) - 0.1 * mm});
+    digit.push_back({start + 0.9 * mm * palmar,
+                     position(tip) + 0.7 * mm * palmar - 0.6 * mm * (position(tip) - position(distal)).normalized(),
+                     0.5 * (radius(distal) + radius(tip)) - 0.2 * mm, radius(tip) - 0.1 * mm});
   }
 
   // Forearm stump: two parallel cones make its oval section.
   stump_ = rest.stump;
   for (const double side : {-1.0, 1.0}) {
-    forearm_.push_back({wrist + Vector3(side * 9.5 * mm, -1.0 * mm, -4.0 * mm), wrist + Vector3(side * 11.0 * mm, -1.0 * mm, 0.065), 17.0 * mm, 20.0 * mm});
+    forearm_.push_back({wrist + Vector3(side * 9.5 * mm, -1.0 * mm, -4.0 * mm),
+                        wrist + Vector3(side * 11.0 * mm, -1.0 * mm, 0.065), 17.0 * mm, 20.0 * mm});
   }
 
   low_ = Vector3::Constant(1);
@@ -137,7 +154,8 @@ double ParametricSkin::distance(const Vector3& point) const {
   palm = smooth_minimum(palm, forearm, 2 * palm_blend_);
   // Cut with a rounded edge.
   palm = -smooth_minimum(-palm, -(point.z() - stump_), palm_blend_);
-  // Fingers melt into each other near the palm only, where that rounds the web; further out those that touch stay apart.
+  // Fingers melt into each other near the palm only, where that rounds the web; further out those that touch stay
+  // apart.
   const double web_blend = std::clamp(web_blend_ - 0.6 * palm, chain_blend_ / 5, web_blend_);
   double fingers = std::numeric_limits<double>::infinity();
   for (const Digit& digit : digits_) {

@@ -39,7 +39,7 @@ class ParametricSkin : public SkinShape {
   std::vector<Cone> forearm_;
   std::array<Digit, kFingerCount> digits_;
   double palm_blend_ = 0, chain_blend_ = 0, web_blend_ = 0, root_blend_ = 0;  // metres
-  double stump_ = 0;  // z of the cut through the forearm
+  double stump_ = 0;                                                          // z of the cut through the forearm
   Vector3 low_, high_;
 };
 

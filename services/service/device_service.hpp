@@ -9,9 +9,11 @@
 
 namespace softhand {
 
-/// `kind` 0 haptic, 1 tactile. `options` takes from a scene what has `.loop` (the safety around the driver) and `.driver` (the device).
+/// `kind` 0 haptic, 1 tactile. `options` takes from a scene what has `.loop` (the safety around the driver) and
+/// `.driver` (the device).
 template <typename Driver, typename Input, typename OptionsOf>
-int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module, OptionsOf options_of) {
+int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module,
+               OptionsOf options_of) {
   return guarded_main("softhand-" + module, [&] {
     std::uint32_t device = 0;
     const ServiceArguments arguments = parse_arguments(argc, argv, module, "Drives a device", [&](CLI::App& app) {

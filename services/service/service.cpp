@@ -21,7 +21,8 @@ int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 
 // Comes before the participant in the list of members, whose threads inherit the priority.
 std::string with_urgency(const std::string& module, double rate_hz, Urgency urgency) {
   if (urgency == Urgency::ordinary) return module;
-  for (const std::string& warning : request_real_time(priority_of(rate_hz))) std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
+  for (const std::string& warning : request_real_time(priority_of(rate_hz)))
+    std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
   return module;
 }
 
@@ -32,9 +33,14 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   ServiceArguments arguments;
   arguments.module = module;
   CLI::App app(about);
-  app.add_option("--config", arguments.config, "Scene file (TOML); keys: `softhand reference`")->required()->type_name("FILE");
-  app.add_option("--set", arguments.overrides, "Override one key of the scene; repeatable")->type_name("KEY=VALUE")->allow_extra_args(false);
-  app.add_option("--module", arguments.module, "Name under which messages reach this process and its status is shown")->capture_default_str();
+  app.add_option("--config", arguments.config, "Scene file (TOML); keys: `softhand reference`")
+      ->required()
+      ->type_name("FILE");
+  app.add_option("--set", arguments.overrides, "Override one key of the scene; repeatable")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+  app.add_option("--module", arguments.module, "Name under which messages reach this process and its status is shown")
+      ->capture_default_str();
   if (extend) extend(app);
   try {
     app.parse(argc, argv);
@@ -75,7 +81,8 @@ void Service::stamp(Stamp& out) const {
 void Service::run(const Callbacks& callbacks) {
   const auto answer = [&](const Message& message) {
     if (callbacks.answer) return callbacks.answer(message);
-    return reply_to(message, module_, kReplyIgnored, is_addressed(message, module_) ? "unknown key; this module has none" : "not for this module");
+    return reply_to(message, module_, kReplyIgnored,
+                    is_addressed(message, module_) ? "unknown key; this module has none" : "not for this module");
   };
   PeriodicLoop loop(rate_hz_);
   LoopStatus status;

@@ -23,7 +23,8 @@ struct ServiceArguments {
   std::vector<std::string> overrides;  ///< of `--set`
 };
 
-/// Reads `--config`, `--set`, `--module` and what `extend` adds. Prints help or the error and exits where they are asked for or wrong.
+/// Reads `--config`, `--set`, `--module` and what `extend` adds. Prints help or the error and exits where they are
+/// asked for or wrong.
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
                                  const std::function<void(CLI::App&)>& extend = {});
 
@@ -61,11 +62,12 @@ class Service {
     std::function<void(Nanoseconds)> step;  ///< with the time of its start, on the clock of its pacing
     std::function<MessageReply(const Message&)> answer = nullptr;  ///< null: there is nothing that it could be told
     std::function<void(LoopStatus&, Nanoseconds)> fill_status;
-    /// Of pacing `simulated`, between steps, where everything is to start over; gets the time of the message `reset`: samples until then are not to be used.
+    /// Of pacing `simulated`, between steps, where everything is to start over; gets the time of the message `reset`:
+    /// samples until then are not to be used.
     std::function<void(Nanoseconds)> reset = nullptr;
   };
-  /// Runs `step` at the rate until SIGTERM or SIGINT, answers messages, and publishes loop_status at 10 Hz. A late step is counted; missed ones are
-  /// skipped, never made up for.
+  /// Runs `step` at the rate until SIGTERM or SIGINT, answers messages, and publishes loop_status at 10 Hz. A late step
+  /// is counted; missed ones are skipped, never made up for.
   void run(const Callbacks& callbacks);
 
  private:

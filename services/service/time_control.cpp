@@ -8,9 +8,10 @@
 namespace softhand {
 namespace {
 
-constexpr double kSlowest = 0.01;                        // other than standing
-constexpr double kLongestAdvance = 60;                   // s
-constexpr Nanoseconds kOldestCommand = 2'000'000'000;    // the sender's clock is another one, or the message waited too long to be acted on
+constexpr double kSlowest = 0.01;       // other than standing
+constexpr double kLongestAdvance = 60;  // s
+constexpr Nanoseconds kOldestCommand =
+    2'000'000'000;  // the sender's clock is another one, or the message waited too long to be acted on
 constexpr Nanoseconds kNewestCommand = 1'000'000;
 
 }  // namespace
@@ -22,9 +23,11 @@ TimeControl::TimeControl() {
 std::optional<MessageReply> TimeControl::answer(const Message& message, std::string_view module, Nanoseconds now) {
   const std::string_view key = get_text(message.key);
   if (key != "pace" && key != "advance" && key != "reset") return std::nullopt;
-  if (get_text(message.module) != "*") return reply_to(message, module, kReplyRefused, "one clock for all: send it to *");
+  if (get_text(message.module) != "*")
+    return reply_to(message, module, kReplyRefused, "one clock for all: send it to *");
   const Nanoseconds sent = message.stamp.publish_time;
-  if (sent < now - kOldestCommand || sent > now + kNewestCommand) return reply_to(message, module, kReplyRefused, "sent by another clock than this host's");
+  if (sent < now - kOldestCommand || sent > now + kNewestCommand)
+    return reply_to(message, module, kReplyRefused, "sent by another clock than this host's");
   const Nanoseconds from = sent + kNotice;
   if (key == "reset") {
     reset_ = std::max(reset_.value_or(from), from);
@@ -35,9 +38,13 @@ std::optional<MessageReply> TimeControl::answer(const Message& message, std::str
     if (!value || (*value != 0 && !(*value >= kSlowest && *value <= 1)))
       return reply_to(message, module, kReplyRefused, "pace: expected 0 to stand, or 0.01 to 1");
     clock_.command(from, *value);
-    return reply_to(message, module, kReplyApplied, *value == 0 ? "stands" : *value == 1 ? "goes on in real time" : "goes on, slowed down");
+    return reply_to(message, module, kReplyApplied,
+                    *value == 0   ? "stands"
+                    : *value == 1 ? "goes on in real time"
+                                  : "goes on, slowed down");
   }
-  if (!value || !(*value > 0 && *value <= kLongestAdvance)) return reply_to(message, module, kReplyRefused, "advance: expected seconds, up to 60");
+  if (!value || !(*value > 0 && *value <= kLongestAdvance))
+    return reply_to(message, module, kReplyRefused, "advance: expected seconds, up to 60");
   clock_.command(from, 1, from + static_cast<Nanoseconds>(*value * 1e9));
   return reply_to(message, module, kReplyApplied, "goes on for so long, then stands");
 }

@@ -22,7 +22,9 @@ constexpr double kBeyondBelief = 1e4;  // m, m/s, rad/s, of the simulated skelet
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
 // Secant of a capped spring: the force k_eff |stretch| never exceeds cap.
-double capped(double stiffness, double stretch, double cap) { return stiffness * stretch > cap ? cap / stretch : stiffness; }
+double capped(double stiffness, double stretch, double cap) {
+  return stiffness * stretch > cap ? cap / stretch : stiffness;
+}
 
 // Isotropic inertia of a body about its joint's origin.
 double inertia_about_joint(const BodyModel& body) {
@@ -33,8 +35,8 @@ double tracked_stiffness(double ratio, double coupling, double inertia) {
   return std::max(ratio * coupling, inertia * kMinimumBandwidth * kMinimumBandwidth);
 }
 
-// Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero. `old_periods` = how
-// many hand periods the copies are old.
+// Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero.
+// `old_periods` = how many hand periods the copies are old.
 double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, double coupling, int old_periods) {
   const double m1 = o.mass_fraction * mass;
   const double k1 = tracked_stiffness(o.stiffness_ratio, coupling, m1);
@@ -55,7 +57,8 @@ double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, dou
     const double x_copy = old_periods > 0 ? x_old : x, v_copy = old_periods > 0 ? v_old : v;
     y_old = y, w_old = w, x_old = x, v_old = v;
     const double x_age = std::min(old_periods * H, limit);
-    const double dy = (mass * w / H + coupling * (x_copy + v_copy * x_age - y) + b2 * v_copy) / (mass / (H * H) + b2 / H + coupling);
+    const double dy =
+        (mass * w / H + coupling * (x_copy + v_copy * x_age - y) + b2 * v_copy) / (mass / (H * H) + b2 / H + coupling);
     for (int s = 0; s < steps; ++s) {
       const double y_age = std::min(old_periods * H + s * h, limit);
       const double dx = (m1 * v / h - k1 * x - kf * (x - y_copy - w_copy * y_age)) / (m1 / (h * h) + b1 / h + k1 + kf);
@@ -80,9 +83,11 @@ double chain_growth(const TrackingOptions& options, double hand_rate_hz, const H
   for (const BodyModel& body : hand.bodies) {
     for (int old_periods : {0, 1}) {
       if (body.coupling_linear_stiffness > 0)
-        worst = std::max(worst, growth_of(options, hand_rate_hz, body.mass, body.coupling_linear_stiffness, old_periods));
+        worst =
+            std::max(worst, growth_of(options, hand_rate_hz, body.mass, body.coupling_linear_stiffness, old_periods));
       if (body.coupling_angular_stiffness > 0) {
-        worst = std::max(worst, growth_of(options, hand_rate_hz, inertia_about_joint(body), body.coupling_angular_stiffness, old_periods));
+        worst = std::max(worst, growth_of(options, hand_rate_hz, inertia_about_joint(body),
+                                          body.coupling_angular_stiffness, old_periods));
       }
     }
   }
@@ -92,7 +97,8 @@ double chain_growth(const TrackingOptions& options, double hand_rate_hz, const H
 void check_stability(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand) {
   const double growth = chain_growth(options, hand_rate_hz, hand);
   if (growth < 1) return;
-  // The nearest values that pass: less feedback first, since it costs least; then a stiffer, lighter intermediate layer.
+  // The nearest values that pass: less feedback first, since it costs least; then a stiffer, lighter intermediate
+  // layer.
   TrackingOptions better = options;
   for (int attempt = 0; attempt < 40 && chain_growth(better, hand_rate_hz, hand) >= 1; ++attempt) {
     if (better.feedback_ratio > 0.1) {
@@ -104,16 +110,21 @@ void check_stability(const TrackingOptions& options, double hand_rate_hz, const 
   }
   char text[320];
   std::snprintf(text, sizeof text,
-                "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: small deviations grow "
+                "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: "
+                "small deviations grow "
                 "%.4f times a hand "
                 "period; expected less than 1, e.g. stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
-                options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, hand_rate_hz, growth,
-                better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
+                options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, hand_rate_hz,
+                growth, better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
   throw std::invalid_argument(text);
 }
 
 TrackingLoop::TrackingLoop(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand, HandKey key)
-    : options_(options), time_step_(1 / options.rate_hz), feedback_ratio_(options.feedback_ratio), key_(key), input_(options.input) {
+    : options_(options),
+      time_step_(1 / options.rate_hz),
+      feedback_ratio_(options.feedback_ratio),
+      key_(key),
+      input_(options.input) {
   check_stability(options, hand_rate_hz, hand);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const BodyModel& body = hand.bodies[b];
@@ -138,7 +149,9 @@ TrackingLoop::TrackingLoop(const TrackingOptions& options, double hand_rate_hz, 
 }
 
 void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
-  if (simulated_any_ && simulated.stamp.epoch == simulated_stamp_.epoch && simulated.stamp.sequence <= simulated_stamp_.sequence) return;
+  if (simulated_any_ && simulated.stamp.epoch == simulated_stamp_.epoch &&
+      simulated.stamp.sequence <= simulated_stamp_.sequence)
+    return;
   simulated_stamp_ = simulated.stamp;
   simulated_arrival_ = now;
   simulated_any_ = true;
@@ -147,8 +160,10 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
     const JointSample& joint = simulated.joints[index(joint_of(static_cast<Body>(b)))];
     const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
                       all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
-                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 && to_vector(joint.position).norm() < kBeyondBelief &&
-                      to_vector(joint.linear_velocity).norm() < kBeyondBelief && to_vector(joint.angular_velocity).norm() < kBeyondBelief;
+                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 &&
+                      to_vector(joint.position).norm() < kBeyondBelief &&
+                      to_vector(joint.linear_velocity).norm() < kBeyondBelief &&
+                      to_vector(joint.angular_velocity).norm() < kBeyondBelief;
     bone.simulated_seen = good;
     if (!good) {
       ++simulated_refused_;
@@ -164,19 +179,24 @@ Pose TrackingLoop::simulated_at(const Bone& bone, double age) const {
 }
 
 double TrackingLoop::Spring::energy(const Vector3& stretch, const Vector3& turn) const {
-  const auto capped_energy = [](double k, double limit, double d) { return k * d > limit ? limit * d - 0.5 * limit * limit / k : 0.5 * k * d * d; };
+  const auto capped_energy = [](double k, double limit, double d) {
+    return k * d > limit ? limit * d - 0.5 * limit * limit / k : 0.5 * k * d * d;
+  };
   return capped_energy(stiffness, cap, stretch.norm()) + capped_energy(angular_stiffness, torque_cap, turn.norm());
 }
 
 TrackingLoop::Spring TrackingLoop::tracked_spring(const Bone& bone) const {
-  return {bone.tracked_linear, bone.tracked_angular, options_.stiffness_ratio * bone.force_cap, options_.stiffness_ratio * bone.torque_cap};
+  return {bone.tracked_linear, bone.tracked_angular, options_.stiffness_ratio * bone.force_cap,
+          options_.stiffness_ratio * bone.torque_cap};
 }
 
 TrackingLoop::Spring TrackingLoop::feedback_spring(const Bone& bone) const {
-  return {feedback_ratio_ * bone.coupling_linear, feedback_ratio_ * bone.coupling_angular, feedback_ratio_ * bone.force_cap, feedback_ratio_ * bone.torque_cap};
+  return {feedback_ratio_ * bone.coupling_linear, feedback_ratio_ * bone.coupling_angular,
+          feedback_ratio_ * bone.force_cap, feedback_ratio_ * bone.torque_cap};
 }
 
-void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh, EnergyFlow* flow) const {
+void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh,
+                        EnergyFlow* flow) const {
   const double h = time_step_;
   const bool feedback = simulated_fresh && bone.simulated_seen && feedback_ratio_ > 0;
   const Pose copy = feedback ? simulated_at(bone, simulated_age) : Pose{};
@@ -189,13 +209,15 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   const Vector3 to_copy = feedback ? Vector3(copy.position - bone.pose.position) : Vector3::Zero();
   const double k1 = capped(tracked.stiffness, to_tracked.norm(), tracked.cap);
   const double k2 = feedback ? capped(back.stiffness, to_copy.norm(), back.cap) : 0.0;
-  const Vector3 step =
-      (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) / (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
+  const Vector3 step = (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) /
+                       (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
 
-  // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm (the Jacobian of log leaves its own
-  // argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and needs one division.
+  // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm (the Jacobian of log
+  // leaves its own argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and
+  // needs one division.
   const Vector3 stretch = rotation_log(bone.pose.orientation * target.pose.orientation.conjugate());
-  const Vector3 stretch_copy = feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
+  const Vector3 stretch_copy =
+      feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
   const double a1 = capped(tracked.angular_stiffness, stretch.norm(), tracked.torque_cap);
   const double a2 = feedback ? capped(back.angular_stiffness, stretch_copy.norm(), back.torque_cap) : 0.0;
   const double curvature = bone.inertia / (h * h) + bone.damping_angular / h + a1 + a2;
@@ -217,19 +239,23 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   bone.velocity.angular = theta / h;
   if (flow == nullptr) return;
 
-  const double kinetic = 0.5 * (bone.mass * start_velocity.linear.squaredNorm() + bone.inertia * start_velocity.angular.squaredNorm());
+  const double kinetic =
+      0.5 * (bone.mass * start_velocity.linear.squaredNorm() + bone.inertia * start_velocity.angular.squaredNorm());
   flow->work += kinetic - bone.kinetic;  // where it was set from outside
-  bone.kinetic = 0.5 * (bone.mass * bone.velocity.linear.squaredNorm() + bone.inertia * bone.velocity.angular.squaredNorm());
+  bone.kinetic =
+      0.5 * (bone.mass * bone.velocity.linear.squaredNorm() + bone.inertia * bone.velocity.angular.squaredNorm());
   flow->stored += bone.kinetic;
   flow->integrator += 0.5 * (bone.mass * (bone.velocity.linear - start_velocity.linear).squaredNorm() +
                              bone.inertia * (bone.velocity.angular - start_velocity.angular).squaredNorm());
   flow->damping += (bone.damping_linear * step.squaredNorm() + bone.damping_angular * theta.squaredNorm()) / h;
-  // The force of the step's end does work at both ends of a spring: the bone's moves by `step`, the other by what its skeleton did since the last step.
-  // One that did not pull then is hung on as it is stretched at the start.
-  const auto pull = [&](const Spring& spring, double k, double a, bool hung, Pose& end_before, const Pose& end, double& energy) {
+  // The force of the step's end does work at both ends of a spring: the bone's moves by `step`, the other by what its
+  // skeleton did since the last step. One that did not pull then is hung on as it is stretched at the start.
+  const auto pull = [&](const Spring& spring, double k, double a, bool hung, Pose& end_before, const Pose& end,
+                        double& energy) {
     if (!hung) {
       end_before = end;
-      energy = spring.energy(start.position - end.position, rotation_log(start.orientation * end.orientation.conjugate()));
+      energy =
+          spring.energy(start.position - end.position, rotation_log(start.orientation * end.orientation.conjugate()));
       flow->work += energy;
     }
     const Vector3 stretch_now = bone.pose.position - end.position;
@@ -269,7 +295,9 @@ void TrackingLoop::reset(Nanoseconds time) {
 
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
   if (input.head != nullptr) input_.add_head_pose(*input.head);
-  const auto is_usable = [this](const auto* sample) { return sample != nullptr && sample->stamp.sample_time > reset_time_; };
+  const auto is_usable = [this](const auto* sample) {
+    return sample != nullptr && sample->stamp.sample_time > reset_time_;
+  };
   // A tracker of another clock does not tell what it took before the reset.
   const bool is_timed = input.tracked != nullptr && is_plausible(input.tracked->stamp.sample_time, now);
   if (input.tracked != nullptr && (!is_timed || is_usable(input.tracked))) input_.add_sample(*input.tracked, now);
@@ -278,7 +306,8 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
     contact_forces_.fill(Vector3::Zero());
     contacts_arrival_ = now;
     for (const Contact& contact : input.contacts->contacts) {
-      if (contact.body < kBodyCount && all_finite(contact.force)) contact_forces_[contact.body] += to_vector(contact.force);
+      if (contact.body < kBodyCount && all_finite(contact.force))
+        contact_forces_[contact.body] += to_vector(contact.force);
     }
   }
 
@@ -289,7 +318,8 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const bool fresh = simulated_any_ && since_arrival <= options_.simulated_stale_after;
   // The copy's age by its own stamp where that is believable, else since it arrived.
   const double by_stamp = static_cast<double>(now - simulated_stamp_.sample_time) * kSecondsPerNanosecond;
-  const double age = std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
+  const double age =
+      std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
 
   output_.valid = false;
   coupling_stretch_ = 0;
@@ -346,8 +376,8 @@ void TrackingLoop::publish_skeleton(Nanoseconds now) {
   }
 }
 
-void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age,
-                                  bool simulated_fresh) {
+void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets,
+                                  double simulated_age, bool simulated_fresh) {
   BoneWrench& out = output_.wrench;
   out.hand = key_;
   out.stamp.sequence = sequence_;
@@ -356,8 +386,8 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
   out.stamp.chain.simulated_published = simulated_stamp_.publish_time;
   out.stamp.chain.wrench_published = now;
   out.simulated_valid = simulated_fresh ? 1 : 0;
-  const bool contacts_fresh =
-      simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <= options_.simulated_stale_after;
+  const bool contacts_fresh = simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <=
+                                                     options_.simulated_stale_after;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Bone& bone = bones_[b];
     BoneSample& sample = out.bones[b];
@@ -390,7 +420,8 @@ MessageReply TrackingLoop::answer(const Message& message, const std::string& mod
   if (key == "feedback_ratio") {
     const auto value = parse_number(get_text(message.value));
     if (!value || *value < 0 || *value > options_.feedback_ratio) {
-      return reply_to(message, module, kReplyRefused, "feedback_ratio: expected a number from 0 to the configured value");
+      return reply_to(message, module, kReplyRefused,
+                      "feedback_ratio: expected a number from 0 to the configured value");
     }
     feedback_ratio_ = *value;
     return reply_to(message, module, kReplyApplied, "feedback_ratio set");
@@ -402,9 +433,12 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const double age = input_.age(now);
   status.input_age_ms = age < 0 ? -1 : age * 1e3;
   status.coupling_stretch = coupling_stretch_;
-  if (ledger_.begun()) ledger_.for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
+  if (ledger_.begun())
+    ledger_.for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   const TrackedInputCounters& c = input_.counters();
-  const auto add = [&status](std::string_view name, std::uint64_t value) { add_counter(status, name, static_cast<double>(value)); };
+  const auto add = [&status](std::string_view name, std::uint64_t value) {
+    add_counter(status, name, static_cast<double>(value));
+  };
   add("accepted", c.accepted);
   add("refused_nonfinite", c.refused_nonfinite);
   add("refused_implausible", c.refused_implausible);

@@ -1,11 +1,12 @@
-// The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of the simulated
-// skeleton.
+// The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of
+// the simulated skeleton.
 //
-// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its absolute damping and
-// two couplings of eq. 18. The unknowns of one bone are its joint frame's position and orientation. The bone's mass is lumped at the joint
-// with an isotropic inertia: the layer's inertia is a regulariser of ours, not anatomy, and lumped it has no lever arm, so that translation
-// and rotation separate: translation has a closed form, rotation takes a few Newton iterations. The coupling to the tracker is capped like
-// the hand's own, `stiffness_ratio` times higher.
+// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its
+// absolute damping and two couplings of eq. 18. The unknowns of one bone are its joint frame's position and
+// orientation. The bone's mass is lumped at the joint with an isotropic inertia: the layer's inertia is a regulariser
+// of ours, not anatomy, and lumped it has no lever arm, so that translation and rotation separate: translation has a
+// closed form, rotation takes a few Newton iterations. The coupling to the tracker is capped like the hand's own,
+// `stiffness_ratio` times higher.
 #pragma once
 
 #include <array>
@@ -36,8 +37,8 @@ struct TrackingOutput {
   bool valid = false;  ///< false before the first tracked sample: nothing is to be published
 };
 
-/// Growth per hand period of small deviations of the worst bone, by running the linear chain of intermediate and simulated bone with states
-/// that are up to one hand period, 1/hand_rate_hz, old. Stable below 1.
+/// Growth per hand period of small deviations of the worst bone, by running the linear chain of intermediate and
+/// simulated bone with states that are up to one hand period, 1/hand_rate_hz, old. Stable below 1.
 double chain_growth(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand);
 
 /// Throws std::invalid_argument with the growth and the nearest stable values where `chain_growth` is not below 1.
@@ -45,18 +46,21 @@ void check_stability(const TrackingOptions& options, double hand_rate_hz, const 
 
 class TrackingLoop {
  public:
-  /// Checks stability against a hand simulation of `hand_rate_hz`. Of `hand` only the skeleton is used: rest joints, masses, couplings.
+  /// Checks stability against a hand simulation of `hand_rate_hz`. Of `hand` only the skeleton is used: rest joints,
+  /// masses, couplings.
   TrackingLoop(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand, HandKey key);
 
   /// One step of 1/rate_hz that ends at `now`. The result is valid until the next call.
   const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);
   /// As at the start: nothing is valid until a sample of the tracker comes that was taken after `time`.
   void reset(Nanoseconds time);
-  /// Answers `reposition` (any value: the intermediate jumps to the tracked skeleton) and `feedback_ratio` (0 to the configured one).
+  /// Answers `reposition` (any value: the intermediate jumps to the tracked skeleton) and `feedback_ratio` (0 to the
+  /// configured one).
   MessageReply answer(const Message& message, const std::string& module);
 
   const TrackedInput& input() const { return input_; }
-  /// Of the intermediate skeleton: stored in its springs and its motion, worked by the two skeletons that pull at it, damped against the world.
+  /// Of the intermediate skeleton: stored in its springs and its motion, worked by the two skeletons that pull at it,
+  /// damped against the world.
   const EnergyLedger& ledger() const { return ledger_; }
   /// Adds the input age, the longest stretch to the tracked skeleton and the counters of what was refused.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
@@ -99,7 +103,8 @@ class TrackingLoop {
   void move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh, EnergyFlow* flow) const;
   static void release(Bone& bone, EnergyFlow& flow);
   void publish_skeleton(Nanoseconds now);
-  void publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age, bool simulated_fresh);
+  void publish_wrench(Nanoseconds now, const std::array<BodyTarget, kBodyCount>& targets, double simulated_age,
+                      bool simulated_fresh);
 
   TrackingOptions options_;
   double time_step_;
@@ -116,7 +121,7 @@ class TrackingLoop {
   bool simulated_any_ = false;
   bool reposition_asked_ = false;
   EnergyLedger ledger_;
-  double coupling_stretch_ = 0;          // m, longest now, to the tracked skeleton
+  double coupling_stretch_ = 0;                                       // m, longest now, to the tracked skeleton
   Nanoseconds reset_time_ = std::numeric_limits<Nanoseconds>::min();  // what was sampled until then is not used
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values

@@ -98,7 +98,8 @@ Frame encode(const HandDescription& description, std::span<const Vector3> rest_n
   const std::size_t vertices = description.vertex_nodes.size();
   const std::size_t triangles = description.triangles.size();
   if (description.vertex_weights.size() != vertices) return nullptr;
-  Packer out(FrameType::hand_description, instance_of(description.hand), 16 + 12 * rest_nodes.size() + 24 * vertices + 6 * triangles);
+  Packer out(FrameType::hand_description, instance_of(description.hand),
+             16 + 12 * rest_nodes.size() + 24 * vertices + 6 * triangles);
   out.integer(description.node_count);
   out.integer(static_cast<std::uint32_t>(vertices));
   out.integer(static_cast<std::uint32_t>(triangles));
@@ -236,14 +237,17 @@ Frame encode(const BoneWrench& wrench) {
 }
 
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
-  Packer out(FrameType::loop_status, slot, 240 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
+  Packer out(FrameType::loop_status, slot,
+             240 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
   out.stamp(status.stamp);
-  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99, status.step_ms_p999, status.input_age_ms,
-                             static_cast<double>(status.input_drops), static_cast<double>(status.steps), static_cast<double>(status.deadline_misses),
+  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99,
+                             status.step_ms_p999, status.input_age_ms, static_cast<double>(status.input_drops),
+                             static_cast<double>(status.steps), static_cast<double>(status.deadline_misses),
                              status.residual, status.penetration, status.coupling_stretch, status.passivity_energy}) {
     out.put(value);
   }
-  for (const std::uint32_t value : {status.process_id, status.iterations, status.solver_status, status.contact_count, status.inverted_elements, 0u})
+  for (const std::uint32_t value :
+       {status.process_id, status.iterations, status.solver_status, status.contact_count, status.inverted_elements, 0u})
     out.integer(value);
   out.text(status.module);
   put_named(out, status.energies);
@@ -267,7 +271,8 @@ Frame encode(const GatewayState& state) {
   out.put(static_cast<double>(state.clock) * 1e-9);
   out.integer(state.pages);
   out.integer(state.rate_hz);
-  for (const std::uint64_t value : {state.bytes_sent, state.frames_sent, state.frames_passed_over, state.refused_content})
+  for (const std::uint64_t value :
+       {state.bytes_sent, state.frames_sent, state.frames_passed_over, state.refused_content})
     out.put(static_cast<double>(value));
   for (const std::uint64_t value : state.refused) out.put(static_cast<double>(value));
   return out.finish();
@@ -307,7 +312,8 @@ Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out) {
       Message message;
       message.id = *read<std::uint64_t>(payload, 0);
       if (!read_text(payload.subspan(8, n), message.module) || !read_text(payload.subspan(8 + n, n), message.key) ||
-          !read_text(payload.subspan(8 + 2 * n, n), message.value) || message.module[0] == '\0' || message.key[0] == '\0') {
+          !read_text(payload.subspan(8 + 2 * n, n), message.value) || message.module[0] == '\0' ||
+          message.key[0] == '\0') {
         return Refusal::content;
       }
       out = message;

@@ -1,9 +1,11 @@
-// The binary frames between gateway and page; docs/viewer.md has every layout. Little-endian, SI units, world frame as on the topics.
+// The binary frames between gateway and page; docs/viewer.md has every layout. Little-endian, SI units, world frame as
+// on the topics.
 //
 // A frame is a header of 16 bytes and a payload, both multiples of 4 long:
 //   u32 magic "SHVF", u16 version, u16 type, u32 payload bytes, u32 instance
-// A WebSocket message from the gateway is one or more frames, one to the gateway is exactly one. `instance` tells hands (2 * user + side),
-// objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one, but of message_reply.
+// A WebSocket message from the gateway is one or more frames, one to the gateway is exactly one. `instance` tells hands
+// (2 * user + side), objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one,
+// but of message_reply.
 #pragma once
 
 #include <array>
@@ -47,7 +49,8 @@ constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsi
 /// The types that a page can ask for; `gateway` comes unasked.
 inline constexpr TypeSet kShowable = (set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description);
 
-/// An encoded frame; empty where the content must not be shown (a number that is none). Shared, for it goes to several pages.
+/// An encoded frame; empty where the content must not be shown (a number that is none). Shared, for it goes to several
+/// pages.
 using Frame = std::shared_ptr<const std::vector<std::uint8_t>>;
 
 constexpr std::uint32_t instance_of(const HandKey& hand) { return 2 * hand.user + hand.side; }
@@ -65,12 +68,14 @@ Frame encode(const BoneWrench& wrench);
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);
 
-/// An object that a hand carries is drawn where that hand's twin is: the world's copy trails it (docs/coupling-objects.md).
+/// An object that a hand carries is drawn where that hand's twin is: the world's copy trails it
+/// (docs/coupling-objects.md).
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling);
 
 /// Why a frame from a page was not believed.
 enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood };
-inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size", "magic", "version", "type", "content", "origin", "flood"};
+inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size",    "magic",  "version",
+                                                               "type", "content", "origin", "flood"};
 using RefusalCounts = std::array<std::uint64_t, kRefusalNames.size()>;
 
 /// What the gateway says of itself, every half second.

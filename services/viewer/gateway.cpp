@@ -73,7 +73,8 @@ class Gateway::Impl {
     const TypeSet shown = server_.shown();
     // Descriptions are kept for later pages: once asked for, they are followed, and not told anew to each.
     described_ |= shown;
-    pass(hand_descriptions_, described_, Keep::yes, [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
+    pass(hand_descriptions_, described_, Keep::yes,
+         [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
     pass(object_descriptions_, described_, Keep::yes, [](const ObjectDescription& each) { return encode(each); });
     pass(surfaces_, shown, Keep::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
@@ -86,8 +87,10 @@ class Gateway::Impl {
       return encode(*drawn_);
     });
     pass(wrenches_, shown, Keep::no, [](const BoneWrench& each) { return encode(each); });
-    pass(statuses_, shown, Keep::no, [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
-    pass(replies_, shown, Keep::no, [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
+    pass(statuses_, shown, Keep::no,
+         [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
+    pass(replies_, shown, Keep::no,
+         [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
     for (Message& message : server_.take_messages()) {
       message.stamp.sequence = ++sequence_;
       message.stamp.epoch = epoch_;
@@ -153,7 +156,8 @@ class Gateway::Impl {
   double rate_hz_;
   const bus::Participant& participant_;
   Feed<HandDescription> hand_descriptions_{participant_, bus::topics::hand_description, FrameType::hand_description};
-  Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description, FrameType::object_description};
+  Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description,
+                                               FrameType::object_description};
   Feed<TissueSurface> surfaces_{participant_, bus::topics::tissue_surface, FrameType::nodes};
   Feed<Skeleton> tracked_{participant_, bus::topics::tracked_skeleton, FrameType::tracked_skeleton};
   Feed<Skeleton> intermediate_{participant_, bus::topics::intermediate_skeleton, FrameType::intermediate_skeleton};

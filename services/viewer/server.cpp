@@ -49,7 +49,8 @@ std::map<std::string, File> read_files(const std::string& folder) {
     std::ifstream in(entry.path(), std::ios::binary);
     std::stringstream body;
     body << in.rdbuf();
-    files["/" + std::filesystem::relative(entry.path(), folder).generic_string()] = {body.str(), media_type(entry.path())};
+    files["/" + std::filesystem::relative(entry.path(), folder).generic_string()] = {body.str(),
+                                                                                     media_type(entry.path())};
   }
   if (const auto index = files.find("/index.html"); index != files.end()) files["/"] = index->second;
   return files;
@@ -83,7 +84,8 @@ class Page : public web::Session {
   void opened(web::Socket& socket) override { socket_ = &socket; }
 
   void offer(const Outgoing& outgoing) {
-    if (socket_ == nullptr || (outgoing.type != FrameType::gateway && (show_.types & set_of(outgoing.type)) == 0)) return;
+    if (socket_ == nullptr || (outgoing.type != FrameType::gateway && (show_.types & set_of(outgoing.type)) == 0))
+      return;
     if (outgoing.type == FrameType::message_reply) {
       // Answers are no state: none replaces another. A page that does not take them loses the oldest.
       replies_.push_back(outgoing.frame);
@@ -103,7 +105,8 @@ class Page : public web::Session {
     for (auto& [key, stream] : streams_) {
       if (stream.waiting == nullptr || at < stream.due) continue;
       frames.push_back(std::exchange(stream.waiting, nullptr));
-      // A sample that came late, by up to a period, does not make the next one wait: a stream of just this rate loses none to the unevenness of its times.
+      // A sample that came late, by up to a period, does not make the next one wait: a stream of just this rate loses
+      // none to the unevenness of its times.
       stream.due = std::max(stream.due, at - period) + period;
     }
     frames.insert(frames.end(), replies_.begin(), replies_.end());
@@ -121,7 +124,8 @@ class Page : public web::Session {
 
   void received(std::string_view bytes, bool binary) override {
     PageRequest request;
-    Refusal refusal = binary ? decode({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, request) : Refusal::type;
+    Refusal refusal =
+        binary ? decode({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, request) : Refusal::type;
     if (refusal == Refusal::none) {
       if (const auto* show = std::get_if<ShowRequest>(&request)) {
         change_show(*show);
@@ -210,7 +214,8 @@ class Server::Impl {
       const auto file = shared_.files.find(path);
       if (file != shared_.files.end()) return web::Answer{200, file->second.type, file->second.body};
       web::Answer answer;
-      if (shared_.files.empty()) answer.body = "softhand-viewer was built without its page (SOFTHAND_VIEWER=OFF, or no npm).\n";
+      if (shared_.files.empty())
+        answer.body = "softhand-viewer was built without its page (SOFTHAND_VIEWER=OFF, or no npm).\n";
       return answer;
     };
     site.socket_path = "/stream";

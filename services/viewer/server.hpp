@@ -31,12 +31,13 @@ struct ServerCounters {
   RefusalCounts refused{};
 };
 
-/// Each page gets what it shows, of each type and instance at most at the server's rate and at that which it asked for, and never more than it takes: newer
-/// frames of a type and instance replace those that wait for their time or for a message that is on its way. Who is let in: web/web_server.hpp. Thread-safe.
+/// Each page gets what it shows, of each type and instance at most at the server's rate and at that which it asked for,
+/// and never more than it takes: newer frames of a type and instance replace those that wait for their time or for a
+/// message that is on its way. Who is let in: web/web_server.hpp. Thread-safe.
 class Server {
  public:
-  /// Listens from here on, and serves the files of `folder`; a page gets at most `rate_hz` frames of a type and instance a second. Throws std::runtime_error naming address
-  /// and port where that is refused.
+  /// Listens from here on, and serves the files of `folder`; a page gets at most `rate_hz` frames of a type and
+  /// instance a second. Throws std::runtime_error naming address and port where that is refused.
   Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz);
   ~Server();
 

@@ -32,16 +32,18 @@ using Plain = beast::tcp_stream;
 using Encrypted = beast::ssl_stream<beast::tcp_stream>;
 using Request = http::request<http::string_body>;
 
-constexpr int kSendBuffer = 256 * 1024;       // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
-constexpr std::size_t kLargestRequest = 16384; // bytes, HTTP
-constexpr std::chrono::seconds kPatience{30};  // with a request or a handshake that does not come
+constexpr int kSendBuffer =
+    256 * 1024;  // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
+constexpr std::size_t kLargestRequest = 16384;          // bytes, HTTP
+constexpr std::chrono::seconds kPatience{30};           // with a request or a handshake that does not come
 constexpr std::chrono::milliseconds kAcceptPause{100};  // after a visitor who could not be let in
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
 // Names do not tell capitals apart, and browsers send none.
 std::string lower_case(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return text;
 }
 
@@ -49,7 +51,8 @@ std::string lower_case(std::string text) {
 std::string host_name(std::string_view authority) {
   const std::size_t colon = authority.rfind(':');
   const std::size_t bracket = authority.rfind(']');
-  if (colon != std::string_view::npos && (bracket == std::string_view::npos || colon > bracket)) authority = authority.substr(0, colon);
+  if (colon != std::string_view::npos && (bracket == std::string_view::npos || colon > bracket))
+    authority = authority.substr(0, colon);
   return lower_case(std::string(authority));
 }
 
@@ -85,7 +88,8 @@ struct Shared {
 template <typename Stream>
 class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Stream>> {
  public:
-  SocketOf(Stream&& stream, std::shared_ptr<Session> session) : stream_(std::move(stream)), session_(std::move(session)) {}
+  SocketOf(Stream&& stream, std::shared_ptr<Session> session)
+      : stream_(std::move(stream)), session_(std::move(session)) {}
 
   void accept(const Request& request, std::size_t largest) {
     beast::get_lowest_layer(stream_).expires_never();
@@ -131,7 +135,8 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
   }
 
   void say_goodbye() {
-    stream_.async_close(websocket::close_code::policy_error, [self = this->shared_from_this()](beast::error_code error) { self->leave(error); });
+    stream_.async_close(websocket::close_code::policy_error,
+                        [self = this->shared_from_this()](beast::error_code error) { self->leave(error); });
   }
 
   void leave(beast::error_code error) {
@@ -153,15 +158,17 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
 template <typename Stream>
 class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
  public:
-  Visitor(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
+  Visitor(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared)
+      : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
 
   void start() {
     if constexpr (std::is_same_v<Stream, Encrypted>) {
       beast::get_lowest_layer(stream_).expires_after(kPatience);
-      stream_.async_handshake(ssl::stream_base::server, buffer_.data(), [self = this->shared_from_this()](beast::error_code error, std::size_t used) {
-        self->buffer_.consume(used);
-        if (!error) self->read();
-      });
+      stream_.async_handshake(ssl::stream_base::server, buffer_.data(),
+                              [self = this->shared_from_this()](beast::error_code error, std::size_t used) {
+                                self->buffer_.consume(used);
+                                if (!error) self->read();
+                              });
     } else {
       read();
     }
@@ -171,9 +178,10 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
   void read() {
     request_ = {};
     beast::get_lowest_layer(stream_).expires_after(kPatience);
-    http::async_read(stream_, buffer_, request_, [self = this->shared_from_this()](beast::error_code error, std::size_t) {
-      if (!error) self->answer();
-    });
+    http::async_read(stream_, buffer_, request_,
+                     [self = this->shared_from_this()](beast::error_code error, std::size_t) {
+                       if (!error) self->answer();
+                     });
   }
 
   void answer() {
@@ -188,7 +196,8 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
       return respond({301, "text/plain", "https is spoken here.\n"}, "https://" + host + target);
     const std::string path = target.substr(0, target.find('?'));
     if (upgrade) return connect(path);
-    if (request_.method() != http::verb::get && request_.method() != http::verb::head) return respond({405, "text/plain", "GET or HEAD.\n"});
+    if (request_.method() != http::verb::get && request_.method() != http::verb::head)
+      return respond({405, "text/plain", "GET or HEAD.\n"});
     respond(shared_.site.get(path));
   }
 
@@ -197,19 +206,23 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
       shared_.site.refused();
       return respond({403, "text/plain", "Pages of other sites may not connect.\n"});
     }
-    if (!shared_.site.socket_path.empty() && path != shared_.site.socket_path) return respond({404, "text/plain", "The WebSocket is elsewhere.\n"});
+    if (!shared_.site.socket_path.empty() && path != shared_.site.socket_path)
+      return respond({404, "text/plain", "The WebSocket is elsewhere.\n"});
     std::shared_ptr<Session> session = shared_.site.connect();
     if (!session) return respond({503, "text/plain", "Too many are connected.\n"});
-    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))->accept(request_, shared_.site.largest_message);
+    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))
+        ->accept(request_, shared_.site.largest_message);
   }
 
   void respond(const Answer& answer, const std::string& elsewhere = "") {
-    auto response = std::make_shared<http::response<http::string_body>>(static_cast<http::status>(answer.status), request_.version());
+    auto response = std::make_shared<http::response<http::string_body>>(static_cast<http::status>(answer.status),
+                                                                        request_.version());
     response->set(http::field::content_type, beast::string_view(answer.type.data(), answer.type.size()));
     response->set(http::field::cache_control, "no-cache");
     response->set("X-Content-Type-Options", "nosniff");
     response->set("Content-Security-Policy",
-                  "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+                  "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' "
+                  "data: blob:; "
                   "frame-ancestors 'self'");
     if (!elsewhere.empty()) response->set(http::field::location, elsewhere);
     response->keep_alive(request_.keep_alive() && elsewhere.empty());
@@ -221,11 +234,12 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
     }
     // Its own time: that of the request began when the one before was answered, and may be as good as over.
     beast::get_lowest_layer(stream_).expires_after(kPatience);
-    http::async_write(stream_, *response, [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
-      if (!error && response->keep_alive()) return self->read();
-      beast::error_code ignored;
-      beast::get_lowest_layer(self->stream_).socket().shutdown(tcp::socket::shutdown_send, ignored);
-    });
+    http::async_write(stream_, *response,
+                      [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
+                        if (!error && response->keep_alive()) return self->read();
+                        beast::error_code ignored;
+                        beast::get_lowest_layer(self->stream_).socket().shutdown(tcp::socket::shutdown_send, ignored);
+                      });
   }
 
   Stream stream_;
@@ -280,7 +294,9 @@ class WebServer::Impl {
     shared_.site = std::move(site);
     if (!listening.certificate.empty()) shared_.tls = tls_of(listening);
     listen(listening, ports);
-    const auto url_of = [this](const std::string& host) { return (shared_.tls ? "https://" : "http://") + host + ":" + std::to_string(port()); };
+    const auto url_of = [this](const std::string& host) {
+      return (shared_.tls ? "https://" : "http://") + host + ":" + std::to_string(port());
+    };
     const bool everywhere = acceptor_.local_endpoint().address().is_unspecified();
     url_ = url_of(everywhere ? "localhost" : in_url(listening.address));
     shared_.hosts = {"localhost", "127.0.0.1", "[::1]", in_url(listening.address)};
@@ -319,14 +335,16 @@ class WebServer::Impl {
       acceptor_.close();
       if (error != asio::error::address_in_use) break;
     }
-    throw std::runtime_error("cannot listen on " + listening.address + ":" + std::to_string(listening.port) + ": " + error.message());
+    throw std::runtime_error("cannot listen on " + listening.address + ":" + std::to_string(listening.port) + ": " +
+                             error.message());
   }
 
   void accept() {
     acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
       if (error == asio::error::operation_aborted) return;
       if (error) {
-        // No file descriptor is left, say. The visitor still waits, so that without a pause the next try fails at once, and so on, on a whole core.
+        // No file descriptor is left, say. The visitor still waits, so that without a pause the next try fails at once,
+        // and so on, on a whole core.
         pause_.expires_after(kAcceptPause);
         return pause_.async_wait([this](beast::error_code) { accept(); });
       }
@@ -351,7 +369,8 @@ class WebServer::Impl {
   std::thread thread_;
 };
 
-WebServer::WebServer(const Listening& listening, Site site, int ports) : impl_(std::make_unique<Impl>(listening, std::move(site), ports)) {}
+WebServer::WebServer(const Listening& listening, Site site, int ports)
+    : impl_(std::make_unique<Impl>(listening, std::move(site), ports)) {}
 WebServer::~WebServer() = default;
 std::uint16_t WebServer::port() const { return impl_->port(); }
 const std::string& WebServer::url() const { return impl_->url(); }

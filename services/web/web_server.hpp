@@ -1,4 +1,5 @@
-// HTTP and WebSocket, with or without TLS, in a thread of its own: what browsers meet. Boost.Beast is seen by web_server.cpp alone.
+// HTTP and WebSocket, with or without TLS, in a thread of its own: what browsers meet. Boost.Beast is seen by
+// web_server.cpp alone.
 #pragma once
 
 #include <cstdint>
@@ -54,18 +55,18 @@ struct Site {
   std::function<Answer(const std::string& path)> get;  ///< what the views show outlives the server
   std::string socket_path;                             ///< where WebSockets are opened; empty = anywhere
   Origin origin = Origin::here;
-  std::size_t largest_message = 4096;                  ///< bytes
-  std::function<std::shared_ptr<Session>()> connect;   ///< null = too many are open
-  std::function<void()> refused;                       ///< a request for another host, or a WebSocket of another origin
+  std::size_t largest_message = 4096;                 ///< bytes
+  std::function<std::shared_ptr<Session>()> connect;  ///< null = too many are open
+  std::function<void()> refused;                      ///< a request for another host, or a WebSocket of another origin
 };
 
-/// Believes a request only where its Host is localhost, the address or one of `hosts`, and a WebSocket only where its Origin fits, too: so neither other
-/// sites nor other names that lead here get in. With a certificate the one port speaks https to all, and http to localhost; who asks it for http under
-/// another name is sent to https.
+/// Believes a request only where its Host is localhost, the address or one of `hosts`, and a WebSocket only where its
+/// Origin fits, too: so neither other sites nor other names that lead here get in. With a certificate the one port
+/// speaks https to all, and http to localhost; who asks it for http under another name is sent to https.
 class WebServer {
  public:
-  /// Listens from here on. `ports`: so many are tried, one after another, while they are taken. Throws std::runtime_error naming address and port, or the file,
-  /// where that is refused.
+  /// Listens from here on. `ports`: so many are tried, one after another, while they are taken. Throws
+  /// std::runtime_error naming address and port, or the file, where that is refused.
   WebServer(const Listening& listening, Site site, int ports = 1);
   ~WebServer();
 

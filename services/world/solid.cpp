@@ -26,12 +26,14 @@ ShapeKind kind_of(const std::string& name) {
 Vector3 unit_inertia(ShapeKind kind, const Vector3& size) {
   const double r = size.x(), h = size.y();
   switch (kind) {
-    case ShapeKind::sphere: return Vector3::Constant(0.4 * r * r);
+    case ShapeKind::sphere:
+      return Vector3::Constant(0.4 * r * r);
     case ShapeKind::box: {
       const Vector3 square = size.cwiseAbs2();
       return Vector3(square.y() + square.z(), square.x() + square.z(), square.x() + square.y()) / 3;
     }
-    case ShapeKind::cylinder: return {r * r / 4 + h * h / 3, r * r / 2, r * r / 4 + h * h / 3};
+    case ShapeKind::cylinder:
+      return {r * r / 4 + h * h / 3, r * r / 2, r * r / 4 + h * h / 3};
     case ShapeKind::capsule: {
       // Cylinder of length 2h and two half balls, whose centres of mass lie 3/8 r beyond its ends.
       const double cylinder = 2 * h, ball = 4.0 / 3 * r;  // volumes over pi r^2
@@ -40,7 +42,8 @@ Vector3 unit_inertia(ShapeKind kind, const Vector3& size) {
       const double across = (cylinder * (r * r / 4 + h * h / 3) + ball * (0.4 * r * r + h * h + 0.75 * h * r)) / total;
       return {across, along, across};
     }
-    default: return Vector3::Zero();
+    default:
+      return Vector3::Zero();
   }
 }
 
@@ -52,7 +55,8 @@ Solid make_solid(const ObjectOptions& object) {
   solid.shape.kind = static_cast<std::uint32_t>(kind);
   if (kind == ShapeKind::box) solid.shape.size = object.half_extents;
   if (kind == ShapeKind::sphere) solid.shape.size = {object.radius, 0, 0};
-  if (kind == ShapeKind::capsule || kind == ShapeKind::cylinder) solid.shape.size = {object.radius, object.half_length, 0};
+  if (kind == ShapeKind::capsule || kind == ShapeKind::cylinder)
+    solid.shape.size = {object.radius, object.half_length, 0};
   const Vector3 size = to_vector(solid.shape.size);
   if (kind != ShapeKind::convex_hull) {
     solid.inertia = object.mass * unit_inertia(kind, size);
@@ -82,8 +86,10 @@ Solid make_solid(const ObjectOptions& object) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  // The hull is computed on a grid of 1/10,000 of its length, by which vertices of a plane that is askew to its axes enclose something.
-  if (!((high - low).minCoeff() > 5e-4 * (high - low).maxCoeff())) throw std::invalid_argument("the vertices of the convex hull span no volume");
+  // The hull is computed on a grid of 1/10,000 of its length, by which vertices of a plane that is askew to its axes
+  // enclose something.
+  if (!((high - low).minCoeff() > 5e-4 * (high - low).maxCoeff()))
+    throw std::invalid_argument("the vertices of the convex hull span no volume");
   return solid;
 }
 
@@ -92,11 +98,15 @@ Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction) 
   const Vector3 size = to_vector(shape.size);
   Vector3 point = Vector3::Zero();
   switch (static_cast<ShapeKind>(shape.kind)) {
-    case ShapeKind::sphere: point = size.x() * d; break;
+    case ShapeKind::sphere:
+      point = size.x() * d;
+      break;
     case ShapeKind::box:
       for (int k = 0; k < 3; ++k) point[k] = std::copysign(size[k], d[k]);
       break;
-    case ShapeKind::capsule: point = size.x() * d + Vector3(0, std::copysign(size.y(), d.y()), 0); break;
+    case ShapeKind::capsule:
+      point = size.x() * d + Vector3(0, std::copysign(size.y(), d.y()), 0);
+      break;
     case ShapeKind::cylinder: {
       const double across = std::hypot(d.x(), d.z());
       const Vector3 rim = across > 1e-12 ? Vector3(d.x() / across, 0, d.z() / across) : Vector3(Vector3::UnitX());
@@ -111,13 +121,14 @@ Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction) 
       }
       break;
     }
-    case ShapeKind::plane: break;
+    case ShapeKind::plane:
+      break;
   }
   return pose * point;
 }
 
-SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour, const Pose& neighbour_pose,
-                                 const Vector3& direction) {
+SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour,
+                                 const Pose& neighbour_pose, const Vector3& direction) {
   const auto along = [&](const Vector3& normal) {
     const Vector3 nearest = support(object, object_pose, -normal);
     const bool plane = neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane);
@@ -125,13 +136,17 @@ SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, c
     const double gap = normal.dot(nearest - top);
     return SeparatingPlane{nearest - gap * normal, normal, gap};
   };
-  if (neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane)) return along(neighbour_pose.orientation * Vector3::UnitY());
+  if (neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane))
+    return along(neighbour_pose.orientation * Vector3::UnitY());
   SeparatingPlane best = along(direction);
-  // Flat faces near the direction: exact where the engine's direction is not; the neighbour's first, so that a box on a table has the table's face. And any face that separates better:
-  // then the direction is wrong, as one in some thousand is of cubes and cylinders that tip on a table; by its plane the object would lie centimetres deep in the table and be hurled.
+  // Flat faces near the direction: exact where the engine's direction is not; the neighbour's first, so that a box on a
+  // table has the table's face. And any face that separates better: then the direction is wrong, as one in some
+  // thousand is of cubes and cylinders that tip on a table; by its plane the object would lie centimetres deep in the
+  // table and be hurled.
   constexpr double kNear = 0.999;  // 2.6 degrees
   constexpr double kNoise = 1e-5;  // m that a single-precision direction may win by
-  constexpr double kOverlap = 1e-4;  // m; what the engine keeps apart seldom overlaps by more: then normals around the best are asked too
+  constexpr double kOverlap =
+      1e-4;  // m; what the engine keeps apart seldom overlaps by more: then normals around the best are asked too
   constexpr double kWidestTurn = 0.1, kNarrowestTurn = 1e-3;  // rad
   constexpr int kMostRounds = 40;
   bool has_face = false;
@@ -158,7 +173,8 @@ SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, c
     const Vector3 one = from.normal.unitOrthogonal(), two = from.normal.cross(one);
     for (int k = 0; k < 8; ++k) {
       const double angle = 0.25 * std::numbers::pi * k;
-      const SeparatingPlane turned = along((from.normal + turn * (std::cos(angle) * one + std::sin(angle) * two)).normalized());
+      const SeparatingPlane turned =
+          along((from.normal + turn * (std::cos(angle) * one + std::sin(angle) * two)).normalized());
       if (turned.gap > best.gap) best = turned;
     }
     if (best.gap <= from.gap) turn *= 0.5;

@@ -9,7 +9,8 @@
 
 namespace softhand {
 
-/// An object's shape in its body frame (centre of mass, principal axes), and where that frame stands in the shape's frame of the scene file.
+/// An object's shape in its body frame (centre of mass, principal axes), and where that frame stands in the shape's
+/// frame of the scene file.
 struct Solid {
   Shape shape;
   Vector3 inertia = Vector3::Zero();  ///< principal, kg m^2; 0 when static
@@ -25,14 +26,16 @@ Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction);
 
 /// A half-space that holds all of `neighbour`, with `object` outside as far as it goes.
 struct SeparatingPlane {
-  Vector3 point;       ///< on the plane, where the object is nearest, world
-  Vector3 normal;      ///< unit, towards the object
-  double gap = 0;      ///< m, negative when overlapping
+  Vector3 point;   ///< on the plane, where the object is nearest, world
+  Vector3 normal;  ///< unit, towards the object
+  double gap = 0;  ///< m, negative when overlapping
 };
 
-/// The best of: `direction` (unit, from neighbour to object, with the engine's single-precision noise, or now and then none at all), and the flat faces of either shape; where all of
-/// them overlap, what a search from the best finds. The gap is measured on the true shapes, without an engine's margins. For convex shapes no plane has a larger gap than their distance.
-SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour, const Pose& neighbour_pose,
-                                 const Vector3& direction);
+/// The best of: `direction` (unit, from neighbour to object, with the engine's single-precision noise, or now and then
+/// none at all), and the flat faces of either shape; where all of them overlap, what a search from the best finds. The
+/// gap is measured on the true shapes, without an engine's margins. For convex shapes no plane has a larger gap than
+/// their distance.
+SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, const Shape& neighbour,
+                                 const Pose& neighbour_pose, const Vector3& direction);
 
 }  // namespace softhand

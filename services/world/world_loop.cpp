@@ -16,19 +16,20 @@ constexpr double kSeconds = 1e-9;
 constexpr double kForceStall = 0.030;   // s: older contact forces are not believed
 constexpr double kMotionStall = 0.100;  // s: nor velocities
 constexpr double kVanished = 0.500;     // s: nor the owner
-constexpr double kLetsGo = 0.200;       // s: by then a hand has heard that the object was put elsewhere, or takes it anew
-constexpr double kNearestPlane = 0.005; // m
+constexpr double kLetsGo = 0.200;  // s: by then a hand has heard that the object was put elsewhere, or takes it anew
+constexpr double kNearestPlane = 0.005;  // m
 constexpr double kFarthestPlane = 0.050;
-constexpr double kTouching = 0.001;     // m: nearer neighbours take part of the hand's force
-constexpr double kSeating = 0.0001;     // m a step that an object may be driven into what stops it, so that the engine sees the contact
-constexpr double kAbsurd = 1e4;         // m
+constexpr double kTouching = 0.001;  // m: nearer neighbours take part of the hand's force
+constexpr double kSeating =
+    0.0001;  // m a step that an object may be driven into what stops it, so that the engine sees the contact
+constexpr double kAbsurd = 1e4;  // m
 
 bool believable(const ObjectTwin& twin) {
   const auto near = [](double x) { return std::abs(x) < kAbsurd; };
   const double norm = to_quaternion(twin.orientation).norm();
-  return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) && all_finite(twin.angular_velocity) &&
-         all_finite(twin.contact_force) && all_finite(twin.contact_torque) && std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 &&
-         norm < 2;
+  return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) &&
+         all_finite(twin.angular_velocity) && all_finite(twin.contact_force) && all_finite(twin.contact_torque) &&
+         std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 && norm < 2;
 }
 
 const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
@@ -55,7 +56,8 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
     Object& object = objects_.emplace_back();
     object.options = from;
     object.solid = make_solid(from);
-    object.start = Pose{to_vector(from.position), to_quaternion(from.orientation).normalized()} * object.solid.body_frame;
+    object.start =
+        Pose{to_vector(from.position), to_quaternion(from.orientation).normalized()} * object.solid.body_frame;
     object.dynamic = from.mass > 0;
     ObjectDescription& description = descriptions_.emplace_back();
     description.object = static_cast<std::uint32_t>(objects_.size());
@@ -85,7 +87,8 @@ void WorldLoop::insert(std::size_t slot) {
   object.velocity = object.previous_velocity = {};
   object.present = true;
   object.planes.clear();
-  engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.start});
+  engine_->add(slot,
+               {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.start});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
@@ -171,7 +174,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
       engine_->set_gravity(slot, gravity_of(object));
       follower.gravity = gravity_of(object);
     }
-    const Wrench one = symmetric_wrench(follower, leader, options_.stiffness, options_.angular_stiffness, options_.damping_ratio, step_);
+    const Wrench one = symmetric_wrench(follower, leader, options_.stiffness, options_.angular_stiffness,
+                                        options_.damping_ratio, step_);
     wrench.force += one.force;
     wrench.torque += one.torque;
     pulled = true;
@@ -185,7 +189,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   if (object.owned && (owner == nullptr || owner->hand != object.owner)) {
     // Let go, or gone: the copy goes on with its present velocity, or after another hand that waited.
     for (const ObjectCoupling& coupling : input.couplings)
-      if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished) ++counters_.vanished;
+      if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished)
+        ++counters_.vanished;
     object.stalled = false;
   }
   if (owner == nullptr) {
@@ -219,9 +224,10 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   engine_->apply(slot, wanted);
 }
 
-/// The hand's wrench is what the copy needs in free flight. Against a neighbour the twin also feels a reaction, which the hand does not publish and which
-/// balances the hand's push: the copy, fed with the push alone, would be thrown at the neighbour (5 N on 1 g for one step of 17 ms is 83 m/s).
-/// So the push is left out along and into what cannot move, and kept where it moves a neighbour.
+/// The hand's wrench is what the copy needs in free flight. Against a neighbour the twin also feels a reaction, which
+/// the hand does not publish and which balances the hand's push: the copy, fed with the push alone, would be thrown at
+/// the neighbour (5 N on 1 g for one step of 17 ms is 83 m/s). So the push is left out along and into what cannot move,
+/// and kept where it moves a neighbour.
 Wrench WorldLoop::without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const {
   const Vector3 net = hand.force + follower.mass * follower.gravity;
   Vector3 into_dynamic = Vector3::Zero();
@@ -230,12 +236,15 @@ Wrench WorldLoop::without_reaction(const Object& object, const Follower& followe
     if (plane.gap > kTouching) continue;
     touches = true;
     if (plane.kind == kNeighbourStatic) touches_static = true;
-    if (plane.kind == kNeighbourDynamic) into_dynamic += std::min(0.0, to_vector(plane.normal).dot(net)) * to_vector(plane.normal);
+    if (plane.kind == kNeighbourDynamic)
+      into_dynamic += std::min(0.0, to_vector(plane.normal).dot(net)) * to_vector(plane.normal);
   }
-  return {touches_static ? Vector3(into_dynamic - follower.mass * follower.gravity) : hand.force, touches ? Vector3(Vector3::Zero()) : hand.torque};
+  return {touches_static ? Vector3(into_dynamic - follower.mass * follower.gravity) : hand.force,
+          touches ? Vector3(Vector3::Zero()) : hand.torque};
 }
 
-/// Keeps the coupling from driving the copy through a neighbour within one step: engines find contacts only where bodies already are.
+/// Keeps the coupling from driving the copy through a neighbour within one step: engines find contacts only where
+/// bodies already are.
 void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const {
   for (int pass = 0; pass < 3; ++pass) {
     for (const NeighbourPlane& plane : object.planes) {
@@ -252,7 +261,8 @@ void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, W
 }
 
 const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
-  for (const ObjectCoupling& coupling : input.couplings) newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
+  for (const ObjectCoupling& coupling : input.couplings)
+    newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
   engine_->step(step_);
@@ -261,11 +271,13 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
     if (!object.present || !object.dynamic) continue;
     const Pose pose = engine_->pose(slot);
     const Twist velocity = engine_->velocity(slot);
-    if (!pose.position.allFinite() || !pose.orientation.coeffs().allFinite() || !velocity.linear.allFinite() || !velocity.angular.allFinite()) {
+    if (!pose.position.allFinite() || !pose.orientation.coeffs().allFinite() || !velocity.linear.allFinite() ||
+        !velocity.angular.allFinite()) {
       // Nothing that is not finite leaves the world: the object stays where it last was.
       ++counters_.repaired;
       engine_->remove(slot);
-      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
+      engine_->add(
+          slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
       engine_->set_gravity(slot, gravity_of(object));
       object.velocity = object.previous_velocity = {};
       continue;
@@ -318,20 +330,23 @@ void WorldLoop::find_planes(std::size_t slot) {
     if (other == slot || !neighbour.present) continue;
     Vector3 direction;
     if (!engine_->closest_direction(slot, other, range, direction)) continue;
-    const SeparatingPlane found = separating_plane(object.solid.shape, object.pose, neighbour.solid.shape, neighbour.pose, direction);
+    const SeparatingPlane found =
+        separating_plane(object.solid.shape, object.pose, neighbour.solid.shape, neighbour.pose, direction);
     if (found.gap > range) continue;
     NeighbourPlane plane;
     plane.neighbour = static_cast<std::uint32_t>(other + 1);
     plane.kind = neighbour.dynamic ? kNeighbourDynamic : kNeighbourStatic;
     plane.point = to_wire(found.point);
     plane.normal = to_wire(found.normal);
-    plane.velocity = to_wire(Vector3(neighbour.velocity.linear + neighbour.velocity.angular.cross(found.point - neighbour.pose.position)));
+    plane.velocity = to_wire(
+        Vector3(neighbour.velocity.linear + neighbour.velocity.angular.cross(found.point - neighbour.pose.position)));
     plane.gap = found.gap;
     plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
     plane.mass = neighbour.options.mass;
     if (object.planes.push_back(plane)) continue;
     // More neighbours than room: the nearest stay.
-    auto farthest = std::max_element(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
+    auto farthest = std::max_element(object.planes.begin(), object.planes.end(),
+                                     [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
     if (farthest->gap > plane.gap) *farthest = plane;
   }
 }
@@ -351,7 +366,8 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   const std::string_view value = get_text(message.value);
   const auto result_of = [&reply](std::uint32_t result, const char* text, std::string_view subject = "") {
     reply.result = result;
-    std::snprintf(reply.text.data(), reply.text.size(), "%s%.*s", text, static_cast<int>(subject.size()), subject.data());
+    std::snprintf(reply.text.data(), reply.text.size(), "%s%.*s", text, static_cast<int>(subject.size()),
+                  subject.data());
     return reply;
   };
   const bool known = key == "object.reset" || key == "object.remove" || key == "object.teleport";
@@ -362,7 +378,8 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     // Names may have blanks: the longest that the numbers can stand behind.
     name = value.substr(0, value.find(' '));
     for (const Object& each : objects_)
-      if (each.options.name.size() > name.size() && value.starts_with(each.options.name + " ")) name = value.substr(0, each.options.name.size());
+      if (each.options.name.size() > name.size() && value.starts_with(each.options.name + " "))
+        name = value.substr(0, each.options.name.size());
   }
   if (key == "object.reset" && name == "*") {
     for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
@@ -386,8 +403,8 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   Vector3 to;
   const std::string numbers(value.substr(name.size()));
   int read = 0;
-  if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 || static_cast<std::size_t>(read) != numbers.size() ||
-      !to.allFinite() || to.norm() > 1000)
+  if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 ||
+      static_cast<std::size_t>(read) != numbers.size() || !to.allFinite() || to.norm() > 1000)
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
   // A place is that of the shape's frame, as in the scene file, and the pose that of the body's.
   const Pose& body_frame = object->solid.body_frame;
@@ -423,7 +440,8 @@ double WorldLoop::energy() const {
   for (const Object& object : objects_) {
     if (!object.present || !object.dynamic) continue;
     const Vector3 spin = object.pose.orientation.conjugate() * object.velocity.angular;
-    sum += 0.5 * object.options.mass * object.velocity.linear.squaredNorm() + 0.5 * spin.dot(object.solid.inertia.cwiseProduct(spin)) -
+    sum += 0.5 * object.options.mass * object.velocity.linear.squaredNorm() +
+           0.5 * spin.dot(object.solid.inertia.cwiseProduct(spin)) -
            object.options.mass * gravity_of(object).dot(object.pose.position);
   }
   return sum;

@@ -16,7 +16,8 @@ namespace {
 // Rows: A's position and velocity 0 1, B's 2 3; the four a period ago 4..7, and two periods ago 8..11.
 using Matrix12 = Eigen::Matrix<double, 12, 12>;
 
-/// The body of rows `own`, `own` + 1 takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1, per unit of mass.
+/// The body of rows `own`, `own` + 1 takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1, per unit
+/// of mass.
 Matrix12 implicit_steps(int own, int copy, int steps, double k, double b, double step) {
   // v' (1 + T b + T^2 k) = v + T k (x_c - x) + T b v_c, x' = x + T v'.
   Matrix12 one = Matrix12::Identity();
@@ -36,10 +37,13 @@ bool symmetric_is_stable(double stiffness_per_mass, double damping_ratio, double
   return symmetric_growth(stiffness_per_mass, damping_ratio, world_step, hand_step) <= 1 + 1e-5;
 }
 
-/// `stiffness_per_mass` where that and every softer symmetric spring is stable, else the stiffest of which this is so; 0 when there is none. Ever stiffer springs
-/// come back to a growth of one from above, so slowly growing that the test would pass; under contact they are thrown about (`softhand report stress`).
+/// `stiffness_per_mass` where that and every softer symmetric spring is stable, else the stiffest of which this is so;
+/// 0 when there is none. Ever stiffer springs come back to a growth of one from above, so slowly growing that the test
+/// would pass; under contact they are thrown about (`softhand report stress`).
 double stiffest_stable(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
-  const auto is_stable = [&](double candidate) { return symmetric_is_stable(candidate, damping_ratio, world_step, hand_step); };
+  const auto is_stable = [&](double candidate) {
+    return symmetric_is_stable(candidate, damping_ratio, world_step, hand_step);
+  };
   const double period = std::max(world_step, hand_step);
   double stable = 0;
   for (double next = 1e-3 / (period * period); stable < stiffness_per_mass; next *= 1.2) {
@@ -49,7 +53,8 @@ double stiffest_stable(double stiffness_per_mass, double damping_ratio, double w
       continue;
     }
     double unstable = candidate;
-    for (int halving = 0; halving < 8 && stable > 0; ++halving) (is_stable(0.5 * (stable + unstable)) ? stable : unstable) = 0.5 * (stable + unstable);
+    for (int halving = 0; halving < 8 && stable > 0; ++halving)
+      (is_stable(0.5 * (stable + unstable)) ? stable : unstable) = 0.5 * (stable + unstable);
     break;
   }
   return stable;
@@ -69,7 +74,8 @@ double symmetric_growth(double stiffness_per_mass, double damping_ratio, double 
   return map.eigenvalues().cwiseAbs().maxCoeff();
 }
 
-std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects, double hand_step) {
+std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
+                                     double hand_step) {
   std::vector<std::string> wrong;
   const auto refuse = [&wrong](const auto&... parts) {
     std::ostringstream text;
@@ -88,7 +94,8 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     return text.str();
   };
   if (world.mode == "owner" && world.follow_stiffness > 1)
-    refuse("world.follow_stiffness = ", world.follow_stiffness, ": above m/T^2 the world's copy overshoots stale twins; nearest value that works: 1");
+    refuse("world.follow_stiffness = ", world.follow_stiffness,
+           ": above m/T^2 the world's copy overshoots stale twins; nearest value that works: 1");
   if (objects.size() > kMaxObjects) refuse("objects: ", objects.size(), " objects, room for ", kMaxObjects);
   std::set<std::string> names;
   for (std::size_t i = 0; i < objects.size(); ++i) {
@@ -96,9 +103,11 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     const std::string where = "objects." + object.name;
     if (object.name.empty() || object.name.size() > 63) refuse("objects[", i, "].name: expected 1 to 63 characters");
     if (!names.insert(object.name).second) refuse(where, ": the name stands twice");
-    if (object.shape == "plane" && object.mass != 0) refuse(where, ".mass = ", object.mass, ": a plane is static; expected 0");
+    if (object.shape == "plane" && object.mass != 0)
+      refuse(where, ".mass = ", object.mass, ": a plane is static; expected 0");
     if (object.mass != 0 && !(object.mass >= 1e-4))
-      refuse(where, ".mass = ", object.mass, ": expected 0 (static) or at least 0.0001 kg, below which single precision loses it");
+      refuse(where, ".mass = ", object.mass,
+             ": expected 0 (static) or at least 0.0001 kg, below which single precision loses it");
     if (object.floating && object.mass == 0) refuse(where, ".floating: a static object cannot float; give it a mass");
     const auto& q = object.orientation;
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
@@ -108,15 +117,17 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
       if (world.mode != "symmetric" || object.mass == 0) continue;
       const double offered = stiffest_stable(world.stiffness / object.mass, world.damping_ratio, step, hand_step);
       if (offered < world.stiffness / object.mass)
-        refuse("world.stiffness = ", world.stiffness, ": ", growing(world.stiffness / object.mass), " on ", where, " (", object.mass, " kg, ", world.rate_hz,
-               " Hz against ", 1 / hand_step, " Hz); ",
-               offered > 0 ? "nearest value that works: " + std::to_string(offered * object.mass) : std::string("no stiffness works: use mode owner"));
+        refuse("world.stiffness = ", world.stiffness, ": ", growing(world.stiffness / object.mass), " on ", where, " (",
+               object.mass, " kg, ", world.rate_hz, " Hz against ", 1 / hand_step, " Hz); ",
+               offered > 0 ? "nearest value that works: " + std::to_string(offered * object.mass)
+                           : std::string("no stiffness works: use mode owner"));
       for (int axis = 0; axis < 3; ++axis) {
         const double turning = world.angular_stiffness / solid.inertia[axis];
         const double other = stiffest_stable(turning, world.damping_ratio, step, hand_step);
         if (other == turning) continue;
         refuse("world.angular_stiffness = ", world.angular_stiffness, ": ", growing(turning), " on ", where, "; ",
-               other > 0 ? "nearest value that works: " + std::to_string(other * solid.inertia[axis]) : std::string("no stiffness works: use mode owner"));
+               other > 0 ? "nearest value that works: " + std::to_string(other * solid.inertia[axis])
+                         : std::string("no stiffness works: use mode owner"));
         break;
       }
     } catch (const std::invalid_argument& problem) {

@@ -46,17 +46,24 @@ inline void describe(OptionVisitor& v, VertexOptions& o) {
 
 inline void describe(OptionVisitor& v, WorldOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {30, 2000},
-           "Rate of the world; its step T is the reciprocal. 250 Hz has a step of whole nanoseconds, keeps a followed object's lag (about 4 T^2 a) "
+           "Rate of the world; its step T is the reciprocal. 250 Hz has a step of whole nanoseconds, keeps a followed "
+           "object's lag (about 4 T^2 a) "
            "under a millimetre for what hands do, and costs about 3 % of a core for a table with ten objects.");
   v.choice("engine", o.engine, {"bullet"}, "The physics engine.");
   v.numbers("gravity", o.gravity.data(), 3, "m/s^2", {-100, 100}, "Acceleration on every object that does not float.");
   v.choice("mode", o.mode, {"owner", "symmetric"},
-           "owner: a touched object belongs to the hand's simulation and the world's follows it. symmetric: a spring on both sides (ES2725128A1, U'_crb).");
-  v.number("follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3}, "Mode owner: stiffness of the world's copy to the twin over m/T^2; above 1 is refused.");
-  v.number("staleness", o.staleness, "periods", {0, 2}, "How many periods old a copy may be in normal running; bounds the extrapolation of the twin.");
-  v.number("stiffness", o.stiffness, "N/m", {1e-3, 1e7}, "Mode symmetric: stiffness of the spring to the twin's position.");
-  v.number("angular_stiffness", o.angular_stiffness, "N m/rad", {1e-9, 1e5}, "Mode symmetric: stiffness of the spring to the twin's orientation.");
-  v.number("damping_ratio", o.damping_ratio, "1", {0, 10}, "Mode symmetric: damping to the twin's velocity over the critical one; the text has 0.");
+           "owner: a touched object belongs to the hand's simulation and the world's follows it. symmetric: a spring "
+           "on both sides (ES2725128A1, U'_crb).");
+  v.number("follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3},
+           "Mode owner: stiffness of the world's copy to the twin over m/T^2; above 1 is refused.");
+  v.number("staleness", o.staleness, "periods", {0, 2},
+           "How many periods old a copy may be in normal running; bounds the extrapolation of the twin.");
+  v.number("stiffness", o.stiffness, "N/m", {1e-3, 1e7},
+           "Mode symmetric: stiffness of the spring to the twin's position.");
+  v.number("angular_stiffness", o.angular_stiffness, "N m/rad", {1e-9, 1e5},
+           "Mode symmetric: stiffness of the spring to the twin's orientation.");
+  v.number("damping_ratio", o.damping_ratio, "1", {0, 10},
+           "Mode symmetric: damping to the twin's velocity over the critical one; the text has 0.");
 }
 
 inline void describe(OptionVisitor& v, ObjectOptions& o) {
@@ -74,12 +81,14 @@ inline void describe(OptionVisitor& v, ObjectOptions& o) {
   v.flag("floating", o.floating, "Gravity does not act before a hand first touches the object.");
 }
 
-/// Everything that is wrong with a world, one sentence each with the value, the reason and the nearest value that works; empty when it can be
-/// run. `hand_step` (s) is the period of the hand simulation that it will be coupled to.
-std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90);
+/// Everything that is wrong with a world, one sentence each with the value, the reason and the nearest value that
+/// works; empty when it can be run. `hand_step` (s) is the period of the hand simulation that it will be coupled to.
+std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
+                                     double hand_step = 1.0 / 90);
 
-/// Growth factor, per period of the slower side, of two equal bodies joined by an implicit spring on both sides whose copies are two periods old: the text's
-/// symmetric coupling. Above 1 it is unstable. `stiffness_per_mass` in 1/s^2, `damping_ratio` over critical.
+/// Growth factor, per period of the slower side, of two equal bodies joined by an implicit spring on both sides whose
+/// copies are two periods old: the text's symmetric coupling. Above 1 it is unstable. `stiffness_per_mass` in 1/s^2,
+/// `damping_ratio` over critical.
 double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step);
 
 }  // namespace softhand

@@ -25,7 +25,14 @@ void factor_and_solve(benchmark::State& bench) {
   bench.counters["fronts"] = static_cast<double>(turns.front_count());
   bench.counters["analysis_ms"] = 1e3 * turns.analysis();
 }
-BENCHMARK(factor_and_solve)->ArgName("nodes")->Arg(400)->Arg(750)->Arg(1450)->Arg(3000)->Arg(6000)->Unit(benchmark::kMillisecond);
+BENCHMARK(factor_and_solve)
+    ->ArgName("nodes")
+    ->Arg(400)
+    ->Arg(750)
+    ->Arg(1450)
+    ->Arg(3000)
+    ->Arg(6000)
+    ->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace softhand

@@ -42,7 +42,8 @@ void count_steps() {
   rows.push_back({5, 95, 0.5});
   // All are ready before counting starts, which makes valgrind translate everything anew.
   for (Row& row : rows) {
-    row.hand = std::make_unique<softhand::bench::Pressing>(row.touched, row.untouched, row.clearance, "right_400.hand.json", fast_mode());
+    row.hand = std::make_unique<softhand::bench::Pressing>(row.touched, row.untouched, row.clearance,
+                                                           "right_400.hand.json", fast_mode());
     row.hand->settle(kSettlingSteps);
   }
   CALLGRIND_START_INSTRUMENTATION;
@@ -50,7 +51,8 @@ void count_steps() {
     CALLGRIND_ZERO_STATS;
     row.hand->step([](auto&& work) { work(); });
     CALLGRIND_DUMP_STATS;
-    std::printf("%d %d %d %g %d\n", row.touched, row.hand->touched_objects(), row.untouched, row.clearance, row.hand->contacts());
+    std::printf("%d %d %d %g %d\n", row.touched, row.hand->touched_objects(), row.untouched, row.clearance,
+                row.hand->contacts());
   }
 }
 

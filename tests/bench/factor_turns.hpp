@@ -1,5 +1,6 @@
-// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD supernodal, Eigen's SimplicialLDLT and its conjugate gradients with
-// an incomplete Cholesky factor, and against dgemm's rate. The solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
+// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD
+// supernodal, Eigen's SimplicialLDLT and its conjugate gradients with an incomplete Cholesky factor, and against
+// dgemm's rate. The solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
 #pragma once
 
 #include <Eigen/IterativeLinearSolvers>
@@ -14,8 +15,8 @@
 #include "solver/cholmod_solver.hpp"
 #include "support/hand_matrix.hpp"
 
-extern "C" void dgemm_(const char*, const char*, const int*, const int*, const int*, const double*, const double*, const int*, const double*, const int*, const double*,
-                       double*, const int*);
+extern "C" void dgemm_(const char*, const char*, const int*, const int*, const int*, const double*, const double*,
+                       const int*, const double*, const int*, const double*, double*, const int*);
 
 namespace softhand::bench {
 
@@ -24,13 +25,15 @@ class FactorTurns {
   /// `size` as in config/hands/right_<size>.hand.json.
   explicit FactorTurns(int size)
       : matrix_(testing::hand_matrix(SOFTHAND_SOURCE_DIR "/config/hands/right_" + std::to_string(size) + ".hand.json")),
-        rhs_(VectorX::Ones(3 * matrix_.block_count())), x_(rhs_.size()) {
+        rhs_(VectorX::Ones(3 * matrix_.block_count())),
+        x_(rhs_.size()) {
     analysis_ = seconds_of([&] { block_.analyze(matrix_); });
     single_.analyze(matrix_);
     cholmod_.analyze(matrix_);
     std::vector<Eigen::Triplet<double>> entries;
     for (int column = 0; column < matrix_.block_count(); ++column) {
-      for (std::int32_t k = matrix_.column_start()[static_cast<std::size_t>(column)]; k < matrix_.column_start()[static_cast<std::size_t>(column) + 1]; ++k) {
+      for (std::int32_t k = matrix_.column_start()[static_cast<std::size_t>(column)];
+           k < matrix_.column_start()[static_cast<std::size_t>(column) + 1]; ++k) {
         const int row = matrix_.row()[static_cast<std::size_t>(k)];
         for (int i = 0; i < 9; ++i) {
           const double value = matrix_.values()[static_cast<std::size_t>(9 * k + i)];
@@ -78,7 +81,9 @@ class FactorTurns {
   long gradients_iterations() const { return gradients_.iterations(); }
   /// The double factor's rate, taking over included, over dgemm's.
   double fraction_of_peak() const { return block_.factor_operations() / (block() - block_solve()) / dgemm_rate(); }
-  double dgemm_rate() const { return 2.0 * kSize * kSize * kSize / median(dgemm_times_); }  ///< floating-point operations a second
+  double dgemm_rate() const {
+    return 2.0 * kSize * kSize * kSize / median(dgemm_times_);
+  }  ///< floating-point operations a second
   double operations() const { return block_.factor_operations(); }
   double analysis() const { return analysis_; }
   std::size_t front_count() const { return block_.front_count(); }
@@ -105,10 +110,12 @@ class FactorTurns {
   CholmodSolver cholmod_;
   Eigen::SparseMatrix<double> sparse_;
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> eigen_;
-  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper, Eigen::IncompleteCholesky<double>> gradients_;
+  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper, Eigen::IncompleteCholesky<double>>
+      gradients_;
   double analysis_ = 0;
   std::vector<double> a_ = std::vector<double>(kSize * kSize, 1.0), c_ = std::vector<double>(kSize * kSize);
-  std::vector<double> block_times_, solve_times_, single_times_, cholmod_times_, eigen_times_, gradients_times_, dgemm_times_;
+  std::vector<double> block_times_, solve_times_, single_times_, cholmod_times_, eigen_times_, gradients_times_,
+      dgemm_times_;
 };
 
 }  // namespace softhand::bench

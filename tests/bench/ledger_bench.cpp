@@ -1,5 +1,6 @@
-// What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and one without; the thread's own
-// time of both: medians of the steps, and of the pairs' ratios. `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
+// What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and
+// one without; the thread's own time of both: medians of the steps, and of the pairs' ratios. `taskset -c 1
+// bin/bench_ledger config/hands/right_1450.hand.json`.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -17,7 +18,8 @@ namespace {
 using namespace softhand;
 
 Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequence) {
-  const Pose wrist{Vector3(0.01 * std::sin(4 * seconds), -0.006 * std::sin(2 * seconds), 0), rotation_exp(Vector3(0, 0.2 * std::sin(5 * seconds), 0))};
+  const Pose wrist{Vector3(0.01 * std::sin(4 * seconds), -0.006 * std::sin(2 * seconds), 0),
+                   rotation_exp(Vector3(0, 0.2 * std::sin(5 * seconds), 0))};
   return testing::skeleton_at(hand, wrist, static_cast<Nanoseconds>((1 + seconds) * 1e9), sequence);
 }
 
@@ -32,7 +34,8 @@ void compare(const char* name, int pairs, double time_step, const HandModel& han
     }
     ratios.push_back(spent[1].back() / spent[0].back());
   }
-  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * bench::median(spent[0]), 1e6 * bench::median(spent[1]), 100 * (bench::median(ratios) - 1));
+  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * bench::median(spent[0]),
+              1e6 * bench::median(spent[1]), 100 * (bench::median(ratios) - 1));
 }
 
 }  // namespace

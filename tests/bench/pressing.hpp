@@ -18,11 +18,13 @@ namespace softhand::bench {
 class Pressing {
  public:
   /// `clearance`: m from the hand's highest node up to those that it does not touch.
-  Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json", HandOptions options = {})
+  Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json",
+           HandOptions options = {})
       : hand_(load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + hand_file)) {
     options.mirrored_objects = 8;
     loop_ = std::make_unique<HandLoop>(hand_, options, HandKey{});
-    constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip};
+    constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip,
+                                        Joint::little_tip};
     constexpr double kRadius = 0.01, kDepth = 0.001;
     Vector3 low = Vector3::Constant(1), high = Vector3::Constant(-1);
     for (const Vector3& node : hand_.nodes) {
@@ -32,10 +34,13 @@ class Pressing {
     for (int k = 0; k < untouched; ++k) {
       // A grid above the hand.
       const double u = (k % 10 + 0.5) / 10, v = (k / 10 + 0.5) / 10;
-      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + clearance + kRadius, low.z() + v * (high.z() - low.z())), kRadius);
+      add(Vector3(low.x() + u * (high.x() - low.x()), high.y() + clearance + kRadius,
+                  low.z() + v * (high.z() - low.z())),
+          kRadius);
     }
     for (int k = 0; k < touched; ++k) {
-      const Vector3 tip = hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
+      const Vector3 tip =
+          hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
       // Under the lowest node of the tip, so that a coarse hand touches too.
       Vector3 lowest = tip;
       for (const Vector3& node : hand_.nodes) {

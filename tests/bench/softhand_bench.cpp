@@ -1,7 +1,8 @@
 // softhand-bench: what a step costs and in ratio to what, as a table and by name in JSON. `softhand bench` runs it.
 //
-// A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services do not. Times are of the thread's own work, so that they hold on a
-// machine with other load; compare ratios nevertheless. What is compared takes turns in the same run.
+// A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services
+// do not. Times are of the thread's own work, so that they hold on a machine with other load; compare ratios
+// nevertheless. What is compared takes turns in the same run.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/wait.h>
@@ -45,7 +46,8 @@ namespace fs = std::filesystem;
 
 constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the cube is lifted and held
 
-constexpr double kRecordedFistFrom = 2, kRecordedFistTo = 4;  // s of the recording: the fist is closed around the cylinder
+constexpr double kRecordedFistFrom = 2,
+                 kRecordedFistTo = 4;  // s of the recording: the fist is closed around the cylinder
 
 constexpr int kPeerSteps = 15;
 
@@ -60,17 +62,18 @@ std::string hand_name(int file) { return fmt::format("right_{}.hand.json", file)
 
 struct GraspCost {
   int nodes = 0, tetrahedra = 0;
-  std::vector<double> steps;  ///< s, default mode, while holding
-  std::vector<double> whole;  ///< s, default mode, the whole run but its first tenth of a second
-  std::vector<double> fast;   ///< s, the method's fast mode: one iteration, from the same states
-  std::vector<double> shared; ///< the same with two threads; none where there is but one core
-  int touching = 0;           ///< least contacts of a measured step
+  std::vector<double> steps;   ///< s, default mode, while holding
+  std::vector<double> whole;   ///< s, default mode, the whole run but its first tenth of a second
+  std::vector<double> fast;    ///< s, the method's fast mode: one iteration, from the same states
+  std::vector<double> shared;  ///< the same with two threads; none where there is but one core
+  int touching = 0;            ///< least contacts of a measured step
 };
 
 // A loop of the rig's hand with other options, that steps from where the rig's loop stands.
 class Follower {
  public:
-  Follower(const Scene& scene, const HandModel& hand, const HandOptions& options, const VirtualRig& rig) : loop_(hand, options, hand_key(scene), object_spring(scene.options.world)) {
+  Follower(const Scene& scene, const HandModel& hand, const HandOptions& options, const VirtualRig& rig)
+      : loop_(hand, options, hand_key(scene), object_spring(scene.options.world)) {
     for (const ObjectDescription& description : rig.world().descriptions()) loop_.describe_object(description);
   }
   /// Seconds of a step to `time` from the rig's state.
@@ -86,7 +89,9 @@ class Follower {
 GraspCost measure_grasp(const Size& size) {
   const Scene scene = read_scene(scene_path("pinch_lift.toml"), {"hand.model=" + hand_name(size.file)});
   const HandModel hand = load_scene_hand(scene);
-  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
   HandOptions fast_options = scene.options.hand;
   fast_options.simulation.solver.max_iterations = 1;
   fast_options.simulation.solver.measure_result = false;
@@ -114,17 +119,22 @@ GraspCost measure_grasp(const Size& size) {
   return cost;
 }
 
-// Medians of steps in free motion over those of a grasp that is held, by the wall's clock: two rigs' own steps, a tenth of a second in turn, so that other load hits both alike.
+// Medians of steps in free motion over those of a grasp that is held, by the wall's clock: two rigs' own steps, a tenth
+// of a second in turn, so that other load hits both alike.
 double idle_hand_cost_fraction(const Size& size) {
   constexpr double kTurn = 0.1, kFreeFrom = 0.5;  // s
   struct Side {
     Side(const std::string& file, const std::string& hand_file, double from)
-        : scene(read_scene(file, {"hand.model=" + hand_file})), hand(load_scene_hand(scene)),
-          rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene))), begin(from) {
+        : scene(read_scene(file, {"hand.model=" + hand_file})),
+          hand(load_scene_hand(scene)),
+          rig(scene, hand,
+              std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene))),
+          begin(from) {
       rig.run(from, {});
     }
     void go_on(double seconds) {
-      rig.run(begin + seconds, [this](const HandStepView& view) { steps.push_back(view.output->report.timing.total()); });
+      rig.run(begin + seconds,
+              [this](const HandStepView& view) { steps.push_back(view.output->report.timing.total()); });
     }
     Scene scene;
     HandModel hand;
@@ -133,7 +143,8 @@ double idle_hand_cost_fraction(const Size& size) {
     std::vector<double> steps;
   };
   const std::string hand_file = SOFTHAND_SOURCE_DIR "/config/hands/" + hand_name(size.file);
-  Side held(scene_path("pinch_lift.toml"), hand_file, kGraspFrom), free(SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml", hand_file, kFreeFrom);
+  Side held(scene_path("pinch_lift.toml"), hand_file, kGraspFrom),
+      free(SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml", hand_file, kFreeFrom);
   for (double time = kTurn; time <= kGraspTo - kGraspFrom; time += kTurn) {
     held.go_on(time);
     free.go_on(time);
@@ -158,7 +169,8 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
     }
   }
   std::vector<PressingCost> costs;
-  for (std::size_t k = 0; k < hands.size(); ++k) costs.push_back({median(times[k]), median(contact[k]), hands[k]->touched_objects(), hands[k]->contacts()});
+  for (std::size_t k = 0; k < hands.size(); ++k)
+    costs.push_back({median(times[k]), median(contact[k]), hands[k]->touched_objects(), hands[k]->contacts()});
   return costs;
 }
 
@@ -184,12 +196,15 @@ std::vector<std::pair<double, double>> by_hands() {
 }
 
 // Work of the default's steps in a scene, in fast steps, from `from` to `to` seconds.
-std::vector<double> work_of_steps(const std::string& scene_name, const std::vector<std::string>& overrides, double from, double to) {
+std::vector<double> work_of_steps(const std::string& scene_name, const std::vector<std::string>& overrides, double from,
+                                  double to) {
   std::vector<std::string> all{"hand.model=" + hand_name(1450)};
   all.insert(all.end(), overrides.begin(), overrides.end());
   const Scene scene = read_scene(scene_path(scene_name), all);
   const HandModel hand = load_scene_hand(scene);
-  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
   std::vector<double> work;
   rig.run(to, [&](const HandStepView& view) {
     if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 >= from) work.push_back(view.output->report.work);
@@ -280,7 +295,9 @@ ServiceCost measure_service() {
   if (!tracked.wait(std::chrono::seconds(10))) return cost;
   const auto started = std::chrono::steady_clock::now();
   const Child hand({programs + "/softhand-hand", "--config", scene, "--module", "hand", "--set", "hand.direct=true"});
-  const auto seconds = [&started] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count(); };
+  const auto seconds = [&started] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  };
   while (!simulated.take_latest(skeleton) && seconds() < 20) simulated.wait(std::chrono::milliseconds(100));
   if (seconds() < 20) cost.start_seconds = seconds();
   std::this_thread::sleep_for(std::chrono::seconds(2));
@@ -337,9 +354,12 @@ Json run() {
   for (const Size& size : kSizes) {
     FactorTurns turns(size.file);
     for (int i = 0; i < 15; ++i) turns.turn(false);
-    put(fmt::format("factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.block(), "double against double");
-    put(fmt::format("factor_solve_speedup_over_simplicial_ldlt_{}", size.key), turns.eigen() / turns.block(), "Eigen's, double");
-    put(fmt::format("float_factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.single(), "float against double");
+    put(fmt::format("factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.block(),
+        "double against double");
+    put(fmt::format("factor_solve_speedup_over_simplicial_ldlt_{}", size.key), turns.eigen() / turns.block(),
+        "Eigen's, double");
+    put(fmt::format("float_factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.single(),
+        "float against double");
     put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with taking over the values");
     put(fmt::format("factor_fraction_of_peak_{}", size.key), turns.fraction_of_peak(), "of dgemm's rate, double");
     factor_by_nodes.emplace_back(size.key, turns.block());
@@ -351,9 +371,11 @@ Json run() {
   testing::ScalarTissue scalar(sample.box);
   Tissue tissue(sample.box);
   const double scalar_seconds = kernel_seconds(scalar, sample);
-  put("tissue_simd_speedup", scalar_seconds / kernel_seconds(tissue, sample), "energy, gradient and Hessian, double, over scalar");
+  put("tissue_simd_speedup", scalar_seconds / kernel_seconds(tissue, sample),
+      "energy, gradient and Hessian, double, over scalar");
   tissue.use_single_hessian();
-  put("tissue_simd_float_speedup", scalar_seconds / kernel_seconds(tissue, sample), "the same with the Hessian's products in float");
+  put("tissue_simd_float_speedup", scalar_seconds / kernel_seconds(tissue, sample),
+      "the same with the Hessian's products in float");
 
   fmt::print("step of the hand in a grasp\n");
   std::map<int, GraspCost> grasps;
@@ -361,17 +383,22 @@ Json run() {
   for (const Size& size : kSizes) {
     const GraspCost& cost = grasps[size.key] = measure_grasp(size);
     if (cost.touching == 0) fmt::print("  (size {}: not in a grasp throughout)\n", size.key);
-    put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""), "default mode");
+    put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""),
+        "default mode");
     put(fmt::format("fast_step_ms_{}", size.key), 1e3 * median(cost.fast), "one iteration, one thread");
-    put(fmt::format("fast_step_two_threads_ms_{}", size.key), cost.shared.empty() ? std::nan("") : 1e3 * median(cost.shared), "the same on two cores");
-    put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_factor.at(size.key)), "with CHOLMOD's factor and solve of above for ours");
+    put(fmt::format("fast_step_two_threads_ms_{}", size.key),
+        cost.shared.empty() ? std::nan("") : 1e3 * median(cost.shared), "the same on two cores");
+    put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_factor.at(size.key)),
+        "with CHOLMOD's factor and solve of above for ours");
     by_nodes.emplace_back(cost.nodes, median(cost.steps));
     fast_by_nodes.emplace_back(cost.nodes, median(cost.fast));
     fast_by_tetrahedra.emplace_back(cost.tetrahedra, median(cost.fast));
   }
   const GraspCost& reference = grasps.at(1450);
-  put("step_p99_over_p50", quantile(reference.fast, 0.99) / median(reference.fast), "fast step in a grasp, 1,450 nodes");
-  put("default_step_p99_over_p50", quantile(reference.whole, 0.99) / median(reference.whole), "1,450 nodes, approach to hold: as many iterations as it takes");
+  put("step_p99_over_p50", quantile(reference.fast, 0.99) / median(reference.fast),
+      "fast step in a grasp, 1,450 nodes");
+  put("default_step_p99_over_p50", quantile(reference.whole, 0.99) / median(reference.whole),
+      "1,450 nodes, approach to hold: as many iterations as it takes");
   put("allocations_per_step", allocations_per_step(), "five objects touched");
 
   fmt::print("a step in each scene of the report, default mode, 1,450 nodes\n");
@@ -382,31 +409,41 @@ Json run() {
   fmt::print("work of default steps, in fast steps (docs/performance.md, a budget of work), 1,450 nodes\n");
   const std::string recording = SOFTHAND_SOURCE_DIR "/../shared/data/quest3/right.csv";
   const bool is_recorded = fs::exists(recording);
-  const auto recorded_work = [&](double from, double to) { return work_of_steps("recorded_grasp.toml", {"motion=" + recording}, from, to); };
+  const auto recorded_work = [&](double from, double to) {
+    return work_of_steps("recorded_grasp.toml", {"motion=" + recording}, from, to);
+  };
   const std::vector<std::string> fist{"generator.motion=fist", "generator.object_position=[0,0.5,0]"};
   put("work_tail_pinch_lift", quantile(work_of_steps("pinch_lift.toml", {}, 0.1, 8), 0.99), "p99");
   put("work_tail_power_grasp", quantile(work_of_steps("power_grasp.toml", {}, 0.1, 8), 0.99), "p99");
-  put("work_tail_recorded_grasp", is_recorded ? quantile(recorded_work(0.1, 8.4), 0.99) : std::nan(""), "p99; null without the recording");
-  put("work_tail_fist", quantile(work_of_steps("pinch_lift.toml", fist, 0.1, 4), 0.99), "p99; closes in the air and opens");
+  put("work_tail_recorded_grasp", is_recorded ? quantile(recorded_work(0.1, 8.4), 0.99) : std::nan(""),
+      "p99; null without the recording");
+  put("work_tail_fist", quantile(work_of_steps("pinch_lift.toml", fist, 0.1, 4), 0.99),
+      "p99; closes in the air and opens");
   put("recorded_step_over_pinch_step",
-      is_recorded ? median(recorded_work(kRecordedFistFrom, kRecordedFistTo)) / median(work_of_steps("pinch_lift.toml", {}, kGraspFrom, kGraspTo)) : std::nan(""),
+      is_recorded ? median(recorded_work(kRecordedFistFrom, kRecordedFistTo)) /
+                        median(work_of_steps("pinch_lift.toml", {}, kGraspFrom, kGraspTo))
+                  : std::nan(""),
       "median work, closed recorded fist over held pinch");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {
     const error_runtime::PeerSteps peer = error_runtime::compare_steps(fmt::format("right_{}", size.file), kPeerSteps);
-    put(fmt::format("step_speedup_over_bullet_{}", size.key), peer.bullet_seconds / peer.own_seconds, "soft fingers fall, no bones, no contact; both as they come");
+    put(fmt::format("step_speedup_over_bullet_{}", size.key), peer.bullet_seconds / peer.own_seconds,
+        "soft fingers fall, no bones, no contact; both as they come");
     put(fmt::format("peer_error_mm_{}", size.key), peer.own_rms_mm, "of ours, skin from the converged, RMS");
     put(fmt::format("peer_error_mm_bullet_{}", size.key), peer.bullet_rms_mm, "of Bullet's");
   }
 
   fmt::print("what a scene does not need\n");
-  put("idle_hand_cost_fraction", idle_hand_cost_fraction({1450, 1450}), "free motion over grasp, in turns, 1,450 nodes");
+  put("idle_hand_cost_fraction", idle_hand_cost_fraction({1450, 1450}),
+      "free motion over grasp, in turns, 1,450 nodes");
   const auto clutter = measure_pressing({{5, 0}, {5, 95}}, 60);
   const bool all_touched = clutter[0].touched == 5 && clutter[1].touched == 5;
   if (!all_touched) fmt::print("  (touched {} and {} of 5 objects)\n", clutter[0].touched, clutter[1].touched);
-  put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""), "100 objects near, 5 touched, over these 5 alone");
-  put("settled_world_cost_ratio", settled_world_cost_ratio(), "100 boxes asleep on a table, over the same while they settle");
+  put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""),
+      "100 objects near, 5 touched, over these 5 alone");
+  put("settled_world_cost_ratio", settled_world_cost_ratio(),
+      "100 boxes asleep on a table, over the same while they settle");
 
   fmt::print("exponents\n");
   put("factor_exponent_nodes", exponent(factor_by_nodes), "double factor and solve");
@@ -418,16 +455,19 @@ Json run() {
   for (const PressingCost& cost : touching) {
     if (cost.contacts > 0) by_contacts.emplace_back(cost.contacts, cost.contact);
   }
-  put("contact_exponent_contacts", by_contacts.size() > 1 ? exponent(by_contacts) : std::nan(""), "detection and anchors, by touching nodes");
+  put("contact_exponent_contacts", by_contacts.size() > 1 ? exponent(by_contacts) : std::nan(""),
+      "detection and anchors, by touching nodes");
   const auto crowd = measure_pressing({{0, 12}, {0, 25}, {0, 50}, {0, 100}}, 40);
   std::vector<std::pair<double, double>> by_objects;
   for (std::size_t k = 0; k < crowd.size(); ++k) by_objects.emplace_back(std::array{12, 25, 50, 100}[k], crowd[k].step);
   put("step_exponent_objects", exponent(by_objects), "near, none touched");
-  put("step_exponent_hands", exponent(by_hands()), "1 to 8 hands that touch 5 objects each, one after another on a core");
+  put("step_exponent_hands", exponent(by_hands()),
+      "1 to 8 hands that touch 5 objects each, one after another on a core");
 
   fmt::print("the hand's service\n");
   const ServiceCost service = measure_service();
-  put("start_to_first_hand_seconds", service.start_seconds, "from exec to the first simulated skeleton, by the wall's clock");
+  put("start_to_first_hand_seconds", service.start_seconds,
+      "from exec to the first simulated skeleton, by the wall's clock");
   put("hand_service_megabytes", service.megabytes, "resident, 1,450 nodes");
   return json;
 }
@@ -436,7 +476,10 @@ Json run() {
 }  // namespace softhand::bench
 
 int main(int argc, char** argv) {
-  CLI::App app("Measures the hand's step, its parts and its service; about a minute. On one core (taskset -c 1) two threads are not measured", "softhand bench");
+  CLI::App app(
+      "Measures the hand's step, its parts and its service; about a minute. On one core (taskset -c 1) two threads are "
+      "not measured",
+      "softhand bench");
   std::string path;
   app.add_option("--json", path, "Where the figures go")->type_name("FILE");
   CLI11_PARSE(app, argc, argv);

@@ -1,4 +1,5 @@
-// What a fast step costs in instructions: as recorded, in proportion to what touches, and next to nothing for what does not; and what a hull's vertices cost.
+// What a fast step costs in instructions: as recorded, in proportion to what touches, and next to nothing for what does
+// not; and what a hull's vertices cost.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -27,8 +28,10 @@ std::vector<std::pair<std::string, double>> count(const std::string& work) {
   const fs::path folder = fs::path(testing::TempDir()) / ("softhand_step_cost_" + std::to_string(getpid()));
   fs::remove_all(folder);
   fs::create_directories(folder);
-  const std::string command = std::string(SOFTHAND_VALGRIND) + " --tool=callgrind --instr-atstart=no --callgrind-out-file=" + (folder / "count").string() + " " + SOFTHAND_COUNTED_WORK + " " +
-                              work + " > " + (folder / "rows").string() + " 2> " + (folder / "log").string();
+  const std::string command =
+      std::string(SOFTHAND_VALGRIND) +
+      " --tool=callgrind --instr-atstart=no --callgrind-out-file=" + (folder / "count").string() + " " +
+      SOFTHAND_COUNTED_WORK + " " + work + " > " + (folder / "rows").string() + " 2> " + (folder / "log").string();
   if (std::system(command.c_str()) != 0) {
     std::stringstream log;
     log << std::ifstream(folder / "log").rdbuf();
@@ -73,14 +76,17 @@ TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
   }
   ASSERT_EQ(costs.size(), 7u);
   for (const Cost& cost : costs) {
-    std::printf("%d of %d touched, %d contacts, %d untouched from %g m: %.0f instructions\n", cost.touched, cost.asked, cost.contacts, cost.untouched, cost.clearance, cost.instructions);
+    std::printf("%d of %d touched, %d contacts, %d untouched from %g m: %.0f instructions\n", cost.touched, cost.asked,
+                cost.contacts, cost.untouched, cost.clearance, cost.instructions);
     ASSERT_EQ(cost.touched, cost.asked);
     ASSERT_GT(cost.instructions, 1e6);
   }
   const Cost &alone = costs[4], &crowded = costs[5], &among_far = costs[6];
   const Line line = fit({costs.begin(), costs.begin() + 5}, [](const Cost& c) { return c.touched; });
-  const double near = (crowded.instructions - alone.instructions) / crowded.untouched, far = (among_far.instructions - alone.instructions) / among_far.untouched;
-  std::printf("%.0f + %.0f an object, R^2 %.4f; an untouched near one %.0f, a far one %.0f\n", line.intercept, line.slope, line.r_squared, near, far);
+  const double near = (crowded.instructions - alone.instructions) / crowded.untouched,
+               far = (among_far.instructions - alone.instructions) / among_far.untouched;
+  std::printf("%.0f + %.0f an object, R^2 %.4f; an untouched near one %.0f, a far one %.0f\n", line.intercept,
+              line.slope, line.r_squared, near, far);
   EXPECT_GT(line.slope, 0);
   EXPECT_GE(line.r_squared, 0.98);
   EXPECT_GE(far, 0);
@@ -89,7 +95,8 @@ TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
   EXPECT_LE(crowded.instructions, 1.1 * alone.instructions);
   // Debian 12's compiler and libraries, AVX2 (valgrind has no AVX-512).
   constexpr double kRecorded = 7.80e6;
-  EXPECT_NEAR(alone.instructions / kRecorded, 1, 0.03) << "another count is no error in itself: find out why, and record it";
+  EXPECT_NEAR(alone.instructions / kRecorded, 1, 0.03)
+      << "another count is no error in itself: find out why, and record it";
 }
 
 TEST(StepCost, AHullsManyFacesCostNoMoreThanFew) {

@@ -1,4 +1,5 @@
-// Nanoseconds a tetrahedron of the tissue's kernels, by instruction set, against the scalar reference. Pin it: `taskset -c 1 bin/bench_tissue`.
+// Nanoseconds a tetrahedron of the tissue's kernels, by instruction set, against the scalar reference. Pin it: `taskset
+// -c 1 bin/bench_tissue`.
 #include <benchmark/benchmark.h>
 
 #include <memory>
@@ -32,15 +33,24 @@ void tissue(benchmark::State& bench) {
   sample.bind(*term);
   for (auto _ : bench) {
     switch (bench.range(1)) {
-      case value_only: benchmark::DoNotOptimize(term->value(sample.state)); break;
-      case value_and_gradient: term->add_gradient(sample.state, sample.gradient); break;
-      default: benchmark::DoNotOptimize(sample.all(*term));
+      case value_only:
+        benchmark::DoNotOptimize(term->value(sample.state));
+        break;
+      case value_and_gradient:
+        term->add_gradient(sample.state, sample.gradient);
+        break;
+      default:
+        benchmark::DoNotOptimize(sample.all(*term));
     }
   }
-  bench.counters["per_tet"] = benchmark::Counter(static_cast<double>(sample.box.tetrahedra.size()) * static_cast<double>(bench.iterations()),
-                                                 benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
+  bench.counters["per_tet"] =
+      benchmark::Counter(static_cast<double>(sample.box.tetrahedra.size()) * static_cast<double>(bench.iterations()),
+                         benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
 }
-BENCHMARK(tissue)->ArgNames({"set", "wanted"})->ArgsProduct({{-1, 0, 1, 2}, {value_only, value_and_gradient, everything, single_hessian}})->Unit(benchmark::kMicrosecond);
+BENCHMARK(tissue)
+    ->ArgNames({"set", "wanted"})
+    ->ArgsProduct({{-1, 0, 1, 2}, {value_only, value_and_gradient, everything, single_hessian}})
+    ->Unit(benchmark::kMicrosecond);
 
 }  // namespace
 }  // namespace softhand

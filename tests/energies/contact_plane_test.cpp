@@ -56,7 +56,8 @@ struct Body {
 const Shape kCube = make(ShapeKind::box, {0.02, 0.02, 0.02});
 
 TEST(PlaneContact, Derivatives) {
-  for (const Shape& shape : {kCube, make(ShapeKind::cylinder, {0.02, 0.03, 0}), make(ShapeKind::capsule, {0.015, 0.02, 0})}) {
+  for (const Shape& shape :
+       {kCube, make(ShapeKind::cylinder, {0.02, 0.03, 0}), make(ShapeKind::capsule, {0.015, 0.02, 0})}) {
     for (std::uint64_t seed = 1; seed <= 4; ++seed) {
       Body body(shape, 0.05, Vector3(0, -kGravity, 0), table(0.6, Vector3(0.1, 1, -0.2).normalized()));
       body.state.body_poses[0].orientation = testing::random_state(body.state.layout(), seed).body_poses[0].orientation;
@@ -94,7 +95,8 @@ TEST(PlaneContact, BlockOnASlopeSticksWithoutCreep) {
 
 TEST(PlaneContact, BlockOnASlopeSlides) {
   const double angle = std::atan(0.5);
-  Body body(make(ShapeKind::box, {0.04, 0.005, 0.04}), 0.05, kGravity * Vector3(std::sin(angle), -std::cos(angle), 0), table(0.49));
+  Body body(make(ShapeKind::box, {0.04, 0.005, 0.04}), 0.05, kGravity * Vector3(std::sin(angle), -std::cos(angle), 0),
+            table(0.49));
   body.state.body_poses[0].position.y() = 0.005;
   body.run(180, 1.0 / 90);
   const double before = body.state.body_velocities[0].linear.x();
@@ -105,14 +107,18 @@ TEST(PlaneContact, BlockOnASlopeSlides) {
 // A solid ball rolls with 5/7 g sin, a cylinder with 2/3.
 TEST(PlaneContact, Rolls) {
   const double angle = 0.2;
-  for (const auto& [shape, share] : {std::pair{make(ShapeKind::sphere, {0.02, 0, 0}), 5.0 / 7}, std::pair{make(ShapeKind::cylinder, {0.02, 0.03, 0}), 2.0 / 3}}) {
+  for (const auto& [shape, share] : {std::pair{make(ShapeKind::sphere, {0.02, 0, 0}), 5.0 / 7},
+                                     std::pair{make(ShapeKind::cylinder, {0.02, 0.03, 0}), 2.0 / 3}}) {
     Body body(shape, 0.1, kGravity * Vector3(std::sin(angle), -std::cos(angle), 0), table(0.8));
-    body.state.body_poses[0] = {Vector3(0, 0.02, 0), rotation_exp(Vector3(M_PI / 2, 0, 0))};  // the cylinder's axis along z
+    body.state.body_poses[0] = {Vector3(0, 0.02, 0),
+                                rotation_exp(Vector3(M_PI / 2, 0, 0))};  // the cylinder's axis along z
     body.run(100, 1.0 / 200);
     const double before = body.state.body_velocities[0].linear.x();
     body.run(100, 1.0 / 200);
-    EXPECT_NEAR((body.state.body_velocities[0].linear.x() - before) / 0.5, share * kGravity * std::sin(angle), 0.02 * kGravity * std::sin(angle));
-    EXPECT_NEAR(body.state.body_velocities[0].angular.z(), -body.state.body_velocities[0].linear.x() / 0.02, 0.05 * body.state.body_velocities[0].linear.x() / 0.02);
+    EXPECT_NEAR((body.state.body_velocities[0].linear.x() - before) / 0.5, share * kGravity * std::sin(angle),
+                0.02 * kGravity * std::sin(angle));
+    EXPECT_NEAR(body.state.body_velocities[0].angular.z(), -body.state.body_velocities[0].linear.x() / 0.02,
+                0.05 * body.state.body_velocities[0].linear.x() / 0.02);
   }
 }
 

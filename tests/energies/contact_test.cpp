@@ -1,9 +1,10 @@
 // Contact and friction of skin nodes (eqs. 32, 33): derivatives, balance, known answers, no tunnelling, no creep.
+#include "energies/contact.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "energies/contact.hpp"
 #include "energies/coulomb.hpp"
 #include "energies/dense_step.hpp"
 #include "energies/derivative_suite.hpp"
@@ -27,7 +28,8 @@ HandModel skin(int triangles) {
   HandModel hand;
   for (int t = 0; t < triangles; ++t) {
     const Vector3 centre(0.05 * t, 0, 0);
-    for (const Vector3& corner : {Vector3(0, 0, 0), Vector3(0, 0, 0.01), Vector3(0.01, 0, 0)}) hand.nodes.push_back(centre + corner);
+    for (const Vector3& corner : {Vector3(0, 0, 0), Vector3(0, 0, 0.01), Vector3(0.01, 0, 0)})
+      hand.nodes.push_back(centre + corner);
     hand.surface.push_back({3 * t, 3 * t + 1, 3 * t + 2});
   }
   hand.node_body.assign(hand.nodes.size(), static_cast<std::uint8_t>(index_of(Body::index_distal)));
@@ -57,7 +59,8 @@ struct Rig {
   State state;
 };
 
-// A scene in which every branch occurs: nodes that penetrate, stick, slide, are about to cross, next to a moving object.
+// A scene in which every branch occurs: nodes that penetrate, stick, slide, are about to cross, next to a moving
+// object.
 struct RandomScene {
   explicit RandomScene(std::uint64_t seed, ContactObject kind = ContactObject::moving)
       : sphere(make(ShapeKind::sphere, {0.05, 0, 0})), rig(4, 700, 1e-4) {
@@ -71,11 +74,13 @@ struct RandomScene {
       const Vector3 direction = Vector3(x, y, z).normalized();
       const double height = n % 3 == 0 ? 0.002 : 0.0005;
       rig.state.node_positions.col(n) = body.position + (0.05 + height) * direction;
-      rig.state.node_velocities.col(n) = rig.state.body_velocities[0].linear - 0.3 * direction + 0.2 * direction.unitOrthogonal();
+      rig.state.node_velocities.col(n) =
+          rig.state.body_velocities[0].linear - 0.3 * direction + 0.2 * direction.unitOrthogonal();
     }
     // First step: all cross. Moved by hand to where they penetrate, then the second step's start.
     rig.contacts.begin_step(rig.state, 0.01);
-    for (int n = 0; n < rig.hand.node_count(); ++n) rig.state.node_positions.col(n) += 0.01 * rig.state.node_velocities.col(n);
+    for (int n = 0; n < rig.hand.node_count(); ++n)
+      rig.state.node_positions.col(n) += 0.01 * rig.state.node_velocities.col(n);
     rig.contacts.end_step(rig.state);
     // Half of them now leave their anchors tangentially, the others stay.
     for (int n = 0; n < rig.hand.node_count(); n += 2) {
@@ -93,7 +98,8 @@ TEST(CoulombSpring, EnergyForceAndStiffnessBelongTogether) {
   for (const double length : {1e-4, 4.9e-4, 5.1e-4, 3e-3}) {
     const Vector3 s = length * Vector3(n.unitOrthogonal());
     const double h = 1e-8;
-    EXPECT_NEAR((spring.energy(length + h) - spring.energy(length - h)) / (2 * h), spring.secant(length) * length, 1e-6);
+    EXPECT_NEAR((spring.energy(length + h) - spring.energy(length - h)) / (2 * h), spring.secant(length) * length,
+                1e-6);
     const Vector3 across = n.cross(s).normalized();
     for (const Vector3& d : {Vector3(s.normalized()), across}) {
       const auto force = [&](double t) { return Vector3(spring.secant((s + t * d).norm()) * (s + t * d)); };
@@ -152,7 +158,8 @@ TEST_P(ContactDerivatives, ForcesBalanceAndRigidMotionIsFree) {
   scene.rig.contacts.begin_step(scene.rig.state, 0.01);
   const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
   const Pose motion{Vector3(0.3, -0.2, 0.5), Quaternion(0.3, 0.7, -0.2, 0.5).normalized()};
-  for (const Energy* term : {static_cast<const Energy*>(&scene.rig.contact), static_cast<const Energy*>(&scene.rig.friction)}) {
+  for (const Energy* term :
+       {static_cast<const Energy*>(&scene.rig.contact), static_cast<const Energy*>(&scene.rig.friction)}) {
     testing::check_balance(*term, moved);
     testing::check_rigid_motion(*term, moved, motion);
   }
@@ -297,14 +304,16 @@ TEST(Contact, KinematicPlateSweepsNodesAlong) {
 }
 
 void drum_slides_under_nodes(bool within_step, const Vector3& velocity) {
-  constexpr double kMass = 1e-3, kStiffness = 50, kRadius = 0.02, kFriction = 0.5, kTimeStep = 1.0 / 90, kTurn = 100 * kTimeStep;
+  constexpr double kMass = 1e-3, kStiffness = 50, kRadius = 0.02, kFriction = 0.5, kTimeStep = 1.0 / 90,
+                   kTurn = 100 * kTimeStep;
   const ShapeGeometry drum(make(ShapeKind::cylinder, {kRadius, 0.5, 0}));
   Rig rig(1, kStiffness, kMass);
   rig.contacts.set_object(0, &drum, kFriction, 1, ContactObject::fixed);
   rig.inertia.hold(0);
   rig.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
   const Quaternion lying(Eigen::AngleAxisd(M_PI / 2, Vector3::UnitX()));
-  for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = Vector3(0, kRadius - kMass * kGravity / kStiffness, 0.01 * n);
+  for (int n = 0; n < 3; ++n)
+    rig.state.node_positions.col(n) = Vector3(0, kRadius - kMass * kGravity / kStiffness, 0.01 * n);
   rig.state.node_velocities.colwise() = velocity;
   testing::DenseStepper stepper = rig.stepper();
   SCOPED_TRACE(within_step ? "turns within the step" : "turns between the steps");
@@ -369,10 +378,9 @@ TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
 
 // The way of a node in the frame of a body that turns is an arc, and its chord cuts the body.
 TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
-  for (const auto& [kind, motion] : {std::pair(ShapeKind::sphere, ContactObject::moving),
-                                     std::pair(ShapeKind::capsule, ContactObject::moving),
-                                     std::pair(ShapeKind::cylinder, ContactObject::moving),
-                                     std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
+  for (const auto& [kind, motion] :
+       {std::pair(ShapeKind::sphere, ContactObject::moving), std::pair(ShapeKind::capsule, ContactObject::moving),
+        std::pair(ShapeKind::cylinder, ContactObject::moving), std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
     const ShapeGeometry round(make(kind, {0.03, 0.03, 0}));
     for (const double speed : {10.0, 30.0, 100.0}) {
       for (const double gap : {1e-6, 1e-4, 1e-3}) {
@@ -381,17 +389,20 @@ TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
         const Matrix3 inertia = 1e-5 * Matrix3::Identity();
         if (motion == ContactObject::moving) rig.inertia.set_dynamic(0, 0.05, inertia, Vector3::Zero());
         rig.state.body_velocities[0].angular = Vector3(0, speed, 0);
-        for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = (0.03 + gap) * Vector3(std::cos(2.0 * n), 0, std::sin(2.0 * n));
+        for (int n = 0; n < 3; ++n)
+          rig.state.node_positions.col(n) = (0.03 + gap) * Vector3(std::cos(2.0 * n), 0, std::sin(2.0 * n));
         testing::DenseStepper stepper = rig.stepper();
         for (int i = 0; i < 5; ++i) stepper.step(rig.state, 1.0 / 90);
-        EXPECT_LE(rig.state.node_velocities.cwiseAbs().maxCoeff(), 1e-9) << "kind " << static_cast<int>(kind) << ", " << speed << " rad/s, gap " << gap;
+        EXPECT_LE(rig.state.node_velocities.cwiseAbs().maxCoeff(), 1e-9)
+            << "kind " << static_cast<int>(kind) << ", " << speed << " rad/s, gap " << gap;
         EXPECT_NEAR(rig.state.body_velocities[0].angular.y(), speed, 1e-6 * speed);
       }
     }
   }
 }
 
-// A node that the blade of a fan meets, or the corner of a box, is met although it was outside before and is outside after.
+// A node that the blade of a fan meets, or the corner of a box, is met although it was outside before and is outside
+// after.
 TEST(Contact, WhatTurnsIntoANodeStillMeetsIt) {
   const ShapeGeometry blade(make(ShapeKind::box, {0.05, 0.0005, 0.05})), cube(make(ShapeKind::box, {0.03, 0.03, 0.03}));
   const auto touched = [](const ShapeGeometry& shape, const Vector3& spin, const Vector3& node) {
@@ -446,13 +457,15 @@ TEST(Friction, AnchorFollowsACurvedSurface) {
     const Vector3 radial = Vector3(p.x(), 0, p.z()).normalized();
     // Pressed on and pulled around, to about 0.4 m/s (5 degrees a step).
     const Vector3 around = Vector3::UnitY().cross(radial);
-    rig.inertia.set_node_gravity(-300 * radial + 125 * std::min(1.0, i / 20.0) * around - 150 * Vector3(rig.state.node_velocities.col(0)));
+    rig.inertia.set_node_gravity(-300 * radial + 125 * std::min(1.0, i / 20.0) * around -
+                                 150 * Vector3(rig.state.node_velocities.col(0)));
     stepper.step(rig.state, 1.0 / 240);
     ASSERT_EQ(rig.contacts.count(), 3);
     const auto& anchor = rig.contacts.anchors()[0];
     EXPECT_NEAR(std::hypot(anchor.anchor.x(), anchor.anchor.z()), 0.02, 1e-9);
     EXPECT_LE((anchor.normal - Vector3(anchor.anchor.x(), 0, anchor.anchor.z()) / 0.02).norm(), 2e-4);
-    EXPECT_NEAR(std::hypot(rig.state.node_positions(0, 0), rig.state.node_positions(2, 0)), 0.0197, 5e-5) << "no chatter";
+    EXPECT_NEAR(std::hypot(rig.state.node_positions(0, 0), rig.state.node_positions(2, 0)), 0.0197, 5e-5)
+        << "no chatter";
     angle += 1.0 / 240 * around.dot(Vector3(rig.state.node_velocities.col(0))) / 0.02;
   }
   EXPECT_GT(angle, 3.0) << "it did not slide around";
@@ -468,7 +481,8 @@ TEST(Friction, OneIterationSlidesToo) {
   EXPECT_NEAR(scene.velocity().x() - before, 0.087734, 0.087734 * 0.02);
 }
 
-// A world's resting object has a velocity of some um/s. The step of one iteration, in which a contact begins, is the same.
+// A world's resting object has a velocity of some um/s. The step of one iteration, in which a contact begins, is the
+// same.
 TEST(Friction, OneIterationDoesNotFeelAnObjectThatHardlyMoves) {
   const auto after_touching = [](double speed) {
     NodesOnPlane scene(0.5, 500, 0.01, 1e-3);
@@ -506,7 +520,8 @@ TEST(Contact, WhatIsPublished) {
   EXPECT_EQ(message.contacts.size(), 0u);
 }
 
-// Nodes that a step carries across a surface for which they were not heading touch it without pressure: the finger touches that object, not the first one.
+// Nodes that a step carries across a surface for which they were not heading touch it without pressure: the finger
+// touches that object, not the first one.
 TEST(Contact, WhatIsTouchedWithoutPressureIsNamed) {
   Rig rig(4, 1000, 1e-4, 0, 2);
   const ShapeGeometry ball(make(ShapeKind::sphere, {0.02, 0, 0})), table(make(ShapeKind::box, {0.5, 0.02, 0.5}));

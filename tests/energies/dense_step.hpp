@@ -1,4 +1,5 @@
-// A backward-Euler step for tests, so that a term can be tested without the solver: dense Newton on the incremental potential.
+// A backward-Euler step for tests, so that a term can be tested without the solver: dense Newton on the incremental
+// potential.
 #pragma once
 
 #include <vector>
@@ -17,7 +18,8 @@ class DenseStepper {
     for (Energy* term : terms_) term->bind(matrix_);
   }
 
-  /// Newton with the projected Hessian and halved steps, until the increment is below `tolerance` (m, rad). Returns the iterations.
+  /// Newton with the projected Hessian and halved steps, until the increment is below `tolerance` (m, rad). Returns the
+  /// iterations.
   int step(State& state, double time_step, double tolerance = 1e-12, int most_iterations = 50) {
     for (Energy* term : terms_) term->begin_step(state, time_step);
     int iteration = 0;

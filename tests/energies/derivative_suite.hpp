@@ -1,10 +1,11 @@
-// What every energy term must satisfy, checked on any state: derivatives by finite differences, symmetry, positive semi-definiteness of
-// the projected Hessian, the declared pattern, and the balance of internal forces. Every room's terms use it.
+// What every energy term must satisfy, checked on any state: derivatives by finite differences, symmetry, positive
+// semi-definiteness of the projected Hessian, the declared pattern, and the balance of internal forces. Every room's
+// terms use it.
 //
-// The second derivative is that of U(state (+) delta) at delta = 0, `(+)` being `apply_increment`. A term's gradient at state (+) delta is
-// taken with respect to a *new* increment there, so for rotations it is pulled back to delta first: exp(delta + e) = exp(J_l(delta) e)
-// exp(delta), hence dU/d(delta) = J_l(delta)^T g. With that the differences of the gradient are the symmetric second derivative; without it
-// they would be off by 1/2 [torque]x.
+// The second derivative is that of U(state (+) delta) at delta = 0, `(+)` being `apply_increment`. A term's gradient at
+// state (+) delta is taken with respect to a *new* increment there, so for rotations it is pulled back to delta first:
+// exp(delta + e) = exp(J_l(delta) e) exp(delta), hence dU/d(delta) = J_l(delta)^T g. With that the differences of the
+// gradient are the symmetric second derivative; without it they would be off by 1/2 [torque]x.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -18,7 +19,8 @@
 
 namespace softhand::testing {
 
-/// Seeded random state: nodes and bodies in a cube of +-`size` metres, any orientation, velocities up to `speed` m/s and rad/s.
+/// Seeded random state: nodes and bodies in a cube of +-`size` metres, any orientation, velocities up to `speed` m/s
+/// and rad/s.
 inline State random_state(DofLayout layout, std::uint64_t seed, double size = 0.1, double speed = 1.0) {
   std::mt19937_64 generator(seed);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
@@ -47,14 +49,16 @@ inline State random_state(DofLayout layout, std::uint64_t seed, double size = 0.
   return state;
 }
 
-/// `state` moved by a seeded random increment: nodes and translations up to `translation` metres, rotations up to `rotation` radians.
+/// `state` moved by a seeded random increment: nodes and translations up to `translation` metres, rotations up to
+/// `rotation` radians.
 inline State perturbed(const State& state, std::uint64_t seed, double translation, double rotation) {
   std::mt19937_64 generator(seed);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
   const DofLayout layout = state.layout();
   VectorX direction(layout.dof_count());
   for (Eigen::Index i = 0; i < direction.size(); ++i) direction[i] = translation * uniform();
-  for (int b = 0; b < layout.body_count; ++b) direction.segment<3>(3 * layout.body_rotation_block(b)) *= rotation / translation;
+  for (int b = 0; b < layout.body_count; ++b)
+    direction.segment<3>(3 * layout.body_rotation_block(b)) *= rotation / translation;
   State moved = state;
   apply_increment(moved, direction);
   return moved;
@@ -78,7 +82,9 @@ inline VectorX difference_gradient(const Energy& term, const State& state, doubl
     return term.value(moved);
   };
   for (Eigen::Index dof = 0; dof < result.size(); ++dof) {
-    result[dof] = (8.0 * (value_at(dof, step) - value_at(dof, -step)) - (value_at(dof, 2 * step) - value_at(dof, -2 * step))) / (12.0 * step);
+    result[dof] =
+        (8.0 * (value_at(dof, step) - value_at(dof, -step)) - (value_at(dof, 2 * step) - value_at(dof, -2 * step))) /
+        (12.0 * step);
   }
   return result;
 }
@@ -103,8 +109,9 @@ inline Eigen::MatrixXd difference_hessian(const Energy& term, const State& state
   };
   Eigen::MatrixXd result(size, size);
   for (Eigen::Index dof = 0; dof < size; ++dof) {
-    result.col(dof) =
-        (8.0 * (gradient_at(dof, step) - gradient_at(dof, -step)) - (gradient_at(dof, 2 * step) - gradient_at(dof, -2 * step))) / (12.0 * step);
+    result.col(dof) = (8.0 * (gradient_at(dof, step) - gradient_at(dof, -step)) -
+                       (gradient_at(dof, 2 * step) - gradient_at(dof, -2 * step))) /
+                      (12.0 * step);
   }
   return result;
 }
@@ -118,8 +125,10 @@ inline BlockMatrix bound_matrix(Energy& term, const State& state) {
   return matrix;
 }
 
-/// The term's derivatives at `state`, in a step that began at `start`. Leaves the term bound to a matrix of its own pattern and in the step.
-inline void check_term(Energy& term, const State& start, double time_step, const State& state, const DerivativeCheck& check = {}) {
+/// The term's derivatives at `state`, in a step that began at `start`. Leaves the term bound to a matrix of its own
+/// pattern and in the step.
+inline void check_term(Energy& term, const State& start, double time_step, const State& state,
+                       const DerivativeCheck& check = {}) {
   SCOPED_TRACE(std::string(term.name()));
   const DofLayout layout = state.layout();
   const Eigen::Index size = layout.dof_count();
@@ -151,7 +160,8 @@ inline void check_term(Energy& term, const State& start, double time_step, const
   EXPECT_TRUE(force > 0 || !check.expect_force) << "the gradient is zero: nothing is tested";
   const double rounding = 1e-14 * std::abs(value) / check.step;
   const VectorX expected_gradient = difference_gradient(term, state, check.step);
-  EXPECT_LE((gradient - expected_gradient).lpNorm<Eigen::Infinity>(), check.tolerance * force + rounding) << "gradient against differences of the value";
+  EXPECT_LE((gradient - expected_gradient).lpNorm<Eigen::Infinity>(), check.tolerance * force + rounding)
+      << "gradient against differences of the value";
 
   matrix.set_zero();
   term.add_hessian(state, matrix, Curvature::exact);
@@ -159,7 +169,8 @@ inline void check_term(Energy& term, const State& start, double time_step, const
   ASSERT_TRUE(exact.allFinite());
   const double stiffness = exact.lpNorm<Eigen::Infinity>();
   EXPECT_GT(stiffness, 0) << "the Hessian is zero: nothing is tested";
-  EXPECT_LE((exact - exact_in_full).lpNorm<Eigen::Infinity>(), 1e-12 * stiffness) << "the Hessian depends on the matrix it is scattered into";
+  EXPECT_LE((exact - exact_in_full).lpNorm<Eigen::Infinity>(), 1e-12 * stiffness)
+      << "the Hessian depends on the matrix it is scattered into";
   EXPECT_LE((exact - exact.transpose()).lpNorm<Eigen::Infinity>(), 1e-12 * stiffness) << "asymmetric";
   const Eigen::MatrixXd expected_hessian = difference_hessian(term, state, check.step);
   EXPECT_LE((exact - expected_hessian).lpNorm<Eigen::Infinity>(), check.tolerance * stiffness)
@@ -169,8 +180,10 @@ inline void check_term(Energy& term, const State& start, double time_step, const
   term.add_hessian(state, matrix, Curvature::projected);
   const Eigen::MatrixXd projected = matrix.dense();
   ASSERT_TRUE(projected.allFinite());
-  EXPECT_LE((projected - projected.transpose()).lpNorm<Eigen::Infinity>(), 1e-12 * projected.lpNorm<Eigen::Infinity>()) << "asymmetric";
-  const double lowest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(projected, Eigen::EigenvaluesOnly).eigenvalues().minCoeff();
+  EXPECT_LE((projected - projected.transpose()).lpNorm<Eigen::Infinity>(), 1e-12 * projected.lpNorm<Eigen::Infinity>())
+      << "asymmetric";
+  const double lowest =
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(projected, Eigen::EigenvaluesOnly).eigenvalues().minCoeff();
   EXPECT_GE(lowest, -1e-9 * projected.norm()) << "the projected Hessian is indefinite";
   EXPECT_GT(projected.norm(), 0);
 
@@ -181,12 +194,15 @@ inline void check_term(Energy& term, const State& start, double time_step, const
     term.add_hessian(state, matrix, curvature);
     EXPECT_NEAR(term.add_all(state, together, matrix, curvature), value, 1e-10 * std::abs(value));
     const Eigen::MatrixXd& once = curvature == Curvature::exact ? exact : projected;
-    EXPECT_LE((matrix.dense() - 2.0 * once).lpNorm<Eigen::Infinity>(), 1e-10 * once.lpNorm<Eigen::Infinity>()) << "add_all, Hessian";
-    EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force) << "add_all, gradient";
+    EXPECT_LE((matrix.dense() - 2.0 * once).lpNorm<Eigen::Infinity>(), 1e-10 * once.lpNorm<Eigen::Infinity>())
+        << "add_all, Hessian";
+    EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force)
+        << "add_all, gradient";
   }
   VectorX together = VectorX::Constant(size, force);
   EXPECT_NEAR(term.add_gradient(state, together), value, 1e-10 * std::abs(value));
-  EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force) << "add_gradient";
+  EXPECT_LE((together - gradient - VectorX::Constant(size, force)).lpNorm<Eigen::Infinity>(), 1e-10 * force)
+      << "add_gradient";
 }
 
 /// The same with a step that begins at the state itself.
@@ -194,8 +210,8 @@ inline void check_term(Energy& term, const State& state, double time_step, const
   check_term(term, state, time_step, state, check);
 }
 
-/// Internal terms exert no net force and no net torque: sum f = 0, sum (x cross f + torque) = 0. `gradient` may be that of a state far
-/// from rest; the tolerance is relative to the sum of magnitudes. Call after `begin_step`.
+/// Internal terms exert no net force and no net torque: sum f = 0, sum (x cross f + torque) = 0. `gradient` may be that
+/// of a state far from rest; the tolerance is relative to the sum of magnitudes. Call after `begin_step`.
 inline void check_balance(const Energy& term, const State& state, double tolerance = 1e-9) {
   SCOPED_TRACE(std::string(term.name()));
   const DofLayout layout = state.layout();
@@ -209,9 +225,11 @@ inline void check_balance(const Energy& term, const State& state, double toleran
     force_scale += f.norm();
     torque_scale += point.norm() * f.norm();
   };
-  for (int n = 0; n < layout.node_count; ++n) add(state.node_positions.col(n), gradient.segment<3>(3 * layout.node_block(n)));
+  for (int n = 0; n < layout.node_count; ++n)
+    add(state.node_positions.col(n), gradient.segment<3>(3 * layout.node_block(n)));
   for (int b = 0; b < layout.body_count; ++b) {
-    add(state.body_poses[static_cast<std::size_t>(b)].position, gradient.segment<3>(3 * layout.body_translation_block(b)));
+    add(state.body_poses[static_cast<std::size_t>(b)].position,
+        gradient.segment<3>(3 * layout.body_translation_block(b)));
     const Vector3 own = gradient.segment<3>(3 * layout.body_rotation_block(b));
     torque += own;
     torque_scale += own.norm();
@@ -226,7 +244,8 @@ inline void check_rigid_motion(const Energy& term, const State& state, const Pos
   SCOPED_TRACE(std::string(term.name()));
   State moved = state;
   const DofLayout layout = state.layout();
-  for (int n = 0; n < layout.node_count; ++n) moved.node_positions.col(n) = motion * Vector3(state.node_positions.col(n));
+  for (int n = 0; n < layout.node_count; ++n)
+    moved.node_positions.col(n) = motion * Vector3(state.node_positions.col(n));
   for (std::size_t b = 0; b < moved.body_poses.size(); ++b) moved.body_poses[b] = motion * state.body_poses[b];
   VectorX before = VectorX::Zero(layout.dof_count()), after = before;
   term.add_gradient(state, before);

@@ -1,5 +1,5 @@
-// The energy ledger's rows against closed forms, and its residual against nothing: free fall, oscillator, moved spring, damper, sliding blocks,
-// kinematic objects, contacts that are switched.
+// The energy ledger's rows against closed forms, and its residual against nothing: free fall, oscillator, moved spring,
+// damper, sliding blocks, kinematic objects, contacts that are switched.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,7 +32,8 @@ SolverOptions exact() {
 // Steps a few terms and keeps their books.
 class Books {
  public:
-  Books(std::vector<Energy*> terms, const State& state) : terms_(std::move(terms)), solver_(terms_, state.layout(), exact()) {
+  Books(std::vector<Energy*> terms, const State& state)
+      : terms_(std::move(terms)), solver_(terms_, state.layout(), exact()) {
     solver_.measure_work(true, true);
   }
 
@@ -98,7 +99,8 @@ TEST(EnergyLedger, FreeFall) {
   ASSERT_GT(fallen, 0.5);
   EXPECT_NEAR(books.ledger.total().work, mass * kGravity * fallen, 1e-12);
   // m/2 (g dt)^2 a step; a tumbling body's energy is a little wrong at each orientation, and bounded.
-  EXPECT_NEAR(books.ledger.total().integrator, steps * 0.5 * mass * std::pow(kGravity * kStep, 2), 2e-3 * books.ledger.scale());
+  EXPECT_NEAR(books.ledger.total().integrator, steps * 0.5 * mass * std::pow(kGravity * kStep, 2),
+              2e-3 * books.ledger.scale());
   books.expect_closed(1);
 }
 
@@ -123,19 +125,26 @@ TEST(EnergyLedger, OscillatorLosesWhatBackwardEulerMust) {
   }
 }
 
-// A body with an eccentric frame, dragged through a circle while it turns, by a spring that gives way at a cap or does not.
+// A body with an eccentric frame, dragged through a circle while it turns, by a spring that gives way at a cap or does
+// not.
 TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
   for (const double cap : {1e9, 0.2}) {
     State state = state_of(1, 1);
     Inertia inertia({1.0}, 1);
     inertia.set_dynamic(0, 0.05, Vector3(1e-5, 2e-5, 3e-5).asDiagonal(), Vector3::Zero());
-    CouplingGains gains{.linear_stiffness = 200, .angular_stiffness = 0.1, .linear_damping = 2, .angular_damping = 1e-3, .force_cap = cap, .torque_cap = cap};
+    CouplingGains gains{.linear_stiffness = 200,
+                        .angular_stiffness = 0.1,
+                        .linear_damping = 2,
+                        .angular_damping = 1e-3,
+                        .force_cap = cap,
+                        .torque_cap = cap};
     const Pose frame{Vector3(0.02, -0.01, 0.03), rotation_exp(Vector3(0.3, 0.1, 0))};
     BodyCoupling coupling("coupling", {{0, frame, gains}}, state.layout());
     Books books({&inertia, &coupling}, state);
     // The damper is told that the target stands still, so that it drags.
     const auto target = [&frame](double t) {
-      return Pose{Vector3(0.1 * std::cos(6 * t), 0.1 * std::sin(6 * t), 0), rotation_exp(Vector3(0, 0, 2 * t)) * frame.orientation};
+      return Pose{Vector3(0.1 * std::cos(6 * t), 0.1 * std::sin(6 * t), 0),
+                  rotation_exp(Vector3(0, 0, 2 * t)) * frame.orientation};
     };
     state.body_poses[0].position = target(0).position;
     double heat = 0, largest_force = 0;
@@ -151,7 +160,8 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
     const EnergyFlow& total = books.ledger.total();
     EXPECT_GT(total.integrator, 0);
     if (cap > 1) {
-      // The solver pairs the damper's force with the turn about the arm of the step's end, the test with the way between the two places.
+      // The solver pairs the damper's force with the turn about the arm of the step's end, the test with the way
+      // between the two places.
       EXPECT_NEAR(total.damping, heat, 0.01 * heat);
       EXPECT_GT(books.ledger.initial() + total.work, total.damping);
     } else {
@@ -177,7 +187,8 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
   }
 }
 
-// A target that a tracker turned by more than there is time for: it pulls the other way round now, and the work is what its spring then holds.
+// A target that a tracker turned by more than there is time for: it pulls the other way round now, and the work is what
+// its spring then holds.
 TEST(EnergyLedger, ALeapingTargetWorksWhatItsSpringHoldsAfterwards) {
   State state = state_of(1, 1);
   Inertia inertia({1.0}, 1);
@@ -200,8 +211,12 @@ TEST(EnergyLedger, ALeapingTargetWorksWhatItsSpringHoldsAfterwards) {
 
 struct Skin {
   Skin(double mu, double stiffness, double mass, ContactObject kind)
-      : plane(make(ShapeKind::plane)), contacts(hand(), std::vector<double>(3, mass), stiffness, 0, 1, 1), contact(contacts), friction(contacts),
-        inertia(std::vector<double>(3, mass), 1), state(state_of(3, 1)) {
+      : plane(make(ShapeKind::plane)),
+        contacts(hand(), std::vector<double>(3, mass), stiffness, 0, 1, 1),
+        contact(contacts),
+        friction(contacts),
+        inertia(std::vector<double>(3, mass), 1),
+        state(state_of(3, 1)) {
     contacts.set_object(0, &plane, mu, 1, kind);
     for (int n = 0; n < 3; ++n) state.node_positions.col(n) = hand().nodes[static_cast<std::size_t>(n)];
   }
@@ -233,12 +248,14 @@ TEST(EnergyLedger, SlidingNodesTurnMuMGDIntoHeat) {
   const double heat_before = books.ledger.total().friction, start = skin.state.node_positions(0, 0);
   const double work_before = books.ledger.total().work;
   books.step(skin.state, 1e-3);
-  EXPECT_NEAR(books.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4) << "whoever pushed put the kinetic energy in";
+  EXPECT_NEAR(books.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4)
+      << "whoever pushed put the kinetic energy in";
   books.run(skin.state, 600, 1e-3);
   const double slid = skin.state.node_positions(0, 0) - start;
   ASSERT_NEAR(slid, 1 / (2 * mu * kGravity), 2e-3);
   ASSERT_LT(skin.state.node_velocities.norm(), 1e-3);
-  EXPECT_NEAR(books.ledger.total().friction - heat_before, 3 * mu * mass * kGravity * slid, 0.01 * 3 * mu * mass * kGravity * slid);
+  EXPECT_NEAR(books.ledger.total().friction - heat_before, 3 * mu * mass * kGravity * slid,
+              0.01 * 3 * mu * mass * kGravity * slid);
   books.expect_closed(books.ledger.scale());
   EXPECT_LT(books.ledger.excess(), 0.01);
 }
@@ -314,7 +331,8 @@ TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
   for (const bool within_step : {false, true}) lift_nodes(within_step);
 }
 
-// Contacts that begin inside, are rubbed over a moving ball, change hands between given and yielding, and are taken away.
+// Contacts that begin inside, are rubbed over a moving ball, change hands between given and yielding, and are taken
+// away.
 TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
   const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
   Skin skin(0.6, 800, 0.01, ContactObject::moving);
@@ -362,12 +380,16 @@ TEST(EnergyLedger, SeesWhatATermHides) {
     void add_pattern(BlockPattern&) const override {}
     void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
     void begin_step(const State&, double time_step) override { target_ += time_step; }
-    double value(const State& state) const override { return 0.5 * 100 * std::pow(state.node_positions(0, 0) - target_, 2); }
+    double value(const State& state) const override {
+      return 0.5 * 100 * std::pow(state.node_positions(0, 0) - target_, 2);
+    }
     double add_gradient(const State& state, VectorX& gradient) const override {
       gradient(0) += 100 * (state.node_positions(0, 0) - target_);
       return value(state);
     }
-    void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, Vector3(100, 0, 0).asDiagonal()); }
+    void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+      hessian.add(slot_, Vector3(100, 0, 0).asDiagonal());
+    }
 
    private:
     double target_ = 0;

@@ -108,10 +108,12 @@ TEST(BodyCoupling, SignOfTheQuaternionDoesNotMatterAndPiIsFinite) {
 
 TEST(BodyCoupling, TransverseStiffnessOfTheTurn) {
   // k_a (t/2) cot(t/2): 0.785 k_a at 90 degrees, 0.0136 at 179, 0 at 180; along the turn's own axis k_a.
-  for (const auto& [degrees, expected] : {std::pair{90.0, 0.785398}, std::pair{179.0, 0.013632}, std::pair{180.0, 0.0}}) {
+  for (const auto& [degrees, expected] :
+       {std::pair{90.0, 0.785398}, std::pair{179.0, 0.013632}, std::pair{180.0, 0.0}}) {
     Coupled c({0, 2.0, 0, 0});
     c.coupling = BodyCoupling("coupling", {{0, Pose{}, {0, 2.0, 0, 0}}}, c.state.layout());
-    c.coupling.set_target(0, increment(c.state.body_poses[0], Vector3::Zero(), -degrees * M_PI / 180 * Vector3::UnitZ()), {});
+    c.coupling.set_target(
+        0, increment(c.state.body_poses[0], Vector3::Zero(), -degrees * M_PI / 180 * Vector3::UnitZ()), {});
     BlockMatrix matrix = testing::bound_matrix(c.coupling, c.state);
     c.coupling.begin_step(c.state, kTimeStep);
     c.coupling.add_hessian(c.state, matrix, Curvature::exact);
@@ -132,9 +134,11 @@ TEST(BodyCoupling, DampingIsTheDissipationPotentials) {
   c.coupling.begin_step(c.state, kTimeStep);
   c.state = testing::perturbed(c.state, 3, 0.005, 2e-3);
   const Pose frame = c.frame();
-  const Vector3 force = 500 * (target.position - frame.position) + 3 * (velocity.linear - (frame.position - start.position) / kTimeStep);
-  const Vector3 torque = 0.5 * rotation_log(target.orientation * frame.orientation.conjugate()) +
-                         0.01 * (velocity.angular - rotation_log(frame.orientation * start.orientation.conjugate()) / kTimeStep);
+  const Vector3 force =
+      500 * (target.position - frame.position) + 3 * (velocity.linear - (frame.position - start.position) / kTimeStep);
+  const Vector3 torque =
+      0.5 * rotation_log(target.orientation * frame.orientation.conjugate()) +
+      0.01 * (velocity.angular - rotation_log(frame.orientation * start.orientation.conjugate()) / kTimeStep);
   const Wrench wrench = c.coupling.wrench(0, c.state);
   EXPECT_LE((wrench.force - force).norm(), 1e-11);
   EXPECT_LE((wrench.torque - torque).norm(), 1e-5);  // small angles only
@@ -142,8 +146,8 @@ TEST(BodyCoupling, DampingIsTheDissipationPotentials) {
 }
 
 TEST(BodyCoupling, OffsetOfTwoInSeries) {
-  // World --k1-- body 0 --k2-- (copy of body 0, exchanged each step) body 1 <- F: offset F (1/k1 + 1/k2), one exchange contracts the
-  // error by k2/(k1 + k2).
+  // World --k1-- body 0 --k2-- (copy of body 0, exchanged each step) body 1 <- F: offset F (1/k1 + 1/k2), one exchange
+  // contracts the error by k2/(k1 + k2).
   constexpr double k1 = 100, k2 = 1000, force = 0.5;
   State state = testing::random_state({0, 2}, 1);
   state.body_poses.assign(2, Pose{});
@@ -183,7 +187,8 @@ TEST(BodyCoupling, ADampedBodyFollowsAMovingCopyWithoutLag) {
   state.body_velocities[0] = Twist{};
   Inertia inertia({}, 1);
   inertia.set_dynamic(0, mass, 4e-6 * Matrix3::Identity(), Vector3::Zero());
-  BodyCoupling coupling("coupling", {{0, Pose{}, {k, 0.5, 2 * std::sqrt(k * mass), 2 * std::sqrt(0.5 * 4e-6)}}}, state.layout());
+  BodyCoupling coupling("coupling", {{0, Pose{}, {k, 0.5, 2 * std::sqrt(k * mass), 2 * std::sqrt(0.5 * 4e-6)}}},
+                        state.layout());
   DenseStepper stepper({&inertia, &coupling}, state);
   const Twist velocity{Vector3(0.5, 0, 0.2), Vector3(0, 1.5, 0)};
   for (int i = 1; i <= 180; ++i) {

@@ -74,11 +74,17 @@ TEST(Inertia, FreeFallIsBackwardEulers) {
   // Backward Euler: v_n = v_0 + n dt g, x_n = x_0 + n dt v_0 + n (n + 1)/2 dt^2 g.
   const Vector3 fallen = 0.5 * steps * (steps + 1) * dt * dt * kGravity;
   EXPECT_LE((state.node_positions - start.node_positions - steps * dt * start.node_velocities - fallen).norm(), 1e-11);
-  EXPECT_LE((state.body_poses[0].position - start.body_poses[0].position - steps * dt * start.body_velocities[0].linear - fallen).norm(), 1e-11);
+  EXPECT_LE((state.body_poses[0].position - start.body_poses[0].position -
+             steps * dt * start.body_velocities[0].linear - fallen)
+                .norm(),
+            1e-11);
   EXPECT_LE((state.node_velocities - start.node_velocities - steps * dt * kGravity).norm(), 1e-11);
   // The held body has gone as its velocity says.
-  EXPECT_LE((state.body_poses[1].position - start.body_poses[1].position - steps * dt * start.body_velocities[1].linear).norm(), 1e-11);
-  const Quaternion turned = rotation_exp(steps * dt * start.body_velocities[1].angular) * start.body_poses[1].orientation;
+  EXPECT_LE((state.body_poses[1].position - start.body_poses[1].position - steps * dt * start.body_velocities[1].linear)
+                .norm(),
+            1e-11);
+  const Quaternion turned =
+      rotation_exp(steps * dt * start.body_velocities[1].angular) * start.body_poses[1].orientation;
   EXPECT_LE(rotation_log(state.body_poses[1].orientation * turned.conjugate()).norm(), 1e-11);
   EXPECT_EQ(state.body_velocities[1].angular, start.body_velocities[1].angular);
 }
@@ -126,7 +132,8 @@ TEST(Inertia, KineticEnergy) {
   state.node_velocities.col(0) = Vector3(1, 2, 2);
   state.body_poses[0].orientation = rotation_exp(Vector3(0, 0, M_PI / 2));  // body x is world y
   state.body_velocities[0] = {Vector3(0, 2, 0), Vector3(0, 3, 0)};
-  EXPECT_NEAR(inertia.kinetic_energy(state), 0.5 * 2 * 9 + 0.5 * 3 * 4 + 0.5 * 1 * 9, 1e-12);  // the held body does not count
+  EXPECT_NEAR(inertia.kinetic_energy(state), 0.5 * 2 * 9 + 0.5 * 3 * 4 + 0.5 * 1 * 9,
+              1e-12);  // the held body does not count
 }
 
 }  // namespace

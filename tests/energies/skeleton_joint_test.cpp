@@ -27,15 +27,18 @@ JointModel joint_model(JointKind kind) {
 
 // Parent 0 and child 1 with their joint away from both centres; at rest in world axes.
 JointSite site_of(JointKind kind) {
-  return {0, 1, {Vector3(0, 0.01, -0.03), rotation_exp(Vector3(0.2, 0.1, 0))}, {Vector3(0.002, 0, 0.02), rotation_exp(Vector3(0, 0.3, 0.1))},
+  return {0,
+          1,
+          {Vector3(0, 0.01, -0.03), rotation_exp(Vector3(0.2, 0.1, 0))},
+          {Vector3(0.002, 0, 0.02), rotation_exp(Vector3(0, 0.3, 0.1))},
           joint_model(kind)};
 }
 
 // The child placed so that the joint is closed and shows the given angles.
 State posed(const JointSite& site, const Vector3& angles, std::uint64_t seed = 2) {
   State state = testing::random_state({1, 2}, seed);
-  state.body_poses[1] =
-      state.body_poses[0] * site.parent_from_joint * Pose{Vector3::Zero(), rotation_exp(angles)} * site.child_from_joint.inverse();
+  state.body_poses[1] = state.body_poses[0] * site.parent_from_joint * Pose{Vector3::Zero(), rotation_exp(angles)} *
+                        site.child_from_joint.inverse();
   return state;
 }
 
@@ -56,7 +59,8 @@ TEST_P(EveryKind, DerivativesAndBalanceAndRigidMotion) {
   const JointSite site = site_of(GetParam());
   JointEnergy joint({site}, {1, 2});
   // Inside, outside on either side, large, and almost half a turn.
-  for (const Vector3& angles : {Vector3(-0.5, 0.1, 0.05), Vector3(0.6, 0.7, -0.2), Vector3(-2.0, -0.9, 0.3), Vector3(1.8, -2.2, 0.8)}) {
+  for (const Vector3& angles :
+       {Vector3(-0.5, 0.1, 0.05), Vector3(0.6, 0.7, -0.2), Vector3(-2.0, -0.9, 0.3), Vector3(1.8, -2.2, 0.8)}) {
     const State state = testing::perturbed(posed(site, angles), 7, 0.004, 0.02);
     testing::check_term(joint, state, 0.01);
     testing::check_balance(joint, state);
@@ -76,7 +80,8 @@ TEST_P(EveryKind, AnglesAreWhatWasSetAndRestCostsNothing) {
   EXPECT_LE(joint.value(rest), 1e-25);
 }
 
-INSTANTIATE_TEST_SUITE_P(JointEnergy, EveryKind, ::testing::Values(JointKind::ball, JointKind::saddle, JointKind::hinge));
+INSTANTIATE_TEST_SUITE_P(JointEnergy, EveryKind,
+                         ::testing::Values(JointKind::ball, JointKind::saddle, JointKind::hinge));
 
 TEST(JointEnergy, EachKindLeavesItsOwnAxesFree) {
   const auto cost = [](JointKind kind, const Vector3& angles) {

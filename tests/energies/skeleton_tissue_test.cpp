@@ -1,17 +1,18 @@
 // Attachments of eq. 31: the summed form is the sum of the springs, derivatives, balance, rest.
+#include "energies/skeleton_tissue.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "energies/derivative_suite.hpp"
-#include "energies/skeleton_tissue.hpp"
 #include "support/block_hand.hpp"
 
 namespace softhand {
 namespace {
 
-// The block hand cut down to a corner of its tissue and a few bodies' attachments, small enough for dense differences; attachments are
-// seeded, several a tetrahedron and neighbouring tetrahedra shared between bodies.
+// The block hand cut down to a corner of its tissue and a few bodies' attachments, small enough for dense differences;
+// attachments are seeded, several a tetrahedron and neighbouring tetrahedra shared between bodies.
 HandModel small_hand() {
   HandModel hand = testing::block_hand();
   hand.nodes = {{0, 0, 0}, {0.02, 0, 0}, {0, 0.02, 0}, {0, 0, 0.02}, {0.02, 0.02, 0.02}, {0.03, 0, 0.03}};
@@ -52,7 +53,8 @@ double naive(const HandModel& hand, const State& state, VectorX& gradient) {
     const Vector3 stretch = state.body_poses[body].position + arm - tissue;
     const Vector3 pull = attachment.stiffness * stretch;
     energy += 0.5 * stretch.dot(pull);
-    for (std::size_t i = 0; i < 4; ++i) gradient.segment<3>(3 * layout.node_block(nodes[i])) -= attachment.weights[i] * pull;
+    for (std::size_t i = 0; i < 4; ++i)
+      gradient.segment<3>(3 * layout.node_block(nodes[i])) -= attachment.weights[i] * pull;
     gradient.segment<3>(3 * layout.body_translation_block(attachment.body)) += pull;
     gradient.segment<3>(3 * layout.body_rotation_block(attachment.body)) += arm.cross(pull);
   }
@@ -102,7 +104,8 @@ TEST(SkeletonTissue, RestCostsNothingAndAKilometreAwayNext) {
 }
 
 TEST(SkeletonTissue, ABonePulledOutOfHeldTissue) {
-  // Tissue at rest, one bone displaced: the force is the sum of the stiffness of its attachments times the displacement.
+  // Tissue at rest, one bone displaced: the force is the sum of the stiffness of its attachments times the
+  // displacement.
   const HandModel hand = small_hand();
   State state = rest_state(hand);
   const SkeletonTissue term(hand, state.layout());
@@ -110,7 +113,8 @@ TEST(SkeletonTissue, ABonePulledOutOfHeldTissue) {
   state.body_poses[3].position += shift;
   VectorX gradient = VectorX::Zero(state.layout().dof_count());
   term.add_gradient(state, gradient);
-  EXPECT_LE((gradient.segment<3>(3 * state.layout().body_translation_block(3)) - (900 + 500 + 700) * shift).norm(), 1e-10);
+  EXPECT_LE((gradient.segment<3>(3 * state.layout().body_translation_block(3)) - (900 + 500 + 700) * shift).norm(),
+            1e-10);
   EXPECT_NEAR(term.value(state), 0.5 * 2100 * shift.squaredNorm(), 1e-12);
 }
 

@@ -1,4 +1,5 @@
-// The tissue's batched kernels against the scalar reference, for every kind of deformation and every instruction set of this processor.
+// The tissue's batched kernels against the scalar reference, for every kind of deformation and every instruction set of
+// this processor.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,7 +33,9 @@ Matrix3 random_rotation(Random& random) {
 // Tetrahedra that share nothing, so that each one's results can be looked at.
 HandModel loose_tetrahedra(int count, Random& random) {
   HandModel hand;
-  hand.materials = {{"soft", 1000, 1e5, 0.45, 500, 500}, {"stiff", 1000, 1e6, 0.3, 50, 5e4}, {"unlimited", 1000, 2e5, 0.499, 1e12, 0}};
+  hand.materials = {{"soft", 1000, 1e5, 0.45, 500, 500},
+                    {"stiff", 1000, 1e6, 0.3, 50, 5e4},
+                    {"unlimited", 1000, 2e5, 0.499, 1e12, 0}};
   for (int e = 0; e < count; ++e) {
     const std::int32_t first = 4 * e;
     hand.nodes.push_back(0.01 * random.vector());
@@ -75,11 +78,14 @@ Outcome evaluate(Energy& term, const State& state) {
 void expect_same(std::span<const double> left, std::span<const double> right, const std::string& what) {
   ASSERT_EQ(left.size(), right.size());
   std::size_t different = 0;
-  for (std::size_t i = 0; i < left.size(); ++i) different += left[i] == right[i] || (std::isnan(left[i]) && std::isnan(right[i])) ? 0 : 1;
+  for (std::size_t i = 0; i < left.size(); ++i)
+    different += left[i] == right[i] || (std::isnan(left[i]) && std::isnan(right[i])) ? 0 : 1;
   EXPECT_EQ(different, 0u) << what << ", of " << left.size();
 }
 
-std::span<const double> numbers(const VectorX& vector) { return {vector.data(), static_cast<std::size_t>(vector.size())}; }
+std::span<const double> numbers(const VectorX& vector) {
+  return {vector.data(), static_cast<std::size_t>(vector.size())};
+}
 
 void expect_same(const Outcome& left, const Outcome& right) {
   expect_same({&left.value, 1}, {&right.value, 1}, "value");
@@ -89,7 +95,8 @@ void expect_same(const Outcome& left, const Outcome& right) {
 }
 
 // Relative to the largest entry of each element: of its gradient with what cancels in it, or of its Hessian.
-double worst_difference(std::span<const double> left, std::span<const double> right, std::size_t entries, const std::vector<double>& floor) {
+double worst_difference(std::span<const double> left, std::span<const double> right, std::size_t entries,
+                        const std::vector<double>& floor) {
   double worst = 0;
   for (std::size_t e = 0; e < left.size() / entries; ++e) {
     double largest = floor[e], difference = 0;
@@ -138,7 +145,8 @@ TEST(TissueKernel, EqualsTheScalarReference) {
       deform(state, hand, e, r * q * s.asDiagonal() * q.transpose());
       // Forces of strains of order one: F - R cancels near rest.
       const Material& m = hand.materials[hand.tetrahedron_material[static_cast<std::size_t>(e)]];
-      const CorotationalMaterial c = corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+      const CorotationalMaterial c =
+          corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
       force_scale.push_back((2 * c.mu + 3 * c.lambda) * 0.004 * 0.004);
     }
     const Outcome expected = evaluate(reference, state);
@@ -160,9 +168,10 @@ TEST(TissueKernel, EqualsTheScalarReference) {
 
 TEST(TissueKernel, EnergyOfDegenerateDeformations) {
   Random random(2);
-  const std::vector<Vector3> stretches{{0, 0, 0},   {2, 0, 0},       {1, 1e-8, -1e-8}, {1, 1, -1},        {1, 1, -1 + 1e-12}, {-1, -1, -1},
-                                       {3, 3, -3},  {1e3, 1, 1e-8},  {1, 1e-16, 0},    {1e-160, 0, 1e-160}, {1e60, 1, 1},       {1e3, 1e-8, -1e-8},
-                                       {1e-310, 0, 0}, {1, 1e-130, 0}, {1, 1, 1e-140}};
+  const std::vector<Vector3> stretches{{0, 0, 0},          {2, 0, 0},           {1, 1e-8, -1e-8}, {1, 1, -1},
+                                       {1, 1, -1 + 1e-12}, {-1, -1, -1},        {3, 3, -3},       {1e3, 1, 1e-8},
+                                       {1, 1e-16, 0},      {1e-160, 0, 1e-160}, {1e60, 1, 1},     {1e3, 1e-8, -1e-8},
+                                       {1e-310, 0, 0},     {1, 1e-130, 0},      {1, 1, 1e-140}};
   const HandModel hand = loose_tetrahedra(1, random);
   testing::ScalarTissue reference(hand);
   State state = testing::rest_state(hand);
@@ -272,11 +281,14 @@ TEST(TissueKernel, WhatIsAllButAPointStaysPositiveSemidefinite) {
     if (in_float) tissue.use_single_hessian();
     for (int exponent = in_float ? 12 : 150; exponent < (in_float ? 30 : 170); ++exponent) {
       State state = testing::rest_state(hand);
-      for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) state.node_positions.col(n) = std::pow(10.0, -exponent) * random.vector();
+      for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n)
+        state.node_positions.col(n) = std::pow(10.0, -exponent) * random.vector();
       const Eigen::MatrixXd hessian = evaluate(tissue, state).hessian.dense();
       for (int e = 0; e < count; ++e) {
-        const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(hessian.block<12, 12>(12 * e, 12 * e)).eigenvalues();
-        EXPECT_GE(values[0], -(in_float ? 1e-5 : 1e-9) * values[11]) << "1e-" << exponent << " m, element " << e << (in_float ? ", float" : "");
+        const Eigen::VectorXd values =
+            Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(hessian.block<12, 12>(12 * e, 12 * e)).eigenvalues();
+        EXPECT_GE(values[0], -(in_float ? 1e-5 : 1e-9) * values[11])
+            << "1e-" << exponent << " m, element " << e << (in_float ? ", float" : "");
       }
     }
   }
@@ -287,7 +299,8 @@ TEST(TissueKernel, NotANumberStaysInItsElement) {
   const int count = 40, bad = 21;
   const HandModel hand = loose_tetrahedra(count, random);
   State state = testing::rest_state(hand);
-  for (int e = 0; e < count; ++e) deform(state, hand, e, Matrix3(random_rotation(random)) * Vector3(1.1, 0.9, 1.0).asDiagonal());
+  for (int e = 0; e < count; ++e)
+    deform(state, hand, e, Matrix3(random_rotation(random)) * Vector3(1.1, 0.9, 1.0).asDiagonal());
   for (const InstructionSet set : supported_sets()) {
     SCOPED_TRACE(std::string(to_string(set)));
     Tissue tissue(hand, set);
@@ -304,8 +317,10 @@ TEST(TissueKernel, NotANumberStaysInItsElement) {
           for (int e = 0; e < count; ++e) {
             if (e == bad) continue;
             const auto first = static_cast<std::size_t>(e);
-            expect_same(numbers(after.gradient).subspan(12 * first, 12), numbers(before.gradient).subspan(12 * first, 12), "gradient");
-            expect_same(after.hessian.values().subspan(90 * first, 90), before.hessian.values().subspan(90 * first, 90), "Hessian");
+            expect_same(numbers(after.gradient).subspan(12 * first, 12),
+                        numbers(before.gradient).subspan(12 * first, 12), "gradient");
+            expect_same(after.hessian.values().subspan(90 * first, 90), before.hessian.values().subspan(90 * first, 90),
+                        "Hessian");
           }
         }
       }

@@ -1,19 +1,20 @@
 // Co-rotational tissue: polar decomposition, known answers, laws, derivatives.
+#include "energies/tissue.hpp"
+
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 
 #include "energies/derivative_suite.hpp"
-#include "energies/tissue.hpp"
 #include "support/box_mesh.hpp"
 #include "support/scalar_tissue.hpp"
 
 namespace softhand {
 namespace {
 
-using testing::CorotationalHessian;
 using testing::corotational_hessian;
+using testing::CorotationalHessian;
 using testing::Random;
 
 Matrix3 random_rotation(Random& random) {
@@ -42,10 +43,12 @@ TEST(RotationSvd, HoldsForEveryKindOfMatrix) {
   Random random(1);
   for (int i = 0; i < 2000; ++i) expect_svd(random_matrix(random));
   for (const double tiny : {0.0, 1e-16, 1e-12, 1e-8, -1e-8, -1e-12, -1e-16}) {
-    for (const Vector3& s : {Vector3(1, 1, 1 + tiny), Vector3(1, 1, -1 + tiny), Vector3(2, 1 + tiny, 1), Vector3(2, 1 + tiny, -1), Vector3(1, tiny, tiny),
-                             Vector3(1, 1, tiny), Vector3(1, tiny, -tiny), Vector3(tiny, tiny, tiny), Vector3(1, 2, tiny)}) {
+    for (const Vector3& s : {Vector3(1, 1, 1 + tiny), Vector3(1, 1, -1 + tiny), Vector3(2, 1 + tiny, 1),
+                             Vector3(2, 1 + tiny, -1), Vector3(1, tiny, tiny), Vector3(1, 1, tiny),
+                             Vector3(1, tiny, -tiny), Vector3(tiny, tiny, tiny), Vector3(1, 2, tiny)}) {
       expect_svd(s.asDiagonal());
-      for (int i = 0; i < 20; ++i) expect_svd(random_rotation(random) * s.asDiagonal() * random_rotation(random).transpose());
+      for (int i = 0; i < 20; ++i)
+        expect_svd(random_rotation(random) * s.asDiagonal() * random_rotation(random).transpose());
     }
   }
   expect_svd(Matrix3::Zero());
@@ -124,8 +127,9 @@ TEST(Corotational, HessianEigenvalues) {
 TEST(Corotational, FiniteAtDegenerateSingularValues) {
   const CorotationalMaterial material = corotational_material(1e5, 0.499, 500, 5e8);
   for (const double tiny : {0.0, -0.0, 1e-16, 1e-12, 1e-8, -1e-8, -1e-12}) {
-    for (const Vector3& s : {Vector3(1, 1, 1 + tiny), Vector3(tiny, tiny, tiny), Vector3(2, tiny, tiny), Vector3(1, 1, -1 + tiny), Vector3(1, tiny, -tiny),
-                             Vector3(9, 1, -1 + tiny), Vector3(-1, -1, -1)}) {
+    for (const Vector3& s :
+         {Vector3(1, 1, 1 + tiny), Vector3(tiny, tiny, tiny), Vector3(2, tiny, tiny), Vector3(1, 1, -1 + tiny),
+          Vector3(1, tiny, -tiny), Vector3(9, 1, -1 + tiny), Vector3(-1, -1, -1)}) {
       const CorotationalState state = evaluate_corotational(material, s.asDiagonal());
       EXPECT_TRUE(std::isfinite(state.density));
       EXPECT_TRUE(state.stress().allFinite());
@@ -139,7 +143,8 @@ TEST(Corotational, FiniteAtDegenerateSingularValues) {
 }
 
 TEST(Corotational, RefusesConstants) {
-  for (const double limit : {0.0, -1.0, double(NAN)}) EXPECT_THROW(corotational_material(1e5, 0.45, limit, 0), std::invalid_argument);
+  for (const double limit : {0.0, -1.0, double(NAN)})
+    EXPECT_THROW(corotational_material(1e5, 0.45, limit, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(0, 0.45, 1, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(1e5, 0.5, 1, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(1e5, 0.45, 1, -1), std::invalid_argument);
@@ -215,8 +220,10 @@ TEST(Tissue, PatchBelowAndAboveTheLimit) {
     }
     EXPECT_LE((state.node_positions.col(interior) - f * box.nodes[interior]).norm(), 1e-9 * 0.02);
     for (int e = 1; e < tissue.element_count(); ++e) {
-      EXPECT_NEAR(tissue.energy_density(state, e), tissue.energy_density(state, 0), 1e-9 * tissue.energy_density(state, 0));
-      EXPECT_NEAR(tissue.von_mises_stress(state, e), tissue.von_mises_stress(state, 0), 1e-9 * tissue.von_mises_stress(state, 0));
+      EXPECT_NEAR(tissue.energy_density(state, e), tissue.energy_density(state, 0),
+                  1e-9 * tissue.energy_density(state, 0));
+      EXPECT_NEAR(tissue.von_mises_stress(state, e), tissue.von_mises_stress(state, 0),
+                  1e-9 * tissue.von_mises_stress(state, 0));
     }
   }
 }

@@ -1,4 +1,5 @@
-// Error against run time, with the coarse hand: that its references are references, and its figures say what they should.
+// Error against run time, with the coarse hand: that its references are references, and its figures say what they
+// should.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -31,7 +32,8 @@ const SceneStudy& pinch() {
 
 TEST(Pareto, KeepsWhatNothingBeats) {
   EXPECT_EQ(pareto_front({3, 1, 2, 2.5, 2}, {1, 4, 3, 5, 2}, 0), (std::vector<std::size_t>{1, 4, 0}));
-  EXPECT_EQ(pareto_front({1, 2, 3}, {4, 3.99, 2}, 0.02), (std::vector<std::size_t>{0, 2})) << "a gain that is none has no place";
+  EXPECT_EQ(pareto_front({1, 2, 3}, {4, 3.99, 2}, 0.02), (std::vector<std::size_t>{0, 2}))
+      << "a gain that is none has no place";
   EXPECT_TRUE(pareto_front({}, {}, 0).empty());
 }
 
@@ -53,7 +55,9 @@ TEST_P(EachScene, IsWhatItIsCalled) {
   EXPECT_EQ(trajectory.failed_steps, 0);
   EXPECT_EQ(scene.missing(trajectory), "");
 }
-INSTANTIATE_TEST_SUITE_P(All, EachScene, ::testing::Values("free_motion", "fist", "pinch_lift", "power_grasp", "table_slide", "deep_block", "clutter_100"),
+INSTANTIATE_TEST_SUITE_P(All, EachScene,
+                         ::testing::Values("free_motion", "fist", "pinch_lift", "power_grasp", "table_slide",
+                                           "deep_block", "clutter_100"),
                          [](const auto& parameter) { return parameter.param; });
 
 TEST(ErrorRuntime, ReferencesConverge) {
@@ -62,7 +66,8 @@ TEST(ErrorRuntime, ReferencesConverge) {
   EXPECT_LE(study.r0_residual, 1e-5) << "N: what is left over of forces of several newtons";
   EXPECT_LT(study.r1_uncertainty.tissue_rms_mm, row_of(study, "time_step", "1/30 s").along.tissue_rms_mm / 2);
   EXPECT_GT(row_of(study, "mesh", "400").along.tissue_rms_mm, 0.01) << "meshes differ";
-  EXPECT_LT(row_of(study, "residual_tolerance", "1e-06 N").along.tissue_rms_mm, 1e-4) << "another way to the same state";
+  EXPECT_LT(row_of(study, "residual_tolerance", "1e-06 N").along.tissue_rms_mm, 1e-4)
+      << "another way to the same state";
 }
 
 TEST(ErrorRuntime, ErrorsFallWithIterationsAndTolerance) {
@@ -76,7 +81,8 @@ TEST(ErrorRuntime, ErrorsFallWithIterationsAndTolerance) {
     before = row.one_step->tissue_rms_mm;
   }
   EXPECT_EQ(row_of(study, "newton_iterations", "converged").along.tissue_rms_mm, 0);
-  EXPECT_LT(row_of(study, "residual_tolerance", "0.001 N").along.tissue_rms_mm, row_of(study, "residual_tolerance", "0.1 N").along.tissue_rms_mm);
+  EXPECT_LT(row_of(study, "residual_tolerance", "0.001 N").along.tissue_rms_mm,
+            row_of(study, "residual_tolerance", "0.1 N").along.tissue_rms_mm);
 }
 
 TEST(ErrorRuntime, TheDefaultIsWithinATenthOfAMillimetreAndTwoPercent) {
@@ -97,7 +103,9 @@ TEST(ErrorRuntime, TheSameNumbersTwiceButForTimes) {
   ASSERT_GE(a.size(), 12u);
   for (auto* rows : {&a, &b}) {
     for (auto& row : *rows) {
-      for (const char* contract : {"scene", "knob", "setting", "ms_p50", "ms_p99", "tissue_rms_mm", "force_error", "class"}) ASSERT_TRUE(row.contains(contract)) << contract;
+      for (const char* contract :
+           {"scene", "knob", "setting", "ms_p50", "ms_p99", "tissue_rms_mm", "force_error", "class"})
+        ASSERT_TRUE(row.contains(contract)) << contract;
       for (const char* time : {"ms_p50", "ms_p99", "ms_frame", "on_front"}) row.erase(time);
     }
   }
@@ -114,7 +122,8 @@ TEST(Peer, BulletSolvesTheSameProblem) {
     throw std::invalid_argument(setting);
   };
   EXPECT_LT(error("softhand, 3 iterations"), error("softhand, 1 iteration"));
-  EXPECT_LT(error("softhand, default"), 0.05) << "its nodes weigh a millinewton, and are soft: forces alone say little about where they are";
+  EXPECT_LT(error("softhand, default"), 0.05)
+      << "its nodes weigh a millinewton, and are soft: forces alone say little about where they are";
   EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), error("Bullet, 1 Newton, 10 CG"));
   EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), 5) << "mm; fingers fall by tens";
 }

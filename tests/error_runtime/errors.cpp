@@ -13,7 +13,8 @@ namespace {
 constexpr double kLeastForce = 0.1;  // N: less is no force to be relative to
 
 const Sample* at_tick(const Trajectory& trajectory, std::int64_t tick) {
-  const auto found = std::lower_bound(trajectory.samples.begin(), trajectory.samples.end(), tick, [](const Sample& s, std::int64_t t) { return s.tick < t; });
+  const auto found = std::lower_bound(trajectory.samples.begin(), trajectory.samples.end(), tick,
+                                      [](const Sample& s, std::int64_t t) { return s.tick < t; });
   return found != trajectory.samples.end() && found->tick == tick ? &*found : nullptr;
 }
 
@@ -33,7 +34,8 @@ std::pair<std::size_t, std::size_t> touch_difference(const Sample& one, const Sa
 }  // namespace
 
 std::vector<double> skin_weights(const HandModel& hand) {
-  const Eigen::Matrix3Xd rest = Eigen::Map<const Eigen::Matrix3Xd>(hand.nodes.front().data(), 3, static_cast<Eigen::Index>(hand.nodes.size()));
+  const Eigen::Matrix3Xd rest =
+      Eigen::Map<const Eigen::Matrix3Xd>(hand.nodes.front().data(), 3, static_cast<Eigen::Index>(hand.nodes.size()));
   std::vector<Vector3> places;
   for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) places.push_back(embedded(hand, v, rest));
   std::vector<double> weights(places.size(), 0.0);
@@ -51,7 +53,8 @@ std::vector<double> skin_weights(const HandModel& hand) {
 Errors difference(const Trajectory& trajectory, const Trajectory& reference, const std::vector<double>& weights) {
   Errors errors;
   const auto area = Eigen::Map<const Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()));
-  double tissue = 0, stress = 0, stress_reference = 0, bones = 0, turns = 0, force_difference = 0, force_reference = 0, centres = 0, centre_weight = 0;
+  double tissue = 0, stress = 0, stress_reference = 0, bones = 0, turns = 0, force_difference = 0, force_reference = 0,
+         centres = 0, centre_weight = 0;
   std::size_t differ = 0, either = 0;
   bool same_mesh = true;
   std::vector<double> net;
@@ -101,7 +104,9 @@ Errors difference(const Trajectory& trajectory, const Trajectory& reference, con
   errors.pressure_centre_mm = centre_weight > 0 ? 1e3 * std::sqrt(centres / centre_weight) : 0;
   if (same_mesh) errors.touch_disagreement = either > 0 ? static_cast<double>(differ) / static_cast<double>(either) : 0;
   if (errors.times == 0 || !std::isfinite(errors.tissue_rms_mm)) {
-    for (double* value : {&errors.tissue_rms_mm, &errors.tissue_worst_rms_mm, &errors.tissue_max_mm, &errors.bone_mm, &errors.bone_degrees, &errors.force_error, &errors.stress_error, &errors.net_force_error_p95}) {
+    for (double* value :
+         {&errors.tissue_rms_mm, &errors.tissue_worst_rms_mm, &errors.tissue_max_mm, &errors.bone_mm,
+          &errors.bone_degrees, &errors.force_error, &errors.stress_error, &errors.net_force_error_p95}) {
       *value = std::numeric_limits<double>::infinity();
     }
   }
@@ -136,7 +141,8 @@ Trajectory combined(const std::vector<std::pair<double, const Trajectory*>>& par
       for (std::size_t f = 0; f < forces.size(); ++f) forces[f] += factor * force(*s, f);
     }
     if (!everywhere) continue;
-    for (std::size_t j = 0; j < kJointCount; ++j) sample.joints[j] = {places[j], rotation_exp(turns[j]) * first.joints[j].orientation};
+    for (std::size_t j = 0; j < kJointCount; ++j)
+      sample.joints[j] = {places[j], rotation_exp(turns[j]) * first.joints[j].orientation};
     for (std::size_t f = 0; f < forces.size(); ++f) sample.fingers[f].force = to_wire(forces[f]);
     sum.samples.push_back(std::move(sample));
   }

@@ -30,10 +30,10 @@ namespace {
 
 constexpr double kYoungsModulus = 6e4;  // Pa
 constexpr double kPoissonRatio = 0.4;
-constexpr double kDensity = 1000;       // kg/m^3
-constexpr double kStep = 1.0 / 90;      // s
+constexpr double kDensity = 1000;   // kg/m^3
+constexpr double kStep = 1.0 / 90;  // s
 constexpr int kSteps = 60;
-const Vector3 kWeight(0, -9.81, 0);     // m/s^2
+const Vector3 kWeight(0, -9.81, 0);  // m/s^2
 
 // The tissue alone, of one material; the palm's nodes held.
 struct Problem {
@@ -63,7 +63,8 @@ Sample sample_at(const Problem& p, int step, const Eigen::Matrix3Xd& nodes) {
   Sample sample;
   sample.tick = step;
   sample.skin.resize(3, static_cast<Eigen::Index>(p.hand.skin_vertices.size()));
-  for (std::size_t v = 0; v < p.hand.skin_vertices.size(); ++v) sample.skin.col(static_cast<Eigen::Index>(v)) = embedded(p.hand, v, nodes);
+  for (std::size_t v = 0; v < p.hand.skin_vertices.size(); ++v)
+    sample.skin.col(static_cast<Eigen::Index>(v)) = embedded(p.hand, v, nodes);
   return sample;
 }
 
@@ -71,7 +72,10 @@ Sample sample_at(const Problem& p, int step, const Eigen::Matrix3Xd& nodes) {
 class OwnFall {
  public:
   OwnFall(const Problem& p, const SolverOptions& options)
-      : state_(at_rest(p)), inertia_(p.masses, 0), tissue_(p.hand), palm_(p.held, 1e6 * Matrix3::Identity(), state_.node_positions),
+      : state_(at_rest(p)),
+        inertia_(p.masses, 0),
+        tissue_(p.hand),
+        palm_(p.held, 1e6 * Matrix3::Identity(), state_.node_positions),
         solver_({&inertia_, &tissue_, &palm_}, state_.layout(), options) {
     inertia_.set_node_gravity(kWeight);
   }
@@ -83,7 +87,8 @@ class OwnFall {
   static State at_rest(const Problem& p) {
     State state;
     state.node_positions.resize(3, p.hand.node_count());
-    for (int n = 0; n < p.hand.node_count(); ++n) state.node_positions.col(n) = p.hand.nodes[static_cast<std::size_t>(n)];
+    for (int n = 0; n < p.hand.node_count(); ++n)
+      state.node_positions.col(n) = p.hand.nodes[static_cast<std::size_t>(n)];
     state.node_velocities = Eigen::Matrix3Xd::Zero(3, p.hand.node_count());
     return state;
   }
@@ -112,8 +117,8 @@ Trajectory run_own(const Problem& p, const SolverOptions& options, int steps = k
 class BulletSolver final : public btDeformableBodySolver {
  public:
   struct Limits {
-    int newton = 0;      // iterations; 0: Bullet's own
-    int conjugate = 0;   // iterations; 0: Bullet's own
+    int newton = 0;     // iterations; 0: Bullet's own
+    int conjugate = 0;  // iterations; 0: Bullet's own
     double tolerance = 0;
   };
   explicit BulletSolver(const Limits& limits) {
@@ -128,7 +133,9 @@ class BulletSolver final : public btDeformableBodySolver {
   }
 };
 
-btVector3 to_bullet(const Vector3& v) { return {static_cast<btScalar>(v.x()), static_cast<btScalar>(v.y()), static_cast<btScalar>(v.z())}; }
+btVector3 to_bullet(const Vector3& v) {
+  return {static_cast<btScalar>(v.x()), static_cast<btScalar>(v.y()), static_cast<btScalar>(v.z())};
+}
 
 class BulletFall {
  public:
@@ -153,7 +160,8 @@ class BulletFall {
     body_->initializeDmInverse();
     body_->m_tetraScratches.resize(body_->m_tetras.size());
     body_->m_tetraScratchesTn.resize(body_->m_tetras.size());
-    for (std::size_t n = 0; n < p.masses.size(); ++n) body_->setMass(static_cast<int>(n), static_cast<btScalar>(p.masses[n]));
+    for (std::size_t n = 0; n < p.masses.size(); ++n)
+      body_->setMass(static_cast<int>(n), static_cast<btScalar>(p.masses[n]));
     for (const int n : p.held) body_->setMass(n, 0);
     body_->m_cfg.collisions = 0;
     body_->m_cfg.drag = 0;
@@ -231,11 +239,14 @@ PeerStudy study_peer(const std::string& hand) {
   const Problem p = problem_of(hand);
   PeerStudy study;
   study.statement = fmt::format(
-      "{}: the tissue without bones, {} nodes and {} tetrahedra, the palm's {} nodes held; E = {:g} Pa, nu = {}, {} kg/m^3; the fingers fall under their weight, {} steps of 1/90 s. Bullet 3.24 as "
+      "{}: the tissue without bones, {} nodes and {} tetrahedra, the palm's {} nodes held; E = {:g} Pa, nu = {}, {} "
+      "kg/m^3; the fingers fall under their weight, {} steps of 1/90 s. Bullet 3.24 as "
       "Debian builds it (single precision), `btDeformableLinearElasticityForce` (co-rotated), implicit, damping off.",
-      hand, p.hand.nodes.size(), p.hand.tetrahedra.size(), p.held.size(), kYoungsModulus, kPoissonRatio, kDensity, kSteps);
+      hand, p.hand.nodes.size(), p.hand.tetrahedra.size(), p.held.size(), kYoungsModulus, kPoissonRatio, kDensity,
+      kSteps);
   study.cannot =
-      "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside elements (anchors hold nodes), joints with ranges and couplings in the same "
+      "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside "
+      "elements (anchors hold nodes), joints with ranges and couplings in the same "
       "minimisation, contact inside the implicit solve, a result that repeats in double precision.";
   const std::vector<double> weights = skin_weights(p.hand);
   const Trajectory exact = run_own(p, converged());
@@ -258,10 +269,12 @@ PeerStudy study_peer(const std::string& hand) {
     study.rows.push_back(row);
   };
   add("softhand, converged (R0)", exact);
-  for (const int count : {1, 2, 3, 5}) add(fmt::format("softhand, {} iteration{}", count, count > 1 ? "s" : ""), run_own(p, iterations(count, 0)));
+  for (const int count : {1, 2, 3, 5})
+    add(fmt::format("softhand, {} iteration{}", count, count > 1 ? "s" : ""), run_own(p, iterations(count, 0)));
   add("softhand, default", run_own(p, SolverOptions{}));
   add("Bullet, as it comes", run_bullet(p, {}));
-  for (const int count : {10, 25, 100, 400}) add(fmt::format("Bullet, 1 Newton, {} CG", count), run_bullet(p, {1, count, 1e-8}));
+  for (const int count : {10, 25, 100, 400})
+    add(fmt::format("Bullet, 1 Newton, {} CG", count), run_bullet(p, {1, count, 1e-8}));
   add("Bullet, 5 Newton, 200 CG", run_bullet(p, {5, 200, 1e-8}));
   return study;
 }

@@ -7,8 +7,8 @@
 
 namespace softhand::error_runtime {
 
-/// Soft fingers without bones, their palm held, fall under their own weight: one material, no strain limit, no contact, which is what both can do. Errors are
-/// against this project's converged run. `hand`: the name of a hand file.
+/// Soft fingers without bones, their palm held, fall under their own weight: one material, no strain limit, no contact,
+/// which is what both can do. Errors are against this project's converged run. `hand`: the name of a hand file.
 PeerStudy study_peer(const std::string& hand);
 
 /// The first steps of the same fall, both engines as they come, which take a step in turn.

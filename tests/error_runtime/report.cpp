@@ -68,7 +68,8 @@ Row not_built(const NotBuilt& scene) {
   row.scene = scene.name;
   row.setting = scene.reason;
   row.classification = "Not built";
-  for (double* value : {&row.ms_p50, &row.ms_p99, &row.ms_frame, &row.along.tissue_rms_mm, &row.along.force_error}) *value = nan;
+  for (double* value : {&row.ms_p50, &row.ms_p99, &row.ms_frame, &row.along.tissue_rms_mm, &row.along.force_error})
+    *value = nan;
   return row;
 }
 
@@ -79,27 +80,39 @@ const Row& default_of(const SceneStudy& scene) {
 // The row that has the default's mesh and step among those of a knob; null where the knob has none.
 const Row* like_default(const SceneStudy& scene, const std::string& knob) {
   const Row& def = default_of(scene);
-  const auto found = std::find_if(scene.rows.begin(), scene.rows.end(), [&](const Row& row) { return row.knob == knob && row.hand == def.hand && row.rate_hz == def.rate_hz; });
+  const auto found = std::find_if(scene.rows.begin(), scene.rows.end(), [&](const Row& row) {
+    return row.knob == knob && row.hand == def.hand && row.rate_hz == def.rate_hz;
+  });
   return found == scene.rows.end() ? nullptr : &*found;
 }
 
 std::string millimetres(double value) { return std::isfinite(value) ? fmt::format("{:.2g}", value) : "not finite"; }
 std::string percent(double share) { return std::isfinite(share) ? fmt::format("{:.2g} %", 100 * share) : "not finite"; }
 
-std::string name_of(const Row& row) { return row.is_default ? "**default**" : row.knob == "combined" ? row.setting : row.knob + " " + row.setting; }
+std::string name_of(const Row& row) {
+  return row.is_default ? "**default**" : row.knob == "combined" ? row.setting : row.knob + " " + row.setting;
+}
 
 void print(const Row& row) {
-  fmt::print("  {:19} {:34} {:6.2f} ms p99 {:7.2f} frame {:7.2f}  {:3} tissue {:9.3g} mm force {:9.3g}  all {:8.3g} mm  {}{}{}\n", row.knob, row.setting, row.ms_p50, row.ms_p99, row.ms_frame,
-             row.reference, row.along.tissue_rms_mm, row.along.force_error, row.total.tissue_rms_mm, row.classification, row.is_default ? "  DEFAULT" : "", row.on_front ? "  front" : "");
+  fmt::print(
+      "  {:19} {:34} {:6.2f} ms p99 {:7.2f} frame {:7.2f}  {:3} tissue {:9.3g} mm force {:9.3g}  all {:8.3g} mm  "
+      "{}{}{}\n",
+      row.knob, row.setting, row.ms_p50, row.ms_p99, row.ms_frame, row.reference, row.along.tissue_rms_mm,
+      row.along.force_error, row.total.tissue_rms_mm, row.classification, row.is_default ? "  DEFAULT" : "",
+      row.on_front ? "  front" : "");
 }
 
 void print(const SceneStudy& scene) {
   fmt::print("{}: {}{}\n", scene.scene, scene.statement, scene.missing.empty() ? "" : "; NOT SHOWN: " + scene.missing);
-  fmt::print("  R0: residual {:.2g}, {:.1f} iterations a step, at most {:.0f}; input moved by 1 um moves the tissue by {:.2g} um\n", scene.r0_residual, scene.r0_iterations,
-             scene.r0_iterations_most, scene.amplification);
+  fmt::print(
+      "  R0: residual {:.2g}, {:.1f} iterations a step, at most {:.0f}; input moved by 1 um moves the tissue by {:.2g} "
+      "um\n",
+      scene.r0_residual, scene.r0_iterations, scene.r0_iterations_most, scene.amplification);
   for (const Row& row : scene.rows) print(row);
   for (const Slope& slope : scene.slopes) {
-    if (slope.points >= 2) fmt::print("  slope of {} ({}): {:.2f}, expected {:g}, {} points\n", slope.quantity, slope.knob, slope.observed, slope.expected, slope.points);
+    if (slope.points >= 2)
+      fmt::print("  slope of {} ({}): {:.2f}, expected {:g}, {} points\n", slope.quantity, slope.knob, slope.observed,
+                 slope.expected, slope.points);
   }
   std::fflush(stdout);
 }
@@ -115,7 +128,8 @@ void pin_thread() {
 }
 
 bool asked_for(const ErrorRuntimeArguments& arguments, const std::string& name) {
-  return arguments.which.empty() || std::find(arguments.which.begin(), arguments.which.end(), name) != arguments.which.end();
+  return arguments.which.empty() ||
+         std::find(arguments.which.begin(), arguments.which.end(), name) != arguments.which.end();
 }
 
 }  // namespace
@@ -123,7 +137,8 @@ bool asked_for(const ErrorRuntimeArguments& arguments, const std::string& name) 
 std::string default_misses(const SceneStudy& scene) {
   const Row& row = default_of(scene);
   if (!scene.grasp || (row.along.tissue_rms_mm <= kTissueBound && row.along.force_error <= kForceBound)) return {};
-  return fmt::format("{}: the default is {} mm and {} off R0, expected {} mm and {}", scene.scene, millimetres(row.along.tissue_rms_mm), percent(row.along.force_error), kTissueBound,
+  return fmt::format("{}: the default is {} mm and {} off R0, expected {} mm and {}", scene.scene,
+                     millimetres(row.along.tissue_rms_mm), percent(row.along.force_error), kTissueBound,
                      percent(kForceBound));
 }
 
@@ -145,7 +160,9 @@ std::string to_csv(const Study& study) {
   for (const Json& row : list) {
     bool first = true;
     for (const auto& [key, value] : row.items()) {
-      text += (first ? "" : ",") + (value.is_null() ? std::string() : value.is_string() ? report::in_quotes(value.get<std::string>()) : value.dump());
+      text += (first ? "" : ",") + (value.is_null()     ? std::string()
+                                    : value.is_string() ? report::in_quotes(value.get<std::string>())
+                                                        : value.dump());
       first = false;
     }
     text += '\n';
@@ -155,29 +172,47 @@ std::string to_csv(const Study& study) {
 
 std::string to_markdown(const Study& study, const std::string& command, const std::string& pictures) {
   const report::Provenance from = report::provenance();
-  std::string text = fmt::format("## Error against run time\n\n`{}` on {}, {}, commit {}; CPU time of one pinned thread.\n\n", command, from.processor, from.compiler, from.commit);
+  std::string text =
+      fmt::format("## Error against run time\n\n`{}` on {}, {}, commit {}; CPU time of one pinned thread.\n\n", command,
+                  from.processor, from.compiler, from.commit);
   text += fmt::format(
-      "The hand's loop plays scenes of a second, the same input for every setting. Errors are of the whole run, of the skin weighted by area, RMS over time, against references of their "
-      "own: R0 is the same mesh and step with Newton's method until an iteration moves nothing by 1e-12 (the solver's error), R1 the limit of steps of 1/{} s and 1/{} s (the step's), R2 "
-      "the finest mesh (the mesh's). \"All\" is the distance from R2 + R1 - R0, the best result known. Forces are compared finger by finger, relative to the reference's.\n\n",
+      "The hand's loop plays scenes of a second, the same input for every setting. Errors are of the whole run, of the "
+      "skin weighted by area, RMS over time, against references of their "
+      "own: R0 is the same mesh and step with Newton's method until an iteration moves nothing by 1e-12 (the solver's "
+      "error), R1 the limit of steps of 1/{} s and 1/{} s (the step's), R2 "
+      "the finest mesh (the mesh's). \"All\" is the distance from R2 + R1 - R0, the best result known. Forces are "
+      "compared finger by finger, relative to the reference's.\n\n",
       study.quick ? 360 : 1440, study.quick ? 180 : 720);
   text += "The default (" + study.default_hand + ", 90 Hz):\n\n";
-  text += "| scene | ms, median / p99 | solver: tissue mm, force | one step: tissue mm, force | step: tissue mm | mesh: tissue mm | all: tissue mm, force | 0.1 mm, 2 % of R0 |\n";
+  text +=
+      "| scene | ms, median / p99 | solver: tissue mm, force | one step: tissue mm, force | step: tissue mm | mesh: "
+      "tissue mm | all: tissue mm, force | 0.1 mm, 2 % of R0 |\n";
   text += "| --- | --- | --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     const Row& row = default_of(scene);
     const Row *step = like_default(scene, "time_step"), *mesh = like_default(scene, "mesh");
     const auto of = [](const Row* r) { return r == nullptr ? std::string("-") : millimetres(r->along.tissue_rms_mm); };
-    text += fmt::format("| {} | {:.2f} / {:.2f} | {}, {} | {}, {} | {} | {} | {}, {} | {} |\n", scene.scene, row.ms_p50, row.ms_p99, millimetres(row.along.tissue_rms_mm), percent(row.along.force_error),
-                        millimetres(row.one_step->tissue_rms_mm), percent(row.one_step->force_error), of(step), of(mesh), millimetres(row.total.tissue_rms_mm), percent(row.total.force_error),
-                        !scene.grasp ? "not a grasp" : default_misses(scene).empty() ? "met" : "**missed**");
+    text += fmt::format("| {} | {:.2f} / {:.2f} | {}, {} | {}, {} | {} | {} | {}, {} | {} |\n", scene.scene, row.ms_p50,
+                        row.ms_p99, millimetres(row.along.tissue_rms_mm), percent(row.along.force_error),
+                        millimetres(row.one_step->tissue_rms_mm), percent(row.one_step->force_error), of(step),
+                        of(mesh), millimetres(row.total.tissue_rms_mm), percent(row.total.force_error),
+                        !scene.grasp                    ? "not a grasp"
+                        : default_misses(scene).empty() ? "met"
+                                                        : "**missed**");
   }
-  for (const NotBuilt& scene : scenes_not_built()) text += fmt::format("| {} | Not built: {} | | | | | | |\n", scene.name, scene.reason);
+  for (const NotBuilt& scene : scenes_not_built())
+    text += fmt::format("| {} | Not built: {} | | | | | | |\n", scene.name, scene.reason);
   if (!pictures.empty()) {
-    text += fmt::format("\n![Error of each knob against its own reference over the CPU time of a step]({}/error_runtime.png)\n", pictures);
-    text += fmt::format("\n![Error against the best known result over CPU time, with the Pareto front]({}/error_runtime_total.png)\n", pictures);
+    text += fmt::format(
+        "\n![Error of each knob against its own reference over the CPU time of a step]({}/error_runtime.png)\n",
+        pictures);
+    text += fmt::format(
+        "\n![Error against the best known result over CPU time, with the Pareto front]({}/error_runtime_total.png)\n",
+        pictures);
   }
-  text += "\nThe Pareto front against \"all\", from cheap to dear, in ms of CPU time for 1/90 s of the scene and mm:\n\n| scene | front |\n| --- | --- |\n";
+  text +=
+      "\nThe Pareto front against \"all\", from cheap to dear, in ms of CPU time for 1/90 s of the scene and mm:\n\n| "
+      "scene | front |\n| --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     std::vector<const Row*> front;
     for (const Row& row : scene.rows) {
@@ -185,16 +220,25 @@ std::string to_markdown(const Study& study, const std::string& command, const st
     }
     std::sort(front.begin(), front.end(), [](const Row* a, const Row* b) { return a->ms_frame < b->ms_frame; });
     std::string line;
-    for (const Row* row : front) line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "; ", name_of(*row), row->ms_frame, millimetres(row->total.tissue_rms_mm));
+    for (const Row* row : front)
+      line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "; ", name_of(*row), row->ms_frame,
+                          millimetres(row->total.tissue_rms_mm));
     text += fmt::format("| {} | {} |\n", scene.scene, line);
   }
-  text += "\nReferences and what is not known better; the last column is how far the tissue moves when the input is moved by 1 um, RMS, over 1 um: far above 1 a scene is chaotic.\n\n";
-  text += "| scene | R0: residual | R0: iterations a step, mean / most | finest step from R1, mm | second finest mesh from R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
+  text +=
+      "\nReferences and what is not known better; the last column is how far the tissue moves when the input is moved "
+      "by 1 um, RMS, over 1 um: far above 1 a scene is chaotic.\n\n";
+  text +=
+      "| scene | R0: residual | R0: iterations a step, mean / most | finest step from R1, mm | second finest mesh from "
+      "R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
-    text += fmt::format("| {} | {:.1e} | {:.1f} / {:.0f} | {} | {} | {:.2g} |\n", scene.scene, scene.r0_residual, scene.r0_iterations, scene.r0_iterations_most,
-                        millimetres(scene.r1_uncertainty.tissue_rms_mm), millimetres(scene.r2_uncertainty.tissue_rms_mm), scene.amplification);
+    text += fmt::format("| {} | {:.1e} | {:.1f} / {:.0f} | {} | {} | {:.2g} |\n", scene.scene, scene.r0_residual,
+                        scene.r0_iterations, scene.r0_iterations_most, millimetres(scene.r1_uncertainty.tissue_rms_mm),
+                        millimetres(scene.r2_uncertainty.tissue_rms_mm), scene.amplification);
   }
-  text += "\nFitted slopes, observed (expected). Contact that begins, ends or slips between two steps costs the step its first order.\n\n| scene |";
+  text +=
+      "\nFitted slopes, observed (expected). Contact that begins, ends or slips between two steps costs the step its "
+      "first order.\n\n| scene |";
   std::string line = "\n| --- |";
   if (!study.scenes.empty()) {
     for (const Slope& slope : study.scenes.front().slopes) {
@@ -205,7 +249,8 @@ std::string to_markdown(const Study& study, const std::string& command, const st
   text += line + "\n";
   for (const SceneStudy& scene : study.scenes) {
     text += "| " + scene.scene + " |";
-    for (const Slope& slope : scene.slopes) text += slope.points >= 2 ? fmt::format(" {:.2f} ({:g}) |", slope.observed, slope.expected) : std::string(" - |");
+    for (const Slope& slope : scene.slopes)
+      text += slope.points >= 2 ? fmt::format(" {:.2f} ({:g}) |", slope.observed, slope.expected) : std::string(" - |");
     text += "\n";
   }
   for (const SceneStudy& scene : study.scenes) {
@@ -213,9 +258,12 @@ std::string to_markdown(const Study& study, const std::string& command, const st
     if (const std::string misses = default_misses(scene); !misses.empty()) text += "\n" + misses + ".\n";
   }
   if (!study.peer.rows.empty()) {
-    text += "\n### Another engine on the same tetrahedra\n\n" + study.peer.statement + "\n\n| engine | ms, median / p99 | tissue RMS mm | worst mm | class |\n| --- | --- | --- | --- | --- |\n";
+    text += "\n### Another engine on the same tetrahedra\n\n" + study.peer.statement +
+            "\n\n| engine | ms, median / p99 | tissue RMS mm | worst mm | class |\n| --- | --- | --- | --- | --- |\n";
     for (const Row& row : study.peer.rows) {
-      text += fmt::format("| {} | {:.2f} / {:.2f} | {} | {} | {} |\n", row.setting, row.ms_p50, row.ms_p99, millimetres(row.along.tissue_rms_mm), millimetres(row.along.tissue_max_mm), row.classification);
+      text +=
+          fmt::format("| {} | {:.2f} / {:.2f} | {} | {} | {} |\n", row.setting, row.ms_p50, row.ms_p99,
+                      millimetres(row.along.tissue_rms_mm), millimetres(row.along.tissue_max_mm), row.classification);
     }
     text += "\n" + study.peer.cannot + "\n";
   }
@@ -223,18 +271,29 @@ std::string to_markdown(const Study& study, const std::string& command, const st
 }
 
 std::string table_markdown(const Study& study) {
-  std::string text = "## Every run of error against run time\n\nErrors as above, against the reference named; `one step` from R0's state at every step.\n\n";
-  text += "| scene | knob | setting | ms p50 | p99 | of 1/90 s | reference | tissue RMS mm | worst time | worst point | bones mm / deg | force | touch differs | one step mm / force | all mm | "
-          "penetration p95 / max mm | lag ms | energy defect | class |\n";
-  text += "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  std::string text =
+      "## Every run of error against run time\n\nErrors as above, against the reference named; `one step` from R0's "
+      "state at every step.\n\n";
+  text +=
+      "| scene | knob | setting | ms p50 | p99 | of 1/90 s | reference | tissue RMS mm | worst time | worst point | "
+      "bones mm / deg | force | touch differs | one step mm / force | all mm | "
+      "penetration p95 / max mm | lag ms | energy defect | class |\n";
+  text +=
+      "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | "
+      "--- |\n";
   for (const SceneStudy& scene : study.scenes) {
     for (const Row& row : scene.rows) {
       const Errors& e = row.along;
-      text += fmt::format("| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {} | {:.2g} | {:.2g} | {:.2g} | {:.2g} / {:.2g} | {:.2g} | {} | {} | {:.2g} | {:.2g} / {:.2g} | {:.2f} | {:.2g} | {} |\n", row.scene, row.knob,
-                          row.setting, row.ms_p50, row.ms_p99, row.ms_frame, row.reference, e.tissue_rms_mm, e.tissue_worst_rms_mm, e.tissue_max_mm, e.bone_mm, e.bone_degrees, e.force_error,
-                          std::isnan(e.touch_disagreement) ? std::string("-") : fmt::format("{:.2g}", e.touch_disagreement),
-                          row.one_step ? fmt::format("{:.2g} / {:.2g}", row.one_step->tissue_rms_mm, row.one_step->force_error) : std::string("-"), row.total.tissue_rms_mm, row.penetration_p95_mm,
-                          row.penetration_max_mm, row.lag_ms, row.energy_defect, row.classification == "Pass" ? "Pass" : "**" + row.classification + "**");
+      text += fmt::format(
+          "| {} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {} | {:.2g} | {:.2g} | {:.2g} | {:.2g} / {:.2g} | {:.2g} | {} | "
+          "{} | {:.2g} | {:.2g} / {:.2g} | {:.2f} | {:.2g} | {} |\n",
+          row.scene, row.knob, row.setting, row.ms_p50, row.ms_p99, row.ms_frame, row.reference, e.tissue_rms_mm,
+          e.tissue_worst_rms_mm, e.tissue_max_mm, e.bone_mm, e.bone_degrees, e.force_error,
+          std::isnan(e.touch_disagreement) ? std::string("-") : fmt::format("{:.2g}", e.touch_disagreement),
+          row.one_step ? fmt::format("{:.2g} / {:.2g}", row.one_step->tissue_rms_mm, row.one_step->force_error)
+                       : std::string("-"),
+          row.total.tissue_rms_mm, row.penetration_p95_mm, row.penetration_max_mm, row.lag_ms, row.energy_defect,
+          row.classification == "Pass" ? "Pass" : "**" + row.classification + "**");
     }
   }
   return text;
@@ -243,7 +302,9 @@ std::string table_markdown(const Study& study) {
 int run_error_runtime(const ErrorRuntimeArguments& arguments) {
   for (const std::string& name : arguments.which) {
     const auto& scenes = all_scenes();
-    if (name == "peer" || std::any_of(scenes.begin(), scenes.end(), [&name](const Scene& scene) { return scene.name == name; })) continue;
+    if (name == "peer" ||
+        std::any_of(scenes.begin(), scenes.end(), [&name](const Scene& scene) { return scene.name == name; }))
+      continue;
     std::string known = "peer";
     for (const Scene& scene : scenes) known += ", " + scene.name;
     throw std::invalid_argument("no scene '" + name + "'; known: " + known);
@@ -265,11 +326,13 @@ int run_error_runtime(const ErrorRuntimeArguments& arguments) {
     study.peer = study_peer(study.default_hand);
     for (const Row& row : study.peer.rows) print(row);
   }
-  const std::string command = arguments.quick ? "softhand report error-runtime --quick" : "softhand report error-runtime";
+  const std::string command =
+      arguments.quick ? "softhand report error-runtime --quick" : "softhand report error-runtime";
   const std::string json = to_json(study).dump(1) + "\n";
   report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(study));
-  report::write_file(arguments.markdown, to_markdown(study, command, arguments.plot.empty() ? "" : "images") + "\n" + table_markdown(study));
+  report::write_file(arguments.markdown, to_markdown(study, command, arguments.plot.empty() ? "" : "images") + "\n" +
+                                             table_markdown(study));
   report::draw("error_runtime", json, arguments.plot);
   return good ? 0 : 1;
 }

@@ -1,8 +1,9 @@
 #include "error_runtime/scenes.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <fmt/format.h>
 
 #include "error_runtime/trial.hpp"
 #include "math/rotation.hpp"
@@ -18,10 +19,13 @@ std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)
 // A part of a motion at another pace, at rest at both ends.
 class Paced final : public Motion {
  public:
-  Paced(std::unique_ptr<Motion> motion, double from, double to, double seconds) : motion_(std::move(motion)), from_(from), to_(to), seconds_(seconds) {}
+  Paced(std::unique_ptr<Motion> motion, double from, double to, double seconds)
+      : motion_(std::move(motion)), from_(from), to_(to), seconds_(seconds) {}
   double duration() const override { return seconds_; }
   const std::array<double, kJointCount>& radii() const override { return motion_->radii(); }
-  JointFrames at(double time) const override { return motion_->at(from_ + (to_ - from_) * minimum_jerk(time / seconds_)); }
+  JointFrames at(double time) const override {
+    return motion_->at(from_ + (to_ - from_) * minimum_jerk(time / seconds_));
+  }
 
  private:
   std::unique_ptr<Motion> motion_;
@@ -31,7 +35,8 @@ class Paced final : public Motion {
 // One posture, the wrist at the origin.
 class Still final : public Motion {
  public:
-  explicit Still(const HandModel& hand, const JointAngles& angles) : frames_(forward_kinematics(hand, Pose{}, angles)), radii_(hand.joint_radii) {}
+  explicit Still(const HandModel& hand, const JointAngles& angles)
+      : frames_(forward_kinematics(hand, Pose{}, angles)), radii_(hand.joint_radii) {}
   double duration() const override { return 0; }
   const std::array<double, kJointCount>& radii() const override { return radii_; }
   JointFrames at(double) const override { return frames_; }
@@ -55,7 +60,8 @@ class Carried final : public Motion {
   JointFrames at(double time) const override {
     Pose carrier{way_.front().place, orientation_};
     for (std::size_t k = 1; k < way_.size(); ++k) {
-      carrier.position += minimum_jerk((time - way_[k - 1].time) / (way_[k].time - way_[k - 1].time)) * (way_[k].place - way_[k - 1].place);
+      carrier.position += minimum_jerk((time - way_[k - 1].time) / (way_[k].time - way_[k - 1].time)) *
+                          (way_[k].place - way_[k - 1].place);
     }
     JointFrames frames = motion_->at(time);
     for (Pose& frame : frames) frame = carrier * frame;
@@ -89,11 +95,12 @@ ObjectOptions box(const std::string& name, const Vector3& half, const Vector3& p
 
 ObjectOptions table() { return box("table", {0.4, 0.02, 0.4}, {0, kFloor - 0.02, 0}, 0); }
 
-// --- what a scene must show ---
+// --- what a scene must show ----------------------------------------------------------------------
 
 double strongest(const Trajectory& t, Finger finger) {
   double most = 0;
-  for (const Sample& s : t.samples) most = std::max(most, to_vector(s.fingers[static_cast<std::size_t>(finger)].force).norm());
+  for (const Sample& s : t.samples)
+    most = std::max(most, to_vector(s.fingers[static_cast<std::size_t>(finger)].force).norm());
   return most;
 }
 
@@ -103,7 +110,8 @@ std::string touches(const Trajectory& t, std::initializer_list<Finger> fingers, 
   std::string text;
   for (const Finger f : fingers) {
     text += must(strongest(t, f) >= newtons,
-                 fmt::format("{} presses with at most {:.2f} N, expected {}", kFingerNames[static_cast<std::size_t>(f)], strongest(t, f), newtons));
+                 fmt::format("{} presses with at most {:.2f} N, expected {}", kFingerNames[static_cast<std::size_t>(f)],
+                             strongest(t, f), newtons));
   }
   return text;
 }
@@ -120,7 +128,9 @@ double travel(const Trajectory& t, Joint joint) {
   return (t.samples.back().joints[index(joint)].position - t.samples.front().joints[index(joint)].position).norm();
 }
 
-double rise(const Trajectory& t, std::size_t object) { return t.samples.back().objects[object].position.y() - t.samples.front().objects[object].position.y(); }
+double rise(const Trajectory& t, std::size_t object) {
+  return t.samples.back().objects[object].position.y() - t.samples.front().objects[object].position.y();
+}
 
 // Of the fingers' contacts, how far they slid, the farthest.
 double slid(const Trajectory& t) {
@@ -128,7 +138,8 @@ double slid(const Trajectory& t) {
   for (std::size_t f = 0; f < 5; ++f) {
     double sum = 0;
     for (std::size_t k = 1; k < t.samples.size(); ++k) {
-      sum += t.samples[k].fingers[f].slip_speed * static_cast<double>(t.samples[k].tick - t.samples[k - 1].tick) / static_cast<double>(kTicksPerSecond);
+      sum += t.samples[k].fingers[f].slip_speed * static_cast<double>(t.samples[k].tick - t.samples[k - 1].tick) /
+             static_cast<double>(kTicksPerSecond);
     }
     farthest = std::max(farthest, sum);
   }
@@ -137,11 +148,13 @@ double slid(const Trajectory& t) {
 
 std::size_t most_touching(const Trajectory& t) {
   std::size_t most = 0;
-  for (const Sample& s : t.samples) most = std::max(most, static_cast<std::size_t>(std::count_if(s.touch.begin(), s.touch.end(), [](auto x) { return x != 0; })));
+  for (const Sample& s : t.samples)
+    most = std::max(
+        most, static_cast<std::size_t>(std::count_if(s.touch.begin(), s.touch.end(), [](auto x) { return x != 0; })));
   return most;
 }
 
-// --- the scenes ---
+// --- the scenes ----------------------------------------------------------------------------------
 
 GeneratorOptions grasp_of(const std::string& motion, double width, double height) {
   GeneratorOptions o;
@@ -165,7 +178,10 @@ Scene free_motion() {
     o.motion = "free_motion";
     return std::make_shared<Paced>(make_motion(hand, o), 1.5, 3.0, 1.0);
   };
-  scene.missing = [](const Trajectory& t) { return must(travel(t, Joint::wrist) > 0.03 && travel(t, Joint::index_tip) > 0.03, "the hand hardly moves") + touches_nothing(t); };
+  scene.missing = [](const Trajectory& t) {
+    return must(travel(t, Joint::wrist) > 0.03 && travel(t, Joint::index_tip) > 0.03, "the hand hardly moves") +
+           touches_nothing(t);
+  };
   return scene;
 }
 
@@ -180,16 +196,26 @@ Scene fist() {
     const Vector3 before = t.samples.front().joints[index(Joint::middle_distal)].orientation * -Vector3::UnitZ();
     const Vector3 after = t.samples.back().joints[index(Joint::middle_distal)].orientation * -Vector3::UnitZ();
     const double degrees = std::acos(std::clamp(before.dot(after), -1.0, 1.0)) * 180 / M_PI;
-    return must(degrees > 90, fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected 90", degrees)) + touches_nothing(t);
+    return must(degrees > 90,
+                fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected 90", degrees)) +
+           touches_nothing(t);
   };
   return scene;
 }
 
 Scene pinch_lift() {
-  Scene scene{"pinch_lift", "thumb and index take a 50 g cube of 40 mm from a table and lift it by 30 mm", 1, {table(), box("cube", Vector3::Constant(0.02), {0, 0.02, 0}, 0.05)}, {}, true, {}, {}};
+  Scene scene{"pinch_lift",
+              "thumb and index take a 50 g cube of 40 mm from a table and lift it by 30 mm",
+              1,
+              {table(), box("cube", Vector3::Constant(0.02), {0, 0.02, 0}, 0.05)},
+              {},
+              true,
+              {},
+              {}};
   scene.motion = [](const HandModel& hand) { return make_motion(hand, grasp_of("pinch", 0.04, 0.026)); };
   scene.missing = [](const Trajectory& t) {
-    return touches(t, {Finger::thumb, Finger::index}, 0.3) + must(rise(t, 1) > 0.02, fmt::format("the cube rises by {:.1f} mm, expected 20", 1e3 * rise(t, 1)));
+    return touches(t, {Finger::thumb, Finger::index}, 0.3) +
+           must(rise(t, 1) > 0.02, fmt::format("the cube rises by {:.1f} mm, expected 20", 1e3 * rise(t, 1)));
   };
   return scene;
 }
@@ -218,32 +244,55 @@ Scene power_grasp() {
 
 Scene table_slide() {
   Scene scene{"table_slide", "fingertips are put on a table and drawn back by 50 mm", 1, {table()}, {}, false, {}, {}};
-  scene.motion = [](const HandModel& hand) { return tips_down(hand, {{0, {0, 0.012, 0}}, {0.3, {0, 0.001, 0}}, {0.9, {0, 0.001, 0.05}}}); };
+  scene.motion = [](const HandModel& hand) {
+    return tips_down(hand, {{0, {0, 0.012, 0}}, {0.3, {0, 0.001, 0}}, {0.9, {0, 0.001, 0.05}}});
+  };
   scene.missing = [](const Trajectory& t) {
-    return touches(t, {Finger::middle, Finger::ring}, 0.5) + must(slid(t) > 0.03, fmt::format("the contacts slide by {:.1f} mm, expected 30", 1e3 * slid(t)));
+    return touches(t, {Finger::middle, Finger::ring}, 0.5) +
+           must(slid(t) > 0.03, fmt::format("the contacts slide by {:.1f} mm, expected 30", 1e3 * slid(t)));
   };
   return scene;
 }
 
 Scene deep_block() {
-  Scene scene{"deep_block", "the tracked fingers go 40 mm into an 80 mm block that does not move", 1, {box("block", Vector3::Constant(0.04), {0, -0.04, 0}, 0)}, {}, false, {}, {}};
+  Scene scene{"deep_block",
+              "the tracked fingers go 40 mm into an 80 mm block that does not move",
+              1,
+              {box("block", Vector3::Constant(0.04), {0, -0.04, 0}, 0)},
+              {},
+              false,
+              {},
+              {}};
   scene.motion = [](const HandModel& hand) {
     auto flat = std::make_shared<Still>(hand, open_hand(hand));
     const Vector3 over = flat->at(0)[index(Joint::middle_intermediate)].position;
-    return std::make_shared<Carried>(flat, Quaternion::Identity(), std::vector<Waypoint>{{0, Vector3(0, 0.015, 0) - over}, {0.6, Vector3(0, -0.04, 0) - over}});
+    return std::make_shared<Carried>(
+        flat, Quaternion::Identity(),
+        std::vector<Waypoint>{{0, Vector3(0, 0.015, 0) - over}, {0.6, Vector3(0, -0.04, 0) - over}});
   };
   scene.missing = [](const Trajectory& t) {
-    return touches(t, {Finger::index, Finger::middle, Finger::ring}, 3) + must(most_touching(t) >= 20, fmt::format("{} nodes touch, expected 20", most_touching(t)));
+    return touches(t, {Finger::index, Finger::middle, Finger::ring}, 3) +
+           must(most_touching(t) >= 20, fmt::format("{} nodes touch, expected 20", most_touching(t)));
   };
   return scene;
 }
 
 // Where the fingers will come stand five cubes, far from them the rest.
 Scene clutter() {
-  Scene scene{"clutter_100", "four fingers push cubes over a table on which 100 stand", 1, {table()}, {"mirrored_objects=5"}, false, {}, {}};
+  Scene scene{"clutter_100",
+              "four fingers push cubes over a table on which 100 stand",
+              1,
+              {table()},
+              {"mirrored_objects=5"},
+              false,
+              {},
+              {}};
   const Vector3 half = Vector3::Constant(0.011);
-  for (int k = 0; k < 5; ++k) scene.objects.push_back(box(fmt::format("near_{}", k), half, {-0.048 + 0.024 * k, half.y(), -0.028}, 0.02));
-  for (int k = 0; k < 95; ++k) scene.objects.push_back(box(fmt::format("far_{}", k), half, {-0.36 + 0.04 * (k % 19), half.y(), -0.2 - 0.04 * (k / 19)}, 0.02));
+  for (int k = 0; k < 5; ++k)
+    scene.objects.push_back(box(fmt::format("near_{}", k), half, {-0.048 + 0.024 * k, half.y(), -0.028}, 0.02));
+  for (int k = 0; k < 95; ++k)
+    scene.objects.push_back(
+        box(fmt::format("far_{}", k), half, {-0.36 + 0.04 * (k % 19), half.y(), -0.2 - 0.04 * (k / 19)}, 0.02));
   scene.motion = [](const HandModel& hand) { return tips_down(hand, {{0, {0, 0.011, 0}}, {0.9, {0, 0.011, -0.065}}}); };
   scene.missing = [](const Trajectory& t) {
     int moved = 0, stayed = 0;
@@ -251,7 +300,8 @@ Scene clutter() {
       const double way = (t.samples.back().objects[o].position - t.samples.front().objects[o].position).norm();
       (way > 5e-3 ? moved : stayed) += 1;
     }
-    return must(moved >= 3, fmt::format("{} cubes are pushed, expected 3", moved)) + must(moved + stayed == 100, "not 100 cubes");
+    return must(moved >= 3, fmt::format("{} cubes are pushed, expected 3", moved)) +
+           must(moved + stayed == 100, "not 100 cubes");
   };
   return scene;
 }
@@ -259,12 +309,14 @@ Scene clutter() {
 }  // namespace
 
 const std::vector<Scene>& all_scenes() {
-  static const std::vector<Scene> scenes{free_motion(), fist(), pinch_lift(), power_grasp(), table_slide(), deep_block(), clutter()};
+  static const std::vector<Scene> scenes{free_motion(), fist(),       pinch_lift(), power_grasp(),
+                                         table_slide(), deep_block(), clutter()};
   return scenes;
 }
 
 const std::vector<NotBuilt>& scenes_not_built() {
-  static const std::vector<NotBuilt> scenes{{"flexible_ball", "objects are rigid: there is no flexible one to squeeze"}};
+  static const std::vector<NotBuilt> scenes{
+      {"flexible_ball", "objects are rigid: there is no flexible one to squeeze"}};
   return scenes;
 }
 

@@ -1,4 +1,5 @@
-// The scenes of error against run time: short, smooth, the same input for every setting. A hand's loop plays them alone, in a world that stands still.
+// The scenes of error against run time: short, smooth, the same input for every setting. A hand's loop plays them
+// alone, in a world that stands still.
 #pragma once
 
 #include <functional>
@@ -17,9 +18,9 @@ struct Trajectory;
 inline constexpr double kFloor = 0;  ///< m: what can move stands on the plane y = kFloor
 
 struct Scene {
-  std::string name;                  ///< unique
-  std::string statement;             ///< what happens, in a line
-  double seconds = 1;                ///< a multiple of 1/30
+  std::string name;       ///< unique
+  std::string statement;  ///< what happens, in a line
+  double seconds = 1;     ///< a multiple of 1/30
   std::vector<ObjectOptions> objects;
   std::vector<std::string> options;  ///< "key=value" for HandOptions
   bool grasp = false;                ///< the default must be within 0.1 mm and 2 % of R0

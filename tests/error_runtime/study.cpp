@@ -60,14 +60,24 @@ Plan plan_of(bool quick) {
 std::vector<Run> runs_of(const Plan& plan, bool quick) {
   std::vector<Run> runs;
   runs.push_back({"default", "default", plan.hand, {}, "R0"});
-  for (const int count : plan.newton) runs.push_back({"newton_iterations", fmt::format("{}", count), plan.hand, {iterations(count), residual(0)}, "R0"});
+  for (const int count : plan.newton)
+    runs.push_back({"newton_iterations", fmt::format("{}", count), plan.hand, {iterations(count), residual(0)}, "R0"});
   for (const double tolerance : plan.tolerances) {
-    runs.push_back({"residual_tolerance", fmt::format("{:g} N", tolerance), plan.hand, {iterations(60), residual(tolerance), kAnyMove}, "R0"});
+    runs.push_back({"residual_tolerance",
+                    fmt::format("{:g} N", tolerance),
+                    plan.hand,
+                    {iterations(60), residual(tolerance), kAnyMove},
+                    "R0"});
   }
   for (const double budget : {1.0, 1.5, 2.0, 4.0, 8.0}) {
-    runs.push_back({"work_budget", fmt::format("{:g} fast steps", budget), plan.hand, {fmt::format("simulation.solver.work_budget={:g}", budget)}, "R0"});
+    runs.push_back({"work_budget",
+                    fmt::format("{:g} fast steps", budget),
+                    plan.hand,
+                    {fmt::format("simulation.solver.work_budget={:g}", budget)},
+                    "R0"});
   }
-  for (const std::string& mesh : plan.meshes) runs.push_back({"mesh", mesh.substr(mesh.find('_') + 1), mesh, well_solved(), "R2"});
+  for (const std::string& mesh : plan.meshes)
+    runs.push_back({"mesh", mesh.substr(mesh.find('_') + 1), mesh, well_solved(), "R2"});
   for (const int hertz : plan.rates) {
     std::vector<std::string> overrides = well_solved();
     overrides.push_back(rate(hertz));
@@ -79,7 +89,11 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
       if (hertz == 90 && mesh == plan.hand) continue;  // among the iterations
       if (quick && hertz == 360) continue;
       if (mesh == "right_3000" && hertz > 90) continue;
-      runs.push_back({"combined", fmt::format("{} nodes, 1/{} s, 1 iteration", mesh.substr(mesh.find('_') + 1), hertz), mesh, {iterations(1), rate(hertz)}, "all"});
+      runs.push_back({"combined",
+                      fmt::format("{} nodes, 1/{} s, 1 iteration", mesh.substr(mesh.find('_') + 1), hertz),
+                      mesh,
+                      {iterations(1), rate(hertz)},
+                      "all"});
     }
   }
   for (Run& run : runs) {
@@ -113,18 +127,24 @@ class Shifted final : public Motion {
 // Hands are loaded once, and each is brought to the scene's start once.
 class Stage {
  public:
-  Stage(const Scene& scene, const std::string& shape_of_motion) : scene_(scene), motion_(scene.motion(hand(shape_of_motion))) {}
+  Stage(const Scene& scene, const std::string& shape_of_motion)
+      : scene_(scene), motion_(scene.motion(hand(shape_of_motion))) {}
   const HandModel& hand(const std::string& name) {
     static std::map<std::string, HandModel> hands;
     const auto found = hands.find(name);
     if (found != hands.end()) return found->second;
     return hands.emplace(name, load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + name + ".hand.json")).first->second;
   }
-  std::unique_ptr<Player> ready(const std::string& name, const std::vector<std::string>& overrides) { return ready(name, overrides, motion_); }
-  std::unique_ptr<Player> ready_shifted(const std::string& name) { return ready(name, {}, std::make_shared<Shifted>(motion_)); }
+  std::unique_ptr<Player> ready(const std::string& name, const std::vector<std::string>& overrides) {
+    return ready(name, overrides, motion_);
+  }
+  std::unique_ptr<Player> ready_shifted(const std::string& name) {
+    return ready(name, {}, std::make_shared<Shifted>(motion_));
+  }
 
  private:
-  std::unique_ptr<Player> ready(const std::string& name, const std::vector<std::string>& overrides, std::shared_ptr<const Motion> motion) {
+  std::unique_ptr<Player> ready(const std::string& name, const std::vector<std::string>& overrides,
+                                std::shared_ptr<const Motion> motion) {
     auto& settled = settled_[name];
     if (settled == nullptr) {
       settled = std::make_unique<Player>(scene_, hand(name), motion_, options_of(scene_, {}));
@@ -170,8 +190,8 @@ std::string classify(const Trajectory& trajectory, const Errors& errors, const T
   return trajectory.inverted_at_end > reference.inverted_at_end ? "Inverted" : "Pass";
 }
 
-Slope slope(const std::vector<Row>& rows, const std::string& scene, const std::string& knob, const std::string& quantity, double expected, double (*x)(const Row&),
-            double (*y)(const Row&)) {
+Slope slope(const std::vector<Row>& rows, const std::string& scene, const std::string& knob,
+            const std::string& quantity, double expected, double (*x)(const Row&), double (*y)(const Row&)) {
   std::vector<double> xs, ys;
   for (const Row& row : rows) {
     if (row.knob != knob || row.classification != "Pass" || !(y(row) > 0)) continue;
@@ -205,7 +225,8 @@ double fitted_slope(const std::vector<double>& x, const std::vector<double>& y) 
 std::vector<std::size_t> pareto_front(const std::vector<double>& x, const std::vector<double>& y, double gain) {
   std::vector<std::size_t> order(x.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return x[a] != x[b] ? x[a] < x[b] : y[a] < y[b]; });
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return x[a] != x[b] ? x[a] < x[b] : y[a] < y[b]; });
   std::vector<std::size_t> front;
   for (const std::size_t i : order) {
     if (front.empty() || y[i] < (1 - gain) * y[front.back()]) front.push_back(i);
@@ -223,14 +244,20 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.grasp = scene.grasp;
 
   // R0, and beside it the single steps of the settings with the same mesh and step.
-  Run r0{"newton_iterations", "converged", plan.hand, {iterations(200), residual(0), increment(1e-12), kNoChord, kNoKeep, "simulation.solver.factor=double"}, "R0"};
+  Run r0{"newton_iterations",
+         "converged",
+         plan.hand,
+         {iterations(200), residual(0), increment(1e-12), kNoChord, kNoKeep, "simulation.solver.factor=double"},
+         "R0"};
   Restarted restarted;
   for (std::size_t i = 0; i < runs.size(); ++i) {
-    if (runs[i].knob == "default" || runs[i].knob == "newton_iterations") restarted.add(i, stage.ready(runs[i].hand, runs[i].overrides));
+    if (runs[i].knob == "default" || runs[i].knob == "newton_iterations")
+      restarted.add(i, stage.ready(runs[i].hand, runs[i].overrides));
   }
   const auto exact = stage.ready(r0.hand, r0.overrides);
   r0.trajectory = play(scene, *exact, [&](const Player& player) {
-    if (player.tick() > 0) study.r0_iterations_most = std::max<double>(study.r0_iterations_most, player.output().report.iterations);
+    if (player.tick() > 0)
+      study.r0_iterations_most = std::max<double>(study.r0_iterations_most, player.output().report.iterations);
     restarted.before_step(player);
   });
   study.missing = scene.missing(r0.trajectory);
@@ -243,9 +270,12 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   const Trajectory& exact_run = runs.back().trajectory;
 
   const auto run_of = [&](const std::string& knob, const std::string& setting) -> const Trajectory& {
-    return std::find_if(runs.begin(), runs.end(), [&](const Run& r) { return r.knob == knob && r.setting == setting; })->trajectory;
+    return std::find_if(runs.begin(), runs.end(), [&](const Run& r) { return r.knob == knob && r.setting == setting; })
+        ->trajectory;
   };
-  const auto by_rate = [&](std::size_t from_last) -> const Trajectory& { return run_of("time_step", fmt::format("1/{} s", plan.rates[plan.rates.size() - 1 - from_last])); };
+  const auto by_rate = [&](std::size_t from_last) -> const Trajectory& {
+    return run_of("time_step", fmt::format("1/{} s", plan.rates[plan.rates.size() - 1 - from_last]));
+  };
   const auto by_mesh = [&](std::size_t from_last) -> const Trajectory& {
     const std::string& mesh = plan.meshes[plan.meshes.size() - 1 - from_last];
     return run_of("mesh", mesh.substr(mesh.find('_') + 1));
@@ -263,7 +293,10 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const Run& run = runs[i];
     const Trajectory& t = run.trajectory;
-    const Trajectory& reference = run.reference == "R0" ? exact_run : run.reference == "R1" ? r1 : run.reference == "R2" ? r2 : all;
+    const Trajectory& reference = run.reference == "R0"   ? exact_run
+                                  : run.reference == "R1" ? r1
+                                  : run.reference == "R2" ? r2
+                                                          : all;
     Row row;
     row.scene = scene.name;
     row.knob = run.knob;
@@ -278,7 +311,8 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
     row.ms_frame = std::accumulate(t.step_ms.begin(), t.step_ms.end(), 0.0) / (90 * scene.seconds);
     row.along = difference(t, reference, weights);
     row.total = difference(t, all, weights);
-    if (const Trajectory* steps = i < own_runs ? restarted.of(i) : nullptr) row.one_step = difference(*steps, exact_run, weights);
+    if (const Trajectory* steps = i < own_runs ? restarted.of(i) : nullptr)
+      row.one_step = difference(*steps, exact_run, weights);
     row.iterations = t.iterations;
     row.steps_not_converged = t.steps_not_converged;
     row.worst_residual = t.worst_residual;
@@ -305,11 +339,15 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
 
   const auto step_length = [](const Row& row) { return 1 / row.rate_hz; };
   const auto size = [](const Row& row) { return std::cbrt(1 / nodes_of(row)); };
-  study.slopes.push_back(slope(study.rows, scene.name, "time_step", "tissue RMS over dt", 1, step_length, [](const Row& r) { return r.along.tissue_rms_mm; }));
-  study.slopes.push_back(slope(study.rows, scene.name, "mesh", "tissue RMS over h", 2, size, [](const Row& r) { return r.along.tissue_rms_mm; }));
-  study.slopes.push_back(slope(study.rows, scene.name, "mesh", "stress over h", 1, size, [](const Row& r) { return r.along.stress_error; }));
-  study.slopes.push_back(slope(study.rows, scene.name, "residual_tolerance", "tissue RMS over tolerance", 1, [](const Row& r) { return std::stod(r.setting); },
+  study.slopes.push_back(slope(study.rows, scene.name, "time_step", "tissue RMS over dt", 1, step_length,
                                [](const Row& r) { return r.along.tissue_rms_mm; }));
+  study.slopes.push_back(slope(study.rows, scene.name, "mesh", "tissue RMS over h", 2, size,
+                               [](const Row& r) { return r.along.tissue_rms_mm; }));
+  study.slopes.push_back(slope(study.rows, scene.name, "mesh", "stress over h", 1, size,
+                               [](const Row& r) { return r.along.stress_error; }));
+  study.slopes.push_back(slope(
+      study.rows, scene.name, "residual_tolerance", "tissue RMS over tolerance", 1,
+      [](const Row& r) { return std::stod(r.setting); }, [](const Row& r) { return r.along.tissue_rms_mm; }));
   return study;
 }
 

@@ -46,16 +46,20 @@ ObjectState state_of(const ObjectOptions& object, std::uint32_t id) {
 // Of each element, Pa.
 std::vector<double> stress_norms(const HandModel& hand, const State& state) {
   std::vector<CorotationalMaterial> materials;
-  for (const Material& m : hand.materials) materials.push_back(corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
+  for (const Material& m : hand.materials)
+    materials.push_back(
+        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
   std::vector<double> norms;
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const auto& n = hand.tetrahedra[t];
     Matrix3 rest, now;
     for (int k = 0; k < 3; ++k) {
-      rest.col(k) = hand.nodes[static_cast<std::size_t>(n[static_cast<std::size_t>(k + 1)])] - hand.nodes[static_cast<std::size_t>(n[0])];
+      rest.col(k) = hand.nodes[static_cast<std::size_t>(n[static_cast<std::size_t>(k + 1)])] -
+                    hand.nodes[static_cast<std::size_t>(n[0])];
       now.col(k) = state.node_positions.col(n[static_cast<std::size_t>(k + 1)]) - state.node_positions.col(n[0]);
     }
-    norms.push_back(evaluate_corotational(materials[hand.tetrahedron_material[t]], now * rest.inverse()).stress().norm());
+    norms.push_back(
+        evaluate_corotational(materials[hand.tetrahedron_material[t]], now * rest.inverse()).stress().norm());
   }
   return norms;
 }
@@ -69,11 +73,16 @@ HandOptions options_of(const Scene& scene, const std::vector<std::string>& overr
   return options;
 }
 
-Player::Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const Motion> motion, const HandOptions& options)
-    : scene_(scene), motion_(std::move(motion)), loop_(std::make_unique<HandLoop>(hand, options, HandKey{})),
-      period_(static_cast<Nanoseconds>(1e9 / options.rate_hz)), ticks_per_step_(static_cast<std::int64_t>(std::llround(kTicksPerSecond / options.rate_hz))) {
+Player::Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const Motion> motion,
+               const HandOptions& options)
+    : scene_(scene),
+      motion_(std::move(motion)),
+      loop_(std::make_unique<HandLoop>(hand, options, HandKey{})),
+      period_(static_cast<Nanoseconds>(1e9 / options.rate_hz)),
+      ticks_per_step_(static_cast<std::int64_t>(std::llround(kTicksPerSecond / options.rate_hz))) {
   if (std::abs(static_cast<double>(ticks_per_step_) * options.rate_hz - kTicksPerSecond) > 1e-6) {
-    throw std::invalid_argument("hand.rate_hz = " + std::to_string(options.rate_hz) + ": expected a divisor of " + std::to_string(kTicksPerSecond));
+    throw std::invalid_argument("hand.rate_hz = " + std::to_string(options.rate_hz) + ": expected a divisor of " +
+                                std::to_string(kTicksPerSecond));
   }
   std::uint32_t id = 0;
   for (const ObjectOptions& object : scene_.objects) {
@@ -86,7 +95,8 @@ Player::Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const 
 double Player::advance(double motion_time, bool world_there) {
   now_ += period_;
   constexpr double kHalf = 1e-4;  // s; the motions are smooth on this scale
-  const JointFrames frames = motion_->at(motion_time), before = motion_->at(motion_time - kHalf), after = motion_->at(motion_time + kHalf);
+  const JointFrames frames = motion_->at(motion_time), before = motion_->at(motion_time - kHalf),
+                    after = motion_->at(motion_time + kHalf);
   const bool still = motion_time <= 0;
   ++skeleton_.stamp.sequence;
   skeleton_.stamp.sample_time = now_;
@@ -96,13 +106,22 @@ double Player::advance(double motion_time, bool world_there) {
       velocity.linear = (after[j].position - before[j].position) / (2 * kHalf);
       velocity.angular = rotation_log(after[j].orientation * before[j].orientation.conjugate()) / (2 * kHalf);
     }
-    skeleton_.joints[j] = {to_wire(frames[j].position), to_wire(frames[j].orientation), to_wire(velocity.linear), to_wire(velocity.angular), 0, kJointValid, 1};
+    skeleton_.joints[j] = {to_wire(frames[j].position),
+                           to_wire(frames[j].orientation),
+                           to_wire(velocity.linear),
+                           to_wire(velocity.angular),
+                           0,
+                           kJointValid,
+                           1};
   }
   world_.stamp.sample_time = now_;
   HandWants wants;
   wants.surface = wants.bone_wrench = false;
   wants.ledger = world_there;  // begins with the scene
-  const double milliseconds = 1e3 * bench::seconds_of([&] { output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants); });
+  const double milliseconds =
+      1e3 * bench::seconds_of([&] {
+        output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants);
+      });
   for (const ObjectTwin& twin : output_->coupling.twins) {
     if (twin.owned == 0) continue;
     ObjectState& state = world_.objects[twin.object - 1];
@@ -112,7 +131,8 @@ double Player::advance(double motion_time, bool world_there) {
     state.angular_velocity = twin.angular_velocity;
   }
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    const Vector3 behind = frames[j].position - to_vector(output_->simulated.joints[j].position), velocity = to_vector(skeleton_.joints[j].linear_velocity);
+    const Vector3 behind = frames[j].position - to_vector(output_->simulated.joints[j].position),
+                  velocity = to_vector(skeleton_.joints[j].linear_velocity);
     lag_numerator_ += behind.dot(velocity);
     lag_denominator_ += velocity.squaredNorm();
   }
@@ -142,7 +162,9 @@ double Player::step() {
 Vector3 embedded(const HandModel& hand, std::size_t v, const Eigen::Matrix3Xd& nodes) {
   const SkinVertex& vertex = hand.skin_vertices[v];
   Vector3 place = Vector3::Zero();
-  for (std::size_t k = 0; k < 4; ++k) place += static_cast<double>(vertex.weights[k]) * nodes.col(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k]);
+  for (std::size_t k = 0; k < 4; ++k)
+    place += static_cast<double>(vertex.weights[k]) *
+             nodes.col(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k]);
   return place;
 }
 
@@ -153,18 +175,22 @@ Sample sample_of(const Player& player) {
   Sample sample;
   sample.tick = player.tick();
   sample.skin.resize(3, static_cast<Eigen::Index>(hand.skin_vertices.size()));
-  for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) sample.skin.col(static_cast<Eigen::Index>(v)) = embedded(hand, v, state.node_positions);
+  for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v)
+    sample.skin.col(static_cast<Eigen::Index>(v)) = embedded(hand, v, state.node_positions);
   if (sample.tick % (kTicksPerSecond / 30) == 0) {
     const std::vector<double> norms = stress_norms(hand, state);
     sample.stress.resize(sample.skin.cols());
-    for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) sample.stress[static_cast<Eigen::Index>(v)] = norms[static_cast<std::size_t>(hand.skin_vertices[v].tetrahedron)];
+    for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v)
+      sample.stress[static_cast<Eigen::Index>(v)] = norms[static_cast<std::size_t>(hand.skin_vertices[v].tetrahedron)];
   }
   for (std::size_t j = 0; j < kJointCount; ++j) sample.joints[j] = simulation.joint_pose(static_cast<Joint>(j));
   const Contacts& contacts = player.output().contacts;
   sample.fingers = contacts.fingers;
-  for (const ObjectState& object : player.world().objects) sample.objects.push_back(to_pose(object.position, object.orientation));
+  for (const ObjectState& object : player.world().objects)
+    sample.objects.push_back(to_pose(object.position, object.orientation));
   sample.touch.assign(hand.nodes.size(), 0);
-  for (const Contact& contact : contacts.contacts) sample.touch[contact.node] = (contact.flags & kContactSticking) != 0 ? 1 : 2;
+  for (const Contact& contact : contacts.contacts)
+    sample.touch[contact.node] = (contact.flags & kContactSticking) != 0 ? 1 : 2;
   return sample;
 }
 
@@ -181,7 +207,8 @@ Trajectory play(const Scene& scene, Player& player, const std::function<void(con
     iterations += report.iterations;
     trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
     if (report.status != StepStatus::converged) ++trajectory.steps_not_converged;
-    for (const Contact& contact : player.output().contacts.contacts) trajectory.penetrations.push_back(contact.penetration);
+    for (const Contact& contact : player.output().contacts.contacts)
+      trajectory.penetrations.push_back(contact.penetration);
     if (!player.at_sample()) continue;
     trajectory.samples.push_back(sample_of(player));
     trajectory.finite = trajectory.finite && trajectory.samples.back().skin.allFinite();
@@ -191,7 +218,8 @@ Trajectory play(const Scene& scene, Player& player, const std::function<void(con
   trajectory.inverted_at_end = player.loop().simulation().inverted_elements();
   trajectory.iterations = iterations / static_cast<double>(trajectory.step_ms.size());
   trajectory.failed_steps = static_cast<int>(player.loop().counters().failed_steps - failed_before);
-  trajectory.lag_ms = 1e3 * (player.lag_numerator() - lag_numerator) / std::max(player.lag_denominator() - lag_denominator, 1e-12);
+  trajectory.lag_ms =
+      1e3 * (player.lag_numerator() - lag_numerator) / std::max(player.lag_denominator() - lag_denominator, 1e-12);
   return trajectory;
 }
 

@@ -18,31 +18,33 @@ inline constexpr std::int64_t kSampleTicks = kTicksPerSecond / 90;
 
 /// The hand's state at one time, in what all meshes share: the embedded skin, joints, objects, forces by finger.
 struct Sample {
-  std::int64_t tick = 0;              ///< since the motion's start
-  Eigen::Matrix3Xd skin;              ///< vertices of the skin, m, world
-  Eigen::VectorXd stress;             ///< norm of the first Piola stress in the element that carries each vertex of the skin, Pa; every 1/30 s, else empty
+  std::int64_t tick = 0;   ///< since the motion's start
+  Eigen::Matrix3Xd skin;   ///< vertices of the skin, m, world
+  Eigen::VectorXd stress;  ///< norm of the first Piola stress in the element that carries each vertex of the skin, Pa;
+                           ///< every 1/30 s, else empty
   std::array<Pose, kJointCount> joints;
   std::array<FingerContact, 6> fingers;
-  std::vector<Pose> objects;          ///< in the order of the scene
-  std::vector<std::uint8_t> touch;    ///< by node of this mesh: 0 free, 1 sticking, 2 sliding
+  std::vector<Pose> objects;        ///< in the order of the scene
+  std::vector<std::uint8_t> touch;  ///< by node of this mesh: 0 free, 1 sticking, 2 sliding
 };
 
 struct Trajectory {
-  std::vector<Sample> samples;        ///< every 1/90 s, or every step where steps are longer
-  std::vector<double> step_ms;        ///< CPU time of the thread, a step each
-  std::vector<double> penetrations;   ///< m, of every (touching node, step)
-  double iterations = 0;              ///< mean a step
-  double worst_residual = 0;          ///< N or N m, after the step
-  int steps_not_converged = 0;        ///< whose solver ended by its iteration limit, not by a tolerance
-  int failed_steps = 0;               ///< that the solver gave up
+  std::vector<Sample> samples;       ///< every 1/90 s, or every step where steps are longer
+  std::vector<double> step_ms;       ///< CPU time of the thread, a step each
+  std::vector<double> penetrations;  ///< m, of every (touching node, step)
+  double iterations = 0;             ///< mean a step
+  double worst_residual = 0;         ///< N or N m, after the step
+  int steps_not_converged = 0;       ///< whose solver ended by its iteration limit, not by a tolerance
+  int failed_steps = 0;              ///< that the solver gave up
   bool finite = true;
-  int inverted = 0;                   ///< elements, the most at any sample
+  int inverted = 0;  ///< elements, the most at any sample
   int inverted_at_end = 0;
-  double energy_defect = 0;           ///< largest |residual| of the energy ledger over its scale
-  double lag_ms = 0;                  ///< of all joints behind their targets, least squares
+  double energy_defect = 0;  ///< largest |residual| of the energy ledger over its scale
+  double lag_ms = 0;         ///< of all joints behind their targets, least squares
 };
 
-/// The hand's loop of a scene with a world in which nothing moves but what the hand carries: an owned object's copy is where its twin is.
+/// The hand's loop of a scene with a world in which nothing moves but what the hand carries: an owned object's copy is
+/// where its twin is.
 class Player {
  public:
   /// `options` are the shipped defaults with the scene's and the setting's overrides.
@@ -60,7 +62,8 @@ class Player {
   const WorldObjects& world() const { return world_; }
   /// Whether the state now belongs into a trajectory's samples.
   bool at_sample() const { return tick_ % kSampleTicks == 0 || ticks_per_step_ > kSampleTicks; }
-  /// A sum over all joints of (target - simulated) . target velocity, and of its square: their ratio over a run is the lag, s.
+  /// A sum over all joints of (target - simulated) . target velocity, and of its square: their ratio over a run is the
+  /// lag, s.
   double lag_numerator() const { return lag_numerator_; }
   double lag_denominator() const { return lag_denominator_; }
 

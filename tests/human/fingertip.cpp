@@ -196,7 +196,8 @@ PulpFit fit_pulp(std::span<const Fingertip> tips, const PulpMaterial& start) {
   constexpr int kMostEvaluations = 150;
   constexpr double kFlat = 1e-4;
   while (evaluations < kMostEvaluations) {
-    std::stable_sort(simplex.begin(), simplex.end(), [](const Corner& a, const Corner& b) { return a.value < b.value; });
+    std::stable_sort(simplex.begin(), simplex.end(),
+                     [](const Corner& a, const Corner& b) { return a.value < b.value; });
     if (simplex[3].value - simplex[0].value < kFlat) break;
     const Point centre = (simplex[0].point + simplex[1].point + simplex[2].point) / 3;
     const Point away = centre - simplex[3].point;
@@ -215,7 +216,8 @@ PulpFit fit_pulp(std::span<const Fingertip> tips, const PulpMaterial& start) {
       }
     }
   }
-  const auto best = std::min_element(simplex.begin(), simplex.end(), [](const Corner& a, const Corner& b) { return a.value < b.value; });
+  const auto best = std::min_element(simplex.begin(), simplex.end(),
+                                     [](const Corner& a, const Corner& b) { return a.value < b.value; });
   return {material(best->point), best->value, evaluations};
 }
 

@@ -10,19 +10,22 @@
 namespace softhand::human {
 namespace {
 
-HandModel shipped(const std::string& name) { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/" + name); }
+HandModel shipped(const std::string& name) {
+  return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/" + name);
+}
 
 TEST(Fingertip, OfTheShippedHandsPressesAsPeoplesDo) {
   constexpr double kPlaces[] = {0.25e-3, 0.5e-3, 1e-3, 1.5e-3};
   // At 400 nodes one node is the whole contact: half of people's force at 1.5 mm, a little below the band.
   constexpr double kCoarseMiss = 0.9;
-  for (const char* name :
-       {"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json", "right_3000.hand.json", "right_6000.hand.json"}) {
+  for (const char* name : {"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json", "right_3000.hand.json",
+                           "right_6000.hand.json"}) {
     const HandModel hand = shipped(name);
     double last_force = 0, last_area = 0;
     for (const Press& press : Fingertip(hand, SimulationOptions{}.contact_stiffness).press(pulp_of(hand), kPlaces)) {
       const double reference = measured_force(press.indentation);
-      EXPECT_GT(press.force, (hand.node_count() < 500 ? kCoarseMiss : 1) * reference / kForceSpread) << name << " at " << press.indentation;
+      EXPECT_GT(press.force, (hand.node_count() < 500 ? kCoarseMiss : 1) * reference / kForceSpread)
+          << name << " at " << press.indentation;
       EXPECT_LT(press.force, reference * kForceSpread) << name << " at " << press.indentation;
       EXPECT_GT(press.force, last_force) << name;
       EXPECT_GE(press.area, last_area) << name;
@@ -42,7 +45,9 @@ TEST(Postures, StrainNoShippedHandsSkinBeyondSixtyPercentAndTurnNothingInsideOut
       EXPECT_LE(r.skin_p95, 0.3) << name << ' ' << r.posture;
       EXPECT_EQ(r.inverted_most, 0) << name << ' ' << r.posture;
       EXPECT_LE(r.missed, 0.1) << name << ' ' << r.posture << ": the tissue holds it open";
-      if (r.posture == std::string("relaxed")) { EXPECT_LE(r.skin_p95, 0.1) << name << ": it rests there"; }
+      if (r.posture == std::string("relaxed")) {
+        EXPECT_LE(r.skin_p95, 0.1) << name << ": it rests there";
+      }
     }
   }
 }

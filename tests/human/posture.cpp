@@ -13,12 +13,14 @@ namespace {
 
 constexpr double kDegree = M_PI / 180;
 constexpr double kStep = 1.0 / 90;
-constexpr int kClosing = 90, kHeld = 90;                     // steps
+constexpr int kClosing = 90, kHeld = 90;                    // steps
 constexpr double kTremor = 0.5 * kDegree, kTremorRate = 3;  // rad, Hz
 
 // Flexion from the straight finger that the bone has at rest against its parent, rad: its turn about its own X axis.
 double flexion_at_rest(const HandModel& hand, Body body) {
-  const auto turn = [&hand](Body b) { return hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(b)))].orientation; };
+  const auto turn = [&hand](Body b) {
+    return hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(b)))].orientation;
+  };
   const Quaternion relative = turn(parent_of(body)).conjugate() * turn(body);
   return -2 * std::atan2(relative.x(), relative.w());
 }
@@ -68,7 +70,9 @@ void measure(const HandModel& hand, const State& state, PostureResult& result) {
   for (int n = 0; n < hand.node_count(); ++n) nodes.push_back(state.node_positions.col(n));
   std::vector<Weighted> skin, tissue;
   for (const auto& t : hand.surface) {
-    const auto of = [&t](const std::vector<Vector3>& x, std::size_t k) -> const Vector3& { return x[static_cast<std::size_t>(t[k])]; };
+    const auto of = [&t](const std::vector<Vector3>& x, std::size_t k) -> const Vector3& {
+      return x[static_cast<std::size_t>(t[k])];
+    };
     const Eigen::Matrix2d rest = in_plane(of(hand.nodes, 0), of(hand.nodes, 1), of(hand.nodes, 2));
     const Eigen::Matrix2d now = in_plane(of(nodes, 0), of(nodes, 1), of(nodes, 2));
     const Eigen::Matrix2d f = now * rest.inverse();
@@ -80,7 +84,9 @@ void measure(const HandModel& hand, const State& state, PostureResult& result) {
   int beyond = 0;
   for (std::size_t e = 0; e < hand.tetrahedra.size(); ++e) {
     const auto edges = [&](const std::vector<Vector3>& x) {
-      const auto at = [&](std::size_t k) -> const Vector3& { return x[static_cast<std::size_t>(hand.tetrahedra[e][k])]; };
+      const auto at = [&](std::size_t k) -> const Vector3& {
+        return x[static_cast<std::size_t>(hand.tetrahedra[e][k])];
+      };
       Matrix3 m;
       m << at(1) - at(0), at(2) - at(0), at(3) - at(0);
       return m;
@@ -88,7 +94,8 @@ void measure(const HandModel& hand, const State& state, PostureResult& result) {
     const Material& m = hand.materials[hand.tetrahedron_material[e]];
     const Matrix3 rest = edges(hand.nodes);
     const auto bent = evaluate_corotational(
-        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness), edges(nodes) * rest.inverse());
+        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness),
+        edges(nodes) * rest.inverse());
     beyond += bent.factor > 1 ? 1 : 0;
     tissue.push_back({(bent.svd.singular_values.array() - 1).abs().maxCoeff(), rest.determinant() / 6});
   }
@@ -131,7 +138,8 @@ PostureResult hold(const HandModel& hand, const Posture& posture) {
   result.iterations_most = iterations.back();
   for (int b = 2; b < kBodyCount; ++b) {
     const Joint joint = joint_of(static_cast<Body>(b));
-    result.missed = std::max(result.missed, simulation.joint_pose(joint).orientation.angularDistance(targets[static_cast<std::size_t>(index_of(joint))].orientation));
+    result.missed = std::max(result.missed, simulation.joint_pose(joint).orientation.angularDistance(
+                                                targets[static_cast<std::size_t>(index_of(joint))].orientation));
   }
   measure(hand, simulation.state(), result);
   return result;

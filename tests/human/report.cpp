@@ -37,8 +37,8 @@ struct HandResult {
 };
 
 std::string text_of(const PulpMaterial& pulp) {
-  return fmt::format("youngs_modulus={:.6g} limit_energy={:.6g} limit_ratio={:.4g}", pulp.youngs_modulus, pulp.limit_energy,
-                     pulp.limit_ratio);
+  return fmt::format("youngs_modulus={:.6g} limit_energy={:.6g} limit_ratio={:.4g}", pulp.youngs_modulus,
+                     pulp.limit_energy, pulp.limit_ratio);
 }
 
 std::vector<std::string> chosen_hands(const std::vector<std::string>& asked) {
@@ -63,7 +63,8 @@ void set_pulp(PulpMaterial& pulp, const std::string& setting) {
   char* end = nullptr;
   const double number = equals == std::string::npos ? 0 : std::strtod(setting.c_str() + equals + 1, &end);
   if (value == nullptr || end == nullptr || *end != '\0' || !(number > 0)) {
-    throw std::invalid_argument("'" + setting + "': expected youngs_modulus, limit_energy or limit_ratio = a number > 0");
+    throw std::invalid_argument("'" + setting +
+                                "': expected youngs_modulus, limit_energy or limit_ratio = a number > 0");
   }
   *value = number;
 }
@@ -89,34 +90,41 @@ nlohmann::ordered_json to_json(const std::vector<Row>& rows) {
 std::string to_csv(const std::vector<Row>& rows) {
   std::string text = "hand,indentation_m,force_n,force_reference_n,area_m2,area_reference_m2,compared,status\n";
   for (const Row& row : rows) {
-    text += fmt::format("{},{:.6g},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", report::in_quotes(row.hand), row.press.indentation,
-                        row.press.force, measured_force(row.press.indentation), row.press.area, measured_area(row.press.force),
-                        row.compared, row.status());
+    text += fmt::format("{},{:.6g},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", report::in_quotes(row.hand),
+                        row.press.indentation, row.press.force, measured_force(row.press.indentation), row.press.area,
+                        measured_area(row.press.force), row.compared, row.status());
   }
   return text;
 }
 
-std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResult>& hands, const std::string& command) {
+std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResult>& hands,
+                        const std::string& command) {
   const report::Provenance from = report::provenance();
-  std::string text =
-      fmt::format("## A fingertip beside people's\n\n`{}` on {}, {}, commit {}.\n\n", command, from.processor, from.compiler, from.commit);
+  std::string text = fmt::format("## A fingertip beside people's\n\n`{}` on {}, {}, commit {}.\n\n", command,
+                                 from.processor, from.compiler, from.commit);
   text += "![Force over indentation and contact area over force](images/human.png)\n\n";
-  text += "Force in N at an indentation; in brackets the contact area in mm^2 (of people: under their force). residual: RMS of log(force / people's). "
-          "How well people's is known, the fit of the pulp, and what neither elastic tissue nor a constant coefficient of friction can show: docs/human-data.md.\n\n| hand |";
+  text +=
+      "Force in N at an indentation; in brackets the contact area in mm^2 (of people: under their force). residual: "
+      "RMS of log(force / people's). "
+      "How well people's is known, the fit of the pulp, and what neither elastic tissue nor a constant coefficient of "
+      "friction can show: docs/human-data.md.\n\n| hand |";
   for (const double d : kShown) text += fmt::format(" {:.2f} mm |", d * 1e3);
   text += " residual |\n| --- |";
   for (std::size_t i = 0; i <= std::size(kShown); ++i) text += " --- |";
   text += "\n| people |";
   for (const double d : kShown) {
     const double force = measured_force(d);
-    text += d <= kCompared[std::size(kCompared) - 1] ? fmt::format(" {:.2f} ({:.0f}) |", force, measured_area(force) * 1e6) : " |";
+    text += d <= kCompared[std::size(kCompared) - 1]
+                ? fmt::format(" {:.2f} ({:.0f}) |", force, measured_area(force) * 1e6)
+                : " |";
   }
   text += " |\n";
   for (const HandResult& hand : hands) {
     text += "| " + hand.name + " |";
     for (const Row& row : rows) {
       if (row.hand != hand.name) continue;
-      text += fmt::format(" {}{:.2f} ({:.0f}) |", row.passed() ? "" : "**fail** ", row.press.force, row.press.area * 1e6);
+      text +=
+          fmt::format(" {}{:.2f} ({:.0f}) |", row.passed() ? "" : "**fail** ", row.press.force, row.press.area * 1e6);
     }
     text += fmt::format(" {:.3f} |\n", hand.residual);
   }
@@ -139,8 +147,8 @@ int run_human(const HumanArguments& arguments) {
   }
   if (arguments.fit) {
     const PulpFit fit = fit_pulp(tips, *tried);
-    fmt::print("one pulp for all, fitted from {} (residual {:.4f}) in {} evaluations: {}, residual {:.4f}\n\n", text_of(*tried),
-               residual(tips, *tried), fit.evaluations, text_of(fit.pulp), fit.residual);
+    fmt::print("one pulp for all, fitted from {} (residual {:.4f}) in {} evaluations: {}, residual {:.4f}\n\n",
+               text_of(*tried), residual(tips, *tried), fit.evaluations, text_of(fit.pulp), fit.residual);
     tried = fit.pulp;
   }
   std::vector<Row> rows;
@@ -154,7 +162,8 @@ int run_human(const HumanArguments& arguments) {
       const Row& row = rows.back();
       fmt::print("{:4}  {:12} {:5.2f} mm  {:7.3f} N ({})  {:6.1f} mm^2 (people {:.1f})\n",
                  row.compared ? (row.passed() ? "pass" : "fail") : "", row.hand, press.indentation * 1e3, press.force,
-                 row.compared ? fmt::format("people {:.3f}, factor {:.1f} either way", measured_force(press.indentation), kForceSpread)
+                 row.compared ? fmt::format("people {:.3f}, factor {:.1f} either way",
+                                            measured_force(press.indentation), kForceSpread)
                               : "not measured",
                  press.area * 1e6, measured_area(press.force) * 1e6);
     }
@@ -163,8 +172,9 @@ int run_human(const HumanArguments& arguments) {
   const std::string json = to_json(rows).dump(2) + "\n";
   report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(rows));
-  report::write_file(arguments.markdown,
-                     to_markdown(rows, results, arguments.fit ? "softhand report human --fit" : "softhand report human"));
+  report::write_file(
+      arguments.markdown,
+      to_markdown(rows, results, arguments.fit ? "softhand report human --fit" : "softhand report human"));
   report::draw("human", json, arguments.plot);
   return std::all_of(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); }) ? 0 : 1;
 }
@@ -172,7 +182,8 @@ int run_human(const HumanArguments& arguments) {
 int run_postures(const PostureArguments& arguments) {
   constexpr double kMostSkinStrain = 0.6;
   std::string text =
-      "| hand | posture | skin max (p95) | tissue max (p95) | beyond limit | inverted | iterations p50 (most) | missed |\n"
+      "| hand | posture | skin max (p95) | tissue max (p95) | beyond limit | inverted | iterations p50 (most) | missed "
+      "|\n"
       "| --- | --- | --- | --- | --- | --- | --- | --- |\n";
   fmt::print("{}", text);
   bool good = true;
@@ -180,9 +191,9 @@ int run_postures(const PostureArguments& arguments) {
     const HandModel hand = load_hand(file);
     for (const PostureResult& r : hold_postures(hand)) {
       const std::string row =
-          fmt::format("| {} | {} | {:.2f} ({:.2f}) | {:.2f} ({:.2f}) | {:.0f} % | {} | {:.0f} ({}) | {:.1f} deg |\n", hand.name, r.posture,
-                      r.skin_max, r.skin_p95, r.tissue_max, r.tissue_p95, r.beyond_limit * 100, r.inverted_most, r.iterations_p50,
-                      r.iterations_most, r.missed * 180 / M_PI);
+          fmt::format("| {} | {} | {:.2f} ({:.2f}) | {:.2f} ({:.2f}) | {:.0f} % | {} | {:.0f} ({}) | {:.1f} deg |\n",
+                      hand.name, r.posture, r.skin_max, r.skin_p95, r.tissue_max, r.tissue_p95, r.beyond_limit * 100,
+                      r.inverted_most, r.iterations_p50, r.iterations_most, r.missed * 180 / M_PI);
       fmt::print("{}", row);
       std::fflush(stdout);
       text += row;

@@ -52,7 +52,8 @@ class Child {
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, in[0], 0);
     posix_spawn_file_actions_adddup2(&actions, out[1], 1);
-    if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0) throw std::runtime_error("cannot start " + arguments[0]);
+    if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0)
+      throw std::runtime_error("cannot start " + arguments[0]);
     posix_spawn_file_actions_destroy(&actions);
     close(in[0]);
     close(out[1]);
@@ -82,7 +83,8 @@ class Child {
     close_input();
     std::string text;
     char buffer[4096];
-    for (ssize_t n = 0; (n = read(output_, buffer, sizeof buffer)) > 0;) text.append(buffer, static_cast<std::size_t>(n));
+    for (ssize_t n = 0; (n = read(output_, buffer, sizeof buffer)) > 0;)
+      text.append(buffer, static_cast<std::size_t>(n));
     int status = 0;
     waitpid(pid_, &status, 0);
     pid_ = 0;
@@ -169,7 +171,8 @@ TEST(Bus, TheLastSampleOfADepartingWriterArrives) {
     EXPECT_TRUE(eventually([&] {
       reader.take_latest(last);
       return last.stamp.sequence == kBurst;
-    })) << "round " << round;
+    })) << "round "
+        << round;
     ASSERT_TRUE(eventually([&] { return reader.writer_count() == 0; }));
   }
 }
@@ -277,8 +280,8 @@ TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   Child strong({BUS_PUBLISHER, domain, "2"});
   ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 2; }));
   ASSERT_TRUE(eventually([&] { return reader.live_writer_count() == 2; }));
-  // From here on only the strong one is heard. (A loaded machine may starve it for 50 ms: then the weak one rightly speaks up for a
-  // moment.)
+  // From here on only the strong one is heard. (A loaded machine may starve it for 50 ms: then the weak one rightly
+  // speaks up for a moment.)
   int of_weak = 0;
   int of_strong = 0;
   for (const auto end = Clock::now() + 500ms; Clock::now() < end; std::this_thread::sleep_for(1ms))
@@ -307,14 +310,16 @@ TEST(Bus, AWeakerTrackersSamplesEraseNoneOfTheOwners) {
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
   Writer strong(there, topics::tracked_skeleton, 2);
   Writer weak(there, topics::tracked_skeleton, 1);
-  ASSERT_TRUE(eventually([&] { return reader.live_writer_count() == 2 && strong.has_readers() && weak.has_readers(); }));
+  ASSERT_TRUE(
+      eventually([&] { return reader.live_writer_count() == 2 && strong.has_readers() && weak.has_readers(); }));
   Skeleton skeleton;
   const auto send = [&skeleton](auto& writer, std::uint32_t source) {
     skeleton.source = source;
     writer.write(skeleton);
     std::this_thread::sleep_for(2ms);
   };
-  // Read as slowly as a hand of 90 Hz reads: the weak one's sample is always between the strong one's and the look at it.
+  // Read as slowly as a hand of 90 Hz reads: the weak one's sample is always between the strong one's and the look at
+  // it.
   int of_strong = 0;
   for (int i = 0; i < 100; ++i) {
     send(strong, 2);
@@ -397,7 +402,8 @@ TEST(Bus, DomainComesFromTheEnvironment) {
   }
 }
 
-/// The echo of a message through Cyclone's generated C type must be the same bytes, and C must see the values under the same names.
+/// The echo of a message through Cyclone's generated C type must be the same bytes, and C must see the values under the
+/// same names.
 template <typename T>
 std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent) {
   setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
@@ -414,7 +420,8 @@ std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sen
     writer.write(sent);
     return reader.wait(50ms) && reader.take_latest(*got);
   });
-  EXPECT_TRUE(same) << topic.name << ": no echo; refused " << reader.counters().refused << ", writers " << reader.writer_count();
+  EXPECT_TRUE(same) << topic.name << ": no echo; refused " << reader.counters().refused << ", writers "
+                    << reader.writer_count();
   EXPECT_EQ(bytes_of(*got), bytes_of(sent)) << topic.name;
   int exit_code = 0;
   auto lines = cyclone.finish(exit_code);

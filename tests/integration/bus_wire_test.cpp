@@ -99,7 +99,8 @@ struct MapFields {
     else if constexpr (detail::is_array<T>)
       return type_of<typename T::value_type>() + "[" + std::to_string(std::tuple_size_v<T>) + "]";
     else if constexpr (detail::is_sequence<T>)
-      return "sequence<" + type_of<typename decltype(T::items)::value_type>() + "," + std::to_string(T::max_size()) + ">";
+      return "sequence<" + type_of<typename decltype(T::items)::value_type>() + "," + std::to_string(T::max_size()) +
+             ">";
     else {
       const std::string name = Named<T>::name;
       if (!map.contains(name)) {
@@ -137,8 +138,8 @@ FieldMap map_of_idl() {
   for (const auto& path : paths) {
     std::stringstream stream;
     stream << std::ifstream(path).rdbuf();
-    texts.push_back(
-        std::regex_replace(std::regex_replace(stream.str(), std::regex(R"(//[^\n]*)"), ""), std::regex(R"(/\*[\s\S]*?\*/)"), ""));
+    texts.push_back(std::regex_replace(std::regex_replace(stream.str(), std::regex(R"(//[^\n]*)"), ""),
+                                       std::regex(R"(/\*[\s\S]*?\*/)"), ""));
   }
   const auto each = [](const std::string& text, const std::regex& pattern, auto&& f) {
     for (std::sregex_iterator i(text.begin(), text.end(), pattern), end; i != end; ++i) f(*i);
@@ -164,8 +165,9 @@ FieldMap map_of_idl() {
 
 TEST(BusWire, FieldsAreThoseOfTheIdl) {
   FieldMap idl = map_of_idl();
-  const std::map<std::string, std::string> plain{{"Vector3", "double"},     {"Quaternion", "double"}, {"FloatVector3", "float"},
-                                                 {"FloatVector4", "float"}, {"Indices3", "uint32"},   {"Indices4", "uint32"}};
+  const std::map<std::string, std::string> plain{{"Vector3", "double"},     {"Quaternion", "double"},
+                                                 {"FloatVector3", "float"}, {"FloatVector4", "float"},
+                                                 {"Indices3", "uint32"},    {"Indices4", "uint32"}};
   for (const auto& [name, number] : plain) {
     ASSERT_TRUE(idl.contains(name));
     EXPECT_EQ(idl[name].size(), name == "Quaternion" || name.back() == '4' ? 4u : 3u);
@@ -181,12 +183,15 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
     EXPECT_TRUE(names.insert(topic.name).second) << topic.name;
     EXPECT_TRUE(topic.name.starts_with("softhand/v1/"));
     EXPECT_EQ(std::string(topic.type), std::string("softhand::v1::") + Named<T>::name);
-    EXPECT_EQ(codec_of<T>(topic.type).max_key_size() > 0, !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply>)) << topic.name;
+    EXPECT_EQ(codec_of<T>(topic.type).max_key_size() > 0,
+              !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply>))
+        << topic.name;
   });
   EXPECT_EQ(names.size(), 15u);
 }
 
-/// A message through Fast's generated type and back must be the same bytes, of the same greatest size, under the same key.
+/// A message through Fast's generated type and back must be the same bytes, of the same greatest size, under the same
+/// key.
 template <typename T, typename Generated>
 void expect_same_as_generated(const char* name) {
   SCOPED_TRACE(name);
@@ -251,7 +256,8 @@ TEST(BusWire, TruncatedLongAndForeignBytesAreRefused) {
   const auto message = filled<LoopStatus>(7);
   const auto bytes = bytes_of(*message);
   LoopStatus out;
-  for (std::size_t size = 0; size < bytes.size(); ++size) ASSERT_FALSE(decode(std::span(bytes).first(size), out)) << size;
+  for (std::size_t size = 0; size < bytes.size(); ++size)
+    ASSERT_FALSE(decode(std::span(bytes).first(size), out)) << size;
   auto padded = bytes;
   padded.resize(bytes.size() + 3);
   EXPECT_TRUE(decode(padded, out));

@@ -18,7 +18,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-const std::vector<std::string> kFreePorts{"--set", "viewer.port=0", "--set", "tracker_webxr.port=0", "--set", "tracker_landmarks.port=0"};
+const std::vector<std::string> kFreePorts{"--set", "viewer.port=0",           "--set", "tracker_webxr.port=0",
+                                          "--set", "tracker_landmarks.port=0"};
 
 class Choice : public ::testing::Test {
  protected:
@@ -29,7 +30,9 @@ class Choice : public ::testing::Test {
   }
   static std::string program_of(const Ears& ears, const std::string& module) {
     std::error_code error;
-    return std::filesystem::read_symlink("/proc/" + std::to_string(ears.process_id(module)) + "/exe", error).filename().string();
+    return std::filesystem::read_symlink("/proc/" + std::to_string(ears.process_id(module)) + "/exe", error)
+        .filename()
+        .string();
   }
   static bool is_told(const Ears& ears, const std::string& module, const std::string& argument) {
     std::ifstream in("/proc/" + std::to_string(ears.process_id(module)) + "/cmdline");
@@ -86,11 +89,14 @@ TEST_F(Choice, StartsAgainWithAnotherTrackerAndAnotherScene) {
   EXPECT_EQ(wish("coffee", "black"), kReplyIgnored);
 
   EXPECT_EQ(wish("tracker", "webxr"), kReplyApplied);
-  EXPECT_TRUE(ears.wait(30s, [&] { return all_present(ears) && program_of(ears, "tracker") == "softhand-tracker-webxr"; })) << up.output();
+  EXPECT_TRUE(ears.wait(30s, [&] {
+    return all_present(ears) && program_of(ears, "tracker") == "softhand-tracker-webxr";
+  })) << up.output();
   EXPECT_EQ(wish("tracker", "replay"), kReplyApplied);
   EXPECT_EQ(wish("scene", "pinch_lift"), kReplyApplied);
   ASSERT_TRUE(ears.wait(30s, [&] {
-    return program_of(ears, "tracker") == "softhand-tracker-replay" && is_told(ears, "tracker", "pinch_lift.toml") && is_told(ears, "hand", "pinch_lift.toml");
+    return program_of(ears, "tracker") == "softhand-tracker-replay" && is_told(ears, "tracker", "pinch_lift.toml") &&
+           is_told(ears, "hand", "pinch_lift.toml");
   })) << up.output();
   EXPECT_TRUE(ears.wait(5s, [&] { return ears.counter("rig", "scene pinch_lift") == 1; }));
   ears.simulated.clear();

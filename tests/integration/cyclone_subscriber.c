@@ -1,6 +1,6 @@
-/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name, and writes the sample
- * back, whole, on TOPIC_echo until the reader there has it (standard input closes) or 20 s have passed. Shows the other vendor's view of
- * the wire. */
+/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name,
+ * and writes the sample back, whole, on TOPIC_echo until the reader there has it (standard input closes) or 20 s have
+ * passed. Shows the other vendor's view of the wire. */
 #include <inttypes.h>
 #include <poll.h>
 #include <stdio.h>
@@ -22,8 +22,10 @@
 
 static void print_skeleton(const void* sample) {
   const softhand_v1_Skeleton* s = sample;
-  printf("hand.side %" PRIu32 "\nstamp.sample_time %" PRId64 "\nconfidence %.17g\n", s->hand.side, s->stamp.sample_time, s->confidence);
-  printf("joints[25].orientation.w %.17g\njoints[25].radius %.17g\n", s->joints[25].orientation.w, s->joints[25].radius);
+  printf("hand.side %" PRIu32 "\nstamp.sample_time %" PRId64 "\nconfidence %.17g\n", s->hand.side, s->stamp.sample_time,
+         s->confidence);
+  printf("joints[25].orientation.w %.17g\njoints[25].radius %.17g\n", s->joints[25].orientation.w,
+         s->joints[25].radius);
 }
 static void print_contacts(const void* sample) {
   const softhand_v1_Contacts* s = sample;
@@ -44,7 +46,8 @@ static void print_wrench(const void* sample) {
 static void print_status(const void* sample) {
   const softhand_v1_LoopStatus* s = sample;
   printf("module_name %s\nstep_ms_p99 %.17g\n", s->module_name, s->step_ms_p99);
-  printf("passivity_energy %.17g\nledger[last].value %.17g\n", s->passivity_energy, s->ledger._buffer[s->ledger._length - 1].value);
+  printf("passivity_energy %.17g\nledger[last].value %.17g\n", s->passivity_energy,
+         s->ledger._buffer[s->ledger._length - 1].value);
 }
 static void print_nothing(const void* sample) { (void)sample; }
 
@@ -97,7 +100,8 @@ int main(int argc, char** argv) {
   }
   const dds_entity_t writer = dds_create_writer(participant, echo_topic, write_qos, NULL);
   if (participant < 0 || topic < 0 || reader < 0 || echo_topic < 0 || writer < 0) {
-    fprintf(stderr, "cyclone_subscriber: cannot create its entities (%d %d %d %d %d)\n", participant, topic, reader, echo_topic, writer);
+    fprintf(stderr, "cyclone_subscriber: cannot create its entities (%d %d %d %d %d)\n", participant, topic, reader,
+            echo_topic, writer);
     return 1;
   }
 

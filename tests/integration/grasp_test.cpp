@@ -1,5 +1,6 @@
-// What the main job promises, through all loops on the virtual clock: the shipped scenes with the shipped hand, and what happens to a held cube when the
-// tracker misbehaves. The smallest shipped hand, for time; `softhand simulate` runs the same scenes with the default one.
+// What the main job promises, through all loops on the virtual clock: the shipped scenes with the shipped hand, and
+// what happens to a held cube when the tracker misbehaves. The smallest shipped hand, for time; `softhand simulate`
+// runs the same scenes with the default one.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -29,10 +30,12 @@ struct Result {
   double rest_error = 0;  // m
   TrackedInputCounters tracker;
   EnergyLedger hand_ledger, tracking_ledger;
-  double stale_after = std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
+  double stale_after =
+      std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
 };
 
-Result run(const std::string& scene_file, std::vector<std::string> overrides, double seconds = 0, const std::string& hand_file = "right_400.hand.json") {
+Result run(const std::string& scene_file, std::vector<std::string> overrides, double seconds = 0,
+           const std::string& hand_file = "right_400.hand.json") {
   overrides.push_back("hand.model=" + hand_file);
   const Scene scene = read_scene(kScenes + scene_file, overrides);
   const HandModel hand = load_scene_hand(scene);
@@ -90,7 +93,8 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_NEAR(number(result, "lifted_mm"), 150, 5);
   EXPECT_NEAR(number(result, "turned_deg"), 60, 2);
   EXPECT_LE(number(result, "penetration_p95_mm"), 0.5);
-  EXPECT_LT(number(result, "pressing_harder_fraction"), 0.1) << "the figure above is of fingers that press with at most 3 N";
+  EXPECT_LT(number(result, "pressing_harder_fraction"), 0.1)
+      << "the figure above is of fingers that press with at most 3 N";
   EXPECT_TRUE(result.summary["released"].get<bool>());
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LE(number(result, "finger_coupling_max_n"), 20);
@@ -123,7 +127,8 @@ TEST_P(PowerGrasp, AllFingersCarryTheCylinder) {
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
 }
 
-// A sliver of it is pressed beyond flat while the hand closes. Putting back what is no tangle took up to 8 J, and the cube out of the hand for a step.
+// A sliver of it is pressed beyond flat while the hand closes. Putting back what is no tangle took up to 8 J, and the
+// cube out of the hand for a step.
 TEST(PinchLift, PutsNoTissueOfTheDefaultHandBack) {
   const Result result = run("pinch_lift.toml", {}, 0, "right_1450.hand.json");
   EXPECT_LT(number(result, "held_slip_mm"), 1);
@@ -131,13 +136,15 @@ TEST(PinchLift, PutsNoTissueOfTheDefaultHandBack) {
   EXPECT_LE(result.hand_ledger.excess(), 0.01);
 }
 
-// Few iterations: less exact, but nothing is hurled. With one, the text's fast mode, the cube trembles with the tracker's noise, and the force on a
-// trembling cube is not its weight. The finer pads of the hands that rest half closed tremble more: 0.69 of the weight for one of the three noises.
+// Few iterations: less exact, but nothing is hurled. With one, the text's fast mode, the cube trembles with the
+// tracker's noise, and the force on a trembling cube is not its weight. The finer pads of the hands that rest half
+// closed tremble more: 0.69 of the weight for one of the three noises.
 TEST(PinchLift, HoldsWithOneIterationAndWithTwo) {
   for (const char* iterations : {"1", "2"}) {
     for (const char* seed : {"1", "2", "3"}) {
       SCOPED_TRACE(std::string(iterations) + " iterations, noise " + seed);
-      const Result result = run("pinch_lift.toml", {std::string("hand.simulation.solver.max_iterations=") + iterations, std::string("tracker.seed=") + seed});
+      const Result result = run("pinch_lift.toml", {std::string("hand.simulation.solver.max_iterations=") + iterations,
+                                                    std::string("tracker.seed=") + seed});
       EXPECT_LT(number(result, "held_slip_mm"), 1);
       EXPECT_NEAR(number(result, "carried_weight_ratio"), 1, iterations[0] == '1' ? 0.35 : 0.02);
       EXPECT_NEAR(number(result, "lifted_mm"), 150, 5);
@@ -150,7 +157,9 @@ TEST(PinchLift, HoldsWithOneIterationAndWithTwo) {
 
 TEST(PinchLift, AHeldCubeFeelsAsHeavyAsItIsWhenShaken) {
   for (const auto& [rate, lowest] : {std::pair{"90", 0.94}, std::pair{"240", 0.98}}) {
-    const Result result = run("pinch_lift.toml", {"generator.shake_time=2", "generator.hold_time=0.3", std::string("hand.rate_hz=") + rate}, 6);
+    const Result result =
+        run("pinch_lift.toml",
+            {"generator.shake_time=2", "generator.hold_time=0.3", std::string("hand.rate_hz=") + rate}, 6);
     EXPECT_GT(number(result, "inertia_ratio"), lowest) << rate;
     EXPECT_LT(number(result, "inertia_ratio"), 1.02) << rate;
   }
@@ -178,7 +187,8 @@ TEST(HeldCube, DoesNotSlipWhileTheTrackerIsFrozen) {
 }
 
 TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
-  const Result result = run("pinch_lift.toml", with(kHold, {"tracker.teleport_at=3.8", "tracker.teleport_time=0.5"}), 6.5);
+  const Result result =
+      run("pinch_lift.toml", with(kHold, {"tracker.teleport_at=3.8", "tracker.teleport_time=0.5"}), 6.5);
   expect_lifted(result);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_GT(result.tracker.refused_implausible + result.tracker.repositioned, 0u);
@@ -187,12 +197,15 @@ TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
 
 // By a message, out of the fingers: at rest, and it is not pulled back to who held it.
 TEST(HeldCube, StaysWhereAMessagePutsIt) {
-  for (const auto& [key, value, place] : {std::tuple{"object.reset", "cube", Vector3(0, 0.02, 0)}, std::tuple{"object.reset", "*", Vector3(0, 0.02, 0)},
-                                          std::tuple{"object.teleport", "cube 0.3 0.02 0", Vector3(0.3, 0.02, 0)}}) {
+  for (const auto& [key, value, place] :
+       {std::tuple{"object.reset", "cube", Vector3(0, 0.02, 0)}, std::tuple{"object.reset", "*", Vector3(0, 0.02, 0)},
+        std::tuple{"object.teleport", "cube 0.3 0.02 0", Vector3(0.3, 0.02, 0)}}) {
     SCOPED_TRACE(std::string(key) + " " + value);
     const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
     const HandModel hand = load_scene_hand(scene);
-    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+    VirtualRig rig(
+        scene, hand,
+        std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
     const std::uint32_t cube = outcome_frame(scene, VirtualRig::kStart).object;
     bool sent = false;
     double height = 0, fastest = 0;
@@ -220,7 +233,9 @@ TEST(HeldCube, StaysWhereAMessagePutsIt) {
 }
 
 TEST(HeldCube, StaysWhereABoneIsNotANumber) {
-  const Result result = run("pinch_lift.toml", with(kHold, {"tracker.nan_at=3.8", "tracker.nan_time=1", "tracker.nan_joint=index_distal"}), 6.5);
+  const Result result =
+      run("pinch_lift.toml",
+          with(kHold, {"tracker.nan_at=3.8", "tracker.nan_time=1", "tracker.nan_joint=index_distal"}), 6.5);
   expect_lifted(result);
   EXPECT_GT(result.tracker.refused_nonfinite, 0u);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
@@ -235,10 +250,12 @@ TEST(HeldCube, NothingGrowsWithTheSymmetricSpring) {
   EXPECT_LT(result.object_speed_max, 2);
 }
 
-// Pressed tissue is no tangle: with 1,450 nodes a crease of the little finger stays pressed beyond its limit while the fist is closed.
+// Pressed tissue is no tangle: with 1,450 nodes a crease of the little finger stays pressed beyond its limit while the
+// fist is closed.
 TEST(Fist, LeavesTheTissueWholeEachTime) {
   const Result result = run("pinch_lift.toml",
-                            {"generator.motion=fist", "generator.object_position=[0,0.5,0]", "generator.free_time=8", "tracker.position_noise=0", "tracker.rotation_noise=0"},
+                            {"generator.motion=fist", "generator.object_position=[0,0.5,0]", "generator.free_time=8",
+                             "tracker.position_noise=0", "tracker.rotation_noise=0"},
                             8.5, "right_1450.hand.json");
   EXPECT_EQ(result.inverted_end, 0);
   EXPECT_LE(result.rest_error, 1e-5);

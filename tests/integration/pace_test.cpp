@@ -21,7 +21,7 @@ constexpr const char* kDemo = "config/rigs/demo.toml";
 constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, for ever
 constexpr std::uint32_t kHaptic = 1, kTactile = 2;                  // device ids of both
 constexpr std::uint32_t kCube = 2;                                  // of the demo's objects
-constexpr Nanoseconds kLate = 150'000'000;                          // from sampling to publishing, on a machine that is busy with other things
+constexpr Nanoseconds kLate = 150'000'000;  // from sampling to publishing, on a machine that is busy with other things
 constexpr const char* kModules[] = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
 
 template <typename T>
@@ -34,9 +34,12 @@ bus::Topic<T> deep(bus::Topic<T> topic) {
 class Pacer {
  public:
   Pacer()
-      : commands_(participant_, bus::topics::message), replies_(participant_, bus::topics::message_reply),
-        tracked_(participant_, deep(bus::topics::tracked_skeleton)), intermediate_(participant_, deep(bus::topics::intermediate_skeleton)),
-        simulated_(participant_, deep(bus::topics::simulated_skeleton)), objects_(participant_, deep(bus::topics::objects)) {}
+      : commands_(participant_, bus::topics::message),
+        replies_(participant_, bus::topics::message_reply),
+        tracked_(participant_, deep(bus::topics::tracked_skeleton)),
+        intermediate_(participant_, deep(bus::topics::intermediate_skeleton)),
+        simulated_(participant_, deep(bus::topics::simulated_skeleton)),
+        objects_(participant_, deep(bus::topics::objects)) {}
 
   struct Times {
     Nanoseconds sampled;
@@ -77,7 +80,8 @@ class Pacer {
     });
   }
 
-  /// Every sample of these processes is of the simulated time at which it was published, but for the way there and back.
+  /// Every sample of these processes is of the simulated time at which it was published, but for the way there and
+  /// back.
   void expect_on_clock(std::initializer_list<const char*> processes) {
     for (const char* process : processes) {
       EXPECT_GT(heard[process].size(), 3u) << process;
@@ -92,7 +96,9 @@ class Pacer {
  private:
   template <typename T>
   void take(bus::Reader<T>& reader, const char* process) {
-    reader.take_all([&](const T& message) { heard[process].push_back({message.stamp.sample_time, message.stamp.publish_time}); });
+    reader.take_all([&](const T& message) {
+      heard[process].push_back({message.stamp.sample_time, message.stamp.publish_time});
+    });
   }
   bus::Participant participant_{"pacer"};
   bus::Writer<Message> commands_;
@@ -106,7 +112,8 @@ class Pace : public ::testing::Test {
  protected:
   Pace() { use_own_domain(); }
   static bool all_present(const Ears& ears) {
-    return std::all_of(std::begin(kModules), std::end(kModules), [&](const char* module) { return ears.process_id(module) > 0; });
+    return std::all_of(std::begin(kModules), std::end(kModules),
+                       [&](const char* module) { return ears.process_id(module) > 0; });
   }
 };
 
@@ -123,7 +130,8 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
   pacer.command("pace", "0.25");
   EXPECT_TRUE(ears.wait(2s, [&] {
     pacer.poll();
-    return std::all_of(std::begin(kModules), std::end(kModules), [&](const char* module) { return pacer.answers.count(module) > 0; });
+    return std::all_of(std::begin(kModules), std::end(kModules),
+                       [&](const char* module) { return pacer.answers.count(module) > 0; });
   }));
   for (const char* module : kModules) EXPECT_EQ(pacer.answers[module], kReplyApplied) << module;
   ears.listen(300ms);
@@ -132,7 +140,8 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
   // Half as many in twice the time.
   EXPECT_LT(static_cast<double>(pacer.heard["world"].size()), 0.8 * static_cast<double>(steps_at_full_pace));
   for (const auto& [process, samples] : pacer.heard) {
-    const double pace = static_cast<double>(samples.back().sampled - samples.front().sampled) / static_cast<double>(samples.back().published - samples.front().published);
+    const double pace = static_cast<double>(samples.back().sampled - samples.front().sampled) /
+                        static_cast<double>(samples.back().published - samples.front().published);
     EXPECT_NEAR(pace, 0.25, 0.05) << process;
   }
   EXPECT_EQ(ears.counter("hand", "pace"), 0.25);
@@ -149,7 +158,8 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
   pacer.listen(ears, 1000ms);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
   EXPECT_GT(static_cast<double>(pacer.heard["world"].size()), 0.5 * static_cast<double>(steps_at_full_pace));
-  EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); })) << "devices come back";
+  EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
+      << "devices come back";
 }
 
 TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
@@ -166,7 +176,8 @@ TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const Nanoseconds since = now() - 400'000'000;
     ASSERT_GT(ears.devices[device].back().time, since) << device;
-    for (auto sample = ears.devices[device].rbegin(); sample != ears.devices[device].rend() && sample->time > since; ++sample) {
+    for (auto sample = ears.devices[device].rbegin(); sample != ears.devices[device].rend() && sample->time > since;
+         ++sample) {
       EXPECT_FALSE(sample->live) << device;
       EXPECT_EQ(sample->largest_command, 0) << device;
     }

@@ -144,12 +144,15 @@ void Ears::take_skeleton(const Skeleton& skeleton, const char* topic) {
 double Ears::follow_error(const Skeleton& hand) const {
   const TrackedSample* nearest = nullptr;
   for (auto sample = tracked.rbegin(); sample != tracked.rend(); ++sample) {
-    if (nearest != nullptr && std::abs(sample->time - hand.stamp.sample_time) >= std::abs(nearest->time - hand.stamp.sample_time)) break;
+    if (nearest != nullptr &&
+        std::abs(sample->time - hand.stamp.sample_time) >= std::abs(nearest->time - hand.stamp.sample_time))
+      break;
     nearest = &*sample;
   }
   if (nearest == nullptr || std::abs(nearest->time - hand.stamp.sample_time) > 50'000'000) return -1;
   double sum = 0;
-  for (std::size_t j = 0; j < kJointCount; ++j) sum += (to_vector(hand.joints[j].position) - to_vector(nearest->joints[j])).norm();
+  for (std::size_t j = 0; j < kJointCount; ++j)
+    sum += (to_vector(hand.joints[j].position) - to_vector(nearest->joints[j])).norm();
   return sum / static_cast<double>(kJointCount);
 }
 
@@ -173,7 +176,8 @@ void Ears::poll() {
   simulated_.take_all([this](const Skeleton& skeleton) {
     take_skeleton(skeleton, "simulated_skeleton");
     keep(simulated, HandSample{skeleton.stamp.publish_time, skeleton.stamp.epoch, skeleton.stamp.chain.tracker_sample,
-                               follow_error(skeleton), skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position});
+                               follow_error(skeleton),
+                               skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position});
   });
   contacts_.take_all([this](const Contacts& contacts) {
     ++heard["contacts"];
@@ -196,14 +200,15 @@ void Ears::poll() {
     ++heard["objects"];
     for (const ObjectState& object : world.objects) {
       objects[object.object] = object.position;
-      if (!all_finite(object.position) || !all_finite(object.orientation) || !all_finite(object.linear_velocity)) ++nonfinite["objects"];
+      if (!all_finite(object.position) || !all_finite(object.orientation) || !all_finite(object.linear_velocity))
+        ++nonfinite["objects"];
     }
   });
   wrench_.take_all([this](const BoneWrench& wrench) {
     ++heard["bone_wrench"];
     for (const BoneSample& bone : wrench.bones) {
-      if (!all_finite(bone.intermediate_position) || !all_finite(bone.coupling_force) || !all_finite(bone.coupling_torque) ||
-          !all_finite(bone.contact_force)) {
+      if (!all_finite(bone.intermediate_position) || !all_finite(bone.coupling_force) ||
+          !all_finite(bone.coupling_torque) || !all_finite(bone.contact_force)) {
         ++nonfinite["bone_wrench"];
         break;
       }
@@ -246,7 +251,8 @@ std::int64_t Ears::process_id(const std::string& module) const {
 
 bool Ears::device_is_on(std::uint32_t device) const {
   const auto found = devices.find(device);
-  return found != devices.end() && !found->second.empty() && found->second.back().live && found->second.back().largest_command > 0;
+  return found != devices.end() && !found->second.empty() && found->second.back().live &&
+         found->second.back().largest_command > 0;
 }
 
 }  // namespace softhand::rig

@@ -1,5 +1,5 @@
-// A rig of real processes under `softhand up`, and ears on its topics. Figures come from the messages' own stamps, so that they do not
-// depend on when the test got to run.
+// A rig of real processes under `softhand up`, and ears on its topics. Figures come from the messages' own stamps, so
+// that they do not depend on when the test got to run.
 #pragma once
 
 #include <sys/types.h>
@@ -68,7 +68,8 @@ class Ears {
     Nanoseconds time;  // published
     std::uint64_t epoch;
     Nanoseconds tracker_sample;  // that led to it; 0 = none
-    double follow_error;         // m, mean distance of its joints from the tracked ones; negative = nothing tracked at its time
+    double
+        follow_error;  // m, mean distance of its joints from the tracked ones; negative = nothing tracked at its time
     Vec3 wrist;
   };
   struct TrackedSample {
@@ -82,7 +83,7 @@ class Ears {
   std::map<std::uint32_t, std::deque<DeviceSample>> devices;
   std::deque<HandSample> simulated;
   std::deque<TrackedSample> tracked;
-  std::map<std::uint32_t, Vec3> objects;  ///< newest position by the world's number, m
+  std::map<std::uint32_t, Vec3> objects;       ///< newest position by the world's number, m
   std::map<std::string, std::uint64_t> heard;  ///< samples by topic
   std::map<std::string, std::uint64_t>
       nonfinite;  ///< of these, those with a number that is none, where the joint or object is said to be valid

@@ -1,5 +1,5 @@
-// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages. Times are asserted
-// with room for a busy machine; what was measured is printed.
+// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages.
+// Times are asserted with room for a busy machine; what was measured is printed.
 #include <gtest/gtest.h>
 #include <sched.h>
 #include <signal.h>
@@ -27,10 +27,12 @@ constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two finge
 const std::set<std::string> kModules{"world", "hand", "tracking", "haptic", "tactile", "tracker"};
 constexpr std::uint32_t kHaptic = 1;  // device ids of the demo
 constexpr std::uint32_t kTactile = 2;
-constexpr double kFollows = 0.02;  // m, mean over the joints: a hand that lags, presses or holds, but goes where the tracked one goes
+constexpr double kFollows =
+    0.02;  // m, mean over the joints: a hand that lags, presses or holds, but goes where the tracked one goes
 
-// From a kill, ms. Promised is 1000; these are for a machine that is six to nine times oversubscribed (load 12 to 19 on two cores), where seven runs
-// gave up to 980, and of the tracker, which solves its grip anew and whose motion begins anew, 520 to 2220.
+// From a kill, ms. Promised is 1000; these are for a machine that is six to nine times oversubscribed (load 12 to 19 on
+// two cores), where seven runs gave up to 980, and of the tracker, which solves its grip anew and whose motion begins
+// anew, 520 to 2220.
 constexpr double kFollowsWithin = 2000;
 constexpr double kFollowsTrackerWithin = 3000;
 
@@ -47,14 +49,15 @@ class Rig : public ::testing::Test {
   /// Follows with tracker samples taken after `since`, in each of the last `count` steps.
   static bool follows(const Ears& ears, Nanoseconds since, std::size_t count = 10) {
     if (ears.simulated.size() < count) return false;
-    return std::all_of(ears.simulated.end() - static_cast<std::ptrdiff_t>(count), ears.simulated.end(), [&](const Ears::HandSample& s) {
-      return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
-    });
+    return std::all_of(ears.simulated.end() - static_cast<std::ptrdiff_t>(count), ears.simulated.end(),
+                       [&](const Ears::HandSample& s) {
+                         return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
+                       });
   }
   static void expect_all_finite(const Ears& ears) {
     for (const auto& [topic, count] : ears.nonfinite) EXPECT_EQ(count, 0u) << topic;
-    for (const char* topic :
-         {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts", "object_coupling", "objects", "device_state"}) {
+    for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts",
+                              "object_coupling", "objects", "device_state"}) {
       EXPECT_GT(ears.heard.count(topic) != 0 ? ears.heard.at(topic) : 0u, 0u) << topic;
     }
   }
@@ -79,7 +82,8 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
       EXPECT_LT(status.rate_hz, 1.1 * status.nominal_rate_hz) << module;
       EXPECT_GE(status.step_ms_p999, status.step_ms_p99) << module;
     }
-    // The live list of a loop of physics; whether books balance is told on the virtual clock, where every step has the time that it needs.
+    // The live list of a loop of physics; whether books balance is told on the virtual clock, where every step has the
+    // time that it needs.
     const LoopStatus& hand = ears.modules.at("hand");
     EXPECT_GT(hand.iterations, 0u);
     EXPECT_GT(hand.coupling_stretch, 0);
@@ -107,14 +111,15 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
   up.send_signal(SIGKILL);
   EXPECT_TRUE(ears.wait(5s, [&] {
-    return std::none_of(ears.modules.begin(), ears.modules.end(), [](const auto& each) { return is_alive(each.second.process_id); });
+    return std::none_of(ears.modules.begin(), ears.modules.end(),
+                        [](const auto& each) { return is_alive(each.second.process_id); });
   }));
 }
 
 TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
   const std::string path = "/tmp/softhand_rig_summary_" + std::to_string(getpid()) + ".json";
-  const Finished up =
-      run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo, "--seconds", "8", "--json", path});
+  const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo,
+                                   "--seconds", "8", "--json", path});
   EXPECT_EQ(up.exit_code, 0) << up.output;
   std::ifstream in(path);
   const nlohmann::json summary = nlohmann::json::parse(in, nullptr, false);
@@ -129,7 +134,8 @@ TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
     ASSERT_TRUE(summary.contains(key) && summary[key].is_object()) << key;
     EXPECT_GT(summary[key]["total"].get<double>(), 1) << key;
     EXPECT_LT(summary[key]["total"].get<double>(), 500) << key;
-    for (const char* hop : {"tracker", "tracking", "hand", "wrench", "device"}) EXPECT_TRUE(summary[key]["hops"].contains(hop)) << hop;
+    for (const char* hop : {"tracker", "tracking", "hand", "wrench", "device"})
+      EXPECT_TRUE(summary[key]["hops"].contains(hop)) << hop;
     std::printf("%s %.1f\n", key, summary[key]["total"].get<double>());
   }
   EXPECT_EQ(summary["nonfinite_published"].get<int>(), 0);
@@ -151,7 +157,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   Up up(kTouch, {});
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
   ears.listen(2s);  // until the fingers have closed
-  ASSERT_TRUE(ears.wait(10s, [&] { return follows(ears, 0) && ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
+  ASSERT_TRUE(
+      ears.wait(10s, [&] { return follows(ears, 0) && ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
       << "follow error " << ears.simulated.back().follow_error;
   std::map<std::string, std::int64_t> before;
   for (const std::string& module : kModules) before[module] = ears.process_id(module);
@@ -160,7 +167,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(before[victim]), SIGKILL), 0);
 
-  // A device whose input lives is not disturbed; one whose input died goes to zero, and stays there until its input is back.
+  // A device whose input lives is not disturbed; one whose input died goes to zero, and stays there until its input is
+  // back.
   ears.listen(60ms);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const bool itself = (victim == "haptic" && device == kHaptic) || (victim == "tactile" && device == kTactile);
@@ -183,7 +191,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
     }
   }
 
-  ASSERT_TRUE(ears.wait(5s, [&] { return ears.process_id(victim) != before[victim]; })) << "not restarted\n" << up.output();
+  ASSERT_TRUE(ears.wait(5s, [&] { return ears.process_id(victim) != before[victim]; })) << "not restarted\n"
+                                                                                        << up.output();
   const Nanoseconds restarted = now();
   const auto works_again = [&] {
     if (!follows(ears, killed)) return false;
@@ -191,11 +200,13 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
     return true;
   };
   EXPECT_TRUE(ears.wait(10s, works_again)) << "follow error " << ears.simulated.back().follow_error;
-  const double followed = milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
+  const double followed =
+      milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
   EXPECT_LT(followed, victim == "tracker" ? kFollowsTrackerWithin : kFollowsWithin);
   std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
-    ASSERT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
+    ASSERT_TRUE(
+        ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
         << "device " << device;
     // When it came on for good: after the last sample that was not live, or the first of a new process.
     const auto& samples = ears.devices[device];
@@ -218,20 +229,24 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
-                         ::testing::Values(Death{"world", {}}, Death{"hand", {kHaptic, kTactile}}, Death{"tracking", {kHaptic}},
-                                           Death{"tracker", {}}, Death{"haptic", {}}, Death{"tactile", {}}),
+                         ::testing::Values(Death{"world", {}}, Death{"hand", {kHaptic, kTactile}},
+                                           Death{"tracking", {kHaptic}}, Death{"tracker", {}}, Death{"haptic", {}},
+                                           Death{"tactile", {}}),
                          [](const auto& death) { return std::string(death.param.module); });
 
 TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
   Ears ears;
   Up up("tests/integration/rig_two_trackers.toml", {});
   const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
-  ASSERT_TRUE(ears.wait(20s, [&] { return ears.process_id("weak") > 0 && ears.process_id("strong") > 0 && owner() == 2; })) << up.output();
+  ASSERT_TRUE(ears.wait(20s, [&] {
+    return ears.process_id("weak") > 0 && ears.process_id("strong") > 0 && owner() == 2;
+  })) << up.output();
   ears.listen(500ms);  // the change itself is not judged
   const Nanoseconds settled = now();
   ears.listen(2s);
   const auto since = [&](Nanoseconds time, std::uint32_t source) {
-    return std::count_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > time && s.source == source; });
+    return std::count_if(ears.tracked.begin(), ears.tracked.end(),
+                         [&](const auto& s) { return s.published > time && s.source == source; });
   };
   EXPECT_GT(since(settled, 2), 100);
   EXPECT_EQ(since(settled, 1), 0) << "the weaker tracker was heard beside the stronger";
@@ -240,8 +255,8 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(ears.process_id("strong")), SIGKILL), 0);
   ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "nobody took the hand over";
-  const auto taken =
-      std::find_if(ears.tracked.begin(), ears.tracked.end(), [&](const auto& s) { return s.published > killed && s.source == 1; });
+  const auto taken = std::find_if(ears.tracked.begin(), ears.tracked.end(),
+                                  [&](const auto& s) { return s.published > killed && s.source == 1; });
   std::printf("handed over after %.1f ms\n", milliseconds_between(killed, taken->published));
   EXPECT_LT(milliseconds_between(killed, taken->published), 300);
   EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, killed); }));
@@ -254,15 +269,19 @@ TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
   // A long approach: the hand's service is up before the stronger tracker, which is started first, closes the fingers.
   const std::vector<std::string> hold{"--set", "generator.hold_time=60", "--set", "generator.approach_time=3"};
   Ears ears;
-  // The stronger tracker under a supervisor of its own, which dies with it, so that nobody starts it again: it would begin its motion anew and own the hand.
+  // The stronger tracker under a supervisor of its own, which dies with it, so that nobody starts it again: it would
+  // begin its motion anew and own the hand.
   Up strong("tests/integration/rig_strong_tracker.toml", hold);
   Up up(kDemo, hold);
   const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
   const auto holds_since = [&](const char* module) {
     const double start = ears.counter(module, "motion_start_s");
-    return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins : -1.0;  // NaN before it is known: not > 0
+    return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins
+                     : -1.0;  // NaN before it is known: not > 0
   };
-  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears) && holds_since("tracker") > 1 && holds_since("strong") > 1; })) << up.output();
+  ASSERT_TRUE(ears.wait(30s, [&] {
+    return all_present(ears) && holds_since("tracker") > 1 && holds_since("strong") > 1;
+  })) << up.output();
   ASSERT_EQ(owner(), 2u);
   ASSERT_GT(ears.objects[kCube][1], 0.14) << "the cube was not lifted: this shows nothing";
 
@@ -281,11 +300,14 @@ TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
 
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   Ears ears;
-  // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s to 7.5 s.
+  // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s
+  // to 7.5 s.
   Up up(kDemo, {"--set", "generator.motion=free_motion", "--set", "generator.object_position=[0,0.5,0]", "--set",
-                "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1", "--set",
-                "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set", "tracker.freeze_time=2"});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && ears.counter("tracker", "motion_start_s") > 0; })) << up.output();
+                "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1",
+                "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
+                "tracker.freeze_time=2"});
+  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && ears.counter("tracker", "motion_start_s") > 0; }))
+      << up.output();
   const Nanoseconds start = static_cast<Nanoseconds>(ears.counter("tracker", "motion_start_s") * 1e9);
   const auto motion_time = [&](Nanoseconds time) { return static_cast<double>(time - start) * 1e-9; };
   double largest_step_age = 0;
@@ -295,7 +317,8 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
     return motion_time(now()) > 9;
   }));
 
-  // Teleport: counted there and back; the simulated hand went along and came back, at no more than a hand's speed apart from the two jumps.
+  // Teleport: counted there and back; the simulated hand went along and came back, at no more than a hand's speed apart
+  // from the two jumps.
   EXPECT_EQ(ears.counter("tracking", "repositioned"), 2);
   EXPECT_GE(ears.counter("hand", "repositioned"), 2);
   double farthest = 0;
@@ -320,8 +343,10 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   }
   EXPECT_TRUE(any);
   EXPECT_LT(drift, 0.002);
-  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, start + 8'000'000'000); })) << ears.simulated.back().follow_error;
-  std::printf("drift while frozen %.3f mm, follow error at the end %.1f mm\n", drift * 1e3, ears.simulated.back().follow_error * 1e3);
+  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, start + 8'000'000'000); }))
+      << ears.simulated.back().follow_error;
+  std::printf("drift while frozen %.3f mm, follow error at the end %.1f mm\n", drift * 1e3,
+              ears.simulated.back().follow_error * 1e3);
   expect_all_finite(ears);
   for (const std::string& module : kModules) EXPECT_TRUE(is_alive(ears.modules.at(module).process_id)) << module;
 }
@@ -347,7 +372,8 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   };
   const auto expect_from_all = [&](const Finished& sent) {
     const auto results = answers(sent);
-    for (const std::string& module : kModules) EXPECT_EQ(results.count(module), 1u) << module << " did not answer:\n" << sent.output;
+    for (const std::string& module : kModules)
+      EXPECT_EQ(results.count(module), 1u) << module << " did not answer:\n" << sent.output;
     return results;
   };
 
@@ -379,8 +405,8 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   EXPECT_EQ(refused.exit_code, 1);
 }
 
-// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as much, go where there is room. With one core there is no helper, and nobody
-// is bound to less than there is.
+// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as
+// much, go where there is room. With one core there is no helper, and nobody is bound to less than there is.
 TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
   cpu_set_t usable;
   ASSERT_EQ(sched_getaffinity(0, sizeof usable, &usable), 0);
@@ -389,7 +415,8 @@ TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
   int bound = 0;
   std::set<int> policies;
-  for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(ears.process_id("hand")) + "/task")) {
+  for (const auto& task :
+       std::filesystem::directory_iterator("/proc/" + std::to_string(ears.process_id("hand")) + "/task")) {
     const int thread = std::stoi(task.path().filename().string());
     cpu_set_t cores;
     if (sched_getaffinity(thread, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) == CPU_COUNT(&usable)) continue;

@@ -37,7 +37,8 @@ class Tracker {
     process_ = fork();
     if (process_ == 0) {
       dup2(pipe_ends[1], 1);
-      execl(path.c_str(), path.c_str(), "--config", scene().c_str(), "--set", any_port.c_str(), "--source", "9", nullptr);
+      execl(path.c_str(), path.c_str(), "--config", scene().c_str(), "--set", any_port.c_str(), "--source", "9",
+            nullptr);
       _exit(127);
     }
     close(pipe_ends[1]);
@@ -75,8 +76,11 @@ class Client {
   Client(const Tracker& tracker, const std::string& origin) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
     const sockaddr_in address = tracker.address();
     EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string request = "GET / HTTP/1.1\r\nHost: localhost:1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-                                "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: " + origin + "\r\n\r\n";
+    const std::string request =
+        "GET / HTTP/1.1\r\nHost: localhost:1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
+        "13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: " +
+        origin + "\r\n\r\n";
     EXPECT_EQ(::send(socket_, request.data(), request.size(), 0), static_cast<ssize_t>(request.size()));
     for (char c = 0; answer_.find("\r\n\r\n") == std::string::npos && recv(socket_, &c, 1, 0) == 1;) answer_ += c;
   }
@@ -89,7 +93,8 @@ class Client {
     if (bytes.size() < 126) {
       frame += static_cast<char>(0x80 | bytes.size());
     } else {
-      frame += {static_cast<char>(0x80 | 126), static_cast<char>(bytes.size() >> 8), static_cast<char>(bytes.size() & 255)};
+      frame +=
+          {static_cast<char>(0x80 | 126), static_cast<char>(bytes.size() >> 8), static_cast<char>(bytes.size() & 255)};
     }
     frame += std::string(4, '\0');  // the mask that clients owe may be zero
     frame += bytes;
@@ -102,8 +107,11 @@ class Client {
 };
 
 struct Ears {
-  Ears() : participant("socket-trackers-test"), skeletons(participant, bus::topics::tracked_skeleton), heads(participant, bus::topics::head_pose),
-           statuses(participant, bus::topics::loop_status) {}
+  Ears()
+      : participant("socket-trackers-test"),
+        skeletons(participant, bus::topics::tracked_skeleton),
+        heads(participant, bus::topics::head_pose),
+        statuses(participant, bus::topics::loop_status) {}
   // Sends at 100 Hz until `done`; false after ten seconds.
   template <typename Send, typename Done>
   bool until(Send&& send, Done&& done) {
@@ -146,7 +154,10 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
   const double zero = static_cast<double>(now()) * 1e-6 - 5000;  // of the page's clock, ms
   const auto time = [&] { return static_cast<double>(now()) * 1e-6 - zero; };
   ASSERT_TRUE(ears.until([&] { page.send(testing::webxr_frame(time(), time()), true); },
-                         [&] { return ears.count > 40 && ears.head.valid == 1 && ears.hands[0].source == 9 && ears.hands[1].source == 9; }));
+                         [&] {
+                           return ears.count > 40 && ears.head.valid == 1 && ears.hands[0].source == 9 &&
+                                  ears.hands[1].source == 9;
+                         }));
   const Skeleton& right = ears.hands[1];
   EXPECT_EQ(right.joints[0].flags, kJointValid | kJointInferred);
   EXPECT_NEAR(right.joints[25].position[2], -0.25, 1e-6);
@@ -169,16 +180,20 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
   ASSERT_TRUE(ears.until([] {}, [&] { return ears.counter("refused_size") == 2 && ears.counter("connections") == 0; }));
   Client again(tracker, "http://localhost:8080");
   const int before = ears.count;
-  EXPECT_TRUE(ears.until([&] { again.send(testing::webxr_frame(time(), time()), true); }, [&] { return ears.count > before + 10; }));
+  EXPECT_TRUE(ears.until([&] { again.send(testing::webxr_frame(time(), time()), true); },
+                         [&] { return ears.count > before + 10; }));
 }
 
 TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
   const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
-  const auto joint_of_landmark = [](int i) { return i == 0 ? 1 : i <= 4 ? i + 1 : 7 + 5 * ((i - 5) / 4) + (i - 5) % 4; };
+  const auto joint_of_landmark = [](int i) {
+    return i == 0 ? 1 : i <= 4 ? i + 1 : 7 + 5 * ((i - 5) / 4) + (i - 5) % 4;
+  };
   std::string text = R"({"version":1,"hand":"right","coordinates":"world","landmarks":[)";
   for (int i = 0; i < 21; ++i) {
     const Vector3 p = hand.rest_joints[static_cast<std::size_t>(joint_of_landmark(i))].position;
-    text += (i > 0 ? ",[" : "[") + std::to_string(-p.x()) + "," + std::to_string(-p.y()) + "," + std::to_string(p.z()) + "]";
+    text += (i > 0 ? ",[" : "[") + std::to_string(-p.x()) + "," + std::to_string(-p.y()) + "," + std::to_string(p.z()) +
+            "]";
   }
   text += "]}";
   Ears ears;
@@ -189,9 +204,11 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
     sendto(udp, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   };
   ASSERT_TRUE(ears.until([&] { send(text); }, [&] { return ears.count > 10; }));
-  // 0.5 m before the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer one of the same anatomy.
+  // 0.5 m before the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer one of the same
+  // anatomy.
   EXPECT_LT((to_vector(ears.hands[1].joints[1].position) - Vector3(0, 0.15, 0)).norm(), 1e-3);
-  EXPECT_LT((to_vector(ears.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(), 3e-3);
+  EXPECT_LT((to_vector(ears.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(),
+            3e-3);
   EXPECT_EQ(ears.hands[1].source, 9u);
 
   Client page(tracker, "http://localhost:3000");
@@ -201,9 +218,11 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
   send("{");
   send(std::string(9000, '{'));
   send(R"({"version":2})");
-  EXPECT_TRUE(ears.until([] {}, [&] {
-    return ears.counter("refused_json") == 1 && ears.counter("refused_size") == 1 && ears.counter("refused_version") == 1;
-  }));
+  EXPECT_TRUE(ears.until([] {},
+                         [&] {
+                           return ears.counter("refused_json") == 1 && ears.counter("refused_size") == 1 &&
+                                  ears.counter("refused_version") == 1;
+                         }));
   close(udp);
 }
 
@@ -225,7 +244,8 @@ TEST_F(SocketTrackers, AnswerMessagesThoughTheyTakeNone) {
         },
         [&] {
           replies.take_all([&](const MessageReply& reply) {
-            if (reply.id > asked && get_text(reply.module) == "tracker" && reply.result == kReplyIgnored) answer = get_text(reply.text);
+            if (reply.id > asked && get_text(reply.module) == "tracker" && reply.result == kReplyIgnored)
+              answer = get_text(reply.text);
           });
           return !answer.empty();
         });

@@ -53,7 +53,8 @@ std::string known_answers_in_a_line(const Json& rows) {
   std::string failed;
   for (const Json& row : rows) {
     const std::string name = row.at("case");
-    if (row.at("status") == "fail" && failed.find(name) == std::string::npos) failed += (failed.empty() ? "; not: " : ", ") + name;
+    if (row.at("status") == "fail" && failed.find(name) == std::string::npos)
+      failed += (failed.empty() ? "; not: " : ", ") + name;
   }
   return fmt::format("{} of {} rows{}", counted(rows, "status"), rows.size(), failed);
 }
@@ -63,7 +64,8 @@ std::string error_runtime_in_a_line(const Json& rows) {
   for (const Json& row : rows) {
     if (!row.value("default", false)) continue;
     if (row.at("class") == "Pass") {  // then its figures are finite
-      text += fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "the default's solver error: " : "; ", row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
+      text += fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "the default's solver error: " : "; ",
+                          row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
                           100 * row.at("force_error").get<double>(), row.at("ms_p50").get<double>());
     } else {
       text += fmt::format("; {} {}", row.at("scene").get<std::string>(), row.at("class").get<std::string>());
@@ -74,17 +76,21 @@ std::string error_runtime_in_a_line(const Json& rows) {
 
 }  // namespace
 
-std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, std::optional<double> minutes) {
+std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections,
+                     std::optional<double> minutes) {
   const Provenance from = provenance();
   const std::string took = minutes ? fmt::format(" in {:.0f} minutes", *minutes) : "";
   std::string page = fmt::format(
-      "# Report\n\nMade by `softhand report`{} on {}, {}, commit {}. Where a part was run again alone, its section says so.\n\n| part | what came |\n| --- | --- |\n", took, from.processor,
-      from.compiler, from.commit);
+      "# Report\n\nMade by `softhand report`{} on {}, {}, commit {}. Where a part was run again alone, its section "
+      "says so.\n\n| part | what came |\n| --- | --- |\n",
+      took, from.processor, from.compiler, from.commit);
   for (const Part& part : parts) page += fmt::format("| `{}` | {} |\n", part.command, part.result);
   std::string tables;
   for (const Part& part : parts) {
     for (const std::string& section : sections_of(part.markdown)) {
-      const bool is_long = std::any_of(long_sections.begin(), long_sections.end(), [&section](const std::string& heading) { return section.rfind("## " + heading + "\n", 0) == 0; });
+      const bool is_long =
+          std::any_of(long_sections.begin(), long_sections.end(),
+                      [&section](const std::string& heading) { return section.rfind("## " + heading + "\n", 0) == 0; });
       (is_long ? tables : page) += "\n" + section;
     }
   }
@@ -114,15 +120,20 @@ int run_report(const ReportArguments& arguments) {
     if (!arguments.resume || !fs::exists(part.json) || !fs::exists(part.markdown)) good = run(part) == 0 && good;
     parts.push_back({line, in_a_line(Json::parse(read_file(part.json))), read_file(part.markdown)});
   };
-  add("error-runtime", error_runtime::ErrorRuntimeArguments{}, error_runtime::run_error_runtime, error_runtime_in_a_line);
-  add("stress", stress::StressArguments{}, stress::run_stress,
-      [](const Json& rows) { return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class")); });
+  add("error-runtime", error_runtime::ErrorRuntimeArguments{}, error_runtime::run_error_runtime,
+      error_runtime_in_a_line);
+  add("stress", stress::StressArguments{}, stress::run_stress, [](const Json& rows) {
+    return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class"));
+  });
   add("verify", verification::VerifyArguments{}, verification::run_verify, known_answers_in_a_line);
-  add("human", human::HumanArguments{}, human::run_human, [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
+  add("human", human::HumanArguments{}, human::run_human,
+      [](const Json& rows) { return fmt::format("{} of {} rows", counted(rows, "status"), rows.size()); });
 
   std::optional<double> minutes;
   if (!arguments.resume) minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
-  write_file((out / "report.md").string(), assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));
+  write_file(
+      (out / "report.md").string(),
+      assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));
   fmt::print("{}\n", (out / "report.md").string());
   return good ? 0 : 1;
 }

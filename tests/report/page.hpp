@@ -8,7 +8,8 @@
 
 namespace softhand::report {
 
-/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`, which is made where it is not there.
+/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`, which is made where it
+/// is not there.
 struct ReportArguments {
   bool quick = false;   ///< each part's own --quick: under five minutes together
   bool resume = false;  ///< parts whose files lie in report_data stay as they are
@@ -23,8 +24,9 @@ struct Part {
   std::string result;    ///< in a line, for the summary
   std::string markdown;  ///< one section or more
 };
-/// The page: where the figures come from, a line a part, then every part's sections; those whose heading stands in `long_sections` come last. `minutes`: that all parts
-/// took, where they were computed together.
-std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections, std::optional<double> minutes);
+/// The page: where the figures come from, a line a part, then every part's sections; those whose heading stands in
+/// `long_sections` come last. `minutes`: that all parts took, where they were computed together.
+std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections,
+                     std::optional<double> minutes);
 
 }  // namespace softhand::report

@@ -14,17 +14,21 @@ namespace softhand::report {
 namespace {
 
 TEST(Page, BeginsWithWhatCameAndEndsWithLongTables) {
-  const std::vector<Part> parts{{"softhand report a", "3 of 4", "## Rows of a\n\n| x |\n\n### Below\n\nmore\n\n## Figures of a\n\nshort\n"}, {"softhand report b", "all", "## Of b\n\ntext\n"}};
+  const std::vector<Part> parts{
+      {"softhand report a", "3 of 4", "## Rows of a\n\n| x |\n\n### Below\n\nmore\n\n## Figures of a\n\nshort\n"},
+      {"softhand report b", "all", "## Of b\n\ntext\n"}};
   const std::string page = assemble(parts, {"Rows of a"}, 2.2);
   ASSERT_EQ(page.rfind("# Report\n", 0), 0u);
   std::size_t at = 0;
-  for (const char* piece : {"2 minutes", "commit ", "| `softhand report a` | 3 of 4 |", "| `softhand report b` | all |", "## Figures of a", "short", "## Of b", "## Rows of a", "### Below", "more"}) {
+  for (const char* piece : {"2 minutes", "commit ", "| `softhand report a` | 3 of 4 |", "| `softhand report b` | all |",
+                            "## Figures of a", "short", "## Of b", "## Rows of a", "### Below", "more"}) {
     const std::size_t found = page.find(piece);
     ASSERT_NE(found, std::string::npos) << piece;
     EXPECT_GE(found, at) << piece << " stands too early";
     at = found;
   }
-  EXPECT_EQ(assemble(parts, {}, std::nullopt).find("minutes"), std::string::npos) << "some parts were computed another time";
+  EXPECT_EQ(assemble(parts, {}, std::nullopt).find("minutes"), std::string::npos)
+      << "some parts were computed another time";
 }
 
 TEST(Cell, StaysOne) { EXPECT_EQ(in_cell("|x| < 1\nor not"), "\\|x\\| < 1; or not"); }
@@ -38,7 +42,8 @@ TEST(Pictures, ThatFailAreToldAndNothingIsTakenAwayOrLeft) {
   EXPECT_TRUE(fs::exists(folder / "human.json"));
   fs::remove_all(folder);
   const std::string own = std::to_string(getpid()) + ".json";
-  EXPECT_TRUE(std::none_of(fs::directory_iterator(fs::temp_directory_path()), fs::directory_iterator(), [&own](const auto& entry) { return entry.path().string().ends_with(own); }));
+  EXPECT_TRUE(std::none_of(fs::directory_iterator(fs::temp_directory_path()), fs::directory_iterator(),
+                           [&own](const auto& entry) { return entry.path().string().ends_with(own); }));
   EXPECT_NO_THROW(draw("human", "no rows", ""));
 }
 

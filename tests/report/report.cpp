@@ -37,7 +37,8 @@ Provenance provenance() {
 #else
   from.compiler = "GCC " __VERSION__;
 #endif
-  from.commit = first_line("git -C '" SOFTHAND_SOURCE_DIR "' describe --always --abbrev=10 --dirty=-modified --exclude='*' 2>/dev/null");
+  from.commit = first_line("git -C '" SOFTHAND_SOURCE_DIR
+                           "' describe --always --abbrev=10 --dirty=-modified --exclude='*' 2>/dev/null");
   if (from.commit.empty()) from.commit = "unknown";
   return from;
 }
@@ -52,7 +53,8 @@ std::string in_quotes(std::string_view text) {
 }
 
 std::string in_cell(std::string text) {
-  for (std::size_t at = 0; (at = text.find_first_of("|\n", at)) != std::string::npos; at += 2) text.replace(at, 1, text[at] == '|' ? "\\|" : "; ");
+  for (std::size_t at = 0; (at = text.find_first_of("|\n", at)) != std::string::npos; at += 2)
+    text.replace(at, 1, text[at] == '|' ? "\\|" : "; ");
   return text;
 }
 
@@ -68,9 +70,11 @@ void draw(const std::string& part, const std::string& rows, const std::string& f
   namespace fs = std::filesystem;
   if (folder.empty()) return;
   fs::create_directories(folder);
-  const std::string file = (fs::temp_directory_path() / ("softhand_" + part + "_" + std::to_string(getpid()) + ".json")).string();
+  const std::string file =
+      (fs::temp_directory_path() / ("softhand_" + part + "_" + std::to_string(getpid()) + ".json")).string();
   write_file(file, rows);
-  const std::string command = "/usr/bin/python3 '" SOFTHAND_SOURCE_DIR "/tests/" + part + "/plot.py' '" + file + "' '" + folder + "'";
+  const std::string command =
+      "/usr/bin/python3 '" SOFTHAND_SOURCE_DIR "/tests/" + part + "/plot.py' '" + file + "' '" + folder + "'";
   const int status = std::system(command.c_str());
   fs::remove(file);
   if (status != 0) throw std::runtime_error("no pictures (python3-matplotlib is needed): " + command + " failed");

@@ -29,7 +29,8 @@ Findings with_hand(const std::function<void(HandModel&)>& change) {
 Findings attachment_stiffness(double factor) {
   return with_hand([factor](HandModel& hand) {
     constexpr double kStiffest = 1e9;  // N/m that a hand file may hold; a coarse palm's attachments come to it
-    for (Attachment& attachment : hand.attachments) attachment.stiffness = std::min(attachment.stiffness * factor, kStiffest);
+    for (Attachment& attachment : hand.attachments)
+      attachment.stiffness = std::min(attachment.stiffness * factor, kStiffest);
   });
 }
 
@@ -56,7 +57,8 @@ Findings turned_range() {
   return refused(setting);
 }
 
-// The last joint of the index finger is turned back by 10 N m, the others held: it goes past its limit by torque / stiffness.
+// The last joint of the index finger is turned back by 10 N m, the others held: it goes past its limit by torque /
+// stiffness.
 Findings limit(double torque) {
   constexpr double kStiffness = 50;  // N m/rad: with the shipped 3 the joint would turn by half a turn
   Event event;
@@ -71,7 +73,8 @@ Findings limit(double torque) {
   HandSimulation simulation(event.hand, {}, 1, 1);
   simulation.keep_ledger(true);
   const auto& rest = event.hand.rest_joints;
-  const auto distal = static_cast<std::size_t>(index_of(Joint::index_distal)), parent = static_cast<std::size_t>(index_of(Joint::index_intermediate));
+  const auto distal = static_cast<std::size_t>(index_of(Joint::index_distal)),
+             parent = static_cast<std::size_t>(index_of(Joint::index_intermediate));
   HandWatch watch;
   for (int step = 0; step < 180; ++step) {
     for (int b = 0; b < kBodyCount; ++b) {
@@ -83,13 +86,15 @@ Findings limit(double torque) {
     watch.after_step(simulation, simulation.step(kStep), kStep);
   }
   const Pose child = simulation.joint_pose(Joint::index_distal);
-  const Quaternion aligned = simulation.joint_pose(Joint::index_intermediate).orientation * rest[parent].orientation.conjugate() * rest[distal].orientation;
+  const Quaternion aligned = simulation.joint_pose(Joint::index_intermediate).orientation *
+                             rest[parent].orientation.conjugate() * rest[distal].orientation;
   const double angle = rotation_log(aligned.conjugate() * child.orientation).x();
   const double pulled = (child.orientation.conjugate() * simulation.coupling_wrench(Body::index_distal).torque).x();
   Findings findings;
   watch.judge(simulation, findings);
   findings.demand_at_least("loaded", "torque of the coupling", pulled, 0.98 * torque, "N m");
-  findings.demand("excess torque / k", "angle past the limit over torque / stiffness, less one", std::abs((angle - joint.flexion_range[1]) * kStiffness / pulled - 1), 0.02, "1");
+  findings.demand("excess torque / k", "angle past the limit over torque / stiffness, less one",
+                  std::abs((angle - joint.flexion_range[1]) * kStiffness / pulled - 1), 0.02, "1");
   return findings;
 }
 
@@ -103,13 +108,16 @@ std::vector<Case> bone_cases() {
   };
   add("displaced_bone", "recovers").push_back({"50 mm out of its tissue", [] { return displaced_bone(); }, {}, true});
   auto* rows = &add("attachment_stiffness", "");
-  for (const double factor : {1e-4, 1e4}) rows->push_back({named("factor", factor), [factor] { return attachment_stiffness(factor); }, {}, factor > 1});
+  for (const double factor : {1e-4, 1e4})
+    rows->push_back({named("factor", factor), [factor] { return attachment_stiffness(factor); }, {}, factor > 1});
   rows = &add("joint_stiffness", "");
-  for (const double factor : {1e-4, 1e4}) rows->push_back({named("factor", factor), [factor] { return joint_stiffness(factor); }, {}, factor > 1});
+  for (const double factor : {1e-4, 1e4})
+    rows->push_back({named("factor", factor), [factor] { return joint_stiffness(factor); }, {}, factor > 1});
   rows = &add("joint_range", "no range holds; a range whose minimum is above its maximum is refused");
   rows->push_back({"minimum = maximum", [] { return locked_joints(); }});
   rows->push_back({"minimum > maximum", [] { return turned_range(); }, {}, true});
-  add("joint_limit", "past the limit by torque / stiffness within 2 %").push_back({"10 N m", [] { return limit(10); }, {}, true});
+  add("joint_limit", "past the limit by torque / stiffness within 2 %")
+      .push_back({"10 N m", [] { return limit(10); }, {}, true});
   return cases;
 }
 

@@ -20,6 +20,8 @@ std::vector<Case> process_cases();
 
 inline constexpr double kDegree = 3.14159265358979323846 / 180;
 
-inline std::string named(const char* name, double value, const char* unit = "") { return fmt::format("{} = {:g}{}{}", name, value, *unit ? " " : "", unit); }
+inline std::string named(const char* name, double value, const char* unit = "") {
+  return fmt::format("{} = {:g}{}{}", name, value, *unit ? " " : "", unit);
+}
 
 }  // namespace softhand::stress

@@ -1,4 +1,5 @@
-// Contact: strong grips, light and heavy objects, overlap, thin, sharp and fast things, friction from none to glue, objects that vanish.
+// Contact: strong grips, light and heavy objects, overlap, thin, sharp and fast things, friction from none to glue,
+// objects that vanish.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -28,7 +29,8 @@ Findings strong_pinch(double factor) {
     }
   };
   Grasped result = grasp(setting);
-  result.findings.demand_at_least("pressed", "force of a finger", *std::max_element(result.pad_forces.begin(), result.pad_forces.end()), 4, "N");
+  result.findings.demand_at_least("pressed", "force of a finger",
+                                  *std::max_element(result.pad_forces.begin(), result.pad_forces.end()), 4, "N");
   return result.findings;
 }
 
@@ -38,7 +40,8 @@ Findings held_for(double mass, double seconds) {
   setting.overrides = {fmt::format("objects.cube.mass={}", mass)};
   setting.seconds = kHoldBegins + kSettle + seconds;
   Grasped result = grasp(setting);
-  result.findings.demand("G6", "drift of the held cube after 3 s", result.drift(kHoldBegins + kSettle, setting.seconds) * 1e6, 1, "um/s");
+  result.findings.demand("G6", "drift of the held cube after 3 s",
+                         result.drift(kHoldBegins + kSettle, setting.seconds) * 1e6, 1, "um/s");
   return result.findings;
 }
 
@@ -59,14 +62,18 @@ Findings deep_start() {
   event.overlapping = true;
   event.seconds = 2;
   double fastest = 0;
-  Findings findings = run(event, [&](const EventStep& now) { fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff()); });
+  Findings findings = run(event, [&](const EventStep& now) {
+    fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff());
+  });
   findings.demand("exit", "fastest node", fastest, kExit, "m/s");
   return findings;
 }
 
-// A finger and a plate of 0.5 mm meet at 5 m/s and steps of 1/60 s, in every phase of a step: on which side is the finger afterwards?
+// A finger and a plate of 0.5 mm meet at 5 m/s and steps of 1/60 s, in every phase of a step: on which side is the
+// finger afterwards?
 Findings thin_plate(bool plate_moves, int trials) {
-  constexpr double kSpeed = 5, kHalf = 0.25e-3, kPast = 1e-3;  // m/s, m; the tip of the half closed finger yields less than a pad
+  constexpr double kSpeed = 5, kHalf = 0.25e-3,
+                   kPast = 1e-3;  // m/s, m; the tip of the half closed finger yields less than a pad
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
   double lowest = 1;
@@ -89,7 +96,10 @@ Findings thin_plate(bool plate_moves, int trials) {
     (plate_moves ? event.object.motion : event.bones) = towards(plate_moves ? 1 : -1);
     event.seconds = travel / kSpeed + 0.25;
     bool behind = false;
-    Findings one = run(event, [&](const EventStep& now) { behind = now.simulation.state().node_positions.row(1).minCoeff() < now.simulation.slot_pose(now.slot).position.y(); });
+    Findings one = run(event, [&](const EventStep& now) {
+      behind =
+          now.simulation.state().node_positions.row(1).minCoeff() < now.simulation.slot_pose(now.slot).position.y();
+    });
     tunnels += behind ? 1 : 0;
     const bool nonfinite = !one.demands.front().met();
     if (trial == 0 || nonfinite) findings = std::move(one);
@@ -146,7 +156,8 @@ Findings stick_slip() {
     ++count, sum += drag, squares += drag * drag, normal += std::abs(force.y());
   });
   const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
-  findings.demand("slides", "drag / (mu f_n), less one", std::abs(mean / (event.object.friction * normal / count) - 1), 0.02, "1");
+  findings.demand("slides", "drag / (mu f_n), less one", std::abs(mean / (event.object.friction * normal / count) - 1),
+                  0.02, "1");
   findings.demand("steady", "standard deviation of the drag over its mean", deviation / mean, 0.05, "1");
   return findings;
 }
@@ -167,12 +178,14 @@ Findings painleve(double friction) {
   const double table = event.object.pose.position.y() - kHalfLength * std::cos(90 * kDegree - kLean) - kRadius;
   const auto energy = [&](const Pose& pose, const Twist& twist) {
     const Vector3 spin = pose.orientation.conjugate() * twist.angular;
-    return 0.5 * event.object.mass * twist.linear.squaredNorm() + 0.5 * spin.dot(inertia * spin) + event.object.mass * kGravity * (pose.position.y() - table - kRadius);
+    return 0.5 * event.object.mass * twist.linear.squaredNorm() + 0.5 * spin.dot(inertia * spin) +
+           event.object.mass * kGravity * (pose.position.y() - table - kRadius);
   };
   const double start = energy(event.object.pose, {event.object.velocity, Vector3::Zero()});
   double most = 0;
-  Findings findings =
-      run(event, [&](const EventStep& now) { most = std::max(most, energy(now.simulation.slot_pose(now.slot), now.simulation.slot_velocity(now.slot))); });
+  Findings findings = run(event, [&](const EventStep& now) {
+    most = std::max(most, energy(now.simulation.slot_pose(now.slot), now.simulation.slot_velocity(now.slot)));
+  });
   findings.demand("G2", "energy of the rod over that at the start, less one", most / start - 1, 0.01, "1");
   return findings;
 }
@@ -182,7 +195,8 @@ Findings spinning() {
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
   event.object.shape = round_shape(ShapeKind::cylinder, 0.02, 0.05);
-  event.object.pose = {pad_of(event.hand, Finger::index) - Vector3(0, 0.022, 0), rotation_exp(Vector3(0, 0, 90 * kDegree))};
+  event.object.pose = {pad_of(event.hand, Finger::index) - Vector3(0, 0.022, 0),
+                       rotation_exp(Vector3(0, 0, 90 * kDegree))};
   event.object.spin = Vector3(100, 0, 0);
   event.bones = press_down(4e-3, 0.3);
   return run_touching(event, 0.2);
@@ -241,7 +255,9 @@ class Crowd {
     return taken;
   }
   int touched() const {
-    return static_cast<int>(std::count_if(output_->coupling.twins.begin(), output_->coupling.twins.end(), [](const ObjectTwin& twin) { return to_vector(twin.contact_force).norm() > 0; }));
+    return static_cast<int>(
+        std::count_if(output_->coupling.twins.begin(), output_->coupling.twins.end(),
+                      [](const ObjectTwin& twin) { return to_vector(twin.contact_force).norm() > 0; }));
   }
   void judge(Findings& findings) const { watch_.judge(loop_.simulation(), findings); }
 
@@ -270,8 +286,8 @@ Findings many_objects() {
   Findings findings;
   many.judge(findings);
   findings.demand_at_least("touched", "objects touched at the end", many.touched(), kFingerCount, "1");
-  findings.demand("1.1 x the 5-object time", "median thread time of a step among 100 objects over that among 5", percentile(many_times, 0.5) / percentile(few_times, 0.5), 1.1, "1",
-                  Class::over_budget);
+  findings.demand("1.1 x the 5-object time", "median thread time of a step among 100 objects over that among 5",
+                  percentile(many_times, 0.5) / percentile(few_times, 0.5), 1.1, "1", Class::over_budget);
   return findings;
 }
 
@@ -306,7 +322,9 @@ void scale_cube(VirtualRig& rig, double factor) {
 }  // namespace
 
 std::vector<Case> contact_cases() {
-  const Known kBetweenNodes{Class::violated, "nodes of the skin touch objects, its triangles do not: what is thinner than the mesh (8 mm) passes between them"};
+  const Known kBetweenNodes{Class::violated,
+                            "nodes of the skin touch objects, its triangles do not: what is thinner than the mesh (8 "
+                            "mm) passes between them"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
     cases.push_back({name, "Contact", statement, {}});
@@ -317,36 +335,64 @@ std::vector<Case> contact_cases() {
   rows = &add("light_object", "held; drift at most 1 um/s after 3 s");
   rows->push_back({"1 g, 60 s", [] { return held_for(1e-3, 60); }});
   rows->push_back({"1 g, 3 s", [] { return held_for(1e-3, 3); }, {}, true});
-  add("heavy_object", "pinched, and pulled by 50 mm").push_back({"1000 kg", [] { return with_cube({"objects.cube.mass=1000"}, false); },
-                                                                             {Class::violated, "since the pulp is as soft as people's, pads that are pulled up a cube that does not move press deeper than the limit"}});
-  add("deep_start", "the exit is slower than 1 m/s").push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
+  add("heavy_object", "pinched, and pulled by 50 mm")
+      .push_back({"1000 kg",
+                  [] { return with_cube({"objects.cube.mass=1000"}, false); },
+                  {Class::violated,
+                   "since the pulp is as soft as people's, pads that are pulled up a cube that does not move press "
+                   "deeper than the limit"}});
+  add("deep_start", "the exit is slower than 1 m/s")
+      .push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
   rows = &add("thin_plate", "0.5 mm at 5 m/s and 60 Hz: no tunnel");
   rows->push_back({"plate moves, 1000 trials", [] { return thin_plate(true, 1000); }});
-  rows->push_back({"finger moves, 1000 trials", [] { return thin_plate(false, 1000); },
-                   {Class::violated, "the whole finger stops from 5 m/s within sqrt(m v^2 / k), more than a centimetre at the contact stiffness"}});
+  rows->push_back(
+      {"finger moves, 1000 trials",
+       [] { return thin_plate(false, 1000); },
+       {Class::violated,
+        "the whole finger stops from 5 m/s within sqrt(m v^2 / k), more than a centimetre at the contact stiffness"}});
   rows->push_back({"plate moves, 50 trials", [] { return thin_plate(true, 50); }, {}, true});
   rows = &add("sharp", "felt between two nodes of the skin");
-  rows->push_back({"needle of 1 mm", [] { return sharp(round_shape(ShapeKind::capsule, 0.5e-3, 0.02), Quaternion::Identity(), 0.0205); },
+  rows->push_back({"needle of 1 mm",
+                   [] { return sharp(round_shape(ShapeKind::capsule, 0.5e-3, 0.02), Quaternion::Identity(), 0.0205); },
                    kBetweenNodes, true});
-  rows->push_back({"edge of a block", [] { return sharp(box_shape(Vector3::Constant(0.02)), rotation_exp(Vector3(0, 0, 45 * kDegree)), 0.02 * std::sqrt(2.0)); }});
-  rows->push_back({"corner of a block", [] {
-                     const Quaternion on_corner = Quaternion::FromTwoVectors(Vector3::Ones().normalized(), Vector3::UnitY());
+  rows->push_back({"edge of a block", [] {
+                     return sharp(box_shape(Vector3::Constant(0.02)), rotation_exp(Vector3(0, 0, 45 * kDegree)),
+                                  0.02 * std::sqrt(2.0));
+                   }});
+  rows->push_back({"corner of a block",
+                   [] {
+                     const Quaternion on_corner =
+                         Quaternion::FromTwoVectors(Vector3::Ones().normalized(), Vector3::UnitY());
                      return sharp(box_shape(Vector3::Constant(0.02)), on_corner, 0.02 * std::sqrt(3.0));
                    },
                    kBetweenNodes});
   rows = &add("friction", "0: the cube stays on the table; more: it is lifted and held");
   for (const double mu : {0.0, 10.0, 1000.0}) {
-    rows->push_back({named("mu", mu), [mu] { return with_cube({fmt::format("objects.cube.friction={}", mu), fmt::format("objects.table.friction={}", mu)}, mu > 0); }, {}, mu == 1000});
+    rows->push_back({named("mu", mu),
+                     [mu] {
+                       return with_cube(
+                           {fmt::format("objects.cube.friction={}", mu), fmt::format("objects.table.friction={}", mu)},
+                           mu > 0);
+                     },
+                     {},
+                     mu == 1000});
   }
-  add("stick_slip", "drag mu f_n within 2 %, steady within 5 %").push_back({"1 mm/s", [] { return stick_slip(); }, {}, true});
+  add("stick_slip", "drag mu f_n within 2 %, steady within 5 %")
+      .push_back({"1 mm/s", [] { return stick_slip(); }, {}, true});
   rows = &add("painleve", "a rod that leans by 60 degrees and slides at 1 m/s: energy does not grow");
   for (const double mu : {1.2, 1.5}) rows->push_back({named("mu", mu), [mu] { return painleve(mu); }, {}, mu == 1.5});
   add("spin", "").push_back({"drum, 100 rad/s", [] { return spinning(); }, {}, true});
   add("conveyor", "").push_back({"2 m/s", [] { return conveyor(); }, {}, true});
-  add("many_objects", "100 of which 5 are touched: at most 1.1 times the time with 5").push_back({"100", [] { return many_objects(); }, {}, false, true});
+  add("many_objects", "100 of which 5 are touched: at most 1.1 times the time with 5")
+      .push_back({"100", [] { return many_objects(); }, {}, false, true});
   rows = &add("object_changes", "while it is held; it stays below 5 m/s");
-  rows->push_back({"deleted", [] { return cube_event([](VirtualRig& rig) { tell_world(rig, "object.remove", "cube"); }); }, {}, true});
-  rows->push_back({"teleported by 0.3 m", [] { return cube_event([](VirtualRig& rig) { tell_world(rig, "object.teleport", "cube 0.3 0.1 0"); }); }});
+  rows->push_back({"deleted",
+                   [] { return cube_event([](VirtualRig& rig) { tell_world(rig, "object.remove", "cube"); }); },
+                   {},
+                   true});
+  rows->push_back({"teleported by 0.3 m", [] {
+                     return cube_event([](VirtualRig& rig) { tell_world(rig, "object.teleport", "cube 0.3 0.1 0"); });
+                   }});
   rows->push_back({"scaled by 1.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 1.5); }, true); }});
   rows->push_back({"scaled by 0.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 0.5); }); }});
   add("tube", "fingers do not touch each other yet").push_back({"five fingers in 20 mm", nullptr});

@@ -13,17 +13,19 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kLift = 0.05;        // m
-constexpr double kLifted = 0.9;       // of it, that counts as lifted
-constexpr double kDeviceCap = 20;     // N, G4 of what a glove is told
-constexpr double kSlow = 5;           // m/s, of the cube, whatever happens to it
+constexpr double kLift = 0.05;     // m
+constexpr double kLifted = 0.9;    // of it, that counts as lifted
+constexpr double kDeviceCap = 20;  // N, G4 of what a glove is told
+constexpr double kSlow = 5;        // m/s, of the cube, whatever happens to it
 
 double seconds_since_start(Nanoseconds time) { return static_cast<double>(time - VirtualRig::kStart) * 1e-9; }
 
 std::vector<std::string> scene_overrides(const std::vector<std::string>& more) {
-  std::vector<std::string> all{"hand.model=right_400.hand.json", "tracker.position_noise=0", "tracker.rotation_noise=0", "generator.approach_distance=0.05",
-                               "generator.approach_time=0.4", "generator.close_time=0.4", "generator.settle_time=0.2", "generator.lift_time=0.4",
-                               "generator.lift_height=0.05", "generator.hold_time=600"};
+  std::vector<std::string> all{"hand.model=right_400.hand.json", "tracker.position_noise=0",
+                               "tracker.rotation_noise=0",       "generator.approach_distance=0.05",
+                               "generator.approach_time=0.4",    "generator.close_time=0.4",
+                               "generator.settle_time=0.2",      "generator.lift_time=0.4",
+                               "generator.lift_height=0.05",     "generator.hold_time=600"};
   all.insert(all.end(), more.begin(), more.end());
   return all;
 }
@@ -44,7 +46,8 @@ std::shared_ptr<const Motion> motion_of(const Scene& scene) {
 
 class FaultyTracker final : public TrackerSource {
  public:
-  FaultyTracker(std::unique_ptr<TrackerSource> source, const Grasp& setting) : source_(std::move(source)), setting_(setting) {}
+  FaultyTracker(std::unique_ptr<TrackerSource> source, const Grasp& setting)
+      : source_(std::move(source)), setting_(setting) {}
   bool sample(Nanoseconds now, Skeleton& out) override {
     Skeleton sample;
     if (source_->sample(now, sample)) {
@@ -66,10 +69,12 @@ class FaultyTracker final : public TrackerSource {
 
 class Witness final : public RigWitness {
  public:
-  Witness(const Grasp& setting, Grasped& result, HandWatch& watch) : setting_(setting), result_(result), watch_(watch) {}
+  Witness(const Grasp& setting, Grasped& result, HandWatch& watch)
+      : setting_(setting), result_(result), watch_(watch) {}
   void published(RigLoop, const Skeleton& skeleton) override {
     if (!stress::all_finite(skeleton)) watch_.count_nonfinite();
-    if (result_.first_stale < 0 && skeleton.confidence == 0) result_.first_stale = seconds_since_start(skeleton.stamp.sample_time);
+    if (result_.first_stale < 0 && skeleton.confidence == 0)
+      result_.first_stale = seconds_since_start(skeleton.stamp.sample_time);
   }
   void published(RigLoop, const BoneWrench& wrench) override {
     if (!stress::all_finite(wrench)) watch_.count_nonfinite();
@@ -81,21 +86,27 @@ class Witness final : public RigWitness {
     if (!stress::all_finite(objects)) watch_.count_nonfinite();
     for (const ObjectState& object : objects.objects) {
       if (object.object != kCube) continue;
-      result_.world.push_back({seconds_since_start(objects.stamp.sample_time), to_pose(object.position, object.orientation), to_vector(object.linear_velocity).norm()});
+      result_.world.push_back({seconds_since_start(objects.stamp.sample_time),
+                               to_pose(object.position, object.orientation), to_vector(object.linear_velocity).norm()});
     }
   }
   void published(RigLoop, const DeviceState& state) override {
     if (!stress::all_finite(state)) watch_.count_nonfinite();
-    for (const double command : state.commands) result_.largest_command = std::max(result_.largest_command, std::abs(command));
+    for (const double command : state.commands)
+      result_.largest_command = std::max(result_.largest_command, std::abs(command));
   }
   void published(RigLoop, const HandOutput& output) override {
-    if (!stress::all_finite(output.simulated) || !stress::all_finite(output.contacts) || !stress::all_finite(output.coupling) || !stress::all_finite(output.surface)) {
+    if (!stress::all_finite(output.simulated) || !stress::all_finite(output.contacts) ||
+        !stress::all_finite(output.coupling) || !stress::all_finite(output.surface)) {
       watch_.count_nonfinite();
     }
   }
-  bool runs(RigLoop loop, Nanoseconds now) override { return !setting_.runs || setting_.runs(loop, seconds_since_start(now)); }
+  bool runs(RigLoop loop, Nanoseconds now) override {
+    return !setting_.runs || setting_.runs(loop, seconds_since_start(now));
+  }
   Nanoseconds delay(RigLoop from, Nanoseconds now) override {
-    return setting_.delay ? static_cast<Nanoseconds>(std::llround(1e9 * setting_.delay(from, seconds_since_start(now)))) : 0;
+    return setting_.delay ? static_cast<Nanoseconds>(std::llround(1e9 * setting_.delay(from, seconds_since_start(now))))
+                          : 0;
   }
 
  private:
@@ -134,14 +145,17 @@ double Grasped::jitter(double from, double to) const {
   double squares = 0, count = 0;
   within(twin, from, to, [&](std::size_t, const ObjectSample& sample) { mean += sample.pose.position, ++count; });
   mean /= count;
-  within(twin, from, to, [&](std::size_t, const ObjectSample& sample) { squares += (sample.pose.position - mean).squaredNorm(); });
+  within(twin, from, to,
+         [&](std::size_t, const ObjectSample& sample) { squares += (sample.pose.position - mean).squaredNorm(); });
   return std::sqrt(squares / count);
 }
 
 double Grasped::drift(double from, double to) const {
   double count = 0, mean_time = 0, spread = 0;
   Vector3 mean = Vector3::Zero(), slope = Vector3::Zero();
-  within(twin, from, to, [&](std::size_t, const ObjectSample& sample) { mean += sample.pose.position, mean_time += sample.time, ++count; });
+  within(twin, from, to, [&](std::size_t, const ObjectSample& sample) {
+    mean += sample.pose.position, mean_time += sample.time, ++count;
+  });
   mean /= count;
   mean_time /= count;
   within(twin, from, to, [&](std::size_t, const ObjectSample& sample) {
@@ -167,14 +181,18 @@ Grasped grasp(const Grasp& setting) {
   watch.exempt_penetration(setting.overlaps);
   Witness witness(setting, result, watch);
   try {
-    const Scene scene = read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch_lift.toml", scene_overrides(setting.overrides));
+    const Scene scene =
+        read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch_lift.toml", scene_overrides(setting.overrides));
     HandModel hand = shipped_hand();
     if (setting.hand) {
       setting.hand(hand);
       validate(hand, "hand");
     }
     rig = std::make_unique<VirtualRig>(
-        scene, hand, std::make_unique<FaultyTracker>(std::make_unique<ReplayTracker>(motion_of(scene), scene.options.tracker, hand_key(scene)), setting), &witness);
+        scene, hand,
+        std::make_unique<FaultyTracker>(
+            std::make_unique<ReplayTracker>(motion_of(scene), scene.options.tracker, hand_key(scene)), setting),
+        &witness);
   } catch (const ConfigError& error) {
     result.findings.refusal = error.what();
     return result;
@@ -188,9 +206,11 @@ Grasped grasp(const Grasp& setting) {
     for (const ObjectTwin& twin : view.output->coupling.twins) {
       if (twin.object != kCube) continue;
       result.twin.push_back({time, to_pose(twin.position, twin.orientation), to_vector(twin.linear_velocity).norm()});
-      result.pads.push_back({view.simulation->joint_pose(Joint::thumb_distal), view.simulation->joint_pose(Joint::index_distal)});
+      result.pads.push_back(
+          {view.simulation->joint_pose(Joint::thumb_distal), view.simulation->joint_pose(Joint::index_distal)});
       double most = 0;
-      for (const FingerContact& finger : view.output->contacts.fingers) most = std::max(most, to_vector(finger.force).norm());
+      for (const FingerContact& finger : view.output->contacts.fingers)
+        most = std::max(most, to_vector(finger.force).norm());
       result.pad_forces.push_back(most);
     }
     if (setting.at_step) setting.at_step(*rig, time);
@@ -200,14 +220,18 @@ Grasped grasp(const Grasp& setting) {
   result.hash = rig->state_hash();
   result.state = rig->hand().simulation().state();
   watch.judge(rig->hand().simulation(), result.findings);
-  result.findings.demand("G4", "command to the glove", result.largest_command, kDeviceCap * (1 + 1e-9), "N", Class::over_force);
+  result.findings.demand("G4", "command to the glove", result.largest_command, kDeviceCap * (1 + 1e-9), "N",
+                         Class::over_force);
   LoopStatus status;
   rig->hand().fill_status(status, VirtualRig::kStart + static_cast<Nanoseconds>(setting.seconds * 1e9));
-  const bool reports = std::isfinite(status.residual) && std::isfinite(status.input_age_ms) && status.input_age_ms >= 0 && !status.counters.empty();
+  const bool reports = std::isfinite(status.residual) && std::isfinite(status.input_age_ms) &&
+                       status.input_age_ms >= 0 && !status.counters.empty();
   result.findings.demand("G8", "input age, residual or counters missing from the status", reports ? 0 : 1, 0, "1");
   if (setting.held) {
-    const double height = result.world.empty() ? 0 : result.world.back().pose.position.y() - result.world.front().pose.position.y();
-    result.findings.demand_at_least("held", "height of the cube over its place at the end", height * 1e3, kLifted * kLift * 1e3, "mm");
+    const double height =
+        result.world.empty() ? 0 : result.world.back().pose.position.y() - result.world.front().pose.position.y();
+    result.findings.demand_at_least("held", "height of the cube over its place at the end", height * 1e3,
+                                    kLifted * kLift * 1e3, "mm");
   }
   return result;
 }

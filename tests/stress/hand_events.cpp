@@ -84,7 +84,8 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
 Vector3 pad_of(const HandModel& hand, Finger finger) {
   Vector3 lowest(0, 1, 0);
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    if (static_cast<Body>(hand.node_body[n]) == distal_of(finger) && hand.nodes[n].y() < lowest.y()) lowest = hand.nodes[n];
+    if (static_cast<Body>(hand.node_body[n]) == distal_of(finger) && hand.nodes[n].y() < lowest.y())
+      lowest = hand.nodes[n];
   }
   if (lowest.y() >= 1) throw std::logic_error("a finger without tissue");
   return lowest;
@@ -111,8 +112,10 @@ Findings let_go(const Release& release) {
   }
   Findings findings;
   watch.judge(simulation, findings);
-  if (before > 0) findings.demand("G3", "of the displacement left after 1 s", after_second / before, kRecoveredShare, "1");
-  findings.demand("G3", "from rest after 3 s, RMS", rms_distance(simulation.state(), rest) * 1e3, kRestDistance * 1e3, "mm");
+  if (before > 0)
+    findings.demand("G3", "of the displacement left after 1 s", after_second / before, kRecoveredShare, "1");
+  findings.demand("G3", "from rest after 3 s, RMS", rms_distance(simulation.state(), rest) * 1e3, kRestDistance * 1e3,
+                  "mm");
   return findings;
 }
 
@@ -139,7 +142,8 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
   simulation.keep_ledger(true);
   const int slot = moving ? 0 : 1;
   const double mass = moving ? object.mass : 1;
-  MirroredObject mirrored{7, &geometry, mass, mass / geometry.solid().volume * geometry.solid().inertia, object.friction};
+  MirroredObject mirrored{7, &geometry, mass, mass / geometry.solid().volume * geometry.solid().inertia,
+                          object.friction};
   simulation.set_slot(slot, mirrored);
   simulation.set_slot_motion(slot, object.pose, {object.velocity, object.spin});
   NeighbourPlane table;
@@ -147,7 +151,8 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
     std::array<RestingPoint, ShapeGeometry::most_resting_points> points;
     const std::size_t count = geometry.resting_points(object.pose.orientation.conjugate() * Vector3::UnitY(), points);
     double lowest = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < count; ++i) lowest = std::min(lowest, (object.pose * points[i].centre).y() - points[i].radius);
+    for (std::size_t i = 0; i < count; ++i)
+      lowest = std::min(lowest, (object.pose * points[i].centre).y() - points[i].radius);
     table.neighbour = 8;
     table.kind = kNeighbourStatic;
     table.point = {object.pose.position.x(), lowest, object.pose.position.z()};
@@ -182,7 +187,8 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
 
 Findings run_touching(const Event& event, double least, const char* invariant, const char* quantity) {
   double force = 0;
-  Findings findings = run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
+  Findings findings =
+      run(event, [&](const EventStep& now) { force = now.simulation.contact_wrench(now.slot).force.norm(); });
   findings.demand_at_least(invariant, quantity, force, least, "N");
   return findings;
 }

@@ -1,4 +1,5 @@
-// Events on the hand's physics alone (HandSimulation), where a case is about it: let go from an impossible state; pressed on an object.
+// Events on the hand's physics alone (HandSimulation), where a case is about it: let go from an impossible state;
+// pressed on an object.
 #pragma once
 
 #include <functional>
@@ -45,9 +46,9 @@ struct EventObject {
   double mass = 0;  ///< kg; 0: its motion is given
   double friction = 0.8;
   std::function<Displacement(double)> motion = [](double) { return Displacement{}; };  ///< of a given motion
-  Vector3 spin = Vector3::Zero();  ///< rad/s, of a given motion; of one with mass at the start
+  Vector3 spin = Vector3::Zero();      ///< rad/s, of a given motion; of one with mass at the start
   Vector3 velocity = Vector3::Zero();  ///< m/s, of one with mass at the start
-  bool on_table = false;  ///< a static half-space carries it, under its lowest point at the start
+  bool on_table = false;               ///< a static half-space carries it, under its lowest point at the start
   double table_friction = 0.8;
 };
 
@@ -59,8 +60,9 @@ struct Event {
   double seconds = 1;
   std::function<Displacement(double)> bones = [](double) { return Displacement{}; };  ///< of all bones from rest
   EventObject object;
-  bool overlapping = false;  ///< the hand starts inside the object: G5 does not count, and G2 takes the overlap for work in
-  bool strokes = false;      ///< the object crosses centimetres in a step: G2 takes what a contact begins with for its work
+  bool overlapping =
+      false;             ///< the hand starts inside the object: G5 does not count, and G2 takes the overlap for work in
+  bool strokes = false;  ///< the object crosses centimetres in a step: G2 takes what a contact begins with for its work
 };
 
 /// What a step left, for what a case wants to know more.
@@ -75,7 +77,8 @@ struct EventStep {
 Findings run(const Event& event, const std::function<void(const EventStep&)>& after_step = {}, double slow = 0.5);
 
 /// The same, and demands that the hand's force on the object is at least `least` N at the end.
-Findings run_touching(const Event& event, double least, const char* invariant = "touched", const char* quantity = "force at the end");
+Findings run_touching(const Event& event, double least, const char* invariant = "touched",
+                      const char* quantity = "force at the end");
 
 /// All bones go towards the palm's side by `depth` m within `time` s, by minimum jerk, and stay.
 std::function<Displacement(double)> press_down(double depth, double time);

@@ -1,4 +1,5 @@
-// Tissue: materials up to incompressible, stiff and strain-limited, and meshes let go from states that no hand is ever in.
+// Tissue: materials up to incompressible, stiff and strain-limited, and meshes let go from states that no hand is ever
+// in.
 #include <unistd.h>
 
 #include <algorithm>
@@ -46,7 +47,8 @@ Findings strain_limit(double c) {
     for (Material& material : hand.materials) material.strain_limit_stiffness = c * material.strain_limit_energy;
   };
   Grasped result = grasp(setting);
-  result.findings.demand("no chatter", "movement of the held cube about its mean over the last 0.4 s, RMS", result.jitter(1.6, 2) * 1e3, kChatter, "mm");
+  result.findings.demand("no chatter", "movement of the held cube about its mean over the last 0.4 s, RMS",
+                         result.jitter(1.6, 2) * 1e3, kChatter, "mm");
   return result.findings;
 }
 
@@ -57,7 +59,8 @@ Findings refused_strain_limit(double energy) {
 }
 
 double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
-  const auto inverted = std::count_if(hand.tetrahedra.begin(), hand.tetrahedra.end(), [&x](const auto& t) { return tetrahedron_volume(x, t) < 0; });
+  const auto inverted = std::count_if(hand.tetrahedra.begin(), hand.tetrahedra.end(),
+                                      [&x](const auto& t) { return tetrahedron_volume(x, t) < 0; });
   return static_cast<double>(inverted) / static_cast<double>(hand.tetrahedra.size());
 }
 
@@ -70,7 +73,8 @@ Findings mapped(const Matrix3& map, double noise = 0) {
     const Vector3 middle = middle_of(state);
     testing::Random random(7);
     for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
-      state.node_positions.col(n) = middle + map * Vector3(state.node_positions.col(n) - middle) + noise * random.vector();
+      state.node_positions.col(n) =
+          middle + map * Vector3(state.node_positions.col(n) - middle) + noise * random.vector();
     }
   };
   return let_go(release);
@@ -90,7 +94,8 @@ Findings reflected_node() {
   return let_go(release);
 }
 
-// Nodes are reflected, one after the other in an order drawn once, until so many tetrahedra are inverted; all of them: the whole hand is mirrored.
+// Nodes are reflected, one after the other in an order drawn once, until so many tetrahedra are inverted; all of them:
+// the whole hand is mirrored.
 Findings inverted(double share) {
   if (share == 1) return mapped(diagonal(1, 1, -1));
   Release release;
@@ -98,7 +103,8 @@ Findings inverted(double share) {
   release.disturb = [&](State& state) {
     testing::Random random(3);
     while (reached < share) {
-      const auto& t = release.hand.tetrahedra[static_cast<std::size_t>(0.5 * (1 + random()) * static_cast<double>(release.hand.tetrahedra.size()))];
+      const auto& t = release.hand.tetrahedra[static_cast<std::size_t>(
+          0.5 * (1 + random()) * static_cast<double>(release.hand.tetrahedra.size()))];
       const auto at = [&](std::size_t k) { return Vector3(state.node_positions.col(t[k])); };
       const Vector3 normal = (at(1) - at(0)).cross(at(2) - at(0)).normalized();
       if (normal.dot(at(3) - at(0)) > 0) state.node_positions.col(t[3]) -= 2 * normal.dot(at(3) - at(0)) * normal;
@@ -155,7 +161,8 @@ Findings bad_element(const std::array<Vector3, 4>& corners) {
 
 // In the hand's file, as a mesher may leave it there.
 Findings unreferenced_node() {
-  const std::string path = (std::filesystem::temp_directory_path() / fmt::format("softhand_stress_{}.hand.json", getpid())).string();
+  const std::string path =
+      (std::filesystem::temp_directory_path() / fmt::format("softhand_stress_{}.hand.json", getpid())).string();
   HandModel loose = shipped_hand();
   loose.nodes.insert(loose.nodes.begin(), loose.nodes[0]);
   loose.node_body.insert(loose.node_body.begin(), std::uint8_t{0});
@@ -179,42 +186,60 @@ Findings unreferenced_node() {
 std::vector<Case> material_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
-  const Known kUnlimited{Class::inverted, "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
+  const Known kUnlimited{Class::inverted,
+                         "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
     cases.push_back({name, "Material", statement, {}});
     return cases.back().rows;
   };
 
-  auto* rows = &add("poisson_ratio", "the cube is lifted and held, but at 0.4999: linear tetrahedra lock there, and the fingers are too stiff to close on it");
+  auto* rows = &add("poisson_ratio",
+                    "the cube is lifted and held, but at 0.4999: linear tetrahedra lock there, and the fingers are too "
+                    "stiff to close on it");
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
-    rows->push_back({named("nu", nu), [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }, nu < 0.4999); }, {}, nu == 0.499});
+    rows->push_back({named("nu", nu),
+                     [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }, nu < 0.4999); },
+                     {},
+                     nu == 0.499});
   }
   rows = &add("stiffness_ratio", "palm and back so much stiffer than the softest tissue");
-  for (const double ratio : {1e2, 1e4, 1e8}) rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
+  for (const double ratio : {1e2, 1e4, 1e8})
+    rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
   rows = &add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
-  for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6}) rows->push_back({named("c", c), [c] { return strain_limit(c); }, c == 0 ? kUnlimited : Known{}, c == 1e6});
+  for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6})
+    rows->push_back({named("c", c), [c] { return strain_limit(c); }, c == 0 ? kUnlimited : Known{}, c == 1e6});
   rows = &add("strain_limit_energy", "0, less and not-a-number are refused");
   for (const double energy : {1.0, 1e12}) {
-    rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return with_material([energy](Material& m) { m.strain_limit_energy = energy; }, false); }, energy > 1 ? kUnlimited : Known{}});
+    rows->push_back(
+        {named("W_max", energy, "J/m^3"),
+         [energy] { return with_material([energy](Material& m) { m.strain_limit_energy = energy; }, false); },
+         energy > 1 ? kUnlimited : Known{}});
   }
-  for (const double energy : {0.0, -1.0, nan}) rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return refused_strain_limit(energy); }, {}, true});
+  for (const double energy : {0.0, -1.0, nan})
+    rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return refused_strain_limit(energy); }, {}, true});
 
   add("reflected_node", "recovers").push_back({"one node", [] { return reflected_node(); }, {}, true});
   rows = &add("inverted", "recovers");
   for (const double share : {0.25, 1.0}) rows->push_back({named("share", share), [share] { return inverted(share); }});
   rows = &add("collapsed", "the whole tissue; recovers");
   for (const double noise : {0.0, 1e-12}) {
-    rows->push_back({fmt::format("to a plane, +{:g} m", noise), [noise] { return mapped(diagonal(1, 0, 1), noise); }, {}, noise == 0});
+    rows->push_back({fmt::format("to a plane, +{:g} m", noise),
+                     [noise] { return mapped(diagonal(1, 0, 1), noise); },
+                     {},
+                     noise == 0});
     rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); }});
     rows->push_back({fmt::format("to a point, +{:g} m", noise), [noise] { return mapped(Matrix3::Zero(), noise); }});
   }
   rows = &add("random_nodes", "in a box twice the size; recovers");
-  for (std::size_t seed = 1; seed <= 20; ++seed) rows->push_back({fmt::format("seed = {}", seed), [seed] { return random_nodes(seed); }});
+  for (std::size_t seed = 1; seed <= 20; ++seed)
+    rows->push_back({fmt::format("seed = {}", seed), [seed] { return random_nodes(seed); }});
   rows = &add("singular_values", "of the whole tissue's deformation; recovers");
   rows->push_back({"0.7 three times", [] { return mapped(0.7 * Matrix3::Identity()); }});
-  for (const double s : vanishing) rows->push_back({fmt::format("1, 1, {:g}", s), [s] { return mapped(diagonal(1, s, 1)); }});
-  for (const double s : vanishing) rows->push_back({fmt::format("1, 1, -1 + {:g}", s), [s] { return mapped(diagonal(1, -1 + s, 1)); }});
+  for (const double s : vanishing)
+    rows->push_back({fmt::format("1, 1, {:g}", s), [s] { return mapped(diagonal(1, s, 1)); }});
+  for (const double s : vanishing)
+    rows->push_back({fmt::format("1, 1, -1 + {:g}", s), [s] { return mapped(diagonal(1, -1 + s, 1)); }});
   rows = &add("stretched", "recovers");
   rows->push_back({"x 5 along the hand", [] { return mapped(diagonal(1, 1, 5)); }, {}, true});
   rows->push_back({"x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1)); }});
@@ -222,9 +247,18 @@ std::vector<Case> material_cases() {
 
   rows = &add("elements", "what no simulation can use is refused; a node that none has is left out");
   constexpr double a = 5e-3;  // m
-  const auto flat = [a](double angle) { return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a), Vector3(a, -a * std::tan(angle), a)}; };
+  const auto flat = [a](double angle) {
+    return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a),
+                                  Vector3(a, -a * std::tan(angle), a)};
+  };
   rows->push_back({"dihedral 0.1 degrees", [flat] { return bad_element(flat(0.1 * kDegree)); }, {}, true});
-  rows->push_back({"edge ratio 1e4", [] { return bad_element({Vector3(0, 0, 0), Vector3(0, 0, 1e-6), Vector3(1e-2, 0, 0), Vector3(0, 1e-2, 0)}); }, {}, true});
+  rows->push_back(
+      {"edge ratio 1e4",
+       [] {
+         return bad_element({Vector3(0, 0, 0), Vector3(0, 0, 1e-6), Vector3(1e-2, 0, 0), Vector3(0, 1e-2, 0)});
+       },
+       {},
+       true});
   rows->push_back({"zero volume", [flat] { return bad_element(flat(0)); }, {}, true});
   rows->push_back({"a node that no tetrahedron uses", [] { return unreferenced_node(); }, {}, true});
   return cases;

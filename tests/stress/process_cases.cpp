@@ -32,23 +32,28 @@ class RunningRig : OwnDomain {
  public:
   RunningRig() : up_(kTouch, {}) {
     const bool runs = ears.wait(30s, [&] {
-      return std::all_of(kModules.begin(), kModules.end(), [&](const char* module) { return ears.process_id(module) > 0; }) && follows(0) && ears.device_is_on(1);
+      return std::all_of(kModules.begin(), kModules.end(),
+                         [&](const char* module) { return ears.process_id(module) > 0; }) &&
+             follows(0) && ears.device_is_on(1);
     });
     if (!runs) throw std::runtime_error("the rig did not come up: " + up_.output());
   }
   bool follows(Nanoseconds since) const {
     constexpr std::ptrdiff_t kSteps = 10;
-    return ears.simulated.size() >= kSteps && std::all_of(ears.simulated.end() - kSteps, ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
+    return ears.simulated.size() >= kSteps &&
+           std::all_of(ears.simulated.end() - kSteps, ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
              return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
            });
   }
   void signal(const char* module, int number) const {
-    if (kill(static_cast<pid_t>(ears.process_id(module)), number) != 0) throw std::runtime_error(std::string("cannot signal ") + module);
+    if (kill(static_cast<pid_t>(ears.process_id(module)), number) != 0)
+      throw std::runtime_error(std::string("cannot signal ") + module);
   }
   void judge(Findings& findings) const {
     std::uint64_t nonfinite = 0;
     for (const auto& [topic, count] : ears.nonfinite) nonfinite += count;
-    findings.demand("G1", "messages published with numbers that are not finite", static_cast<double>(nonfinite), 0, "1", Class::diverged);
+    findings.demand("G1", "messages published with numbers that are not finite", static_cast<double>(nonfinite), 0, "1",
+                    Class::diverged);
   }
 
   static constexpr std::array<const char*, 6> kModules{"world", "hand", "tracking", "haptic", "tactile", "tracker"};
@@ -83,13 +88,15 @@ Findings stopped() {
   rig.signal("hand", SIGCONT);
   const bool follows = rig.ears.wait(10s, [&] { return rig.follows(when); });
   // The step that was interrupted, the one that is due, and one that catches up.
-  const auto early = std::count_if(rig.ears.simulated.begin(), rig.ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
-    return s.time > when && s.time < when + static_cast<Nanoseconds>(0.9e9 * kPeriod);
-  });
+  const auto early =
+      std::count_if(rig.ears.simulated.begin(), rig.ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
+        return s.time > when && s.time < when + static_cast<Nanoseconds>(0.9e9 * kPeriod);
+      });
   Findings findings;
   rig.judge(findings);
   findings.demand("follows", "runs in which the hand does not follow again", follows ? 0 : 1, 0, "1");
-  findings.demand("at most one catch-up step", "steps published within 0.9 periods after SIGCONT", static_cast<double>(early), 3, "1");
+  findings.demand("at most one catch-up step", "steps published within 0.9 periods after SIGCONT",
+                  static_cast<double>(early), 3, "1");
   return findings;
 }
 
@@ -116,7 +123,9 @@ Findings starved() {
   for (std::thread& other : others) other.join();
   Findings findings;
   rig.judge(findings);
-  findings.demand_at_least("G7", "steps made or counted as missed, over those due", (after - before) * kPeriod / (static_cast<double>(to - from) * 1e-9), 0.95, "1", Class::over_budget);
+  findings.demand_at_least("G7", "steps made or counted as missed, over those due",
+                           (after - before) * kPeriod / (static_cast<double>(to - from) * 1e-9), 0.95, "1",
+                           Class::over_budget);
   return findings;
 }
 
@@ -124,9 +133,16 @@ Findings starved() {
 
 std::vector<Case> process_cases() {
   std::vector<Case> cases;
-  cases.push_back({"killed", "World", "a process of a running rig, with kill -9: live within 1 s under a new epoch, and the hand follows", {}});
-  for (const char* module : {"hand", "world", "tracking", "tracker"}) cases.back().rows.push_back({module, [module] { return killed(module); }, {}, false, true});
-  cases.push_back({"stopped", "World", "the hand's process, with SIGSTOP: after SIGCONT at most one catch-up step, and the hand follows", {}});
+  cases.push_back({"killed",
+                   "World",
+                   "a process of a running rig, with kill -9: live within 1 s under a new epoch, and the hand follows",
+                   {}});
+  for (const char* module : {"hand", "world", "tracking", "tracker"})
+    cases.back().rows.push_back({module, [module] { return killed(module); }, {}, false, true});
+  cases.push_back({"stopped",
+                   "World",
+                   "the hand's process, with SIGSTOP: after SIGCONT at most one catch-up step, and the hand follows",
+                   {}});
   cases.back().rows.push_back({"2 s", [] { return stopped(); }, {}, false, true});
   cases.push_back({"starved", "World", "two busy threads a core: each step is made or counted as missed", {}});
   cases.back().rows.push_back({"5 s", [] { return starved(); }, {}, false, true});

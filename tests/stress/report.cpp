@@ -30,13 +30,24 @@ bool is_sweep(const Row& row) { return row.section == "Sweep"; }
 
 std::string figure_text(const Row& row) {
   if (row.figure.quantity.empty()) return {};
-  return fmt::format("{:.4g} {} ({} {:.4g})", row.figure.value, row.figure.unit, row.figure.at_least ? ">=" : "<=", row.figure.limit);
+  return fmt::format("{:.4g} {} ({} {:.4g})", row.figure.value, row.figure.unit,
+                     row.figure.at_least ? ">=" : "<=", row.figure.limit);
 }
 
 Json to_json(const Row& row) {
-  Json json{{"case", row.name},       {"parameter", row.parameter},          {"class", name_of(row.which)},     {"figure", row.figure.value},
-            {"invariant", row.invariant}, {"section", row.section},              {"quantity", row.figure.quantity}, {"limit", row.figure.limit},
-            {"at_least", row.figure.at_least}, {"unit", row.figure.unit},            {"good", row.counts_as_good},     {"timed", row.timed}, {"mode", row.mode}};
+  Json json{{"case", row.name},
+            {"parameter", row.parameter},
+            {"class", name_of(row.which)},
+            {"figure", row.figure.value},
+            {"invariant", row.invariant},
+            {"section", row.section},
+            {"quantity", row.figure.quantity},
+            {"limit", row.figure.limit},
+            {"at_least", row.figure.at_least},
+            {"unit", row.figure.unit},
+            {"good", row.counts_as_good},
+            {"timed", row.timed},
+            {"mode", row.mode}};
   if (!row.known.cause.empty()) json["cause"] = row.known.cause;
   if (!row.refusal.empty()) json["refusal"] = row.refusal;
   json["seconds"] = row.seconds;
@@ -48,8 +59,11 @@ void take(const Json& json, Row& row) {
   for (int c = 0; c <= static_cast<int>(Class::not_built); ++c) {
     if (json.at("class") == name_of(static_cast<Class>(c))) row.which = static_cast<Class>(c);
   }
-  const auto number = [&json](const char* key) { return json.at(key).is_number() ? json.at(key).get<double>() : std::nan(""); };
-  row.figure = {json.at("invariant"), json.at("quantity"), number("figure"), number("limit"), json.at("unit"), json.at("at_least"), Class::violated};
+  const auto number = [&json](const char* key) {
+    return json.at(key).is_number() ? json.at(key).get<double>() : std::nan("");
+  };
+  row.figure = {json.at("invariant"), json.at("quantity"), number("figure"), number("limit"),
+                json.at("unit"),      json.at("at_least"), Class::violated};
   row.invariant = json.at("invariant");
   row.counts_as_good = json.at("good");
   row.refusal = json.value("refusal", "");
@@ -65,9 +79,12 @@ void add_file(Sha256& hash, const fs::path& path) {
   }
 }
 
-void add_text(Sha256& hash, const std::string& text) { hash.add(std::as_bytes(std::span(text.data(), text.size() + 1))); }
+void add_text(Sha256& hash, const std::string& text) {
+  hash.add(std::as_bytes(std::span(text.data(), text.size() + 1)));
+}
 
-/// Rows that were computed before, by the hash of what they come from: all programs beside this one, the hand, the scene, case and parameter.
+/// Rows that were computed before, by the hash of what they come from: all programs beside this one, the hand, the
+/// scene, case and parameter.
 class Cache {
  public:
   explicit Cache(std::string folder) : folder_(std::move(folder)) {
@@ -119,7 +136,9 @@ std::vector<Case> chosen_cases(const StressArguments& arguments) {
   }
   std::vector<Case> chosen;
   for (Case& which : all) {
-    if (!arguments.which.empty() && std::find(arguments.which.begin(), arguments.which.end(), which.name) == arguments.which.end()) continue;
+    if (!arguments.which.empty() &&
+        std::find(arguments.which.begin(), arguments.which.end(), which.name) == arguments.which.end())
+      continue;
     if (arguments.quick) std::erase_if(which.rows, [](const Setting& row) { return row.run && !row.quick; });
     chosen.push_back(std::move(which));
   }
@@ -153,8 +172,10 @@ Json to_json(const std::vector<Row>& rows) {
 std::string to_csv(const std::vector<Row>& rows) {
   std::string text = "section,case,parameter,class,figure,limit,unit,quantity,invariant,good\n";
   for (const Row& row : rows) {
-    text += fmt::format("{},{},{},{},{:.9g},{:.6g},{},{},{},{}\n", row.section, row.name, report::in_quotes(row.parameter), name_of(row.which), row.figure.value, row.figure.limit,
-                        report::in_quotes(row.figure.unit), report::in_quotes(row.figure.quantity), report::in_quotes(row.invariant), row.counts_as_good ? 1 : 0);
+    text += fmt::format("{},{},{},{},{:.9g},{:.6g},{},{},{},{}\n", row.section, row.name,
+                        report::in_quotes(row.parameter), name_of(row.which), row.figure.value, row.figure.limit,
+                        report::in_quotes(row.figure.unit), report::in_quotes(row.figure.quantity),
+                        report::in_quotes(row.invariant), row.counts_as_good ? 1 : 0);
   }
   return text;
 }
@@ -163,9 +184,12 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
   const report::Provenance from = report::provenance();
   const Count count = count_of(rows);
   std::string text = fmt::format(
-      "## Stress map\n\n`{}` on {}, {}, commit {}; hand right_400. {} of {} built rows in the default mode pass or were rightly refused ({:.1f} %); rows in which a number that is not finite was "
-      "published: {}.\n\n![Cases and their values by class](images/stress_map.png)\n\n![The sweep by class](images/stress_sweep.png)\n\n",
-      command, from.processor, from.compiler, from.commit, count.good, count.built, 100 * count.share(), count.nonfinite);
+      "## Stress map\n\n`{}` on {}, {}, commit {}; hand right_400. {} of {} built rows in the default mode pass or "
+      "were rightly refused ({:.1f} %); rows in which a number that is not finite was "
+      "published: {}.\n\n![Cases and their values by class](images/stress_map.png)\n\n![The sweep by "
+      "class](images/stress_sweep.png)\n\n",
+      command, from.processor, from.compiler, from.commit, count.good, count.built, 100 * count.share(),
+      count.nonfinite);
   std::map<std::string, std::map<Class, int>> classes;
   std::vector<std::string> sections;
   for (const Row& row : rows) {
@@ -173,25 +197,32 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
     if (classes.find(key) == classes.end()) sections.push_back(key);
     ++classes[key][row.which];
   }
-  text += "| | Pass | Refused | Violated | Diverged | Inverted | Over force | Over budget | Not built |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  text +=
+      "| | Pass | Refused | Violated | Diverged | Inverted | Over force | Over budget | Not built |\n| --- | --- | --- "
+      "| --- | --- | --- | --- | --- | --- |\n";
   for (const std::string& section : sections) {
     text += "| " + section + " |";
-    for (const Class c : {Class::pass, Class::refused, Class::violated, Class::diverged, Class::inverted, Class::over_force, Class::over_budget, Class::not_built}) {
+    for (const Class c : {Class::pass, Class::refused, Class::violated, Class::diverged, Class::inverted,
+                          Class::over_force, Class::over_budget, Class::not_built}) {
       const int number = classes[section][c];
       text += number == 0 ? " |" : fmt::format(" {} |", number);
     }
     text += "\n";
   }
-  text += "\nWhat does not pass, the sweep apart:\n\n| case | value | class | broken | figure | cause |\n| --- | --- | --- | --- | --- | --- |\n";
+  text +=
+      "\nWhat does not pass, the sweep apart:\n\n| case | value | class | broken | figure | cause |\n| --- | --- | --- "
+      "| --- | --- | --- |\n";
   for (const Row& row : rows) {
     if (is_sweep(row) || row.which == Class::pass || (row.which == Class::refused && row.counts_as_good)) continue;
     const bool built = row.which != Class::not_built;
-    text += fmt::format("| {} | {} | {} | {} | {} | {} |\n", row.name, in_cell(row.parameter), name_of(row.which), in_cell(row.invariant),
-                        built ? in_cell(row.figure.quantity + ": " + figure_text(row)) : "", in_cell(row.known.cause.empty() && built ? "not known" : row.known.cause));
+    text += fmt::format("| {} | {} | {} | {} | {} | {} |\n", row.name, in_cell(row.parameter), name_of(row.which),
+                        in_cell(row.invariant), built ? in_cell(row.figure.quantity + ": " + figure_text(row)) : "",
+                        in_cell(row.known.cause.empty() && built ? "not known" : row.known.cause));
   }
   text += "\n## What was rightly refused\n\n| case | value | reason |\n| --- | --- | --- |\n";
   for (const Row& row : rows) {
-    if (row.which == Class::refused && row.counts_as_good) text += fmt::format("| {} | {} | {} |\n", row.name, in_cell(row.parameter), in_cell(row.refusal));
+    if (row.which == Class::refused && row.counts_as_good)
+      text += fmt::format("| {} | {} | {} |\n", row.name, in_cell(row.parameter), in_cell(row.refusal));
   }
   return text;
 }
@@ -208,19 +239,23 @@ int run_stress(const StressArguments& arguments) {
         seconds += row.seconds;
         if (setting.run) cache.keep(row);
       }
-      fmt::print("{:11} {:22} {:34} {:6.1f} s  {:34} {}\n", name_of(row.which), row.name, row.parameter, row.seconds, figure_text(row),
+      fmt::print("{:11} {:22} {:34} {:6.1f} s  {:34} {}\n", name_of(row.which), row.name, row.parameter, row.seconds,
+                 figure_text(row),
                  row.invariant.empty() ? row.figure.quantity : row.invariant + ": " + row.figure.quantity);
       std::fflush(stdout);
       rows.push_back(std::move(row));
     }
   }
   const Count count = count_of(rows);
-  fmt::print("{} of {} built rows pass or were rightly refused ({:.1f} %), {} published numbers that are not finite; {:.1f} s\n", count.good, count.built, 100 * count.share(),
-             count.nonfinite, seconds);
+  fmt::print(
+      "{} of {} built rows pass or were rightly refused ({:.1f} %), {} published numbers that are not finite; {:.1f} "
+      "s\n",
+      count.good, count.built, 100 * count.share(), count.nonfinite, seconds);
   const std::string json = to_json(rows).dump(2) + "\n";
   report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(rows));
-  report::write_file(arguments.markdown, to_markdown(rows, arguments.quick ? "softhand report stress --quick" : "softhand report stress"));
+  report::write_file(arguments.markdown,
+                     to_markdown(rows, arguments.quick ? "softhand report stress --quick" : "softhand report stress"));
   report::draw("stress", json, arguments.plot);
   return count.nonfinite == 0 && count.share() >= kGoodShare ? 0 : 1;
 }

@@ -13,7 +13,8 @@
 namespace softhand::stress {
 namespace {
 
-// Pressed on a block with steps of one length; long enough for rest, and for the first step of a long one, which cannot foresee the contact, to be one of many.
+// Pressed on a block with steps of one length; long enough for rest, and for the first step of a long one, which cannot
+// foresee the contact, to be one of many.
 Findings time_step(double step) {
   Event event = pressed_on_block(4e-3);
   event.time_step = [step](int) { return step; };
@@ -30,20 +31,24 @@ Findings alternating_time_step() {
 // Steps that must leave every bit of the state alone: none, and what is no time.
 Findings no_step(double step, StepStatus expected) {
   HandSimulation simulation(shipped_hand(), {}, 1, 1);
-  for (int b = 0; b < kBodyCount; ++b) simulation.set_target(static_cast<Body>(b), Pose{Vector3(0, 0.01, 0), Quaternion::Identity()}, {});
+  for (int b = 0; b < kBodyCount; ++b)
+    simulation.set_target(static_cast<Body>(b), Pose{Vector3(0, 0.01, 0), Quaternion::Identity()}, {});
   for (int i = 0; i < 5; ++i) simulation.step(kStep);
   const State before = simulation.state();
   const StepReport report = simulation.step(step);
   const State& after = simulation.state();
   bool same = before.node_positions == after.node_positions && before.node_velocities == after.node_velocities;
   for (std::size_t b = 0; b < before.body_poses.size(); ++b) {
-    same = same && before.body_poses[b].position == after.body_poses[b].position && before.body_poses[b].orientation.coeffs() == after.body_poses[b].orientation.coeffs() &&
-           before.body_velocities[b].linear == after.body_velocities[b].linear && before.body_velocities[b].angular == after.body_velocities[b].angular;
+    same = same && before.body_poses[b].position == after.body_poses[b].position &&
+           before.body_poses[b].orientation.coeffs() == after.body_poses[b].orientation.coeffs() &&
+           before.body_velocities[b].linear == after.body_velocities[b].linear &&
+           before.body_velocities[b].angular == after.body_velocities[b].angular;
   }
   Findings findings;
   findings.demand("G1", "numbers that are not finite", softhand::all_finite(after) ? 0 : 1, 0, "1", Class::diverged);
   findings.demand("bitwise no-op", "states that changed", same ? 0 : 1, 0, "1");
-  findings.demand("status", "steps with another status than " + std::string(to_string(expected)), report.status == expected ? 0 : 1, 0, "1");
+  findings.demand("status", "steps with another status than " + std::string(to_string(expected)),
+                  report.status == expected ? 0 : 1, 0, "1");
   return findings;
 }
 
@@ -58,15 +63,20 @@ Findings with_solver(const std::vector<std::string>& overrides, bool must_flag) 
   Grasp setting;
   setting.overrides = overrides;
   Grasped result = grasp(setting);
-  if (must_flag) result.findings.demand_at_least("flagged", "steps reported as not converged", static_cast<double>(result.unconverged), 1, "1");
+  if (must_flag)
+    result.findings.demand_at_least("flagged", "steps reported as not converged",
+                                    static_cast<double>(result.unconverged), 1, "1");
   return result.findings;
 }
 
 // The whole scene elsewhere.
 Findings at(const Vector3& place) {
-  const auto vector = [&place](double x, double y, double z) { return fmt::format("[{},{},{}]", place.x() + x, place.y() + y, place.z() + z); };
+  const auto vector = [&place](double x, double y, double z) {
+    return fmt::format("[{},{},{}]", place.x() + x, place.y() + y, place.z() + z);
+  };
   Grasp setting;
-  setting.overrides = {"objects.table.position=" + vector(0, -0.02, 0), "objects.cube.position=" + vector(0, 0.02, 0), "generator.object_position=" + vector(0, 0.026, 0)};
+  setting.overrides = {"objects.table.position=" + vector(0, -0.02, 0), "objects.cube.position=" + vector(0, 0.02, 0),
+                       "generator.object_position=" + vector(0, 0.026, 0)};
   return grasp_findings(setting);
 }
 
@@ -80,12 +90,14 @@ Findings mass_ratio(double ratio) {
   event.object.on_table = true;
   double sunk = 0;
   const double start = event.object.pose.position.y();
-  Findings findings = run(event, [&](const EventStep& now) { sunk = start - now.simulation.slot_pose(now.slot).position.y(); });
+  Findings findings =
+      run(event, [&](const EventStep& now) { sunk = start - now.simulation.slot_pose(now.slot).position.y(); });
   findings.demand("rests", "object's way down into the table", std::abs(sunk) * 1e3, 1, "mm");
   return findings;
 }
 
-// A finger that is pressed on a block and then held for so many steps. Rest is a state of its own: neither drifts nor grows.
+// A finger that is pressed on a block and then held for so many steps. Rest is a state of its own: neither drifts nor
+// grows.
 Findings many_steps(int steps) {
   constexpr double kSettle = 3;  // s
   Event event;
@@ -101,8 +113,11 @@ Findings many_steps(int steps) {
   Findings findings = run(event, [&](const EventStep& now) {
     ++taken;
     energy = now.report.energy;
-    if (settled.cols() == 0 && now.time >= kSettle) settled = now.simulation.state().node_positions, settled_energy = energy;
-    if (settled.cols() > 0) drift = (now.simulation.state().node_positions - settled).colwise().norm().maxCoeff() / std::max(now.time - kSettle, 1.0);
+    if (settled.cols() == 0 && now.time >= kSettle)
+      settled = now.simulation.state().node_positions, settled_energy = energy;
+    if (settled.cols() > 0)
+      drift = (now.simulation.state().node_positions - settled).colwise().norm().maxCoeff() /
+              std::max(now.time - kSettle, 1.0);
   });
   findings.demand("no growth", "energy over that after 3 s, less one", energy / settled_energy - 1, 1e-6, "1");
   findings.demand("G6", "drift of the tissue after 3 s", drift * 1e6, 1, "um/s");
@@ -140,24 +155,38 @@ std::vector<Case> solver_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
 
   auto* rows = &add("time_step", "the hand pressed 4 mm on a block");
-  for (const double step : {1e-4, 1e-3, 1.0 / 240, 1.0 / 90, 1.0 / 30, 0.1, 1.0}) rows->push_back({named("dt", step, "s"), [step] { return time_step(step); }, {}, step == 0.1});
+  for (const double step : {1e-4, 1e-3, 1.0 / 240, 1.0 / 90, 1.0 / 30, 0.1, 1.0})
+    rows->push_back({named("dt", step, "s"), [step] { return time_step(step); }, {}, step == 0.1});
   rows->push_back({"dt = 1/90 s, 1/45 s in turn", [] { return alternating_time_step(); }, {}, true});
   rows = &add("no_time_step", "0 changes no bit; what is no time is refused");
   rows->push_back({"dt = 0 s", [] { return no_step(0, StepStatus::converged); }, {}, true});
-  for (const double step : {-kStep, nan, infinity}) rows->push_back({named("dt", step, "s"), [step] { return no_time(step); }, {}, true});
+  for (const double step : {-kStep, nan, infinity})
+    rows->push_back({named("dt", step, "s"), [step] { return no_time(step); }, {}, true});
   rows = &add("solver_budget", "the cube is lifted and held; what did not converge says so");
   for (const int iterations : {1, 2, 3}) {
     rows->push_back({fmt::format("max_iterations = {}", iterations),
-                     [iterations] { return with_solver({fmt::format("hand.simulation.solver.max_iterations={}", iterations)}, true); },
-                     {}, false, false, fmt::format("{} steps", iterations)});
+                     [iterations] {
+                       return with_solver({fmt::format("hand.simulation.solver.max_iterations={}", iterations)}, true);
+                     },
+                     {},
+                     false,
+                     false,
+                     fmt::format("{} steps", iterations)});
   }
-  rows->push_back({"work_budget = 0.001", [] { return with_solver({"hand.simulation.solver.work_budget=0.001"}, true); }, {}, true});
+  rows->push_back({"work_budget = 0.001",
+                   [] { return with_solver({"hand.simulation.solver.work_budget=0.001"}, true); },
+                   {},
+                   true});
   rows = &add("far_from_origin", "the cube is lifted and held");
   for (const double distance : {0.0, 10.0, 1000.0}) {
-    rows->push_back({named("distance", distance, "m"), [distance] { return at(distance / std::sqrt(3.0) * Vector3::Ones()); }, {}, distance == 10});
+    rows->push_back({named("distance", distance, "m"),
+                     [distance] { return at(distance / std::sqrt(3.0) * Vector3::Ones()); },
+                     {},
+                     distance == 10});
   }
   rows = &add("mass_ratio", "an object of so many masses of a mean node between the hand and a table");
-  for (const double ratio : {1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6}) rows->push_back({named("ratio", ratio), [ratio] { return mass_ratio(ratio); }, {}, ratio == 1e6});
+  for (const double ratio : {1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6})
+    rows->push_back({named("ratio", ratio), [ratio] { return mass_ratio(ratio); }, {}, ratio == 1e6});
   rows = &add("many_steps", "one finger held on a block: no growth, no drift");
   rows->push_back({"10 000 steps", [] { return many_steps(10'000); }});
   rows->push_back({"1 000 000 steps", [] { return many_steps(1'000'000); }});

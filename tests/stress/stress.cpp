@@ -12,7 +12,8 @@
 namespace softhand::stress {
 
 std::string_view name_of(Class which) {
-  constexpr std::array<std::string_view, 8> names{"Pass", "Violated", "Diverged", "Inverted", "Over force", "Over budget", "Refused", "Not built"};
+  constexpr std::array<std::string_view, 8> names{"Pass",       "Violated",    "Diverged", "Inverted",
+                                                  "Over force", "Over budget", "Refused",  "Not built"};
   return names[static_cast<std::size_t>(which)];
 }
 
@@ -20,7 +21,8 @@ void classify(const Findings& findings, Row& row) {
   row.which = Class::pass;
   row.counts_as_good = true;
   row.refusal = findings.refusal;
-  const auto broken = std::find_if(findings.demands.begin(), findings.demands.end(), [](const Demand& demand) { return !demand.met(); });
+  const auto broken = std::find_if(findings.demands.begin(), findings.demands.end(),
+                                   [](const Demand& demand) { return !demand.met(); });
   if (broken != findings.demands.end()) {
     row.which = broken->otherwise;
     row.figure = *broken;
@@ -65,7 +67,8 @@ Row run(const Case& which, const Setting& setting) {
 const std::vector<Case>& all_cases() {
   static const std::vector<Case> cases = [] {
     std::vector<Case> all;
-    for (auto part : {material_cases, solver_cases, tracker_cases, contact_cases, bone_cases, world_cases, process_cases}) {
+    for (auto part :
+         {material_cases, solver_cases, tracker_cases, contact_cases, bone_cases, world_cases, process_cases}) {
       std::vector<Case> more = part();
       all.insert(all.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
     }

@@ -1,8 +1,9 @@
-// Stress cases: extreme inputs through the real loops and the shipped hand, each row classified by the invariants G1 to G8. One library for the tests and for
-// `softhand report stress`; docs/stress.md says what the invariants and classes mean.
+// Stress cases: extreme inputs through the real loops and the shipped hand, each row classified by the invariants G1 to
+// G8. One library for the tests and for `softhand report stress`; docs/stress.md says what the invariants and classes
+// mean.
 //
-// A case is a list of rows, a row one value of its parameter: it runs and returns what it demanded and found. Nothing here knows how rows are printed.
-// Everything SI unless a quantity's unit says otherwise.
+// A case is a list of rows, a row one value of its parameter: it runs and returns what it demanded and found. Nothing
+// here knows how rows are printed. Everything SI unless a quantity's unit says otherwise.
 #pragma once
 
 #include <cstddef>
@@ -21,7 +22,7 @@ struct Demand {
   std::string invariant;  ///< G1 to G8, or the words of a demand of the case's own
   std::string quantity;
   double value = 0;
-  double limit = 0;       ///< the most that `value` may be; the least where `at_least`
+  double limit = 0;  ///< the most that `value` may be; the least where `at_least`
   std::string unit;
   bool at_least = false;
   Class otherwise = Class::violated;  ///< what the row is where this is not met
@@ -33,13 +34,16 @@ struct Demand {
 /// What a run found, its demands from the gravest on; the last one, the case's own figure, is shown where all are met.
 struct Findings {
   std::vector<Demand> demands;
-  std::string refusal;           ///< the reason with which the configuration was refused at load; empty: it ran
-  bool refusal_is_right = false; ///< the case demands the refusal, or its reason (a growth factor above one) was shown and the offered values passed
+  std::string refusal;            ///< the reason with which the configuration was refused at load; empty: it ran
+  bool refusal_is_right = false;  ///< the case demands the refusal, or its reason (a growth factor above one) was shown
+                                  ///< and the offered values passed
 
-  void demand(std::string invariant, std::string quantity, double value, double limit, std::string unit, Class otherwise = Class::violated) {
+  void demand(std::string invariant, std::string quantity, double value, double limit, std::string unit,
+              Class otherwise = Class::violated) {
     demands.push_back({std::move(invariant), std::move(quantity), value, limit, std::move(unit), false, otherwise});
   }
-  void demand_at_least(std::string invariant, std::string quantity, double value, double limit, std::string unit, Class otherwise = Class::violated) {
+  void demand_at_least(std::string invariant, std::string quantity, double value, double limit, std::string unit,
+                       Class otherwise = Class::violated) {
     demands.push_back({std::move(invariant), std::move(quantity), value, limit, std::move(unit), true, otherwise});
   }
 };
@@ -51,11 +55,11 @@ struct Known {
 };
 
 struct Setting {
-  std::string parameter;  ///< as "name = value"; unique within the case
+  std::string parameter;          ///< as "name = value"; unique within the case
   std::function<Findings()> run;  ///< null: not built
   Known known{};
-  bool quick = false;  ///< run by `--quick` and by the tests
-  bool timed = false;  ///< its figure is a time of this machine: it differs from run to run
+  bool quick = false;            ///< run by `--quick` and by the tests
+  bool timed = false;            ///< its figure is a time of this machine: it differs from run to run
   std::string mode = "default";  ///< of the solver; only rows of the default mode are counted
 };
 
@@ -71,8 +75,8 @@ struct Row {
   std::string section;
   std::string parameter;
   Class which = Class::pass;
-  Demand figure;              ///< the first demand that was not met, else the last one
-  std::string invariant;      ///< broken; empty where none is
+  Demand figure;          ///< the first demand that was not met, else the last one
+  std::string invariant;  ///< broken; empty where none is
   std::string refusal;
   Known known;
   bool counts_as_good = false;  ///< passes, or was rightly refused

@@ -1,4 +1,5 @@
-// The marked rows of `softhand report stress`, those of `--quick` without its sweep, and the rules by which rows are classified.
+// The marked rows of `softhand report stress`, those of `--quick` without its sweep, and the rules by which rows are
+// classified.
 #include "stress/stress.hpp"
 
 #include <gtest/gtest.h>
@@ -31,17 +32,20 @@ class StressCase : public ::testing::TestWithParam<Case> {};
 TEST_P(StressCase, IsClassifiedAsRecorded) {
   for (const Setting& setting : GetParam().rows) {
     const Row row = run(GetParam(), setting);
-    const std::string found = row.invariant + " " + row.figure.quantity + " " + std::to_string(row.figure.value) + " " + row.figure.unit + " " + row.refusal;
+    const std::string found = row.invariant + " " + row.figure.quantity + " " + std::to_string(row.figure.value) + " " +
+                              row.figure.unit + " " + row.refusal;
     EXPECT_NE(row.invariant, "G1") << setting.parameter << ": " << found;
     if (setting.known.which != Class::pass) {
-      EXPECT_EQ(name_of(row.which), name_of(setting.known.which)) << setting.parameter << ": not as known (mended? then strike it from the table): " << found;
+      EXPECT_EQ(name_of(row.which), name_of(setting.known.which))
+          << setting.parameter << ": not as known (mended? then strike it from the table): " << found;
     } else {
       EXPECT_TRUE(row.counts_as_good) << setting.parameter << ": " << name_of(row.which) << ": " << found;
     }
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Quick, StressCase, ::testing::ValuesIn(quick_cases()), [](const auto& parameter) { return parameter.param.name; });
+INSTANTIATE_TEST_SUITE_P(Quick, StressCase, ::testing::ValuesIn(quick_cases()),
+                         [](const auto& parameter) { return parameter.param.name; });
 
 TEST(StressTable, NamesAreItsOwnAndFewAreKnownToFail) {
   std::set<std::pair<std::string, std::string>> names;
@@ -50,7 +54,8 @@ TEST(StressTable, NamesAreItsOwnAndFewAreKnownToFail) {
     EXPECT_FALSE(which.rows.empty()) << which.name;
     for (const Setting& setting : which.rows) {
       EXPECT_TRUE(names.insert({which.name, setting.parameter}).second) << which.name << " " << setting.parameter;
-      EXPECT_EQ(setting.known.which == Class::pass, setting.known.cause.empty()) << which.name << " " << setting.parameter;
+      EXPECT_EQ(setting.known.which == Class::pass, setting.known.cause.empty())
+          << which.name << " " << setting.parameter;
       if (setting.mode != "default") continue;
       built += setting.run ? 1 : 0;
       failing += setting.run && setting.known.which != Class::pass ? 1 : 0;
@@ -115,7 +120,8 @@ TEST(StressSweep, PointsFillTheirRanges) {
   EXPECT_NEAR(first.poisson_ratio, 0.499 / 3, 1e-12);
   for (std::size_t n = 1; n <= 256; ++n) {
     const SweepPoint p = sweep_point(n);
-    EXPECT_TRUE(p.youngs_modulus >= 1e3 && p.youngs_modulus <= 1e7 && p.poisson_ratio >= 0 && p.poisson_ratio <= 0.499 && p.time_step >= 0.5e-3 && p.time_step <= 33e-3 &&
+    EXPECT_TRUE(p.youngs_modulus >= 1e3 && p.youngs_modulus <= 1e7 && p.poisson_ratio >= 0 &&
+                p.poisson_ratio <= 0.499 && p.time_step >= 0.5e-3 && p.time_step <= 33e-3 &&
                 p.contact_stiffness >= 1e2 && p.contact_stiffness <= 1e7 && p.mass_ratio >= 1e-4 && p.mass_ratio <= 1e4)
         << n;
   }

@@ -57,8 +57,9 @@ Findings pressed(const SweepPoint& point, std::int64_t max_iterations) {
 }  // namespace
 
 SweepPoint sweep_point(std::size_t n) {
-  return {logarithmic(1e3, 1e7, mirrored_digits(n, 2)), 0.499 * mirrored_digits(n, 3), logarithmic(0.5e-3, 33e-3, mirrored_digits(n, 5)),
-          logarithmic(1e2, 1e7, mirrored_digits(n, 7)), logarithmic(1e-4, 1e4, mirrored_digits(n, 11))};
+  return {logarithmic(1e3, 1e7, mirrored_digits(n, 2)), 0.499 * mirrored_digits(n, 3),
+          logarithmic(0.5e-3, 33e-3, mirrored_digits(n, 5)), logarithmic(1e2, 1e7, mirrored_digits(n, 7)),
+          logarithmic(1e-4, 1e4, mirrored_digits(n, 11))};
 }
 
 std::vector<Case> sweep_cases(std::size_t points) {
@@ -68,9 +69,14 @@ std::vector<Case> sweep_cases(std::size_t points) {
     const std::int64_t max_iterations = which.name == "sweep" ? SolverOptions{}.max_iterations : 1;
     for (std::size_t n = 1; n <= points; ++n) {
       const SweepPoint point = sweep_point(n);
-      which.rows.push_back({fmt::format("E = {:.4g} Pa, nu = {:.4f}, dt = {:.4g} ms, k = {:.4g} N/m, ratio = {:.4g}", point.youngs_modulus, point.poisson_ratio,
-                                        point.time_step * 1e3, point.contact_stiffness, point.mass_ratio),
-                            [point, max_iterations] { return pressed(point, max_iterations); }, {}, false, false, max_iterations == 1 ? "one step" : "default"});
+      which.rows.push_back({fmt::format("E = {:.4g} Pa, nu = {:.4f}, dt = {:.4g} ms, k = {:.4g} N/m, ratio = {:.4g}",
+                                        point.youngs_modulus, point.poisson_ratio, point.time_step * 1e3,
+                                        point.contact_stiffness, point.mass_ratio),
+                            [point, max_iterations] { return pressed(point, max_iterations); },
+                            {},
+                            false,
+                            false,
+                            max_iterations == 1 ? "one step" : "default"});
     }
   }
   return cases;

@@ -1,4 +1,5 @@
-// The sweep: one finger presses an object on a table, over five parameters at once, as the points of a low-discrepancy sequence.
+// The sweep: one finger presses an object on a table, over five parameters at once, as the points of a low-discrepancy
+// sequence.
 #pragma once
 
 #include <vector>
@@ -15,7 +16,8 @@ struct SweepPoint {
   double mass_ratio = 0;         ///< object over the finger's tissue, 1e-4 to 1e4
 };
 
-/// The n-th of Halton's points, n from 1: the same first ones however many are asked for. All but Poisson's ratio by their logarithm.
+/// The n-th of Halton's points, n from 1: the same first ones however many are asked for. All but Poisson's ratio by
+/// their logarithm.
 SweepPoint sweep_point(std::size_t n);
 
 /// Cases "sweep" (default mode) and "sweep_one_step" (one Newton step) of so many points each.

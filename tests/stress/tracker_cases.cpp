@@ -37,12 +37,17 @@ Grasped run_faulty(Grasp setting, bool follow = true) {
   const auto inner = setting.tracker;
   setting.tracker = [&wanted, inner](double time, Samples& samples) {
     if (inner) inner(time, samples);
-    if (!samples.empty() && softhand::all_finite(samples.back().joints[kWrist].position)) wanted = samples.back().joints[kWrist].position;
+    if (!samples.empty() && softhand::all_finite(samples.back().joints[kWrist].position))
+      wanted = samples.back().joints[kWrist].position;
   };
   Vector3 reached = Vector3::Zero();
-  setting.at_step = [&reached](VirtualRig& rig, double) { reached = rig.hand().simulation().joint_pose(Joint::wrist).position; };
+  setting.at_step = [&reached](VirtualRig& rig, double) {
+    reached = rig.hand().simulation().joint_pose(Joint::wrist).position;
+  };
   Grasped result = grasp(setting);
-  if (follow) result.findings.demand("follows", "wrist from the tracked one at the end", (reached - to_vector(wanted)).norm() * 1e3, kFollows * 1e3, "mm");
+  if (follow)
+    result.findings.demand("follows", "wrist from the tracked one at the end",
+                           (reached - to_vector(wanted)).norm() * 1e3, kFollows * 1e3, "mm");
   return result;
 }
 
@@ -50,7 +55,8 @@ Grasped run_faulty(Grasp setting, bool follow = true) {
 Grasp in_the_air() {
   Grasp setting;
   setting.held = false;
-  setting.overrides = {"generator.motion=free_motion", "generator.object_position=[0,0.5,0]", "generator.free_time=600"};
+  setting.overrides = {"generator.motion=free_motion", "generator.object_position=[0,0.5,0]",
+                       "generator.free_time=600"};
   return setting;
 }
 
@@ -59,7 +65,8 @@ Findings teleport(bool with_object) {
   setting.seconds = 3;
   setting.held = false;
   const double when = with_object ? kEvent : 0.1;
-  setting.overrides = {fmt::format("tracker.teleport_at={}", when), "tracker.teleport_offset=[10,0,0]", "tracker.teleport_time=0.7"};
+  setting.overrides = {fmt::format("tracker.teleport_at={}", when), "tracker.teleport_offset=[10,0,0]",
+                       "tracker.teleport_time=0.7"};
   Grasped result = run_faulty(setting);
   result.demand_slow_cube();
   return result.findings;
@@ -76,7 +83,9 @@ Findings half_turn(const Vector3& axis, double angle) {
 Findings twist() {
   Grasp setting = in_the_air();
   setting.seconds = 3;
-  setting.tracker = [](double time, Samples& samples) { turn_about_wrist(samples.front(), 720 * kDegree * minimum_jerk((time - 0.15) / 2) * Vector3::UnitZ()); };
+  setting.tracker = [](double time, Samples& samples) {
+    turn_about_wrist(samples.front(), 720 * kDegree * minimum_jerk((time - 0.15) / 2) * Vector3::UnitZ());
+  };
   return run_faulty(setting).findings;
 }
 
@@ -85,8 +94,8 @@ Findings sign_flips() {
   const Grasped plain = grasp(setting);
   setting.overrides = {"tracker.flip_signs=true"};
   Grasped flipped = run_faulty(setting);
-  flipped.findings.demand("same", "largest distance of a node from a run without flips", (plain.state.node_positions - flipped.state.node_positions).cwiseAbs().maxCoeff(), 1e-9,
-                          "m");
+  flipped.findings.demand("same", "largest distance of a node from a run without flips",
+                          (plain.state.node_positions - flipped.state.node_positions).cwiseAbs().maxCoeff(), 1e-9, "m");
   return flipped.findings;
 }
 
@@ -117,7 +126,9 @@ Findings bone_value(double value) {
     samples.front().joints[kIndex].orientation.fill(value);
   };
   Grasped result = run_faulty(setting);
-  result.findings.demand_at_least("counted", "joints refused", static_cast<double>(result.tracking.refused_nonfinite + result.tracking.refused_implausible), 100, "1");
+  result.findings.demand_at_least(
+      "counted", "joints refused",
+      static_cast<double>(result.tracking.refused_nonfinite + result.tracking.refused_implausible), 100, "1");
   return result.findings;
 }
 
@@ -127,8 +138,11 @@ Findings freeze() {
   setting.seconds = 4;
   setting.overrides = {fmt::format("tracker.freeze_at={}", kEvent), "tracker.freeze_time=2"};
   Grasped result = run_faulty(setting);
-  result.findings.demand("G7", "last sample to the stale flag", result.first_stale < 0 ? std::nan("") : (result.first_stale - kEvent) * 1e3, kFlag * 1e3, "ms");
-  result.findings.demand("slip", "slip of the cube during the freeze and 0.5 s after it", result.slip(kEvent, 4) * 1e3, kSlip * 1e3, "mm");
+  result.findings.demand("G7", "last sample to the stale flag",
+                         result.first_stale < 0 ? std::nan("") : (result.first_stale - kEvent) * 1e3, kFlag * 1e3,
+                         "ms");
+  result.findings.demand("slip", "slip of the cube during the freeze and 0.5 s after it", result.slip(kEvent, 4) * 1e3,
+                         kSlip * 1e3, "mm");
   return result.findings;
 }
 
@@ -156,7 +170,9 @@ Findings order(const std::function<void(double, Samples&)>& change, bool refusal
   Grasp setting;
   setting.tracker = change;
   Grasped result = run_faulty(setting);
-  if (refusals) result.findings.demand_at_least("counted", "samples refused for their order", static_cast<double>(result.tracking.refused_order), 10, "1");
+  if (refusals)
+    result.findings.demand_at_least("counted", "samples refused for their order",
+                                    static_cast<double>(result.tracking.refused_order), 10, "1");
   return result.findings;
 }
 
@@ -184,7 +200,9 @@ std::function<void(double, Samples&)> equal_stamps() {
 }
 
 std::function<void(double, Samples&)> clock_off_by(double seconds) {
-  return [seconds](double, Samples& samples) { samples.front().stamp.sample_time += static_cast<Nanoseconds>(seconds * 1e9); };
+  return [seconds](double, Samples& samples) {
+    samples.front().stamp.sample_time += static_cast<Nanoseconds>(seconds * 1e9);
+  };
 }
 
 // From 0.8 s on the device's clock runs back, by half an hour and then on backwards.
@@ -200,7 +218,8 @@ Findings noise() {
   setting.seconds = 3;
   setting.overrides = {"tracker.position_noise=0.001", fmt::format("tracker.rotation_noise={}", 1 * kDegree)};
   Grasped result = run_faulty(setting);
-  result.findings.demand("jitter", "held cube about its mean over 1.4 s, RMS", result.jitter(1.6, 3) * 1e3, kJitter * 1e3, "mm");
+  result.findings.demand("jitter", "held cube about its mean over 1.4 s, RMS", result.jitter(1.6, 3) * 1e3,
+                         kJitter * 1e3, "mm");
   return result.findings;
 }
 
@@ -231,7 +250,8 @@ Findings bone_length(double factor) {
   Grasp setting = in_the_air();
   setting.tracker = [factor](double, Samples& samples) {
     const Vector3 wrist = to_vector(samples.front().joints[kWrist].position);
-    for (JointSample& joint : samples.front().joints) joint.position = to_wire(Vector3(wrist + factor * (to_vector(joint.position) - wrist)));
+    for (JointSample& joint : samples.front().joints)
+      joint.position = to_wire(Vector3(wrist + factor * (to_vector(joint.position) - wrist)));
   };
   return run_faulty(setting, false).findings;
 }
@@ -245,28 +265,41 @@ std::vector<Case> tracker_cases() {
     return cases.back().rows;
   };
   auto* rows = &add("teleport", "by 10 m and back after 0.7 s; the cube stays below 5 m/s");
-  rows->push_back({"free", [] { return teleport(false); },
-                   {Class::violated, "a hundredth of a millimetre over the limit, in the grip that closes in full motion after the hand is back"}});
+  rows->push_back(
+      {"free",
+       [] { return teleport(false); },
+       {Class::violated,
+        "a hundredth of a millimetre over the limit, in the grip that closes in full motion after the hand is back"}});
   rows->push_back({"with the cube held", [] { return teleport(true); }, {}, true});
   rows = &add("half_turn", "the tracked hand is turned at one sample; the simulated one comes after it");
-  const std::array<std::pair<const char*, Vector3>, 3> axes{{{"x", Vector3::UnitX()}, {"y", Vector3::UnitY()}, {"z", Vector3::UnitZ()}}};
+  const std::array<std::pair<const char*, Vector3>, 3> axes{
+      {{"x", Vector3::UnitX()}, {"y", Vector3::UnitY()}, {"z", Vector3::UnitZ()}}};
   for (const auto& [name, axis] : axes) {
     for (const double angle : {180.0, 179.999, 180.001}) {
-      rows->push_back({fmt::format("{:g} degrees about {}", angle, name), [axis, angle] { return half_turn(axis, angle * kDegree); }, {}, angle == 180.0 && axis.x() == 1});
+      rows->push_back({fmt::format("{:g} degrees about {}", angle, name),
+                       [axis, angle] { return half_turn(axis, angle * kDegree); },
+                       {},
+                       angle == 180.0 && axis.x() == 1});
     }
   }
-  add("twist", "by 720 degrees in 2 s about the hand's long axis").push_back({"720 degrees", [] { return twist(); }, {}, true});
+  add("twist", "by 720 degrees in 2 s about the hand's long axis")
+      .push_back({"720 degrees", [] { return twist(); }, {}, true});
   add("sign_flips", "q and -q in turn: as without").push_back({"each sample", [] { return sign_flips(); }, {}, true});
-  rows = &add("quaternion_length", "of one bone: 0.5 and 2 are normalised; less and more are refused and counted, the others live");
-  for (const double length : {0.5, 2.0, 1e-20, 0.0}) rows->push_back({named("|q|", length), [length] { return quaternion_length(length); }, {}, length == 1e-20});
+  rows = &add("quaternion_length",
+              "of one bone: 0.5 and 2 are normalised; less and more are refused and counted, the others live");
+  for (const double length : {0.5, 2.0, 1e-20, 0.0})
+    rows->push_back({named("|q|", length), [length] { return quaternion_length(length); }, {}, length == 1e-20});
   rows = &add("bone_value", "in all numbers of one bone: refused, counted, the others live");
-  for (const double value : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), 1e308, 5e-324}) {
+  for (const double value :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), 1e308, 5e-324}) {
     rows->push_back({named("value", value), [value] { return bone_value(value); }, {}, true});
   }
-  add("freeze", "2 s in a grasp: slip at most 1 mm, stale flag within 100 ms").push_back({"2 s", [] { return freeze(); }, {}, true});
+  add("freeze", "2 s in a grasp: slip at most 1 mm, stale flag within 100 ms")
+      .push_back({"2 s", [] { return freeze(); }, {}, true});
   add("dropout", "2 s, and back 0.3 m away; the cube stays below 5 m/s").push_back({"2 s", [] { return dropout(); }});
   rows = &add("tracker_rate", "the cube is lifted and held");
-  for (const double rate : {10.0, 90.0, 500.0, 1000.0}) rows->push_back({named("rate", rate, "Hz"), [rate] { return tracker_rate(rate); }, {}, rate == 10});
+  for (const double rate : {10.0, 90.0, 500.0, 1000.0})
+    rows->push_back({named("rate", rate, "Hz"), [rate] { return tracker_rate(rate); }, {}, rate == 10});
   rows = &add("order", "the cube is lifted and held; what is refused is counted");
   rows->push_back({"each sample twice", [] { return order(duplicates(), true); }});
   rows->push_back({"neighbours swapped", [] { return order(swaps(), true); }});
@@ -275,12 +308,20 @@ std::vector<Case> tracker_cases() {
   rows->push_back({"1 h ahead", [] { return order(clock_off_by(3600), false); }});
   rows->push_back({"1 h behind", [] { return order(clock_off_by(-3600), false); }});
   rows->push_back({"backwards from 0.8 s on", [] { return order(clock_backwards(), false); }});
-  add("noise", "held cube within 0.2 mm RMS").push_back({"1 mm, 1 degree", [] { return noise(); },
-                            {Class::violated, "nothing filters the tracker's poses: a filter that does would lag"}, true});
-  add("impossible_pose", "").push_back({"all fingers bent back at every joint", [] { return impossible_pose(); },
-                                       {Class::inverted, "bones that are held bent through each other press the tissue between them inside out for as long as they are"}});
+  add("noise", "held cube within 0.2 mm RMS")
+      .push_back({"1 mm, 1 degree",
+                  [] { return noise(); },
+                  {Class::violated, "nothing filters the tracker's poses: a filter that does would lag"},
+                  true});
+  add("impossible_pose", "")
+      .push_back({"all fingers bent back at every joint",
+                  [] { return impossible_pose(); },
+                  {Class::inverted,
+                   "bones that are held bent through each other press the tissue between them inside out for as long "
+                   "as they are"}});
   rows = &add("bone_length", "");
-  for (const double factor : {0.5, 2.0}) rows->push_back({named("factor", factor), [factor] { return bone_length(factor); }});
+  for (const double factor : {0.5, 2.0})
+    rows->push_back({named("factor", factor), [factor] { return bone_length(factor); }});
   return cases;
 }
 

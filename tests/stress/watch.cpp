@@ -9,61 +9,70 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kEnergySlack = 0.01;                          // G2
-constexpr double kLightForce = 3, kHardForce = 10;             // N a finger, G5
-constexpr double kLightDepth = 0.5e-3, kHardDepth = 2e-3;      // m
+constexpr double kEnergySlack = 0.01;                      // G2
+constexpr double kLightForce = 3, kHardForce = 10;         // N a finger, G5
+constexpr double kLightDepth = 0.5e-3, kHardDepth = 2e-3;  // m
 
 }  // namespace
 
 bool all_finite(const Skeleton& skeleton) {
   return std::all_of(skeleton.joints.begin(), skeleton.joints.end(), [](const JointSample& j) {
-    return (j.flags & kJointValid) == 0 || (softhand::all_finite(j.position) && softhand::all_finite(j.orientation) &&
-                                            softhand::all_finite(j.linear_velocity) && softhand::all_finite(j.angular_velocity));
+    return (j.flags & kJointValid) == 0 ||
+           (softhand::all_finite(j.position) && softhand::all_finite(j.orientation) &&
+            softhand::all_finite(j.linear_velocity) && softhand::all_finite(j.angular_velocity));
   });
 }
 
 bool all_finite(const Contacts& contacts) {
   const auto finger = [](const FingerContact& f) {
-    return softhand::all_finite(f.force) && softhand::all_finite(f.centre) && softhand::all_finite(f.normal) && std::isfinite(f.area) && std::isfinite(f.slip_speed);
+    return softhand::all_finite(f.force) && softhand::all_finite(f.centre) && softhand::all_finite(f.normal) &&
+           std::isfinite(f.area) && std::isfinite(f.slip_speed);
   };
   const auto contact = [](const Contact& c) {
-    return softhand::all_finite(c.point) && softhand::all_finite(c.normal) && softhand::all_finite(c.force) && std::isfinite(c.penetration) &&
-           std::isfinite(c.slip_speed);
+    return softhand::all_finite(c.point) && softhand::all_finite(c.normal) && softhand::all_finite(c.force) &&
+           std::isfinite(c.penetration) && std::isfinite(c.slip_speed);
   };
-  return std::all_of(contacts.fingers.begin(), contacts.fingers.end(), finger) && std::all_of(contacts.contacts.begin(), contacts.contacts.end(), contact);
+  return std::all_of(contacts.fingers.begin(), contacts.fingers.end(), finger) &&
+         std::all_of(contacts.contacts.begin(), contacts.contacts.end(), contact);
 }
 
 bool all_finite(const ObjectCoupling& coupling) {
   return std::all_of(coupling.twins.begin(), coupling.twins.end(), [](const ObjectTwin& t) {
-    return softhand::all_finite(t.position) && softhand::all_finite(t.orientation) && softhand::all_finite(t.linear_velocity) &&
-           softhand::all_finite(t.angular_velocity) && softhand::all_finite(t.contact_force) && softhand::all_finite(t.contact_torque) &&
+    return softhand::all_finite(t.position) && softhand::all_finite(t.orientation) &&
+           softhand::all_finite(t.linear_velocity) && softhand::all_finite(t.angular_velocity) &&
+           softhand::all_finite(t.contact_force) && softhand::all_finite(t.contact_torque) &&
            softhand::all_finite(t.coupling_force) && softhand::all_finite(t.coupling_torque);
   });
 }
 
 bool all_finite(const BoneWrench& wrench) {
   return std::all_of(wrench.bones.begin(), wrench.bones.end(), [](const BoneSample& b) {
-    return softhand::all_finite(b.tracked_position) && softhand::all_finite(b.intermediate_position) && softhand::all_finite(b.simulated_position) &&
-           softhand::all_finite(b.tracked_orientation) && softhand::all_finite(b.intermediate_orientation) && softhand::all_finite(b.simulated_orientation) &&
-           softhand::all_finite(b.coupling_force) && softhand::all_finite(b.coupling_torque) && softhand::all_finite(b.contact_force);
+    return softhand::all_finite(b.tracked_position) && softhand::all_finite(b.intermediate_position) &&
+           softhand::all_finite(b.simulated_position) && softhand::all_finite(b.tracked_orientation) &&
+           softhand::all_finite(b.intermediate_orientation) && softhand::all_finite(b.simulated_orientation) &&
+           softhand::all_finite(b.coupling_force) && softhand::all_finite(b.coupling_torque) &&
+           softhand::all_finite(b.contact_force);
   });
 }
 
 bool all_finite(const WorldObjects& objects) {
   return std::all_of(objects.objects.begin(), objects.objects.end(), [](const ObjectState& o) {
-    return softhand::all_finite(o.position) && softhand::all_finite(o.orientation) && softhand::all_finite(o.linear_velocity) &&
-           softhand::all_finite(o.angular_velocity) && softhand::all_finite(o.linear_acceleration) && softhand::all_finite(o.angular_acceleration);
+    return softhand::all_finite(o.position) && softhand::all_finite(o.orientation) &&
+           softhand::all_finite(o.linear_velocity) && softhand::all_finite(o.angular_velocity) &&
+           softhand::all_finite(o.linear_acceleration) && softhand::all_finite(o.angular_acceleration);
   });
 }
 
 bool all_finite(const DeviceState& state) {
-  return std::all_of(state.commands.begin(), state.commands.end(), [](double command) { return std::isfinite(command); });
+  return std::all_of(state.commands.begin(), state.commands.end(),
+                     [](double command) { return std::isfinite(command); });
 }
 
 bool all_finite(const TissueSurface& surface) {
-  return softhand::all_finite(surface.wrist_position) && std::all_of(surface.nodes.begin(), surface.nodes.end(), [](const std::array<float, 3>& x) {
-    return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
-  });
+  return softhand::all_finite(surface.wrist_position) &&
+         std::all_of(surface.nodes.begin(), surface.nodes.end(), [](const std::array<float, 3>& x) {
+           return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
+         });
 }
 
 HandWatch::HandWatch() : contacts_(std::make_unique<Contacts>()) {}
@@ -93,7 +102,8 @@ void HandWatch::after_step(const HandSimulation& simulation, const StepReport& r
   if (report.status != StepStatus::converged) ++unconverged_;
 
   std::array<double, kBodyCount> forces;
-  for (int b = 0; b < kBodyCount; ++b) forces[static_cast<std::size_t>(b)] = simulation.coupling_wrench(static_cast<Body>(b)).force.norm();
+  for (int b = 0; b < kBodyCount; ++b)
+    forces[static_cast<std::size_t>(b)] = simulation.coupling_wrench(static_cast<Body>(b)).force.norm();
   count_load(forces);
 
   simulation.write_contacts(*contacts_);
@@ -110,18 +120,24 @@ void HandWatch::after_step(const HandSimulation& simulation, const StepReport& r
 }
 
 void HandWatch::judge(const HandSimulation& simulation, Findings& findings, double slow) const {
-  findings.demand("G1", "numbers published that are not finite", static_cast<double>(nonfinite_), 0, "1", Class::diverged);
+  findings.demand("G1", "numbers published that are not finite", static_cast<double>(nonfinite_), 0, "1",
+                  Class::diverged);
   double sum = 0;
   std::size_t count = 0;
-  for (auto speed = speeds_.rbegin(); speed != speeds_.rend() && speed->time > time_ - 0.2; ++speed, ++count) sum += speed->rms * speed->rms;
-  findings.demand("rest", "speed of the tissue at the end, RMS over nodes and 0.2 s", std::sqrt(sum / static_cast<double>(std::max<std::size_t>(count, 1))), slow, "m/s",
-                  Class::diverged);
-  findings.demand("inverted", "inverted tetrahedra at the end", simulation.inverted_elements(), 0, "1", Class::inverted);
-  findings.demand("G2", "energy from nowhere over max(initial, sum of |work|, 1 mJ)", energy_excess_, kEnergySlack, "1");
+  for (auto speed = speeds_.rbegin(); speed != speeds_.rend() && speed->time > time_ - 0.2; ++speed, ++count)
+    sum += speed->rms * speed->rms;
+  findings.demand("rest", "speed of the tissue at the end, RMS over nodes and 0.2 s",
+                  std::sqrt(sum / static_cast<double>(std::max<std::size_t>(count, 1))), slow, "m/s", Class::diverged);
+  findings.demand("inverted", "inverted tetrahedra at the end", simulation.inverted_elements(), 0, "1",
+                  Class::inverted);
+  findings.demand("G2", "energy from nowhere over max(initial, sum of |work|, 1 mJ)", energy_excess_, kEnergySlack,
+                  "1");
   findings.demand("G4", "coupling force of a finger", finger_load_, kFingerCap * (1 + 1e-9), "N", Class::over_force);
   findings.demand("G4", "coupling force of the hand", hand_load_, kHandCap * (1 + 1e-9), "N", Class::over_force);
-  if (!light_.empty()) findings.demand("G5", "p95 of penetration at up to 3 N", percentile(light_, 0.95) * 1e3, kLightDepth * 1e3, "mm");
-  if (!hard_.empty()) findings.demand("G5", "p95 of penetration at 3 to 10 N", percentile(hard_, 0.95) * 1e3, kHardDepth * 1e3, "mm");
+  if (!light_.empty())
+    findings.demand("G5", "p95 of penetration at up to 3 N", percentile(light_, 0.95) * 1e3, kLightDepth * 1e3, "mm");
+  if (!hard_.empty())
+    findings.demand("G5", "p95 of penetration at 3 to 10 N", percentile(hard_, 0.95) * 1e3, kHardDepth * 1e3, "mm");
   findings.demand("G8", "steps without a residual", static_cast<double>(unreported_), 0, "1");
 }
 

@@ -34,10 +34,12 @@ class HandWatch {
   void count_load(const std::array<double, kBodyCount>& forces);
   /// Penetrations are judged from the next step on: an initial overlap is exempt until it is out.
   void exempt_penetration(bool exempt) { exempt_ = exempt; }
-  /// What contacts begin with (the ledger's anchoring) counts as work in: an overlap that the event makes, or an object that is put elsewhere.
+  /// What contacts begin with (the ledger's anchoring) counts as work in: an overlap that the event makes, or an object
+  /// that is put elsewhere.
   void count_anchoring_as_work(bool count) { anchoring_is_work_ = count; }
 
-  /// G1, that the hand is at rest or moves as slowly as `slow` m/s (RMS of its nodes over the last 0.2 s), no element inverted, G2 by the energy ledger, G4, G5, G8.
+  /// G1, that the hand is at rest or moves as slowly as `slow` m/s (RMS of its nodes over the last 0.2 s), no element
+  /// inverted, G2 by the energy ledger, G4, G5, G8.
   void judge(const HandSimulation& simulation, Findings& findings, double slow = 0.5) const;
 
   /// Steps that did not converge: by iteration limit or budget, or kept the state.

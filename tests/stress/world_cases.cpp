@@ -12,14 +12,17 @@ namespace {
 
 // The same number for the same moment of the same loop, in [0, 1).
 double chance(RigLoop loop, double time, std::uint64_t salt) {
-  std::uint64_t x = static_cast<std::uint64_t>(std::llround(time * 1e9)) * 8 + static_cast<std::uint64_t>(loop) + salt * 0x9e3779b97f4a7c15ULL;
+  std::uint64_t x = static_cast<std::uint64_t>(std::llround(time * 1e9)) * 8 + static_cast<std::uint64_t>(loop) +
+                    salt * 0x9e3779b97f4a7c15ULL;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
   x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
   return static_cast<double>((x ^ (x >> 31)) >> 11) * 0x1p-53;
 }
 
 std::function<bool(RigLoop, double)> stopped(RigLoop which, double from, double seconds) {
-  return [which, from, seconds](RigLoop loop, double time) { return loop != which || time < from || time >= from + seconds; };
+  return [which, from, seconds](RigLoop loop, double time) {
+    return loop != which || time < from || time >= from + seconds;
+  };
 }
 
 Findings world_stops_and_jumps() {
@@ -75,7 +78,9 @@ Findings world_scheduled(double rate, const std::function<double(double)>& pause
 Findings loss_and_jitter(double loss, double jitter) {
   Grasp setting;
   setting.seconds = 3;
-  setting.delay = [loss, jitter](RigLoop from, double time) { return chance(from, time, 1) < loss ? -1.0 : jitter * chance(from, time, 2); };
+  setting.delay = [loss, jitter](RigLoop from, double time) {
+    return chance(from, time, 1) < loss ? -1.0 : jitter * chance(from, time, 2);
+  };
   Grasped result = grasp(setting);
   result.demand_slow_cube();
   return result.findings;
@@ -87,12 +92,14 @@ bool number_after(const std::string& text, const std::string& word, double& valu
   return at != std::string::npos && std::sscanf(text.c_str() + at + word.size(), "%lf", &value) == 1;
 }
 
-/// A coupling either runs, and the cube is at rest at the end, or is refused with its growth and with values that then run.
+/// A coupling either runs, and the cube is at rest at the end, or is refused with its growth and with values that then
+/// run.
 Findings stable_or_refused(Grasp setting, const std::function<bool(const std::string&, Grasp&)>& take_offer) {
   constexpr double kSlow = 0.2;  // m/s
   const auto judged = [](const Grasp& which) {
     Grasped result = grasp(which);
-    result.findings.demand("stable", "speed of the cube over the last 0.3 s", result.fastest(which.seconds - 0.3), kSlow, "m/s");
+    result.findings.demand("stable", "speed of the cube over the last 0.3 s", result.fastest(which.seconds - 0.3),
+                           kSlow, "m/s");
     return result.findings;
   };
   setting.held = false;
@@ -100,7 +107,8 @@ Findings stable_or_refused(Grasp setting, const std::function<bool(const std::st
   if (first.refusal.empty()) return first;
   // An option out of its range is refused before its growth is looked at.
   Findings offered = first;
-  for (int refusals = 0; refusals < 3 && !offered.refusal.empty() && take_offer(offered.refusal, setting); ++refusals) offered = judged(setting);
+  for (int refusals = 0; refusals < 3 && !offered.refusal.empty() && take_offer(offered.refusal, setting); ++refusals)
+    offered = judged(setting);
   offered.demand("offer", "refusals without values that are accepted", offered.refusal.empty() ? 0 : 1, 0, "1");
   offered.refusal = first.refusal;
   offered.refusal_is_right = true;
@@ -110,7 +118,8 @@ Findings stable_or_refused(Grasp setting, const std::function<bool(const std::st
 // Mode symmetric: the text's spring between an object and its copy.
 Findings symmetric(double factor, double world_rate) {
   Grasp setting;
-  setting.overrides = {"world.mode=symmetric", fmt::format("world.rate_hz={}", world_rate), fmt::format("world.stiffness={}", 500 * factor),
+  setting.overrides = {"world.mode=symmetric", fmt::format("world.rate_hz={}", world_rate),
+                       fmt::format("world.stiffness={}", 500 * factor),
                        fmt::format("world.angular_stiffness={}", 0.1 * factor)};
   return stable_or_refused(setting, [](const std::string& reason, Grasp& offered) {
     bool any = false;
@@ -134,11 +143,15 @@ Findings symmetric(double factor, double world_rate) {
 // Mode owner: the world's copy follows the hand's.
 Findings owner(double factor, double world_rate) {
   Grasp setting;
-  setting.overrides = {fmt::format("world.rate_hz={}", world_rate), fmt::format("world.follow_stiffness={}", 0.25 * factor)};
+  setting.overrides = {fmt::format("world.rate_hz={}", world_rate),
+                       fmt::format("world.follow_stiffness={}", 0.25 * factor)};
   return stable_or_refused(setting, [](const std::string& reason, Grasp& offered) {
     double value = 0;
-    if (!number_after(reason, "nearest value that works: ", value) && !number_after(reason, "expected number in [0.001, ", value)) return false;
-    offered.overrides.back() = fmt::format("world.follow_stiffness={}", value);  // what is out of range would be refused before what comes after it
+    if (!number_after(reason, "nearest value that works: ", value) &&
+        !number_after(reason, "expected number in [0.001, ", value))
+      return false;
+    offered.overrides.back() = fmt::format("world.follow_stiffness={}",
+                                           value);  // what is out of range would be refused before what comes after it
     return true;
   });
 }
@@ -167,8 +180,12 @@ Findings tracking(double factor, double hand_rate, double tracking_rate) {
     }
     double stiffness = 0, feedback = 0, mass = 0;
     const std::size_t at = reason.find("e.g. ");
-    if (at == std::string::npos || std::sscanf(reason.c_str() + at, "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf", &stiffness, &feedback, &mass) != 3) return false;
-    for (const auto& [key, value] : {std::pair{"stiffness_ratio", stiffness}, {"feedback_ratio", feedback}, {"mass_fraction", mass}}) {
+    if (at == std::string::npos ||
+        std::sscanf(reason.c_str() + at, "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf", &stiffness,
+                    &feedback, &mass) != 3)
+      return false;
+    for (const auto& [key, value] :
+         {std::pair{"stiffness_ratio", stiffness}, {"feedback_ratio", feedback}, {"mass_fraction", mass}}) {
       offered.overrides.push_back(fmt::format("tracking.{}={}", key, value));
     }
     return true;
@@ -183,16 +200,24 @@ std::vector<Case> world_cases() {
     cases.push_back({name, "World", statement, {}});
     return cases.back().rows;
   };
-  add("world_stops", "for 2 s, and the cube jumps by 0.5 m; it stays below 5 m/s").push_back({"2 s, 0.5 m", [] { return world_stops_and_jumps(); }, {}, true});
+  add("world_stops", "for 2 s, and the cube jumps by 0.5 m; it stays below 5 m/s")
+      .push_back({"2 s, 0.5 m", [] { return world_stops_and_jumps(); }, {}, true});
   auto* rows = &add("world_rate", "the cube is lifted and held; where the world hardly runs it stays below 5 m/s");
-  for (const double rate : {30.0, 60.0, 1000.0}) rows->push_back({named("rate", rate, "Hz"), [rate] { return world_rate(rate); }, {}, rate == 30});
+  for (const double rate : {30.0, 60.0, 1000.0})
+    rows->push_back({named("rate", rate, "Hz"), [rate] { return world_rate(rate); }, {}, rate == 30});
   rows->push_back({"a step every 200 ms", [] { return world_scheduled(30, [](double) { return 0.2; }); }, {}, true});
-  rows->push_back({"a step every 5 to 200 ms", [] { return world_scheduled(250, [](double time) { return 0.005 + 0.195 * chance(RigLoop::world, time, 3); }); }});
+  rows->push_back({"a step every 5 to 200 ms", [] {
+                     return world_scheduled(
+                         250, [](double time) { return 0.005 + 0.195 * chance(RigLoop::world, time, 3); });
+                   }});
   rows = &add("loop_stops", "for 50 ms: the cube is still held; for 2 s: it stays below 5 m/s");
-  const std::array<std::pair<const char*, RigLoop>, 3> loops{{{"tracking", RigLoop::tracking}, {"hand", RigLoop::hand}, {"world", RigLoop::world}}};
+  const std::array<std::pair<const char*, RigLoop>, 3> loops{
+      {{"tracking", RigLoop::tracking}, {"hand", RigLoop::hand}, {"world", RigLoop::world}}};
   for (const auto& [name, loop] : loops) {
-    rows->push_back({fmt::format("{}, 50 ms", name), [loop] { return stop(loop, 0.05, true); }, {}, loop == RigLoop::hand});
-    if (loop != RigLoop::world) rows->push_back({fmt::format("{}, 2 s", name), [loop] { return stop(loop, 2, false); }});
+    rows->push_back(
+        {fmt::format("{}, 50 ms", name), [loop] { return stop(loop, 0.05, true); }, {}, loop == RigLoop::hand});
+    if (loop != RigLoop::world)
+      rows->push_back({fmt::format("{}, 2 s", name), [loop] { return stop(loop, 2, false); }});
   }
   rows = &add("loss_and_jitter", "the cube is lifted and held");
   rows->push_back({"5 % lost", [] { return loss_and_jitter(0.05, 0); }});
@@ -203,21 +228,30 @@ std::vector<Case> world_cases() {
   rows = &add("symmetric_coupling", "stable, or refused with a value that is stable");
   for (const double rate : {30.0, 90.0, 250.0, 1000.0}) {
     for (const double factor : factors) {
-      rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate), [factor, rate] { return symmetric(factor, rate); }, {}, rate == 30 && (factor == 1 || factor == 1e4)});
+      rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate),
+                       [factor, rate] { return symmetric(factor, rate); },
+                       {},
+                       rate == 30 && (factor == 1 || factor == 1e4)});
     }
   }
   rows = &add("owner_coupling", "stable, or refused with a value that is stable");
   for (const double rate : {30.0, 250.0, 1000.0}) {
     for (const double factor : factors) {
-      rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate), [factor, rate] { return owner(factor, rate); }, {}, rate == 250 && (factor == 1 || factor == 100)});
+      rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate),
+                       [factor, rate] { return owner(factor, rate); },
+                       {},
+                       rate == 250 && (factor == 1 || factor == 100)});
     }
   }
-  const Known kStiff{Class::refused, "what it offers, couplings of 1e6 N/m, is stable, and drives tips 2.5 mm into the cube at up to 3 N (p95)"};
+  const Known kStiff{
+      Class::refused,
+      "what it offers, couplings of 1e6 N/m, is stable, and drives tips 2.5 mm into the cube at up to 3 N (p95)"};
   rows = &add("tracking_coupling", "stable, or refused with values that are stable");
   const std::array<std::pair<double, double>, 3> rates{{{90, 1000}, {90, 90}, {240, 1000}}};
   for (const auto& [hand_rate, tracking_rate] : rates) {
     for (const double factor : factors) {
-      rows->push_back({fmt::format("k x {:g}, {:g} : {:g} Hz", factor, tracking_rate, hand_rate), [factor, hand = hand_rate, track = tracking_rate] { return tracking(factor, hand, track); },
+      rows->push_back({fmt::format("k x {:g}, {:g} : {:g} Hz", factor, tracking_rate, hand_rate),
+                       [factor, hand = hand_rate, track = tracking_rate] { return tracking(factor, hand, track); },
                        factor == 1e4 && hand_rate == 240 ? kStiff : Known{}, factor == 100 && tracking_rate == 90});
     }
   }

@@ -10,7 +10,8 @@
 
 namespace softhand::testing {
 
-/// Rest joints of a flat right hand about 190 mm long, in the wrist's frame (-Z to the fingers, +Y dorsal, thumb at -X).
+/// Rest joints of a flat right hand about 190 mm long, in the wrist's frame (-Z to the fingers, +Y dorsal, thumb at
+/// -X).
 inline std::array<Pose, kJointCount> flat_rest_joints() {
   std::array<Pose, kJointCount> joints;
   const auto set = [&joints](Joint joint, double x, double y, double z) {
@@ -29,7 +30,8 @@ inline std::array<Pose, kJointCount> flat_rest_joints() {
   const Vector3 base(-0.022, -0.005, -0.022);
   const std::array<double, 4> depth{0, 0.046, 0.080, 0.106};
   for (int k = 0; k < 4; ++k) {
-    joints[static_cast<std::size_t>(2 + k)] = {base + sideways * Vector3(0, 0, -depth[static_cast<std::size_t>(k)]), sideways};
+    joints[static_cast<std::size_t>(2 + k)] = {base + sideways * Vector3(0, 0, -depth[static_cast<std::size_t>(k)]),
+                                               sideways};
   }
   joints[0].position = 0.5 * (joints[11].position + joints[12].position);
   return joints;
@@ -37,7 +39,8 @@ inline std::array<Pose, kJointCount> flat_rest_joints() {
 
 /// `cells` divides the block's shortest edge; 1 gives about 100 nodes.
 inline HandModel block_hand(int cells = 1) {
-  HandModel hand = box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});
+  HandModel hand =
+      box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});
   hand.name = "block";
   for (Vector3& node : hand.nodes) node += Vector3(-0.12, -0.018, -0.2);
   hand.rest_joints = flat_rest_joints();
@@ -63,14 +66,18 @@ inline HandModel block_hand(int cells = 1) {
     const Body which = static_cast<Body>(b);
     BodyModel& body = hand.bodies[b];
     const Pose& joint = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(which)))];
-    const Vector3 end = which == Body::forearm ? Vector3(0, 0, 0.03)
-                                               : joint.inverse() * hand.rest_joints[static_cast<std::size_t>(index_of(end_joint_of(which)))].position;
+    const Vector3 end =
+        which == Body::forearm
+            ? Vector3(0, 0, 0.03)
+            : joint.inverse() * hand.rest_joints[static_cast<std::size_t>(index_of(end_joint_of(which)))].position;
     body.bone_end = end;
     body.bone_start_radius = body.bone_end_radius = 0.004;
     body.mass = 0.02;
     body.inertia = Matrix3::Identity() * 4e-6;
     body.joint_from_body.position = 0.5 * end;
-    body.joint.kind = which == Body::forearm ? JointKind::free : is_metacarpal(which) || which == Body::carpus ? JointKind::ball : JointKind::hinge;
+    body.joint.kind = which == Body::forearm                          ? JointKind::free
+                      : is_metacarpal(which) || which == Body::carpus ? JointKind::ball
+                                                                      : JointKind::hinge;
     body.joint.position_stiffness = 1e5;
     body.joint.orientation_stiffness = which == Body::carpus ? 0 : 10;
     body.joint.limit_stiffness = 3;
@@ -84,10 +91,13 @@ inline HandModel block_hand(int cells = 1) {
     for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
       const auto& n = hand.tetrahedra[t];
       Matrix3 edges;
-      for (int k = 0; k < 3; ++k) edges.col(k) = hand.nodes[static_cast<std::size_t>(n[static_cast<std::size_t>(k) + 1])] - hand.nodes[static_cast<std::size_t>(n[0])];
+      for (int k = 0; k < 3; ++k)
+        edges.col(k) = hand.nodes[static_cast<std::size_t>(n[static_cast<std::size_t>(k) + 1])] -
+                       hand.nodes[static_cast<std::size_t>(n[0])];
       const Vector3 w = edges.inverse() * (middle - hand.nodes[static_cast<std::size_t>(n[0])]);
       if (w.minCoeff() < -1e-9 || w.sum() > 1 + 1e-9) continue;
-      hand.attachments.push_back({static_cast<std::int32_t>(b), static_cast<std::int32_t>(t), {1 - w.sum(), w[0], w[1], w[2]}, 2e4});
+      hand.attachments.push_back(
+          {static_cast<std::int32_t>(b), static_cast<std::int32_t>(t), {1 - w.sum(), w[0], w[1], w[2]}, 2e4});
       break;
     }
   }

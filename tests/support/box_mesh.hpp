@@ -18,7 +18,8 @@ inline HandModel box_mesh(std::array<int, 3> cells, const Vector3& size, const M
   const auto node = [&cells](int i, int j, int k) { return (i * (cells[1] + 1) + j) * (cells[2] + 1) + k; };
   for (int i = 0; i <= cells[0]; ++i) {
     for (int j = 0; j <= cells[1]; ++j) {
-      for (int k = 0; k <= cells[2]; ++k) box.nodes.emplace_back(size[0] * i / cells[0], size[1] * j / cells[1], size[2] * k / cells[2]);
+      for (int k = 0; k <= cells[2]; ++k)
+        box.nodes.emplace_back(size[0] * i / cells[0], size[1] * j / cells[1], size[2] * k / cells[2]);
     }
   }
   // Six tetrahedra a brick around its main diagonal (Kuhn), which match across neighbours.

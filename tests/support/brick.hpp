@@ -43,7 +43,8 @@ class Anchors final : public Energy {
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
     for (std::size_t k = 0; k < nodes_.size(); ++k) {
       const Vector3 d = state.node_positions.col(nodes_[k]) - targets_.col(nodes_[k]);
-      hessian.add(slots_[k], (stiffness_ + quartic_ * d.squaredNorm()) * Matrix3::Identity() + 2 * quartic_ * d * d.transpose());
+      hessian.add(slots_[k],
+                  (stiffness_ + quartic_ * d.squaredNorm()) * Matrix3::Identity() + 2 * quartic_ * d * d.transpose());
     }
   }
 
@@ -67,13 +68,17 @@ class Saboteur final : public Energy {
     gradient[0] += gradient_entry;
     return 0;
   }
-  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, curvature * Matrix3::Identity()); }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    hessian.add(slot_, curvature * Matrix3::Identity());
+  }
 
  private:
   BlockSlot slot_;
 };
 
-inline Material soft(double nu = 0.45, double youngs_modulus = 1e5) { return {"skin", 1000, youngs_modulus, nu, 500, 500}; }
+inline Material soft(double nu = 0.45, double youngs_modulus = 1e5) {
+  return {"skin", 1000, youngs_modulus, nu, 500, 500};
+}
 
 inline std::vector<int> nodes_at(const HandModel& box, int axis, double coordinate) {
   std::vector<int> found;
@@ -102,7 +107,8 @@ inline SolverOptions converging(std::int64_t iterations = 100) {
 }
 
 inline bool same_bits(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
+  return a.size() == b.size() &&
+         std::memcmp(a.data(), b.data(), sizeof(double) * static_cast<std::size_t>(a.size())) == 0;
 }
 
 // A brick of tissue around a bone: held at one end and along its middle.

@@ -12,7 +12,8 @@
 
 namespace softhand::testing {
 
-/// Hand `path` with nodes displaced by some tenths of a millimetre, 1/90 s, and one object that every skin node may touch and each twentieth does, with `contact_stiffness` N/m.
+/// Hand `path` with nodes displaced by some tenths of a millimetre, 1/90 s, and one object that every skin node may
+/// touch and each twentieth does, with `contact_stiffness` N/m.
 inline BlockMatrix hand_matrix(const std::string& path, double contact_stiffness = 12000) {
   const HandModel hand = load_hand(path);
   const int object = kBodyCount;
@@ -61,7 +62,8 @@ inline BlockMatrix hand_matrix(const std::string& path, double contact_stiffness
     const Vector3 gradient[3] = {normal, -normal, -hand.nodes[static_cast<std::size_t>(n)].cross(normal)};
     const int block[3] = {n, contact_blocks[0], contact_blocks[1]};
     for (int a = 0; a < 3; ++a) {
-      for (int b = 0; b <= a; ++b) matrix.add(matrix.find(block[a], block[b]), contact_stiffness * gradient[a] * gradient[b].transpose());
+      for (int b = 0; b <= a; ++b)
+        matrix.add(matrix.find(block[a], block[b]), contact_stiffness * gradient[a] * gradient[b].transpose());
     }
   }
   return matrix;

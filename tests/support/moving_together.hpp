@@ -1,4 +1,5 @@
-// The palm of the block hand over a block, both with a common velocity: the block's motion is given, or it rests on a plane.
+// The palm of the block hand over a block, both with a common velocity: the block's motion is given, or it rests on a
+// plane.
 #pragma once
 
 #include "messages/convert.hpp"
@@ -13,7 +14,8 @@ class MovingTogether {
   static constexpr double kStep = 1.0 / 90;  // s
 
   /// `gap` of the block under the palm and `depth` by which the palm's target is lower, m.
-  MovingTogether(const Vector3& velocity, double gap, double depth, const SimulationOptions& options, bool is_free = false)
+  MovingTogether(const Vector3& velocity, double gap, double depth, const SimulationOptions& options,
+                 bool is_free = false)
       : velocity_(velocity), gap_(gap), depth_(depth), is_free_(is_free), simulation_(block_hand(1), options, 1, 0) {
     simulation_.set_slot(0, {7, &geometry_, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
     State state = simulation_.state();

@@ -1,4 +1,5 @@
-// The tissue element by element in plain scalars: what the batched kernels (energies/tissue_kernel.hpp) are compared with, in result and in speed.
+// The tissue element by element in plain scalars: what the batched kernels (energies/tissue_kernel.hpp) are compared
+// with, in result and in speed.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +21,8 @@ struct CorotationalHessian {
   std::array<Matrix3, 5> direction;
 };
 
-inline CorotationalHessian corotational_hessian(const CorotationalMaterial& material, const CorotationalState& state, Curvature curvature) {
+inline CorotationalHessian corotational_hessian(const CorotationalMaterial& material, const CorotationalState& state,
+                                                Curvature curvature) {
   CorotationalHessian hessian;
   const double m = state.factor;
   const Vector3& s = state.svd.singular_values;
@@ -36,12 +38,13 @@ inline CorotationalHessian corotational_hessian(const CorotationalMaterial& mate
     double weight = numerator / std::max(s[i] + s[j], floor);
     if (projected) weight = std::max(weight, -2 * material.mu);
     hessian.weight[k + 1] = m * weight;
-    hessian.direction[k + 1] =
-        M_SQRT1_2 * (state.svd.u.col(i) * state.svd.v.col(j).transpose() - state.svd.u.col(j) * state.svd.v.col(i).transpose());
+    hessian.direction[k + 1] = M_SQRT1_2 * (state.svd.u.col(i) * state.svd.v.col(j).transpose() -
+                                            state.svd.u.col(j) * state.svd.v.col(i).transpose());
   }
   hessian.direction[4] = state.stress_quadratic;
   // m > 1 exactly where the limit is passed.
-  hessian.weight[4] = m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
+  hessian.weight[4] =
+      m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
   return hessian;
 }
 
@@ -50,13 +53,16 @@ class ScalarTissue final : public Energy {
   explicit ScalarTissue(const HandModel& hand) {
     std::vector<CorotationalMaterial> materials;
     for (const Material& m : hand.materials) {
-      materials.push_back(corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
+      materials.push_back(
+          corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
     }
     for (std::size_t e = 0; e < hand.tetrahedra.size(); ++e) {
       Element element;
       element.nodes = hand.tetrahedra[e];
       std::sort(element.nodes.begin(), element.nodes.end());
-      const auto corner = [&](std::size_t a) -> const Vector3& { return hand.nodes[static_cast<std::size_t>(element.nodes[a])]; };
+      const auto corner = [&](std::size_t a) -> const Vector3& {
+        return hand.nodes[static_cast<std::size_t>(element.nodes[a])];
+      };
       Matrix3 edges;
       for (std::size_t a = 0; a < 3; ++a) edges.col(static_cast<Eigen::Index>(a)) = corner(a + 1) - corner(0);
       element.volume = std::abs(edges.determinant()) / 6.0;
@@ -78,7 +84,9 @@ class ScalarTissue final : public Energy {
     }
   }
   double value(const State& state) const override { return evaluate(state, nullptr, nullptr, Curvature::projected); }
-  double add_gradient(const State& state, VectorX& gradient) const override { return evaluate(state, &gradient, nullptr, Curvature::projected); }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    return evaluate(state, &gradient, nullptr, Curvature::projected);
+  }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override {
     evaluate(state, nullptr, &hessian, curvature);
   }
@@ -128,7 +136,9 @@ class ScalarTissue final : public Energy {
           for (int b = 0; b <= a; ++b) block[a][b] += scaled * w.col(b).transpose();
         }
       }
-      const auto add = [&](std::size_t a, std::size_t b, const Matrix3& value) { hessian->add(e.slots[slot_of(a, b)], value); };
+      const auto add = [&](std::size_t a, std::size_t b, const Matrix3& value) {
+        hessian->add(e.slots[slot_of(a, b)], value);
+      };
       // Rows of the element's Hessian sum to zero: (a, 0) = -sum_b (a, b).
       Matrix3 corner = Matrix3::Zero();
       for (int a = 0; a < 3; ++a) {

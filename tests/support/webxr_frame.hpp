@@ -14,8 +14,10 @@ struct WebXrPlace {
   static constexpr std::size_t right_joints = right_mask + 4;
 };
 
-/// Head 1.6 m up; joint j of 1 to 25 of each hand at z = -j cm, x = -0.2 m on the left and 0.2 m on the right. Times in ms.
-inline std::string webxr_frame(double taken, double sent, std::uint32_t left = 0x1ffffff, std::uint32_t right = 0x1ffffff) {
+/// Head 1.6 m up; joint j of 1 to 25 of each hand at z = -j cm, x = -0.2 m on the left and 0.2 m on the right. Times in
+/// ms.
+inline std::string webxr_frame(double taken, double sent, std::uint32_t left = 0x1ffffff,
+                               std::uint32_t right = 0x1ffffff) {
   std::string bytes;
   const auto add = [&bytes](auto value) {
     char raw[sizeof value];

@@ -39,7 +39,8 @@ const Includes& includes() {
 
 // The room of an include path such as "energies/contact.hpp"; empty for system headers.
 std::string room(const std::string& include) {
-  static const std::set<std::string> rooms{"math", "model", "messages", "geometry", "energies", "solver", "scene", "runtime", "device", "bus"};
+  static const std::set<std::string> rooms{"math",   "model", "messages", "geometry", "energies",
+                                           "solver", "scene", "runtime",  "device",   "bus"};
   const std::string first = include.substr(0, include.find('/'));
   return rooms.count(first) != 0 ? first : "";
 }
@@ -92,7 +93,9 @@ TEST(Arrows, EachRoomOnlyLooksDown) {
 
 TEST(Arrows, PhysicsUsesOnlyOptionsOfTheRuntime) {
   for (const auto& [file, list] : includes()) {
-    if (!starts_with(file, "common/energies/") && !starts_with(file, "common/solver/") && !starts_with(file, "common/scene/")) continue;
+    if (!starts_with(file, "common/energies/") && !starts_with(file, "common/solver/") &&
+        !starts_with(file, "common/scene/"))
+      continue;
     for (const std::string& include : list) {
       if (room(include) == "runtime") {
         EXPECT_EQ(include, "runtime/options.hpp") << file;
@@ -121,8 +124,8 @@ TEST(Arrows, LoopsHaveNoClockNoBusAndNoThreads) {
     ++loops;
     for (const std::string& include : list) {
       EXPECT_NE(room(include), "bus") << file << " includes " << include;
-      EXPECT_FALSE(include == "chrono" || include == "thread" || include == "runtime/clock.hpp" || include == "runtime/periodic_loop.hpp" ||
-                   include == "iostream" || include == "fstream")
+      EXPECT_FALSE(include == "chrono" || include == "thread" || include == "runtime/clock.hpp" ||
+                   include == "runtime/periodic_loop.hpp" || include == "iostream" || include == "fstream")
           << file << " includes " << include;
     }
   }

@@ -1,4 +1,5 @@
-// The multifrontal factorisation against CHOLMOD and dense Eigen, for each instruction set of this processor and both scalars.
+// The multifrontal factorisation against CHOLMOD and dense Eigen, for each instruction set of this processor and both
+// scalars.
 #include "solver/block_cholesky.hpp"
 
 #include <gtest/gtest.h>
@@ -25,7 +26,9 @@ double tolerance() {
   return std::is_same_v<Scalar, double> ? 1e-11 : 2e-4;
 }
 
-std::string hand_path(const char* size) { return std::string(SOFTHAND_SOURCE_DIR "/config/hands/right_") + size + ".hand.json"; }
+std::string hand_path(const char* size) {
+  return std::string(SOFTHAND_SOURCE_DIR "/config/hands/right_") + size + ".hand.json";
+}
 
 VectorX random_vector(Eigen::Index size, std::uint64_t seed) {
   Random random(seed);
@@ -108,8 +111,10 @@ TYPED_TEST(BlockCholeskyTest, AgreesWithDenseOnRandomPatterns) {
           solver.load(matrix);
           ASSERT_TRUE(solver.factorize()) << blocks << ' ' << density;
           solver.solve(rhs, x);
-          EXPECT_LE((x - expected).norm(), tolerance<TypeParam>() * expected.norm()) << to_string(set) << ' ' << blocks << ' ' << density << ' ' << spread;
-          EXPECT_LE(backward_error(matrix, x, rhs), 200 * static_cast<double>(std::numeric_limits<TypeParam>::epsilon()));
+          EXPECT_LE((x - expected).norm(), tolerance<TypeParam>() * expected.norm())
+              << to_string(set) << ' ' << blocks << ' ' << density << ' ' << spread;
+          EXPECT_LE(backward_error(matrix, x, rhs),
+                    200 * static_cast<double>(std::numeric_limits<TypeParam>::epsilon()));
         }
       }
     }
@@ -237,7 +242,8 @@ TYPED_TEST(BlockCholeskyTest, RefusesWhatIsNotPositiveDefiniteAndRecovers) {
       }
     }
     BlockMatrix matrix = good;
-    for (double& value : matrix.values().subspan(9 * static_cast<std::size_t>(matrix.stored_blocks() / 2), 9)) value = std::nan("");
+    for (double& value : matrix.values().subspan(9 * static_cast<std::size_t>(matrix.stored_blocks() / 2), 9))
+      value = std::nan("");
     solver.load(matrix);
     EXPECT_FALSE(solver.factorize());
   }

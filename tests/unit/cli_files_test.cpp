@@ -135,11 +135,13 @@ TEST_F(FilesTest, AJudgeOfAnObjectThatIsNotThereIsRefused) {
 }
 
 TEST_F(FilesTest, AMissingFileIsRefusedByItsName) {
-  for (const char* name : {"/nonexistent/scene.toml", "/nonexistent/hand.json"}) EXPECT_NE(complaint(name).find(name), std::string::npos) << complaint(name);
+  for (const char* name : {"/nonexistent/scene.toml", "/nonexistent/hand.json"})
+    EXPECT_NE(complaint(name).find(name), std::string::npos) << complaint(name);
 }
 
 TEST_F(FilesTest, ARigWhoseSceneIsMissingIsRefused) {
-  const std::string path = write("rig.toml", "scene = \"gone.toml\"\n[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n");
+  const std::string path =
+      write("rig.toml", "scene = \"gone.toml\"\n[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n");
   EXPECT_NE(complaint(path).find("gone.toml"), std::string::npos) << complaint(path);
 }
 
@@ -190,7 +192,8 @@ TEST_F(FilesTest, ARigExtendsAnotherAndChoosesOfProcessesOfOneName) {
   EXPECT_EQ(programs(rig), "wcv");
   EXPECT_THROW(read_rig(write("a.toml", "extends = \"a.toml\"\n")), ConfigError);
   EXPECT_THROW(read_rig(write("b.toml", "extends = \"base.toml\"\nchoose = \"telepathy\"\n")), ConfigError);
-  EXPECT_THROW(read_rig(write("c.toml", "extends = \"base.toml\"\n[[process]]\nname = \"world\"\nprogram = \"x\"\n")), ConfigError);
+  EXPECT_THROW(read_rig(write("c.toml", "extends = \"base.toml\"\n[[process]]\nname = \"world\"\nprogram = \"x\"\n")),
+               ConfigError);
 }
 
 TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
@@ -224,7 +227,8 @@ LoopStatus status_of(const std::string& module, Nanoseconds published) {
 
 TEST(StatusTable, ShowsFiguresAndOnlyWhatWasCounted) {
   const std::string table = status_table({{"hand", status_of("hand", 1'000'000'000)}}, 1'500'000'000);
-  for (const char* part : {"hand", "89.9", "90.0", "4.250", "12", "teleports=3"}) EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
+  for (const char* part : {"hand", "89.9", "90.0", "4.250", "12", "teleports=3"})
+    EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
   EXPECT_EQ(table.find("refused"), std::string::npos) << table;
   EXPECT_EQ(table.find("SILENT"), std::string::npos) << table;
 }
@@ -244,7 +248,8 @@ TEST(StatusTable, ShowsThePhysicsBelowALoopThatSolves) {
   row.value = 0.0125;
   status.ledger.push_back(row);
   const std::string table = status_table({{"hand", status}}, 1'500'000'000);
-  for (const char* part : {"7.125", " 41 ", "inverted=2", "penetration=0.250 mm", "stretch=1.50 mm", "passivity=-0.0312 J", "friction=0.0125"}) {
+  for (const char* part : {"7.125", " 41 ", "inverted=2", "penetration=0.250 mm", "stretch=1.50 mm",
+                           "passivity=-0.0312 J", "friction=0.0125"}) {
     EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
   }
   const auto json = status_json(status);
@@ -254,8 +259,8 @@ TEST(StatusTable, ShowsThePhysicsBelowALoopThatSolves) {
 }
 
 TEST(StatusTable, FlagsAModuleThatFellSilent) {
-  const std::string table =
-      status_table({{"hand", status_of("hand", 1'000'000'000)}, {"world", status_of("world", 3'900'000'000)}}, 4'000'000'000);
+  const std::string table = status_table(
+      {{"hand", status_of("hand", 1'000'000'000)}, {"world", status_of("world", 3'900'000'000)}}, 4'000'000'000);
   std::istringstream lines(table);
   std::string line;
   while (std::getline(lines, line)) {
@@ -266,7 +271,8 @@ TEST(StatusTable, FlagsAModuleThatFellSilent) {
 
 TEST(StatusTable, JsonCarriesTheContractsKeys) {
   const auto json = status_json(status_of("hand", 1));
-  for (const char* key : {"rate_hz", "step_ms_p50", "step_ms_p99", "deadline_misses"}) EXPECT_TRUE(json.contains(key)) << key;
+  for (const char* key : {"rate_hz", "step_ms_p50", "step_ms_p99", "deadline_misses"})
+    EXPECT_TRUE(json.contains(key)) << key;
   EXPECT_EQ(json["counters"]["teleports"], 3);
 }
 

@@ -1,6 +1,4 @@
 // The judge on made messages whose answers are known.
-#include "cli/outcome.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -8,6 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "cli/outcome.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -54,7 +53,8 @@ ObjectCoupling coupling(double t, const Pose& pose, const Vector3& force, bool o
 
 OutcomeFrame pinch_frame() {
   OutcomeFrame frame;
-  frame.phases = {{"approach", 0, 1}, {"lift", 1, 2}, {"hold", 2, 7}, {"shake", 7, 10}, {"turn", 10, 11}, {"retreat", 11, 12}};
+  frame.phases = {{"approach", 0, 1}, {"lift", 1, 2},   {"hold", 2, 7},
+                  {"shake", 7, 10},   {"turn", 10, 11}, {"retreat", 11, 12}};
   frame.motion_start = kStart;
   frame.object = kCube;
   frame.object_mass = kMass;
@@ -65,10 +65,10 @@ OutcomeFrame pinch_frame() {
 double smooth(double u) { return u <= 0 ? 0 : u >= 1 ? 1 : u * u * (3 - 2 * u); }
 
 struct PinchTruth {
-  double slip = 0.0007;    // m, over the hold
+  double slip = 0.0007;  // m, over the hold
   double weight = 1.01;
   double inertia = 0.97;
-  double quadrature = 0.2; // out-of-phase force over m a, which is no inertia
+  double quadrature = 0.2;  // out-of-phase force over m a, which is no inertia
   double lift = 0.15;
   double turn = M_PI / 3;
   bool lies_still = true;
@@ -84,12 +84,14 @@ void play_pinch(Outcome& outcome, const PinchTruth& truth) {
     double x = 0;
     if (t >= 7 && t <= 10) x = 0.03 * std::sin(w * (t - 7));
     carry.position.x() += x;
-    carry.orientation = Quaternion(Eigen::AngleAxisd(t > 2 && t < 7 ? 0.2 * std::sin(M_PI * (t - 2) / 5) : 0, Vector3::UnitZ()));
+    carry.orientation =
+        Quaternion(Eigen::AngleAxisd(t > 2 && t < 7 ? 0.2 * std::sin(M_PI * (t - 2) / 5) : 0, Vector3::UnitZ()));
     if (t >= 10) carry.orientation = Quaternion(Eigen::AngleAxisd(truth.turn * smooth(t - 10), Vector3::UnitY()));
     outcome.on_simulated(skeleton(t, [&carry](std::size_t j) { return joint_in(carry, j); }));
 
     Pose object = carry * Pose{Vector3(0.02, 0, 0.01), Quaternion::Identity()};
-    if (t >= 2 && t <= 7) object = carry * Pose{Vector3(0.02, 0, 0.01 + truth.slip * (t - 2) / 5), Quaternion::Identity()};
+    if (t >= 2 && t <= 7)
+      object = carry * Pose{Vector3(0.02, 0, 0.01 + truth.slip * (t - 2) / 5), Quaternion::Identity()};
     Vector3 force(0, truth.weight * kMass * 9.81, 0);
     if (t >= 7 && t <= 10) {
       const double a = -w * w * x;
@@ -125,10 +127,12 @@ TEST(OutcomePinch, FindsSlipWeightInertiaLiftAndTurn) {
   Outcome outcome;
   play_pinch(outcome, {});
   const auto json = outcome.summary(pinch_frame());
-  EXPECT_NEAR(json["held_slip_mm"].get<double>(), 0.7, 1e-3) << "rotation with the hand is no slip, and lifting neither";
+  EXPECT_NEAR(json["held_slip_mm"].get<double>(), 0.7, 1e-3)
+      << "rotation with the hand is no slip, and lifting neither";
   EXPECT_NEAR(json["carried_weight_ratio"].get<double>(), 1.01, 1e-9);
   EXPECT_NEAR(json["inertia_ratio"].get<double>(), 0.97, 1e-6) << "the part of the force out of phase does not count";
-  EXPECT_NEAR(json["lifted_mm"].get<double>(), 150, 0.5) << "judged just before the hold ends, where the tilt is all but over";
+  EXPECT_NEAR(json["lifted_mm"].get<double>(), 150, 0.5)
+      << "judged just before the hold ends, where the tilt is all but over";
   EXPECT_NEAR(json["turned_deg"].get<double>(), 60, 0.1);
   EXPECT_NEAR(json["penetration_max_mm"].get<double>(), 0.1, 1e-12);
   EXPECT_NEAR(json["penetration_p95_mm"].get<double>(), 0.1, 1e-12);
@@ -186,7 +190,8 @@ TEST(OutcomePinch, ATrackerThatBeginsAgainDoesNotUndoTheRelease) {
   contacts.fingers[1].object = kCube;
   contacts.fingers[1].contact_count = 1;
   outcome.on_contacts(contacts);
-  EXPECT_EQ(outcome.summary(pinch_frame())["released"], true) << "the motion and the half second after it were over before";
+  EXPECT_EQ(outcome.summary(pinch_frame())["released"], true)
+      << "the motion and the half second after it were over before";
 }
 
 TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
@@ -297,7 +302,8 @@ TEST(OutcomeFollowing, LeavesOutTimesWithoutTrackedSamplesAndReportsTheirLength)
     if (t <= 2 || t >= 3) {
       outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
     }
-    if (i == 100) outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));  // a duplicate
+    if (i == 100)
+      outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));  // a duplicate
     outcome.on_simulated(skeleton(t, [&](std::size_t j) {
       Pose pose = joint_in(waving(t), j);
       pose.position += offset;

@@ -28,7 +28,8 @@ bool wait_for(const std::function<bool()>& done) {
 class RecordingTest : public ::testing::Test {
  protected:
   void TearDown() override { std::filesystem::remove(path_); }
-  std::string path_ = (std::filesystem::temp_directory_path() / ("softhand_recording_" + std::to_string(getpid()) + ".mcap")).string();
+  std::string path_ =
+      (std::filesystem::temp_directory_path() / ("softhand_recording_" + std::to_string(getpid()) + ".mcap")).string();
 };
 
 constexpr int kCount = 40;
@@ -71,7 +72,8 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
     }
     ASSERT_TRUE(wait_for([&] {
       recorder.poll();
-      return recorder.counts()["bone_wrench"].messages == kCount && recorder.counts()["object_description"].messages == 1;
+      return recorder.counts()["bone_wrench"].messages == kCount &&
+             recorder.counts()["object_description"].messages == 1;
     })) << recorder.counts()["bone_wrench"].messages;
     recorder.finish();
     EXPECT_EQ(recorder.counts().size(), 2u);
@@ -106,7 +108,8 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
   std::vector<BoneWrench> received;
   const Nanoseconds started = now();
   Nanoseconds moment = started;
-  while (player.play(moment)) moment = player.next_due();  // a clock of our own: as fast as it goes, yet each at its time
+  while (player.play(moment))
+    moment = player.next_due();  // a clock of our own: as fast as it goes, yet each at its time
   EXPECT_EQ(player.counts()["bone_wrench"].messages, static_cast<std::uint64_t>(kCount));
   ASSERT_TRUE(wait_for([&] {
     reader.take_all([&received](const BoneWrench& w) { received.push_back(w); });
@@ -127,7 +130,8 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
                 0.5 * static_cast<double>(before.stamp.publish_time - sent[0].stamp.publish_time), 2);
     EXPECT_EQ(after.stamp.chain.wrench_published, 0) << "an unknown time stays unknown";
   }
-  EXPECT_NEAR(static_cast<double>(received[0].stamp.publish_time - started), 0.5 * static_cast<double>(sent[0].stamp.publish_time - first_logged), 2);
+  EXPECT_NEAR(static_cast<double>(received[0].stamp.publish_time - started),
+              0.5 * static_cast<double>(sent[0].stamp.publish_time - first_logged), 2);
   EXPECT_LT(described_at, started);
 }
 

@@ -1,6 +1,4 @@
 // The supervisor against real children: shell scripts that live, die, and refuse to die.
-#include "cli/supervisor.hpp"
-
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
@@ -12,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/supervisor.hpp"
 #include "runtime/signals.hpp"
 
 namespace softhand {
@@ -29,13 +28,18 @@ struct Line {
 class SupervisorTest : public ::testing::Test {
  protected:
   std::vector<Line> lines_;  // outlives the supervisor, whose destructor still speaks
-  Supervisor supervisor_{[this](const std::string& name, const std::string& line) { lines_.push_back({name, line, Clock::now()}); }};
+  Supervisor supervisor_{[this](const std::string& name, const std::string& line) {
+    lines_.push_back({name, line, Clock::now()});
+  }};
 
-  static ChildSpec shell(const std::string& name, const std::string& script) { return {name, {"/bin/sh", "-c", script}}; }
+  static ChildSpec shell(const std::string& name, const std::string& script) {
+    return {name, {"/bin/sh", "-c", script}};
+  }
 
   std::vector<Line> lines_with(const std::string& text) const {
     std::vector<Line> found;
-    std::copy_if(lines_.begin(), lines_.end(), std::back_inserter(found), [&text](const Line& l) { return l.text.find(text) != std::string::npos; });
+    std::copy_if(lines_.begin(), lines_.end(), std::back_inserter(found),
+                 [&text](const Line& l) { return l.text.find(text) != std::string::npos; });
     return found;
   }
   // Generous, as it only bounds a failing test.
@@ -102,7 +106,8 @@ TEST_F(SupervisorTest, StopsAllByTerm) {
   EXPECT_EQ(supervisor_.restarts("first"), 0u) << "nobody is restarted while stopping";
 }
 
-// `softhand up` stops by a handler, which a child has too until it is another program: a stop in that moment set a flag that nobody would read.
+// `softhand up` stops by a handler, which a child has too until it is another program: a stop in that moment set a flag
+// that nobody would read.
 TEST_F(SupervisorTest, StopsWhoWasStartedAMomentAgo) {
   const StopSignal handler;
   for (int i = 0; i < 50; ++i) {
@@ -135,7 +140,9 @@ TEST_F(SupervisorTest, RefusesAProgramThatCannotRun) {
     supervisor_.start({"ghost", {"/nonexistent/softhand-ghost"}});
     FAIL() << "no error";
   } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("ghost: cannot run /nonexistent/softhand-ghost: No such file"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("ghost: cannot run /nonexistent/softhand-ghost: No such file"),
+              std::string::npos)
+        << error.what();
   }
 }
 

@@ -33,7 +33,9 @@ class FakeDriver : public HapticDriver {
     wanted[0] = input.bones[0].coupling_force[0];
     wanted[1] = input.bones[1].coupling_force[0];
   }
-  void write(Nanoseconds, std::span<const double> commands) override { written_.commands.emplace_back(commands.begin(), commands.end()); }
+  void write(Nanoseconds, std::span<const double> commands) override {
+    written_.commands.emplace_back(commands.begin(), commands.end());
+  }
 
  private:
   Written& written_;
@@ -74,7 +76,8 @@ double passivity_of(DeviceLoop<BoneWrench>& loop, int milliseconds, Force force)
   for (int i = 0; i < milliseconds; ++i) {
     const Nanoseconds now = kStart + (i + 1) * kMillisecond;
     const double w = 4 * M_PI, t = 1e-3 * i;
-    BoneWrench input = wrench(force(0.01 * std::sin(w * t), 0.01 * w * std::cos(w * t)), 0, static_cast<std::uint64_t>(i) + 1, now);
+    BoneWrench input =
+        wrench(force(0.01 * std::sin(w * t), 0.01 * w * std::cos(w * t)), 0, static_cast<std::uint64_t>(i) + 1, now);
     input.bones[0].tracked_position[0] = 0.01 * std::sin(w * t);
     loop.step(now, &input);
   }
@@ -83,7 +86,8 @@ double passivity_of(DeviceLoop<BoneWrench>& loop, int milliseconds, Force force)
 
 TEST_F(Device, AUserWhoMovesAgainstADamperPutsItsHeatIn) {
   // b v^2 over whole periods: 5 N s/m x 1/2 x (0.1257 m/s)^2 x 2 s.
-  EXPECT_NEAR(passivity_of(loop, 2001, [](double, double v) { return -5 * v; }), 5 * 0.5 * std::pow(0.04 * M_PI, 2) * 2, 1e-3);
+  EXPECT_NEAR(passivity_of(loop, 2001, [](double, double v) { return -5 * v; }), 5 * 0.5 * std::pow(0.04 * M_PI, 2) * 2,
+              1e-3);
   LoopStatus status;
   loop.fill_status(status, now);
   EXPECT_EQ(status.passivity_energy, loop.passivity().energy());
@@ -91,12 +95,14 @@ TEST_F(Device, AUserWhoMovesAgainstADamperPutsItsHeatIn) {
 }
 
 TEST_F(Device, ASpringGivesBackMoreThanItTookByItsForcesAge) {
-  // f = -k x(t - age) gives k pi X^2 sin(w age) in each period; a force that is held for a millisecond is half of one old to begin with.
+  // f = -k x(t - age) gives k pi X^2 sin(w age) in each period; a force that is held for a millisecond is half of one
+  // old to begin with.
   const double w = 4 * M_PI;
   for (const double delay : {0.0, 0.02}) {
     Written other;
     DeviceLoop<BoneWrench> late{DeviceLoopOptions{}, std::make_unique<FakeDriver>(other), 3, 0};
-    const double put_in = passivity_of(late, 2001, [&](double x, double v) { return -200 * (x * std::cos(w * delay) - v / w * std::sin(w * delay)); });
+    const double put_in = passivity_of(
+        late, 2001, [&](double x, double v) { return -200 * (x * std::cos(w * delay) - v / w * std::sin(w * delay)); });
     const double expected = -4 * 200 * M_PI * 1e-4 * std::sin(w * (delay + 0.5e-3));
     EXPECT_NEAR(put_in, expected, -1e-3 * expected) << delay;
   }
@@ -187,7 +193,8 @@ TEST_F(Device, RepeatedAndBackloggedInputDoesNotKeepItAlive) {
   EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0);
 }
 
-// A stopped process (SIGSTOP, a debugger) finds what came meanwhile in its sockets. This host's clock tells how old that is, a stranger's does not.
+// A stopped process (SIGSTOP, a debugger) finds what came meanwhile in its sockets. This host's clock tells how old
+// that is, a stranger's does not.
 TEST_F(Device, ABacklogIsOldAfterAnyTime) {
   for (const double seconds : {0.06, 9.9, 12.0, 3600.0}) {
     BoneWrench backlog = wrench(2, 2, ++sequence, now - static_cast<Nanoseconds>(seconds * 1e9));
@@ -264,7 +271,8 @@ TEST(DeviceLimitsCheck, SenselessLimitsAreRefused) {
 TEST(RecordLog, WritesEveryRecordOnceInOrder) {
   const std::string path = ::testing::TempDir() + "softhand_record_log.csv";
   {
-    RecordLog<int> log(path, 1024, "value\n", [](const int& value, std::string& text) { text += std::to_string(value) + "\n"; });
+    RecordLog<int> log(path, 1024, "value\n",
+                       [](const int& value, std::string& text) { text += std::to_string(value) + "\n"; });
     for (int i = 0; i < 1000; ++i) ASSERT_TRUE(log.push(i));
     EXPECT_EQ(log.dropped(), 0u);
   }

@@ -124,7 +124,8 @@ TEST(Geometry, HullHoldsAllPointsAndIsClosed) {
         const auto& there = hull.faces[static_cast<std::size_t>(hull.neighbours[k][edge])];
         const auto end = std::find(there.begin(), there.end(), hull.faces[k][edge]);
         ASSERT_NE(end, there.end());
-        EXPECT_EQ(there[static_cast<std::size_t>(end - there.begin() + 2) % 3], hull.faces[k][(edge + 1) % 3]) << "the same edge, the other way";
+        EXPECT_EQ(there[static_cast<std::size_t>(end - there.begin() + 2) % 3], hull.faces[k][(edge + 1) % 3])
+            << "the same edge, the other way";
       }
     }
     for (std::size_t k = 0; k < hull.faces.size(); ++k) {
@@ -152,13 +153,19 @@ double distance_to_all_faces(const ConvexHull& hull, const Vector3& p) {
 
 // Plates, needles and grids of coplanar points too, from anywhere outside: over corners, edges and faces, near and far.
 TEST(Geometry, NoPointOfAHullIsNearerThanTheClosest) {
-  std::vector<std::vector<Vector3>> solids{cloud(4, 1), cloud(60, 2), cloud(256, 3), box_points({0.02, 0.03, 0.01}, 2), box_points({0.02, 0.03, 0.01}, 6), box_points({0.03, 0.00025, 0.03}, 4)};
+  std::vector<std::vector<Vector3>> solids{cloud(4, 1),
+                                           cloud(60, 2),
+                                           cloud(256, 3),
+                                           box_points({0.02, 0.03, 0.01}, 2),
+                                           box_points({0.02, 0.03, 0.01}, 6),
+                                           box_points({0.03, 0.00025, 0.03}, 4)};
   solids.push_back(cloud(256, 4));
   for (Vector3& p : solids.back()) p = 0.03 * p.normalized();
   solids.push_back(solids.back());
   for (Vector3& p : solids.back()) p = p.cwiseProduct(Vector3(1, 0.02, 0.02));
   solids.push_back(solids[6]);
-  for (Vector3& p : solids.back()) p = p.cwiseProduct(Vector3(1, 0.01, 1)) + Vector3(0.2, 0, 0);  // and its frame's origin far away
+  for (Vector3& p : solids.back())
+    p = p.cwiseProduct(Vector3(1, 0.01, 1)) + Vector3(0.2, 0, 0);  // and its frame's origin far away
   for (std::size_t solid = 0; solid < solids.size(); ++solid) {
     SCOPED_TRACE(solid);
     const ShapeGeometry shape(hull_of(solids[solid]));
@@ -166,13 +173,17 @@ TEST(Geometry, NoPointOfAHullIsNearerThanTheClosest) {
     Random random(17 + solid);
     int outside = 0;
     for (int i = 0; i < 3000; ++i) {
-      const auto any = [&] { return static_cast<std::size_t>(std::abs(random.uniform()) * static_cast<double>(hull.faces.size() - 1)); };
+      const auto any = [&] {
+        return static_cast<std::size_t>(std::abs(random.uniform()) * static_cast<double>(hull.faces.size() - 1));
+      };
       const auto& face = hull.faces[any()];
-      const Vector3 corner = hull.vertices[static_cast<std::size_t>(face[0])], other = hull.vertices[static_cast<std::size_t>(face[1])];
+      const Vector3 corner = hull.vertices[static_cast<std::size_t>(face[0])],
+                    other = hull.vertices[static_cast<std::size_t>(face[1])];
       const Vector3 about = i % 3 == 0 ? corner : i % 3 == 1 ? Vector3(0.5 * (corner + other)) : hull.vertices[0];
       const Vector3 p = about + random.vector(std::pow(10.0, -5 + 4 * std::abs(random.uniform())));
       double highest = -std::numeric_limits<double>::infinity();
-      for (std::size_t f = 0; f < hull.faces.size(); ++f) highest = std::max(highest, hull.normals[f].dot(p) - hull.offsets[f]);
+      for (std::size_t f = 0; f < hull.faces.size(); ++f)
+        highest = std::max(highest, hull.normals[f].dot(p) - hull.offsets[f]);
       if (highest <= 1e-9) continue;
       ++outside;
       const SurfacePoint closest = shape.closest(p);
@@ -234,8 +245,8 @@ TEST(Geometry, NormalsAreDefinedEverywhere) {
   for (const Named& named : shapes()) {
     SCOPED_TRACE(named.name);
     const ShapeGeometry shape(named.shape);
-    for (const Vector3& p : {Vector3(0, 0, 0), Vector3(0, 0.025, 0), Vector3(0.02, 0.03, 0.01), Vector3(0, 0.04, 0), Vector3(0.02, 0.025, 0),
-                             Vector3(0, -1e-300, 0), Vector3(1e3, 1e3, -1e3)}) {
+    for (const Vector3& p : {Vector3(0, 0, 0), Vector3(0, 0.025, 0), Vector3(0.02, 0.03, 0.01), Vector3(0, 0.04, 0),
+                             Vector3(0.02, 0.025, 0), Vector3(0, -1e-300, 0), Vector3(1e3, 1e3, -1e3)}) {
       const SurfacePoint at = shape.closest(p);
       EXPECT_TRUE(at.point.allFinite());
       EXPECT_NEAR(at.normal.norm(), 1.0, 1e-12);
@@ -287,7 +298,8 @@ TEST(Geometry, ThinPlateIsNeverMissed) {
   const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
   Random random(29);
   for (int i = 0; i < 1000; ++i) {
-    const Vector3 start = Vector3(0.3 * random.uniform(), 0.00026 + 0.08 * std::abs(random.uniform()), 0.3 * random.uniform());
+    const Vector3 start =
+        Vector3(0.3 * random.uniform(), 0.00026 + 0.08 * std::abs(random.uniform()), 0.3 * random.uniform());
     const Vector3 path(0.05 * random.uniform(), -0.0833, 0.05 * random.uniform());
     if (start.y() + path.y() > 0.00025) continue;
     const auto crossing = plate.first_crossing(start, start + path);
@@ -388,7 +400,8 @@ TEST(NodeGroups, FindsEveryNodeInReach) {
     const ShapeGeometry shape(named.shape);
     int visited_of_all = 0;
     for (int trial = 0; trial < 20; ++trial) {
-      const Pose pose{random.vector(0.3), Quaternion(random.uniform(), random.uniform(), random.uniform(), random.uniform()).normalized()};
+      const Pose pose{random.vector(0.3),
+                      Quaternion(random.uniform(), random.uniform(), random.uniform(), random.uniform()).normalized()};
       std::vector<bool> visited(count, false);
       groups.for_each_near(shape, pose, 0.001, [&](std::int32_t node) {
         EXPECT_FALSE(visited[static_cast<std::size_t>(node)]);

@@ -34,23 +34,30 @@ TEST(RoundedCone, IsTheHullOfTwoSpheres) {
       least = std::min(least, (p - a - s * (b - a)).norm() - (0.012 + s * (0.004 - 0.012)));
     }
     const double distance = rounded_cone_distance(p, a, b, 0.012, 0.004);
-    if (distance > 0) { EXPECT_NEAR(distance, least, 1e-8); }
+    if (distance > 0) {
+      EXPECT_NEAR(distance, least, 1e-8);
+    }
     EXPECT_EQ(distance > 0, least > 0);
   }
 }
 
-TEST(RoundedCone, HoldsASwallowedSphere) { EXPECT_NEAR(rounded_cone_distance({0.05, 0, 0}, {0, 0, 0}, {0.001, 0, 0}, 0.02, 0.005), 0.03, 1e-12); }
+TEST(RoundedCone, HoldsASwallowedSphere) {
+  EXPECT_NEAR(rounded_cone_distance({0.05, 0, 0}, {0, 0, 0}, {0.001, 0, 0}, 0.02, 0.005), 0.03, 1e-12);
+}
 
 TEST(Proportions, LengthAndBreadthAreThoseAskedFor) {
   for (const double length : {0.15, 0.189, 0.22}) {
     const RestSkeleton rest = natural_rest({length, 0.45 * length});
     double chain = rest.radii[at(Joint::middle_tip)] + rest.joints[at(Joint::middle_proximal)].position.norm();
     for (int j = index_of(Joint::middle_proximal); j < index_of(Joint::middle_tip); ++j) {
-      chain += (rest.joints[static_cast<std::size_t>(j + 1)].position - rest.joints[static_cast<std::size_t>(j)].position).norm();
+      chain +=
+          (rest.joints[static_cast<std::size_t>(j + 1)].position - rest.joints[static_cast<std::size_t>(j)].position)
+              .norm();
     }
     EXPECT_NEAR(chain, length, 1e-9);
-    const double across = rest.joints[at(Joint::little_proximal)].position.x() - rest.joints[at(Joint::index_proximal)].position.x() +
-                          rest.radii[at(Joint::little_proximal)] + rest.radii[at(Joint::index_proximal)];
+    const double across = rest.joints[at(Joint::little_proximal)].position.x() -
+                          rest.joints[at(Joint::index_proximal)].position.x() + rest.radii[at(Joint::little_proximal)] +
+                          rest.radii[at(Joint::index_proximal)];
     EXPECT_NEAR(across, 0.45 * length, 0.1 * 0.45 * length);
   }
   EXPECT_THROW(natural_rest({0.05, 0.085}), std::invalid_argument);
@@ -64,8 +71,8 @@ TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
     const Pose& joint = rest.joints[at(joint_of(body))];
     const Vector3 along = (rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
     EXPECT_GT(along.dot(-(joint.orientation * Vector3::UnitZ())), 1 - 1e-9) << kBodyNames[b];
-    // Nails of the fingers look up, and forward where the finger is curled. The resting thumb's looks to its own side and a little down, as
-    // its pad looks to the fingers.
+    // Nails of the fingers look up, and forward where the finger is curled. The resting thumb's looks to its own side
+    // and a little down, as its pad looks to the fingers.
     const Vector3 nail = joint.orientation * Vector3::UnitY();
     if (finger_of(body) == Finger::thumb) {
       EXPECT_LT(nail.x(), -0.4) << kBodyNames[b];
@@ -107,7 +114,8 @@ TEST(Proportions, AMeasuredHandKeepsItsOffsets) {
   const RestSkeleton rest = natural_rest({0.17, 0.08});
   const std::array<Pose, kJointCount> frames[] = {rest.joints};
   const RestSkeleton again = natural_rest(measure_skeleton(frames, rest.radii), Side::right);
-  for (std::size_t j = 0; j < kJointCount; ++j) EXPECT_LT((again.joints[j].position - rest.joints[j].position).norm(), 1e-9) << kJointNames[j];
+  for (std::size_t j = 0; j < kJointCount; ++j)
+    EXPECT_LT((again.joints[j].position - rest.joints[j].position).norm(), 1e-9) << kJointNames[j];
 }
 
 TEST(Proportions, MillimetresAndTheOtherSidesHandAreRefused) {
@@ -135,7 +143,8 @@ TEST(Skin, GradientIsAtMostOneAndTheWristIsInside) {
   const auto box = skin.bounds();
   std::uniform_real_distribution<double> uniform(0, 1);
   for (int i = 0; i < 2000; ++i) {
-    const Vector3 p = box[0] + Vector3(uniform(generator), uniform(generator), uniform(generator)).cwiseProduct(box[1] - box[0]);
+    const Vector3 p =
+        box[0] + Vector3(uniform(generator), uniform(generator), uniform(generator)).cwiseProduct(box[1] - box[0]);
     const Vector3 step = 1e-4 * Vector3(uniform(generator) - 0.5, uniform(generator) - 0.5, uniform(generator) - 0.5);
     EXPECT_LE(std::abs(skin.distance(p + step) - skin.distance(p)), 1.3 * step.norm() + 1e-12);
   }
@@ -143,7 +152,8 @@ TEST(Skin, GradientIsAtMostOneAndTheWristIsInside) {
 }
 
 TEST(Skin, KnucklesDoNotBulge) {
-  // Along a finger, from the proximal phalanx to the distal joint, the dorsal skin's distance from the bones never grows by more than 0.6 mm.
+  // Along a finger, from the proximal phalanx to the distal joint, the dorsal skin's distance from the bones never
+  // grows by more than 0.6 mm.
   const RestSkeleton rest = natural_rest(HandSize{});
   const ParametricSkin skin(rest);
   for (int f = 1; f < kFingerCount; ++f) {
@@ -189,7 +199,8 @@ TEST(Bones, LieInsideTheSkinAndLeaveThePulp) {
         return reach - radius;
       };
       const Vector3 middle = 0.25 * bodies[b].bone_start + 0.75 * bodies[b].bone_end;
-      const double palmar = thickness(middle, -Vector3::UnitY(), 0.25 * bodies[b].bone_start_radius + 0.75 * bodies[b].bone_end_radius);
+      const double palmar =
+          thickness(middle, -Vector3::UnitY(), 0.25 * bodies[b].bone_start_radius + 0.75 * bodies[b].bone_end_radius);
       const double beyond = thickness(bodies[b].bone_end, -Vector3::UnitZ(), bodies[b].bone_end_radius);
       EXPECT_GT(palmar, 0.0025) << "finger " << f;
       EXPECT_LT(palmar, 0.0075) << "finger " << f;
@@ -253,24 +264,29 @@ TEST(Smoother, RaisesTheWorstAngleAndTurnsNothingOver) {
   // An octahedron around a centre that was pushed nearly into one face.
   const Ball ball;
   TetrahedralMesh mesh;
-  for (int k = 0; k < 3; ++k) for (const double s : {1.0, -1.0}) mesh.nodes.push_back(0.03 * s * Vector3::Unit(k));
+  for (int k = 0; k < 3; ++k)
+    for (const double s : {1.0, -1.0}) mesh.nodes.push_back(0.03 * s * Vector3::Unit(k));
   mesh.nodes.push_back(Vector3(0.009, 0.009, 0.009));
-  for (std::int32_t x = 0; x < 2; ++x) for (std::int32_t y = 2; y < 4; ++y) for (std::int32_t z = 4; z < 6; ++z) {
-    std::array<std::int32_t, 4> t{6, x, y, z};
-    if ((x + y + z) % 2) std::swap(t[2], t[3]);
-    mesh.tetrahedra.push_back(t);
-  }
+  for (std::int32_t x = 0; x < 2; ++x)
+    for (std::int32_t y = 2; y < 4; ++y)
+      for (std::int32_t z = 4; z < 6; ++z) {
+        std::array<std::int32_t, 4> t{6, x, y, z};
+        if ((x + y + z) % 2) std::swap(t[2], t[3]);
+        mesh.tetrahedra.push_back(t);
+      }
   mesh.surface = boundary(mesh.tetrahedra);
   ASSERT_EQ(mesh.surface.size(), 8u);
   const double before = mesh.minimum_dihedral_degrees();
-  improve(mesh, ball, [](const Vector3&) { return 1.0; }, {}, mesh.volume());
+  improve(
+      mesh, ball, [](const Vector3&) { return 1.0; }, {}, mesh.volume());
   EXPECT_GT(mesh.minimum_dihedral_degrees(), before + 20);
 }
 
 class ShippedHand : public testing::TestWithParam<int> {};
 
 TEST_P(ShippedHand, IsSound) {
-  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_" + std::to_string(GetParam()) + ".hand.json";
+  const std::string path =
+      std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_" + std::to_string(GetParam()) + ".hand.json";
   const HandModel hand = load_hand(path);  // validates
   EXPECT_GE(hand.node_count(), GetParam());
   EXPECT_LE(hand.node_count(), 1.07 * GetParam());
@@ -282,7 +298,8 @@ TEST_P(ShippedHand, IsSound) {
   const double exact = skin_volume(skin, 0.0015);
   EXPECT_NEAR(mesh.volume(), exact, 0.03 * exact);
 
-  // One closed surface, outward: each edge once in each direction, its volume the tetrahedra's, Euler's number of a sphere.
+  // One closed surface, outward: each edge once in each direction, its volume the tetrahedra's, Euler's number of a
+  // sphere.
   std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
   double volume = 0;
   std::vector<bool> outer(hand.nodes.size(), false);
@@ -327,13 +344,15 @@ TEST_P(ShippedHand, IsSound) {
   for (const SkinVertex& v : hand.skin_vertices) {
     Vector3 x = Vector3::Zero();
     for (std::size_t k = 0; k < 4; ++k) {
-      x += static_cast<double>(v.weights[k]) * hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(v.tetrahedron)][k])];
+      x += static_cast<double>(v.weights[k]) *
+           hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(v.tetrahedron)][k])];
     }
     ASSERT_LT(std::abs(skin.distance(x)), 0.0015);
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Sizes, ShippedHand, testing::Values(400, 750, 1450, 3000, 6000), testing::PrintToStringParamName());
+INSTANTIATE_TEST_SUITE_P(Sizes, ShippedHand, testing::Values(400, 750, 1450, 3000, 6000),
+                         testing::PrintToStringParamName());
 
 }  // namespace
 }  // namespace softhand::builder

@@ -1,3 +1,5 @@
+#include "hand/hand_loop.hpp"
+
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -8,7 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "hand/hand_loop.hpp"
 #include "messages/convert.hpp"
 #include "support/block_hand.hpp"
 #include "support/count_allocations.hpp"
@@ -41,7 +42,10 @@ TEST(HandLoop, ComesToItsFirstSkeletonAtOnceAndFollows) {
   const Pose wrist{Vector3(1, 1.2, -0.5), Quaternion::Identity()};
   const Skeleton first = skeleton_at(hand(), wrist, kSecond, 1);
   const HandOutput& output = loop.step(kSecond, {&first}, {});
-  EXPECT_LE((to_vector(output.simulated.joints[index(Joint::index_tip)].position) - wrist * hand().rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+  EXPECT_LE((to_vector(output.simulated.joints[index(Joint::index_tip)].position) -
+             wrist * hand().rest_joints[index(Joint::index_tip)].position)
+                .norm(),
+            1e-3);
   EXPECT_EQ(loop.counters().repositioned, 0u);
 }
 
@@ -69,7 +73,10 @@ TEST(HandLoop, ABoneThatIsNotSeenInAJumpComesAlong) {
   }
   EXPECT_EQ(loop.counters().repositioned, 1u);
   EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 0.01) << "N, towards ten metres away";
-  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - far * hand().rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position -
+             far * hand().rest_joints[index(Joint::index_tip)].position)
+                .norm(),
+            1e-3);
 }
 
 TEST(HandLoop, ABoneThatIsNotANumberIsRefusedAndTheOthersLive) {
@@ -178,7 +185,8 @@ TEST(HandLoop, AStepAllocatesNothing) {
   ASSERT_EQ(std::exchange(allocations, 0), 1) << "the counter counts nothing";
   for (int i = 0; i < 120; ++i) {
     now += 11'111'111;
-    samples->first = skeleton_at(model, {Vector3(0, i < 60 ? -0.004 : 0.03, 0), Quaternion::Identity()}, now, ++sequence);
+    samples->first =
+        skeleton_at(model, {Vector3(0, i < 60 ? -0.004 : 0.03, 0), Quaternion::Identity()}, now, ++sequence);
     samples->second = world_with(3, i < 5 ? Vector3(2, 0, 0) : below, now);
     counting = true;
     const HandOutput& output = loop.step(now, {&samples->first, nullptr, &samples->second}, {true, true, true});
@@ -198,20 +206,24 @@ TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
   const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
   const auto step = [&](HandLoop& loop, int i) {
     const Nanoseconds now = kSecond + i * 11'111'111;
-    const Skeleton sample = skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
+    const Skeleton sample =
+        skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
     const WorldObjects world = world_with(3, below, now);
     loop.step(now, {&sample, nullptr, &world}, {});
   };
   step(two, 1);
   int i = 1;
-  while (i < 60 && (one.simulation().contact_count() == 0 || one.simulation().slot_mode(0) != SlotMode::dynamic)) step(one, i++);
+  while (i < 60 && (one.simulation().contact_count() == 0 || one.simulation().slot_mode(0) != SlotMode::dynamic))
+    step(one, i++);
   ASSERT_LT(i, 60) << "touched and owned";
   two.take_state(one);
   for (const int end = i + 20; i < end; ++i) {
     step(one, i);
     step(two, i);
     ASSERT_EQ(one.simulation().contact_count(), two.simulation().contact_count()) << i;
-    ASSERT_EQ((one.simulation().state().node_positions - two.simulation().state().node_positions).cwiseAbs().maxCoeff(), 0) << i;
+    ASSERT_EQ((one.simulation().state().node_positions - two.simulation().state().node_positions).cwiseAbs().maxCoeff(),
+              0)
+        << i;
     ASSERT_EQ(one.simulation().slot_pose(0).position, two.simulation().slot_pose(0).position) << i;
   }
 }
@@ -232,8 +244,12 @@ TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
     there.joints[index(Joint::index_distal)].flags = 0;
     loop.step(now, {&there}, {});
   }
-  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 1e-9) << "N, towards where the finger was before";
-  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) - model.rest_joints[index(Joint::index_tip)].position).norm(), 1e-3);
+  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 1e-9)
+      << "N, towards where the finger was before";
+  EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) -
+             model.rest_joints[index(Joint::index_tip)].position)
+                .norm(),
+            1e-3);
 }
 
 // Ten steps to a sample of the world, in which what carries a held object moves by 4 mm.
@@ -252,7 +268,8 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
   for (int i = 0; i < 400 && rising < 50; ++i) {
     const Nanoseconds now = kSecond + i * 2'000'000;
     height = kRise * 0.002 * rising;
-    Skeleton sample = skeleton_at(model, {Vector3(0, height - 0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    Skeleton sample = skeleton_at(model, {Vector3(0, height - 0.004, 0), Quaternion::Identity()}, now,
+                                  static_cast<std::uint64_t>(i) + 1);
     for (JointSample& joint : sample.joints) joint.linear_velocity = {0, rising > 0 ? kRise : 0, 0};
     const bool sampled = i % 10 == 0;
     if (sampled) {
@@ -266,7 +283,8 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
       world.objects[0].planes.push_back(table);
     }
     const HandOutput& output = loop.step(now, {&sample, nullptr, sampled ? &world : nullptr}, {});
-    if (sampled && rising == 0 && output.coupling.twins.size() == 1 && output.coupling.twins[0].owned != 0) owned = true;
+    if (sampled && rising == 0 && output.coupling.twins.size() == 1 && output.coupling.twins[0].owned != 0)
+      owned = true;
     if (owned && (rising > 0 || i % 10 == 9)) ++rising;
     if (rising > 1) deepest = std::max(deepest, below.y() + height - loop.simulation().slot_pose(0).position.y());
   }
@@ -352,7 +370,8 @@ TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
     const Vector3 resting = force(Vector3::Zero(), 0);
     ASSERT_LT(resting.y(), -0.5);
     for (const Nanoseconds age : kAgesOfWorld) {
-      for (const Vector3& velocity : {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 3, 0), Vector3(0, 0.3, 0.3)}) {
+      for (const Vector3& velocity :
+           {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 3, 0), Vector3(0, 0.3, 0.3)}) {
         // Friction remembers how they came to this velocity.
         EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
             << velocity.transpose() << (is_static ? ", static" : ", free") << ", age " << age;
@@ -361,7 +380,8 @@ TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
   }
 }
 
-// A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored, or 0.27 m, more than one is moved that is put elsewhere.
+// A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored, or 0.27 m, more
+// than one is moved that is put elsewhere.
 TEST(HandLoop, NothingIsTooFastToBeMet) {
   const HandModel model = hand();
   HandOptions options = loop_options();
@@ -449,9 +469,11 @@ TEST(HandLoop, ADescriptionThatAStepCouldNotUseIsRefused) {
       EXPECT_NE(std::string(error.what()).find(field), std::string::npos) << error.what();
     }
   };
-  for (const double friction : {kNan, -0.1, 1e300}) refused("friction", [=](ObjectDescription& d) { d.friction = friction; });
+  for (const double friction : {kNan, -0.1, 1e300})
+    refused("friction", [=](ObjectDescription& d) { d.friction = friction; });
   for (const double mass : {kNan, 0.0, -1.0, 1e300}) refused("mass", [=](ObjectDescription& d) { d.mass = mass; });
-  for (const double inertia : {kNan, 0.0, -1.0, 1e300}) refused("inertia", [=](ObjectDescription& d) { d.inertia[1] = inertia; });
+  for (const double inertia : {kNan, 0.0, -1.0, 1e300})
+    refused("inertia", [=](ObjectDescription& d) { d.inertia[1] = inertia; });
   ObjectDescription fixed = cube(3);
   fixed.is_static = 1;
   fixed.mass = 0;
@@ -464,10 +486,11 @@ TEST(HandLoop, AStateThatIsNoneIsRefusedAndTheHandGoesOn) {
   const HandModel model = hand();
   NeighbourPlane plane;
   plane.normal = {0, 1, 0};
-  const std::vector<std::function<void(ObjectState&)>> spoils{[](ObjectState& s) { s.gravity[1] = kNan; }, [](ObjectState& s) { s.angular_velocity[0] = 1e200; },
-                                                              [](ObjectState& s) { s.position[0] = 1e200; },
-                                                              [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].normal = {}; },
-                                                              [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].friction = kNan; }};
+  const std::vector<std::function<void(ObjectState&)>> spoils{
+      [](ObjectState& s) { s.gravity[1] = kNan; }, [](ObjectState& s) { s.angular_velocity[0] = 1e200; },
+      [](ObjectState& s) { s.position[0] = 1e200; },
+      [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].normal = {}; },
+      [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].friction = kNan; }};
   for (const auto& spoil : spoils) {
     HandLoop loop(model, loop_options(), {});
     loop.describe_object(cube(3));
@@ -507,7 +530,8 @@ TEST(HandLoop, AShapeThatItKnowsIsNotLoadedAgain) {
   HandLoop loop(hand(), loop_options(), {});
   ObjectDescription hull = cube(3);
   hull.shape.kind = static_cast<std::uint32_t>(ShapeKind::convex_hull);
-  for (int i = 0; i < 8; ++i) hull.shape.vertices.push_back({i & 1 ? 0.02 : -0.02, i & 2 ? 0.02 : -0.02, i & 4 ? 0.02 : -0.02});
+  for (int i = 0; i < 8; ++i)
+    hull.shape.vertices.push_back({i & 1 ? 0.02 : -0.02, i & 2 ? 0.02 : -0.02, i & 4 ? 0.02 : -0.02});
   loop.describe_object(hull);
   hull.mass = 0.1;
   allocations = 0;
@@ -530,7 +554,8 @@ TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
   Nanoseconds now = kSecond;
   for (int i = 1; i < 40; ++i) {
     now += 11'111'111;
-    const Skeleton sample = skeleton_at(model, {Vector3(0, 0.001 * i, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
+    const Skeleton sample =
+        skeleton_at(model, {Vector3(0, 0.001 * i, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i));
     loop.step(now, {&sample}, {});
   }
   EXPECT_NEAR(loop.simulation().joint_pose(Joint::middle_tip).position.y(), 0.039, 3e-3);
@@ -550,10 +575,12 @@ TEST(HandLoop, WithoutTheIntermediateLayerATrackerOfAnotherClockIsHeardAfterARes
   loop.reset(hour + 5'000'000);
   const Skeleton before = skeleton_at(model, {Vector3(2, 0, 0), Quaternion::Identity()}, hour + 4'000'000, 2);
   loop.step(hour + 11'000'000, {&before}, {});
-  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(), model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(),
+              model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
   sample = skeleton_at(model, {Vector3(1, 0, 0), Quaternion::Identity()}, 22'000'000, 3);
   loop.step(hour + 22'000'000, {&sample}, {});
-  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(), 1 + model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
+  EXPECT_NEAR(loop.simulation().joint_pose(Joint::wrist).position.x(),
+              1 + model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
 }
 
 // What latencies are made of: without it no glove's chain would ever count as complete.
@@ -596,9 +623,11 @@ TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
     Nanoseconds now = kSecond;
     for (int i = 0; i < 60; ++i) {
       now += 11'111'111;
-      const Skeleton sample = skeleton_at(model, {Vector3(0, i < 20 ? 0.005 : -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+      const Skeleton sample = skeleton_at(model, {Vector3(0, i < 20 ? 0.005 : -0.004, 0), Quaternion::Identity()}, now,
+                                          static_cast<std::uint64_t>(i) + 1);
       WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), now);
-      for (std::uint32_t id = 0; id < far_objects; ++id) world.objects.push_back(world_with(100 + id, Vector3(1 + 0.1 * id, 0, 0), now).objects[0]);
+      for (std::uint32_t id = 0; id < far_objects; ++id)
+        world.objects.push_back(world_with(100 + id, Vector3(1 + 0.1 * id, 0, 0), now).objects[0]);
       loop.step(now, {&sample, nullptr, &world}, wants);
       result.states.push_back(loop.simulation().state());
       result.touched = result.touched || loop.simulation().contact_count() > 0;
@@ -608,8 +637,11 @@ TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
   const auto largest_difference = [](const Run& left, const Run& right) {
     double largest = 0;
     for (std::size_t i = 0; i < left.states.size(); ++i) {
-      largest = std::max(largest, (left.states[i].node_positions - right.states[i].node_positions).cwiseAbs().maxCoeff());
-      for (std::size_t b = 0; b < kBodyCount; ++b) largest = std::max(largest, (left.states[i].body_poses[b].position - right.states[i].body_poses[b].position).norm());
+      largest =
+          std::max(largest, (left.states[i].node_positions - right.states[i].node_positions).cwiseAbs().maxCoeff());
+      for (std::size_t b = 0; b < kBodyCount; ++b)
+        largest =
+            std::max(largest, (left.states[i].body_poses[b].position - right.states[i].body_poses[b].position).norm());
     }
     return largest;
   };

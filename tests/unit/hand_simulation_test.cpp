@@ -1,3 +1,5 @@
+#include "scene/hand_simulation.hpp"
+
 #include <gtest/gtest.h>
 
 #include <array>
@@ -5,7 +7,6 @@
 #include <vector>
 
 #include "math/rotation.hpp"
-#include "scene/hand_simulation.hpp"
 #include "scene/rest_error.hpp"
 #include "support/block_hand.hpp"
 #include "support/cores.hpp"
@@ -40,7 +41,9 @@ void set_rest_targets(HandSimulation& simulation, const Pose& wrist) {
 double worst_joint_error(const HandSimulation& simulation, const Pose& wrist) {
   double worst = 0;
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    worst = std::max(worst, (simulation.joint_pose(static_cast<Joint>(j)).position - wrist * simulation.hand().rest_joints[j].position).norm());
+    worst = std::max(worst, (simulation.joint_pose(static_cast<Joint>(j)).position -
+                             wrist * simulation.hand().rest_joints[j].position)
+                                .norm());
   }
   return worst;
 }
@@ -190,13 +193,15 @@ TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
     SimulationOptions o;
     o.untangle_patience = patience;
     HandSimulation simulation(shipped, o, 0, 0);
-    for (int b = 0; b < kBodyCount; ++b) simulation.set_target(static_cast<Body>(b), shipped.rest_joints[index(joint_of(static_cast<Body>(b)))], {});
+    for (int b = 0; b < kBodyCount; ++b)
+      simulation.set_target(static_cast<Body>(b), shipped.rest_joints[index(joint_of(static_cast<Body>(b)))], {});
     const State rest = simulation.state();
     State state = rest;
     const Vector3 middle = state.node_positions.rowwise().mean();
     testing::Random random(7);
     for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
-      state.node_positions.col(n) = middle + Vector3(0, 0, state.node_positions(2, n) - middle.z()) + 1e-12 * random.vector();
+      state.node_positions.col(n) =
+          middle + Vector3(0, 0, state.node_positions(2, n) - middle.z()) + 1e-12 * random.vector();
     }
     simulation.restore(state);
     for (int i = 0; i < 200; ++i) simulation.step(kStep);
@@ -226,14 +231,17 @@ struct HandOverASphere {
     place.position = hand.rest_joints[index(Joint::palm)].position - Vector3(0, 0.1, 0);
     for (int i = 0; i < 50; ++i) {
       double nearest = 1;
-      for (const Vector3& node : hand.nodes) nearest = std::min(nearest, sphere.signed_distance(place.inverse() * node));
+      for (const Vector3& node : hand.nodes)
+        nearest = std::min(nearest, sphere.signed_distance(place.inverse() * node));
       place.position.y() += nearest - kGap;
     }
     simulation.set_slot(slot, {7, &sphere, kMass, kMass * 0.4 * 9e-4 * Matrix3::Identity(), 0.8});
     simulation.set_slot_motion(slot, place, {});
     if (free) simulation.make_dynamic(slot, Vector3::Zero());
   }
-  double distance() const { return std::sqrt((simulation.state().node_positions - rest).squaredNorm() / hand.node_count()); }
+  double distance() const {
+    return std::sqrt((simulation.state().node_positions - rest).squaredNorm() / hand.node_count());
+  }
   void run(int steps) {
     for (int i = 0; i < steps; ++i) {
       simulation.step(kStep);
@@ -244,7 +252,8 @@ struct HandOverASphere {
 
 TEST(HandSimulation, CollapsedOrMirroredTissueComesBackWithAnObjectInThePalm) {
   for (const bool free : {false, true}) {
-    for (const Vector3& map : {Vector3(1, 0, 1), Vector3(0, 1, 1), Vector3(1, 1, 0), Vector3(1, -1, 1), Vector3(-1, 1, 1), Vector3(1, 1, -1)}) {
+    for (const Vector3& map : {Vector3(1, 0, 1), Vector3(0, 1, 1), Vector3(1, 1, 0), Vector3(1, -1, 1),
+                               Vector3(-1, 1, 1), Vector3(1, 1, -1)}) {
       SCOPED_TRACE(::testing::Message() << (free ? "free, " : "fixed, ") << map.transpose());
       HandOverASphere scene(free);
       State state = scene.simulation.state();
@@ -276,7 +285,8 @@ TEST(HandSimulation, SkinThatHooksBehindAPlateComesBack) {
     const Eigen::Matrix3Xd rest = simulation.state().node_positions;
     Vector3 pad(0, 1, 0);
     for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-      if (static_cast<Body>(hand.node_body[n]) == Body::index_distal && hand.nodes[n].y() < pad.y()) pad = hand.nodes[n];
+      if (static_cast<Body>(hand.node_body[n]) == Body::index_distal && hand.nodes[n].y() < pad.y())
+        pad = hand.nodes[n];
     }
     simulation.set_slot(0, {7, &plate, 1, Matrix3::Identity(), 0.8});
     simulation.set_slot_motion(0, {pad - Vector3(0, 0.003, 0), Quaternion::Identity()}, {});
@@ -476,9 +486,14 @@ TEST(HandSimulation, HoldsAnObjectAsWellWithTheFactorOfTheStepBefore) {
     const StepReport report = quick.step(kStep);
     slow.step(kStep);
     if (quick.touched(0)) carried += report.factorisations == 0;
-    ASSERT_LE((quick.state().node_positions - slow.state().node_positions).norm() / std::sqrt(static_cast<double>(hand().node_count())), 5e-5) << i;
+    ASSERT_LE((quick.state().node_positions - slow.state().node_positions).norm() /
+                  std::sqrt(static_cast<double>(hand().node_count())),
+              5e-5)
+        << i;
     if (i > 30) {
-      ASSERT_LE((quick.contact_wrench(0).force - slow.contact_wrench(0).force).norm(), 0.01 * slow.contact_wrench(0).force.norm()) << i;
+      ASSERT_LE((quick.contact_wrench(0).force - slow.contact_wrench(0).force).norm(),
+                0.01 * slow.contact_wrench(0).force.norm())
+          << i;
     }
   }
   EXPECT_GE(carried, 60);
@@ -525,8 +540,9 @@ TEST(HandSimulation, TheEnergyLedgerCloses) {
     const double t = i * kStep;
     if (i == 160) simulation.reposition({Vector3(0, 0.3, 0), Quaternion::Identity()});
     if (i == 120) simulation.make_kinematic(0);
-    const Pose wrist{Vector3(0.01 * std::sin(4 * t), i < 160 ? -0.005 * std::min(1.0, 3 * t) : 0.3 - 0.1 * (t - 160 * kStep), 0),
-                     rotation_exp(Vector3(0, 0.1 * std::sin(3 * t), 0))};
+    const Pose wrist{
+        Vector3(0.01 * std::sin(4 * t), i < 160 ? -0.005 * std::min(1.0, 3 * t) : 0.3 - 0.1 * (t - 160 * kStep), 0),
+        rotation_exp(Vector3(0, 0.1 * std::sin(3 * t), 0))};
     set_rest_targets(simulation, wrist);
     if (i >= 20 && i < 120 && simulation.touched(0)) {
       simulation.make_dynamic(0, Vector3(0, -9.81, 0));
@@ -548,7 +564,8 @@ TEST(HandSimulation, TheEnergyLedgerCloses) {
   EXPECT_FALSE(ledger.begun());
 }
 
-// A hand that moves and touches nothing, with and without chord steps: fingers open and close by what `bend` says, the wrist goes round.
+// A hand that moves and touches nothing, with and without chord steps: fingers open and close by what `bend` says, the
+// wrist goes round.
 struct IdleRun {
   std::vector<Eigen::Matrix3Xd> nodes;
   std::vector<std::array<Vector3, kBodyCount>> coupling;
@@ -567,7 +584,8 @@ IdleRun move_freely(double chord_tolerance, double residual_tolerance) {
   for (int i = 1; i <= 180; ++i) {
     const double t = i * kStep;
     const double swell = std::min(1.0, t);
-    const Pose wrist{swell * Vector3(0.08 * std::sin(3 * t), 0.05 * std::sin(2 * t), 0), rotation_exp(swell * Vector3(0.3 * std::sin(2 * t), 0, 0.3 * std::sin(t)))};
+    const Pose wrist{swell * Vector3(0.08 * std::sin(3 * t), 0.05 * std::sin(2 * t), 0),
+                     rotation_exp(swell * Vector3(0.3 * std::sin(2 * t), 0, 0.3 * std::sin(t)))};
     for (int b = 0; b < kBodyCount; ++b) {
       const Body body = static_cast<Body>(b);
       const Pose target = wrist * simulation.hand().rest_joints[index(joint_of(body))];
@@ -582,7 +600,8 @@ IdleRun move_freely(double chord_tolerance, double residual_tolerance) {
     auto& coupling = run.coupling.emplace_back();
     for (std::size_t b = 0; b < kBodyCount; ++b) coupling[b] = simulation.coupling_wrench(static_cast<Body>(b)).force;
   }
-  run.tissue_evaluations = static_cast<double>(simulation.work().tissue_elements / simulation.hand().tetrahedra.size()) / 180;
+  run.tissue_evaluations =
+      static_cast<double>(simulation.work().tissue_elements / simulation.hand().tetrahedra.size()) / 180;
   return run;
 }
 
@@ -596,7 +615,8 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
   EXPECT_LE(idle.tissue_evaluations, 2.5) << "after each of two iterations, but not where the step starts from";
   double difference = 0, total = 0, worst_rms = 0;
   for (std::size_t i = 0; i < exact.nodes.size(); ++i) {
-    worst_rms = std::max(worst_rms, (idle.nodes[i] - exact.nodes[i]).norm() / std::sqrt(static_cast<double>(exact.nodes[i].cols())));
+    worst_rms = std::max(
+        worst_rms, (idle.nodes[i] - exact.nodes[i]).norm() / std::sqrt(static_cast<double>(exact.nodes[i].cols())));
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       difference += (idle.coupling[i][b] - exact.coupling[i][b]).squaredNorm();
       total += exact.coupling[i][b].squaredNorm();
@@ -610,7 +630,8 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
 TEST(HandSimulation, ACopyInTheAirGoesOnLikeTheOriginal) {
   HandSimulation one(hand(), options(), 1, 0), two(hand(), options(), 1, 0);
   const auto step = [](HandSimulation& simulation, int i) {
-    set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * i), 0, 0), rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * i), 0))});
+    set_rest_targets(simulation,
+                     {Vector3(0.05 * std::sin(0.1 * i), 0, 0), rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * i), 0))});
     const StepReport report = simulation.step(kStep);
     EXPECT_TRUE(report.chord) << i;
     return report.iterations;
@@ -623,13 +644,15 @@ TEST(HandSimulation, ACopyInTheAirGoesOnLikeTheOriginal) {
   }
 }
 
-// What a potential stored when the step before ended is what it starts from: the books of a hand in the air cost no evaluation, but in the first step and after the hand was put elsewhere.
+// What a potential stored when the step before ended is what it starts from: the books of a hand in the air cost no
+// evaluation, but in the first step and after the hand was put elsewhere.
 TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
   HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
   booked.keep_ledger(true);
   const auto evaluations = [](HandSimulation& simulation, int step) {
     const std::uint64_t before = simulation.work().tissue_elements;
-    set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * step), 0, 0), rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * step), 0))});
+    set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * step), 0, 0),
+                                  rotation_exp(Vector3(0, 0.2 * std::sin(0.1 * step), 0))});
     EXPECT_TRUE(simulation.step(kStep).chord);
     return (simulation.work().tissue_elements - before) / simulation.hand().tetrahedra.size();
   };
@@ -667,7 +690,8 @@ TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
   EXPECT_LT(before, 55) << "it did touch";
 }
 
-// The world's copy of an object may be decimetres from its twin when the hand gives it back. Drawn as a way through the hand, that was 21 kN.
+// The world's copy of an object may be decimetres from its twin when the hand gives it back. Drawn as a way through the
+// hand, that was 21 kN.
 TEST(HandSimulation, AnObjectThatIsGivenBackIsNotSweptThroughTheHand) {
   const HandModel model = hand();
   HandSimulation simulation(model, {}, 1, 0);

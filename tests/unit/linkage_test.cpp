@@ -1,10 +1,11 @@
 // Increments taken along by turning bodies: a rigid turn of all, stiff joints, the transpose.
+#include "solver/linkage.hpp"
+
 #include <gtest/gtest.h>
 
 #include <array>
 
 #include "math/rotation.hpp"
-#include "solver/linkage.hpp"
 #include "support/box_mesh.hpp"
 
 namespace softhand {
@@ -14,7 +15,9 @@ constexpr int kNodes = 5;
 
 // Three bodies in a chain and one alone; nodes on the chain.
 struct Chain {
-  Chain() : linkage({kNodes, 4}, {Linkage::Link{}, {0, Vector3(0, 0, 0.02)}, {1, Vector3(0.001, 0, 0.015)}}, {0, 1, 2, 2, 1}) {
+  Chain()
+      : linkage({kNodes, 4}, {Linkage::Link{}, {0, Vector3(0, 0, 0.02)}, {1, Vector3(0.001, 0, 0.015)}},
+                {0, 1, 2, 2, 1}) {
     state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, kNodes);
     state.body_poses.resize(4);
     state.body_velocities.resize(4);
@@ -31,7 +34,8 @@ struct Chain {
   State state;
 };
 
-Vector3 joint_gap(const VectorX& x, const State& state, int parent, int child, const Vector3& in_child, const Vector3& in_parent) {
+Vector3 joint_gap(const VectorX& x, const State& state, int parent, int child, const Vector3& in_child,
+                  const Vector3& in_parent) {
   const auto at = [&](int body, const Vector3& local) {
     const auto first = 3 * (kNodes + 2 * body);
     const Vector3 arm = state.body_poses[static_cast<std::size_t>(body)].orientation * local;
@@ -59,7 +63,8 @@ TEST(Linkage, ARigidTurnTurnsAll) {
   const VectorX before = chain.increment();
   VectorX x = before;
   chain.linkage.to_now(x);
-  for (Eigen::Index i = 0; i < x.size(); i += 3) EXPECT_LE((x.segment<3>(i) - turn * Vector3(before.segment<3>(i))).norm(), 1e-14) << i;
+  for (Eigen::Index i = 0; i < x.size(); i += 3)
+    EXPECT_LE((x.segment<3>(i) - turn * Vector3(before.segment<3>(i))).norm(), 1e-14) << i;
 }
 
 TEST(Linkage, JointsThatHeldGoOnHoldingHoweverTheBodiesTurned) {
@@ -107,7 +112,8 @@ TEST(Linkage, CoastsWithWhatItCarries) {
     const auto column = static_cast<Eigen::Index>(n);
     const Twist& velocity = chain.state.body_velocities[carrier[n]];
     chain.state.node_velocities.col(column) =
-        velocity.linear + velocity.angular.cross(chain.state.node_positions.col(column) - chain.state.body_poses[carrier[n]].position);
+        velocity.linear +
+        velocity.angular.cross(chain.state.node_positions.col(column) - chain.state.body_poses[carrier[n]].position);
   }
   const Vector3 own(0.3, 0.1, -0.2);
   chain.state.node_velocities.col(4) += own;
@@ -116,8 +122,12 @@ TEST(Linkage, CoastsWithWhatItCarries) {
   for (std::size_t n = 0; n < kNodes; ++n) {
     const auto column = static_cast<Eigen::Index>(n);
     const Pose &before = start.body_poses[carrier[n]], &after = chain.state.body_poses[carrier[n]];
-    const Vector3 moved = after.inverse() * Vector3(chain.state.node_positions.col(column)) - before.inverse() * Vector3(start.node_positions.col(column));
-    EXPECT_LE((moved - before.orientation.conjugate() * Vector3(n == 4 ? Vector3(kStep * own) : Vector3::Zero())).norm(), 1e-13) << n;
+    const Vector3 moved = after.inverse() * Vector3(chain.state.node_positions.col(column)) -
+                          before.inverse() * Vector3(start.node_positions.col(column));
+    EXPECT_LE(
+        (moved - before.orientation.conjugate() * Vector3(n == 4 ? Vector3(kStep * own) : Vector3::Zero())).norm(),
+        1e-13)
+        << n;
     EXPECT_GE((after.position - before.position).norm(), 0.01);
   }
   EXPECT_EQ(chain.state.body_poses[3].position, start.body_poses[3].position);

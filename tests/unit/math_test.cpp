@@ -43,7 +43,9 @@ TEST(Rotation, LogInvertsExpUpToPi) {
 TEST(Rotation, ExpIsTheRotationAboutTheAxis) {
   for (const Vector3& axis : directions()) {
     for (const double angle : kAngles) {
-      EXPECT_LE((rotation_exp(angle * axis).toRotationMatrix() - Eigen::AngleAxisd(angle, axis).toRotationMatrix()).norm(), 1e-14);
+      EXPECT_LE(
+          (rotation_exp(angle * axis).toRotationMatrix() - Eigen::AngleAxisd(angle, axis).toRotationMatrix()).norm(),
+          1e-14);
     }
   }
 }
@@ -118,7 +120,8 @@ TEST(Rotation, DerivativesAreContinuousAtTheSeriesSwitchAndFiniteAtPi) {
   const Vector3 y(0.5, 0.2, -0.4);
   constexpr double step = 1e-9;
   EXPECT_LE((left_jacobian_inverse((0.05 - step) * axis) - left_jacobian_inverse((0.05 + step) * axis)).norm(), 1e-8);
-  EXPECT_LE((log_second_derivative((0.05 - step) * axis, y) - log_second_derivative((0.05 + step) * axis, y)).norm(), 1e-8);
+  EXPECT_LE((log_second_derivative((0.05 - step) * axis, y) - log_second_derivative((0.05 + step) * axis, y)).norm(),
+            1e-8);
   EXPECT_TRUE(left_jacobian_inverse(M_PI * axis).allFinite());
   EXPECT_TRUE(log_second_derivative(M_PI * axis, y).allFinite());
   // (t/2) cot(t/2) = 0 at pi: across the axis only the skew part is left.
@@ -132,7 +135,8 @@ TEST(Rotation, SecondDerivativeOfARotatedArm) {
   const Vector3 arm(0.2, 0.5, -0.3), y(-1, 0.4, 0.6);
   const auto f = [&](const Vector3& d) { return y.dot(rotation_exp(d) * arm); };
   for (const Vector3& d : directions()) {
-    const double difference = (-f(2 * h * d) + 16 * f(h * d) - 30 * f(Vector3::Zero()) + 16 * f(-h * d) - f(-2 * h * d)) / (12 * h * h);
+    const double difference =
+        (-f(2 * h * d) + 16 * f(h * d) - 30 * f(Vector3::Zero()) + 16 * f(-h * d) - f(-2 * h * d)) / (12 * h * h);
     EXPECT_NEAR(d.dot(rotated_arm_second_derivative(arm, y) * d), difference, 1e-8);
   }
 }
@@ -142,7 +146,8 @@ TEST(Rotation, IncrementIsSpatial) {
   const Vector3 w(0.1, 0.7, -0.4);
   const Pose moved = increment(pose, Vector3(0.5, 0, 0), w);
   EXPECT_EQ(moved.position, Vector3(1.5, 2, 3));
-  EXPECT_LE((moved.orientation.toRotationMatrix() - (rotation_exp(w) * pose.orientation).toRotationMatrix()).norm(), 1e-15);
+  EXPECT_LE((moved.orientation.toRotationMatrix() - (rotation_exp(w) * pose.orientation).toRotationMatrix()).norm(),
+            1e-15);
 }
 
 TEST(Pose, CompositionAndInverse) {
@@ -197,7 +202,8 @@ TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
     matrix.add(matrix.find(2, 2), 1e9 * block);
     matrix.add(matrix.find(1, 3), block);
     matrix.add(matrix.find(2, 2), block);
-    EXPECT_EQ(std::vector(matrix.journal().begin(), matrix.journal().end()), (std::vector{matrix.find(2, 2).index, matrix.find(3, 1).index}));
+    EXPECT_EQ(std::vector(matrix.journal().begin(), matrix.journal().end()),
+              (std::vector{matrix.find(2, 2).index, matrix.find(3, 1).index}));
     EXPECT_NE(matrix.dense(), before);
     matrix.take_back();
     EXPECT_EQ(matrix.dense(), before) << "to the bit, which subtraction would not give";

@@ -86,23 +86,48 @@ INSTANTIATE_TEST_SUITE_P(
     Faults, HandValidation,
     ::testing::Values(
         Fault{"NotANumber", [](HandModel& h) { h.nodes[3].y() = std::nan(""); }, "nodes[3]"},
-        Fault{"Millimetres", [](HandModel& h) { for (Vector3& x : h.nodes) x *= 1000; }, "nodes[0]"},
+        Fault{"Millimetres",
+              [](HandModel& h) {
+                for (Vector3& x : h.nodes) x *= 1000;
+              },
+              "nodes[0]"},
         Fault{"Inverted", [](HandModel& h) { std::swap(h.tetrahedra[5][0], h.tetrahedra[5][1]); }, "tetrahedra[5]"},
-        Fault{"Flat", [](HandModel& h) { h.nodes[static_cast<std::size_t>(h.tetrahedra[0][3])] = h.nodes[static_cast<std::size_t>(h.tetrahedra[0][2])]; }, "tetrahedra["},
-        Fault{"UnusedNode", [](HandModel& h) { h.nodes.emplace_back(0, 0, 0); h.node_body.push_back(0); }, "nodes["},
+        Fault{"Flat",
+              [](HandModel& h) {
+                h.nodes[static_cast<std::size_t>(h.tetrahedra[0][3])] =
+                    h.nodes[static_cast<std::size_t>(h.tetrahedra[0][2])];
+              },
+              "tetrahedra["},
+        Fault{"UnusedNode",
+              [](HandModel& h) {
+                h.nodes.emplace_back(0, 0, 0);
+                h.node_body.push_back(0);
+              },
+              "nodes["},
         Fault{"NodeOutOfRange", [](HandModel& h) { h.tetrahedra[1][0] = 1 << 20; }, "tetrahedra[1]"},
         Fault{"Poisson", [](HandModel& h) { h.materials[0].poisson_ratio = 0.5; }, "materials[0].poisson_ratio"},
-        Fault{"StrainLimit", [](HandModel& h) { h.materials[0].strain_limit_energy = 0; }, "materials[0].strain_limit_energy"},
-        Fault{"StrainLimitNaN", [](HandModel& h) { h.materials[0].strain_limit_energy = std::nan(""); }, "materials[0].strain_limit_energy"},
+        Fault{"StrainLimit", [](HandModel& h) { h.materials[0].strain_limit_energy = 0; },
+              "materials[0].strain_limit_energy"},
+        Fault{"StrainLimitNaN", [](HandModel& h) { h.materials[0].strain_limit_energy = std::nan(""); },
+              "materials[0].strain_limit_energy"},
         Fault{"Massless", [](HandModel& h) { h.bodies[4].mass = 0; }, "bodies[thumb_distal].mass"},
-        Fault{"IndefiniteInertia", [](HandModel& h) { h.bodies[4].inertia(1, 1) = -1e-6; }, "bodies[thumb_distal].inertia"},
-        Fault{"LimitsCrossed", [](HandModel& h) { h.bodies[8].joint.flexion_range = {0.3, -0.3}; }, "bodies[index_distal].joint.flexion_range"},
+        Fault{"IndefiniteInertia", [](HandModel& h) { h.bodies[4].inertia(1, 1) = -1e-6; },
+              "bodies[thumb_distal].inertia"},
+        Fault{"LimitsCrossed",
+              [](HandModel& h) {
+                h.bodies[8].joint.flexion_range = {0.3, -0.3};
+              },
+              "bodies[index_distal].joint.flexion_range"},
         Fault{"FingerCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 19; }, "bodies.coupling.force_cap"},
-        Fault{"NoForceCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 0; }, "bodies[index_distal].coupling.force_cap"},
-        Fault{"NoTorqueCap", [](HandModel& h) { h.bodies[8].coupling_torque_cap = 0; }, "bodies[index_distal].coupling.torque_cap"},
+        Fault{"NoForceCap", [](HandModel& h) { h.bodies[8].coupling_force_cap = 0; },
+              "bodies[index_distal].coupling.force_cap"},
+        Fault{"NoTorqueCap", [](HandModel& h) { h.bodies[8].coupling_torque_cap = 0; },
+              "bodies[index_distal].coupling.torque_cap"},
         Fault{"AttachmentWeights", [](HandModel& h) { h.attachments[2].weights[0] += 0.1; }, "attachment_weights[2]"},
-        Fault{"SkinVertices", [](HandModel& h) { h.skin_vertices.resize(20001, h.skin_vertices[0]); }, "skin_tetrahedron: expected at most 20000, got 20001"},
-        Fault{"SkinTriangles", [](HandModel& h) { h.skin_triangles.resize(40001, h.skin_triangles[0]); }, "skin_triangles: expected at most 40000, got 40001"},
+        Fault{"SkinVertices", [](HandModel& h) { h.skin_vertices.resize(20001, h.skin_vertices[0]); },
+              "skin_tetrahedron: expected at most 20000, got 20001"},
+        Fault{"SkinTriangles", [](HandModel& h) { h.skin_triangles.resize(40001, h.skin_triangles[0]); },
+              "skin_triangles: expected at most 40000, got 40001"},
         Fault{"Wrist", [](HandModel& h) { h.rest_joints[1].position.x() = 0.01; }, "joints[wrist]"}),
     [](const auto& instance) { return std::string(instance.param.name); });
 

@@ -1,6 +1,5 @@
-// When NewtonSolver takes a new factor, in which precision, and when it goes on with one; and how its line search meets kinks.
-#include "solver/newton_solver.hpp"
-
+// When NewtonSolver takes a new factor, in which precision, and when it goes on with one; and how its line search meets
+// kinks.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "energies/coulomb.hpp"
 #include "solver/block_cholesky.hpp"
+#include "solver/newton_solver.hpp"
 #include "support/brick.hpp"
 
 namespace softhand {
@@ -19,7 +19,8 @@ using testing::converging;
 using testing::Saboteur;
 using testing::same_bits;
 
-/// Holds every node where it was at the step's start, as far as a small force goes: stiffness far beyond that of the tissue, with a kink where it gives way.
+/// Holds every node where it was at the step's start, as far as a small force goes: stiffness far beyond that of the
+/// tissue, with a kink where it gives way.
 class Rubbing final : public Energy {
  public:
   std::string_view name() const override { return "rubbing"; }
@@ -35,11 +36,13 @@ class Rubbing final : public Energy {
     return sum;
   }
   double add_gradient(const State& state, VectorX& gradient) const override {
-    for (Eigen::Index n = 0; n < start_.cols(); ++n) gradient.segment<3>(3 * n) += kSpring.secant(stretch(state, n).norm()) * stretch(state, n);
+    for (Eigen::Index n = 0; n < start_.cols(); ++n)
+      gradient.segment<3>(3 * n) += kSpring.secant(stretch(state, n).norm()) * stretch(state, n);
     return value(state);
   }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
-    for (Eigen::Index n = 0; n < start_.cols(); ++n) hessian.add(slots_[static_cast<std::size_t>(n)], kSpring.tangent(stretch(state, n), Vector3::UnitY()));
+    for (Eigen::Index n = 0; n < start_.cols(); ++n)
+      hessian.add(slots_[static_cast<std::size_t>(n)], kSpring.tangent(stretch(state, n), Vector3::UnitY()));
   }
 
  private:
@@ -62,7 +65,9 @@ class Rod final : public Energy {
   void bind(const BlockMatrix& matrix) override {
     for (int k = 0; k < 3; ++k) slots_[static_cast<std::size_t>(k)] = matrix.find(k == 0 ? 0 : 1, k == 2 ? 1 : 0);
   }
-  double value(const State& state) const override { return 0.5 * stiffness_ * (state.node_positions.col(1) - state.node_positions.col(0)).squaredNorm(); }
+  double value(const State& state) const override {
+    return 0.5 * stiffness_ * (state.node_positions.col(1) - state.node_positions.col(0)).squaredNorm();
+  }
   double add_gradient(const State& state, VectorX& gradient) const override {
     const Vector3 pull = stiffness_ * (state.node_positions.col(1) - state.node_positions.col(0));
     gradient.segment<3>(0) -= pull;
@@ -166,7 +171,8 @@ TEST(NewtonSolver, FloatFactorAndKeptFactorLeadToTheSameMinimum) {
       const StepReport report = solver.step(state, 0.01);
       EXPECT_EQ(report.status, StepStatus::converged) << factor << ' ' << keeps;
       EXPECT_EQ(report.iterations > report.factorisations, keeps) << factor;
-      EXPECT_LE((state.node_positions - reference.node_positions).cwiseAbs().maxCoeff(), 1e-10) << factor << ' ' << keeps;
+      EXPECT_LE((state.node_positions - reference.node_positions).cwiseAbs().maxCoeff(), 1e-10)
+          << factor << ' ' << keeps;
       EXPECT_FALSE(same_bits(state.node_positions, start.node_positions));
     }
   }
@@ -186,7 +192,8 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereTheFloatOneLeadsNowhereAnyMore) {
     const StepReport report = solver.step(state, 0.01);
     EXPECT_EQ(report.double_factors > 0, k == 0);
     residuals[k] = report.residual;
-    EXPECT_LE(report.residual, 1e-12) << options.factor << ": not the result, but an iterate before it whose energy is lower by rounding";
+    EXPECT_LE(report.residual, 1e-12) << options.factor
+                                      << ": not the result, but an iterate before it whose energy is lower by rounding";
   }
   EXPECT_LE(residuals[0], 10 * residuals[1]);
 }
@@ -211,7 +218,8 @@ TEST(NewtonSolver, CarriesAFactorFromStepToStepWhileItLeadsOn) {
       paths[carries].push_back(brick.state.node_positions);
     }
   }
-  for (std::size_t i = 0; i < paths[0].size(); ++i) ASSERT_LE((paths[0][i] - paths[1][i]).cwiseAbs().maxCoeff(), 1e-9) << i;
+  for (std::size_t i = 0; i < paths[0].size(); ++i)
+    ASSERT_LE((paths[0][i] - paths[1][i]).cwiseAbs().maxCoeff(), 1e-9) << i;
   EXPECT_LE(factorisations[1], factorisations[0] / 2);
   EXPECT_GT(struck[1], 0) << "far from where it was made no factor leads on";
 }
@@ -224,15 +232,22 @@ class Secretive final : public Energy {
   void add_pattern(BlockPattern& pattern) const override { tissue_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { tissue_.bind(matrix); }
   double value(const State& state) const override { return tissue_.value(state); }
-  double add_gradient(const State& state, VectorX& gradient) const override { return tissue_.add_gradient(state, gradient); }
-  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override { tissue_.add_hessian(state, hessian, curvature); }
-  double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override { return tissue_.add_all(state, gradient, hessian, curvature); }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    return tissue_.add_gradient(state, gradient);
+  }
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override {
+    tissue_.add_hessian(state, hessian, curvature);
+  }
+  double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override {
+    return tissue_.add_all(state, gradient, hessian, curvature);
+  }
 
  private:
   Tissue& tissue_;
 };
 
-// Tissue is evaluated once an iteration, not once more for the start, where the last step left it; a solver that does so comes to the same bits.
+// Tissue is evaluated once an iteration, not once more for the start, where the last step left it; a solver that does
+// so comes to the same bits.
 TEST(NewtonSolver, AStepBeginsWithWhatPotentialsWereAtTheEndOfTheLast) {
   Eigen::Matrix3Xd paths[2];
   std::vector<int> at_start[2];
@@ -241,7 +256,8 @@ TEST(NewtonSolver, AStepBeginsWithWhatPotentialsWereAtTheEndOfTheLast) {
     Secretive secretive(brick.tissue);
     SolverOptions options;
     options.residual_tolerance = 1e-7;
-    NewtonSolver solver({tells ? static_cast<Energy*>(&brick.tissue) : &secretive, &brick.inertia, &brick.anchors}, brick.state.layout(), options);
+    NewtonSolver solver({tells ? static_cast<Energy*>(&brick.tissue) : &secretive, &brick.inertia, &brick.anchors},
+                        brick.state.layout(), options);
     brick.shake(1e-4, 9);
     solver.step(brick.state, 0.01);
     for (int i = 0; i < 5; ++i) {
@@ -249,7 +265,9 @@ TEST(NewtonSolver, AStepBeginsWithWhatPotentialsWereAtTheEndOfTheLast) {
       const std::uint64_t before = brick.tissue.evaluated_elements();
       const StepReport report = solver.step(brick.state, 0.01);
       EXPECT_EQ(report.factorisations, 0);
-      at_start[tells].push_back(static_cast<int>(brick.tissue.evaluated_elements() - before) / brick.tissue.element_count() - report.iterations);
+      at_start[tells].push_back(static_cast<int>(brick.tissue.evaluated_elements() - before) /
+                                    brick.tissue.element_count() -
+                                report.iterations);
     }
     paths[tells] = brick.state.node_positions;
   }
@@ -322,7 +340,9 @@ TEST(NewtonSolver, AChordStepDoesNotTakeAFactorThatIsTooStiffForConvergence) {
   Saboteur saboteur;
   const DofLayout layout = state.layout();
   NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors, &saboteur}, layout, SolverOptions{});
-  solver.allow_chord_steps(Linkage(layout, {}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)), [] { return true; });
+  solver.allow_chord_steps(
+      Linkage(layout, {}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
+      [] { return true; });
   saboteur.curvature = 1e9;
   EXPECT_TRUE(solver.step(state, 0.01).chord);
   saboteur.curvature = 0;
@@ -341,8 +361,12 @@ TEST(NewtonSolver, AChordStepEndsNoHigherThanItBegan) {
   inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
   const DofLayout layout = state.layout();
   NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors}, layout, SolverOptions{});
-  solver.allow_chord_steps(Linkage(layout, {Linkage::Link{}}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)), [] { return true; });
-  const auto energy = [&] { return inertia.kinetic_energy(state) + brick.tissue.value(state) + brick.anchors.value(state); };
+  solver.allow_chord_steps(
+      Linkage(layout, {Linkage::Link{}}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
+      [] { return true; });
+  const auto energy = [&] {
+    return inertia.kinetic_energy(state) + brick.tissue.value(state) + brick.anchors.value(state);
+  };
   testing::Random random(5);
   for (int i = 0; i < 60; ++i) {
     if (i % 20 == 0) {

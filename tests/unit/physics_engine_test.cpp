@@ -1,8 +1,5 @@
 // What the world asks of a physics engine, without the world: who rests sleeps, and wakes in time.
 #include "world/physics_engine.hpp"
-#include "math/rotation.hpp"
-#include "world/solid.hpp"
-#include "support/shapes.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,6 +7,10 @@
 #include <memory>
 #include <numbers>
 #include <random>
+
+#include "math/rotation.hpp"
+#include "support/shapes.hpp"
+#include "world/solid.hpp"
 
 namespace softhand {
 namespace {
@@ -28,7 +29,11 @@ struct Sleepers {
     for (const std::size_t slot : {1u, 2u}) add_box(slot, {0, 0.02 + 0.04 * static_cast<double>(slot - 1), 0}, gravity);
   }
   void add_box(std::size_t slot, const Vector3& position, const Vector3& its_gravity) {
-    engine->add(slot, {testing::cube_shape(0.02), 0.1, Vector3::Constant(0.1 * 0.04 * 0.04 / 6), 0.8, {position, Quaternion::Identity()}});
+    engine->add(slot, {testing::cube_shape(0.02),
+                       0.1,
+                       Vector3::Constant(0.1 * 0.04 * 0.04 / 6),
+                       0.8,
+                       {position, Quaternion::Identity()}});
     engine->set_gravity(slot, its_gravity);
   }
   void run(double seconds) {
@@ -82,7 +87,8 @@ TEST(PhysicsEngineSleep, ACreepOfATenthOfAMillimetreASecondGoesOn) {
 // The direction that Bullet once gave of a cube tipping on a table: by it, it lay 216 mm deep in the table.
 TEST(SeparatingPlane, AWrongDirectionIsNotTaken) {
   const Shape table = testing::box_shape({0.4, 0.02, 0.4}), cube = testing::cube_shape(0.02);
-  const Pose pose{{0, 0.02 + 0.02 * std::sqrt(2.0), 0}, Quaternion(Eigen::AngleAxisd(0.25 * std::numbers::pi, Vector3::UnitZ()))};
+  const Pose pose{{0, 0.02 + 0.02 * std::sqrt(2.0), 0},
+                  Quaternion(Eigen::AngleAxisd(0.25 * std::numbers::pi, Vector3::UnitZ()))};
   for (const Vector3& direction : {Vector3(0.4574, 0.8875, 0.0561), Vector3(1, 0, 0), Vector3(0, -1, 0)}) {
     const SeparatingPlane plane = separating_plane(cube, pose, table, Pose{}, direction.normalized());
     EXPECT_NEAR(plane.gap, 0, 1e-12);
@@ -90,7 +96,8 @@ TEST(SeparatingPlane, AWrongDirectionIsNotTaken) {
   }
 }
 
-// Around touching, in the poses of things that lie, stand and tip. The known plane's gap is what any other may fall short of by little.
+// Around touching, in the poses of things that lie, stand and tip. The known plane's gap is what any other may fall
+// short of by little.
 TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
   std::mt19937_64 generator(1);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
@@ -107,7 +114,8 @@ TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
   Shape cylinder;
   cylinder.kind = static_cast<std::uint32_t>(ShapeKind::cylinder);
   cylinder.size = {0.02, 0.03, 0};
-  const Shape table = testing::box_shape({0.4, 0.02, 0.4}), plate = testing::box_shape({0.03, 0.001, 0.02}), cube = testing::cube_shape(0.02);
+  const Shape table = testing::box_shape({0.4, 0.02, 0.4}), plate = testing::box_shape({0.03, 0.001, 0.02}),
+              cube = testing::cube_shape(0.02);
   double worst = 0;
   for (const Shape& neighbour : {table, cylinder, cube}) {
     for (const Shape& object : {cube, plate, cylinder, hull}) {

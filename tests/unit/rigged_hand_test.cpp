@@ -78,7 +78,8 @@ Parts parts_of(const Source& hand, const Pose& place, bool left) {
     Pose frame = hand.rest.joints[j];
     if (left) {
       frame.position.x() = -frame.position.x();
-      frame.orientation = Quaternion(frame.orientation.w(), frame.orientation.x(), -frame.orientation.y(), -frame.orientation.z());
+      frame.orientation =
+          Quaternion(frame.orientation.w(), frame.orientation.x(), -frame.orientation.y(), -frame.orientation.z());
     }
     const Pose inverse = (place * frame).inverse();
     Eigen::Matrix4f matrix = Eigen::Matrix4f::Identity();
@@ -93,7 +94,8 @@ Parts parts_of(const Source& hand, const Pose& place, bool left) {
       {"asset", {{"version", "2.0"}, {"copyright", "nobody's"}}},
       {"nodes", nodes},
       {"skins", {{{"joints", joints}, {"inverseBindMatrices", 4}}}},
-      {"meshes", {{{"primitives", {{{"attributes", {{"POSITION", 0}, {"JOINTS_0", 1}, {"WEIGHTS_0", 2}}}, {"indices", 3}}}}}}}};
+      {"meshes",
+       {{{"primitives", {{{"attributes", {{"POSITION", 0}, {"JOINTS_0", 1}, {"WEIGHTS_0", 2}}}, {"indices", 3}}}}}}}};
   return parts;
 }
 
@@ -102,7 +104,8 @@ std::string glb(Parts parts) {
   json views = json::array(), accessors = json::array();
   const auto append = [&](const void* bytes, std::size_t size, std::size_t count, int component, const char* type) {
     views.push_back({{"buffer", 0}, {"byteOffset", data.size()}, {"byteLength", size}});
-    accessors.push_back({{"bufferView", accessors.size()}, {"componentType", component}, {"count", count}, {"type", type}});
+    accessors.push_back(
+        {{"bufferView", accessors.size()}, {"componentType", component}, {"count", count}, {"type", type}});
     data.append(static_cast<const char*>(bytes), size);
     data.resize((data.size() + 3) / 4 * 4);
   };
@@ -134,7 +137,9 @@ RiggedHand parsed(const std::string& bytes) {
   return parse_rigged_hand(in, "hand.glb");
 }
 // A place that is neither the wrist's frame nor near it: Y up, metres away.
-Pose elsewhere() { return {Vector3(0.3, 1.2, -0.4), Quaternion(Eigen::AngleAxisd(2.1, Vector3(1, 2, -1).normalized()))}; }
+Pose elsewhere() {
+  return {Vector3(0.3, 1.2, -0.4), Quaternion(Eigen::AngleAxisd(2.1, Vector3(1, 2, -1).normalized()))};
+}
 
 TEST(RiggedHandFile, GivesBackSkeletonAndSkinOfEitherSide) {
   for (const bool left : {false, true}) {
@@ -188,7 +193,8 @@ TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
   std::mt19937 generator(5);
   std::uniform_real_distribution<double> uniform(0, 1);
   for (int i = 0; i < 1000; ++i) {
-    const Vector3 p = box[0] + Vector3(uniform(generator), uniform(generator), uniform(generator)).cwiseProduct(box[1] - box[0]);
+    const Vector3 p =
+        box[0] + Vector3(uniform(generator), uniform(generator), uniform(generator)).cwiseProduct(box[1] - box[0]);
     double least = 1;
     for (const Vector3& v : source().skin.vertices) least = std::min(least, (p - v).norm());
     const double distance = skin.distance(p);
@@ -217,7 +223,8 @@ TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
   EXPECT_EQ(error_of([](Parts&) {}), "taken");
   expect_error("hand.glb: skins[0].joints: expected a joint named pinky-finger-tip",
                [](Parts& p) { p.document["nodes"][0]["name"] = "Bone.025"; });
-  expect_error("hand.glb: indices: expected a closed surface", [](Parts& p) { p.indices.resize(p.indices.size() - 3); });
+  expect_error("hand.glb: indices: expected a closed surface",
+               [](Parts& p) { p.indices.resize(p.indices.size() - 3); });
   expect_error("hand.glb: indices: expected triangles that look outward", [](Parts& p) {
     for (std::size_t i = 0; i < p.indices.size(); i += 3) std::swap(p.indices[i], p.indices[i + 1]);
   });

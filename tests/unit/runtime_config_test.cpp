@@ -82,13 +82,16 @@ TEST(ReadToml, ReadsEveryKindAndKeepsMissingKeys) {
 }
 
 TEST(ReadToml, NamesFileLineKeyRangeUnitAndValue) {
-  EXPECT_EQ(refusal("[solver]\nrate_hz = 0.5\n"), "f.toml:2: key 'solver.rate_hz': expected number in [1, 10000] Hz, got 0.5");
+  EXPECT_EQ(refusal("[solver]\nrate_hz = 0.5\n"),
+            "f.toml:2: key 'solver.rate_hz': expected number in [1, 10000] Hz, got 0.5");
   EXPECT_EQ(refusal("offset = nan\n"), "f.toml:1: key 'offset': expected number m, got nan");
   EXPECT_EQ(refusal("offset = -inf\n"), "f.toml:1: key 'offset': expected number m, got -inf");
   EXPECT_EQ(refusal("offset = \"x\"\n"), "f.toml:1: key 'offset': expected number m, got 'x'");
-  EXPECT_EQ(refusal("[solver]\niterations = 2.0\n"), "f.toml:2: key 'solver.iterations': expected integer in [1, 100], got 2.0");
+  EXPECT_EQ(refusal("[solver]\niterations = 2.0\n"),
+            "f.toml:2: key 'solver.iterations': expected integer in [1, 100], got 2.0");
   EXPECT_EQ(refusal("[solver]\nenabled = 1\n"), "f.toml:2: key 'solver.enabled': expected true or false, got 1");
-  EXPECT_EQ(refusal("[solver]\nmode = \"both\"\n"), "f.toml:2: key 'solver.mode': expected one of \"owner\", \"symmetric\", got 'both'");
+  EXPECT_EQ(refusal("[solver]\nmode = \"both\"\n"),
+            "f.toml:2: key 'solver.mode': expected one of \"owner\", \"symmetric\", got 'both'");
   EXPECT_EQ(refusal("[[objects]]\nposition = [1, 2]\n"),
             "f.toml:2: key 'objects.0.position': expected array of 3 numbers, each in [-10, 10] m, got [ 1, 2 ]");
   EXPECT_NE(refusal("[[objects]]\nposition = [1, 2, nan]\n"), "");
@@ -105,7 +108,8 @@ TEST(ReadToml, AcceptsTheEndsOfARange) {
 }
 
 TEST(ReadToml, TellsAllErrorsInOrderOfLinesAndSuggestsKeys) {
-  const std::string text = refusal("hnad = \"x\"\noffset = nan\n[solver]\nrate = 3\nmode = 2\n[[objects]]\nzzzzzzzzz = 1\n");
+  const std::string text =
+      refusal("hnad = \"x\"\noffset = nan\n[solver]\nrate = 3\nmode = 2\n[[objects]]\nzzzzzzzzz = 1\n");
   const std::size_t a = text.find("f.toml:1: unknown key 'hnad'; did you mean 'hand'?");
   const std::size_t b = text.find("f.toml:2: key 'offset'");
   const std::size_t c = text.find("f.toml:4: unknown key 'solver.rate'; did you mean 'rate_hz'?");
@@ -171,13 +175,15 @@ TEST(Override, SetsLeavesByPathIndexAndName) {
 TEST(Override, NamesTheKeyAndWhatWasExpected) {
   const Sample s = two_objects();
   EXPECT_EQ(override_refusal(s, "solver.rate_hz=0"), "--set solver.rate_hz: expected number in [1, 10000] Hz, got 0");
-  EXPECT_EQ(override_refusal(s, "solver.rate_hz=fast"), "--set solver.rate_hz: expected number in [1, 10000] Hz, got fast");
+  EXPECT_EQ(override_refusal(s, "solver.rate_hz=fast"),
+            "--set solver.rate_hz: expected number in [1, 10000] Hz, got fast");
   EXPECT_EQ(override_refusal(s, "solver.rate_hz="), "--set solver.rate_hz: expected number in [1, 10000] Hz, got ");
-  EXPECT_EQ(override_refusal(s, "solver.rat_hz=3"), "--set solver.rat_hz: unknown key 'rat_hz'; did you mean 'rate_hz'?");
+  EXPECT_EQ(override_refusal(s, "solver.rat_hz=3"),
+            "--set solver.rat_hz: unknown key 'rat_hz'; did you mean 'rate_hz'?");
   EXPECT_NE(override_refusal(s, "objects.cub.mass=3").find("did you mean 'cube'?"), std::string::npos);
   EXPECT_NE(override_refusal(s, "objects.2.mass=3").find("no element '2' in a list of 2"), std::string::npos);
-  for (const char* bad : {"", "=3", "solver", "solver=3", "objects=3", "objects.0=3", "hand.x=3", "solver.rate_hz.=3", ".=3",
-                          "solver.rate_hz=1\nx=2", "objects.-1.mass=1", "objects.99999999999999999999.mass=1"}) {
+  for (const char* bad : {"", "=3", "solver", "solver=3", "objects=3", "objects.0=3", "hand.x=3", "solver.rate_hz.=3",
+                          ".=3", "solver.rate_hz=1\nx=2", "objects.-1.mass=1", "objects.99999999999999999999.mass=1"}) {
     EXPECT_NE(override_refusal(s, bad), "") << bad;
   }
   Sample twins = s;
@@ -190,16 +196,20 @@ TEST(Reference, PrintsEveryKeyOnceWithDefaultUnitRangeAndMeaning) {
   EXPECT_EQ(page, reference_markdown<Sample>("Sample"));
   EXPECT_NE(page.find("| `solver.rate_hz` | `1000` | Hz | [1, 10000] | Rate. |\n"), std::string::npos) << page;
   EXPECT_NE(page.find("| `objects[].mass` | `1` | kg | [0, 1000] | Mass. |\n"), std::string::npos) << page;
-  EXPECT_NE(page.find("| `objects[].position` | `[0, 1, 0]` | m | each [-10, 10] | Centre of mass. |\n"), std::string::npos) << page;
+  EXPECT_NE(page.find("| `objects[].position` | `[0, 1, 0]` | m | each [-10, 10] | Centre of mass. |\n"),
+            std::string::npos)
+      << page;
   EXPECT_NE(page.find("Newton \\| iterations."), std::string::npos) << page;
   EXPECT_NE(page.find("| **[solver]** |"), std::string::npos) << page;
   EXPECT_NE(page.find("| **[[objects]]** | 0 elements |"), std::string::npos) << page;
 }
 
 TEST(Json, HoldsEffectiveValuesInOrder) {
-  EXPECT_EQ(options_to_json(two_objects()).dump(),
-            R"({"hand":"hand.json","offset":-0.5,"solver":{"rate_hz":1000.0,"iterations":3,"enabled":true,"mode":"owner"},)"
-            R"("objects":[{"name":"cube","mass":1.0,"position":[0.0,1.0,0.0]},{"name":"ball","mass":2.0,"position":[0.0,1.0,0.0]}]})");
+  EXPECT_EQ(
+      options_to_json(two_objects()).dump(),
+      R"({"hand":"hand.json","offset":-0.5,"solver":{"rate_hz":1000.0,"iterations":3,"enabled":true,"mode":"owner"},)"
+      R"("objects":[{"name":"cube","mass":1.0,"position":[0.0,1.0,0.0]},)"
+      R"({"name":"ball","mass":2.0,"position":[0.0,1.0,0.0]}]})");
 }
 
 }  // namespace

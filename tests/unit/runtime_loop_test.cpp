@@ -101,7 +101,8 @@ TEST(Schedule, OverloadFallsBehindByLessThanAPeriod) {
 }
 
 TEST(PeriodicLoop, RefusesRatesThatCannotBe) {
-  for (const double rate : {0.0, -1.0, 1e9, std::nan(""), HUGE_VAL}) EXPECT_THROW(PeriodicLoop{rate}, std::invalid_argument) << rate;
+  for (const double rate : {0.0, -1.0, 1e9, std::nan(""), HUGE_VAL})
+    EXPECT_THROW(PeriodicLoop{rate}, std::invalid_argument) << rate;
 }
 
 TEST(PeriodicLoop, NeverRunsEarlyAndStops) {
@@ -115,7 +116,8 @@ TEST(PeriodicLoop, NeverRunsEarlyAndStops) {
   });
   ASSERT_EQ(starts.size(), 100u);
   EXPECT_EQ(loop->steps(), 100u);
-  for (std::size_t i = 0; i < starts.size(); ++i) EXPECT_GE(starts[i] - begin, static_cast<Nanoseconds>(i) * 2'000'000) << i;
+  for (std::size_t i = 0; i < starts.size(); ++i)
+    EXPECT_GE(starts[i] - begin, static_cast<Nanoseconds>(i) * 2'000'000) << i;
   LoopStatus status;
   loop->fill(status);
   EXPECT_EQ(status.nominal_rate_hz, 500);
@@ -141,7 +143,8 @@ constexpr Nanoseconds kSecond = 1'000'000'000;
 
 TEST(SimulatedClock, IsRealTimeUntilCommanded) {
   const SimulatedClock clock;
-  for (const Nanoseconds t : {Nanoseconds{0}, kSecond, 400 * 86400 * kSecond + 1}) {  // beyond what a double counts exactly
+  for (const Nanoseconds t :
+       {Nanoseconds{0}, kSecond, 400 * 86400 * kSecond + 1}) {  // beyond what a double counts exactly
     EXPECT_EQ(clock.at(t), t);
     EXPECT_EQ(clock.when(t), t);
   }
@@ -181,7 +184,9 @@ TEST(SimulatedClock, IsTheSameInWhateverOrderCommandsArriveAndByItsText) {
     double pace;
     Nanoseconds until;
   };
-  std::vector<Command> commands{{5 * kSecond, 0.1, SimulatedClock::kNever}, {6 * kSecond, 1, 6 * kSecond + 7}, {8 * kSecond, 1.0 / 3, SimulatedClock::kNever}};
+  std::vector<Command> commands{{5 * kSecond, 0.1, SimulatedClock::kNever},
+                                {6 * kSecond, 1, 6 * kSecond + 7},
+                                {8 * kSecond, 1.0 / 3, SimulatedClock::kNever}};
   SimulatedClock ordered;
   for (const Command& c : commands) ordered.command(c.from, c.pace, c.until);
   ASSERT_NE(ordered.at(9 * kSecond), 9 * kSecond);
@@ -192,7 +197,8 @@ TEST(SimulatedClock, IsTheSameInWhateverOrderCommandsArriveAndByItsText) {
   }
   const SimulatedClock told = SimulatedClock::from_text(ordered.text());
   for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(told.at(t), ordered.at(t));
-  for (const char* wrong : {"", "now", "1 2", "0 0 7 5", "0 0 1 9223372036854775807 3"}) EXPECT_THROW(SimulatedClock::from_text(wrong), std::invalid_argument) << wrong;
+  for (const char* wrong : {"", "now", "1 2", "0 0 7 5", "0 0 1 9223372036854775807 3"})
+    EXPECT_THROW(SimulatedClock::from_text(wrong), std::invalid_argument) << wrong;
 }
 
 TEST(SimulatedClock, RemembersEnoughOfALongSession) {
@@ -214,11 +220,12 @@ TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
   clock.command(begin + kSecond / 2, 0);
   std::vector<Nanoseconds> steps;
   int betweens = 0;
-  loop->run(stop, clock, [&](Nanoseconds time) { steps.push_back(time); },
-            [&](Nanoseconds real) {
-              ++betweens;
-              stop = real > begin + kSecond;
-            });
+  loop->run(
+      stop, clock, [&](Nanoseconds time) { steps.push_back(time); },
+      [&](Nanoseconds real) {
+        ++betweens;
+        stop = real > begin + kSecond;
+      });
   // 50 at full pace, 50 in the 400 ms at a quarter, none in the half second after; fewer where the machine was late.
   EXPECT_LE(steps.size(), 102u);
   EXPECT_GE(steps.size(), 60u);
@@ -235,12 +242,13 @@ TEST(PeriodicLoop, SaysThatItStands) {
   clock.command(begin + kSecond / 5, 0);
   LoopStatus status;
   double rate = 0;
-  loop->run(stop, clock, [](Nanoseconds) {},
-            [&](Nanoseconds real) {
-              loop->fill(status);
-              rate = std::max(rate, status.rate_hz);
-              stop = real > begin + 3 * kSecond / 2;
-            });
+  loop->run(
+      stop, clock, [](Nanoseconds) {},
+      [&](Nanoseconds real) {
+        loop->fill(status);
+        rate = std::max(rate, status.rate_hz);
+        stop = real > begin + 3 * kSecond / 2;
+      });
   EXPECT_GT(rate, 300);
   EXPECT_EQ(status.rate_hz, 0);
   EXPECT_EQ(status.step_ms_p99, 0);

@@ -65,7 +65,8 @@ TEST(StopSignal, AHangUpThatIsIgnoredStaysSo) {
 }
 
 TEST(StopSignal, FollowsItsParent) {
-  // A middle process starts a child that asks to follow it, then ends; the child reports through the pipe how it was stopped.
+  // A middle process starts a child that asks to follow it, then ends; the child reports through the pipe how it was
+  // stopped.
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
   const pid_t middle = fork();

@@ -15,11 +15,15 @@ namespace softhand {
 namespace {
 
 std::span<const std::byte> bytes(std::string_view text) { return std::as_bytes(std::span(text.data(), text.size())); }
-std::string text_of(const std::vector<std::byte>& data) { return {reinterpret_cast<const char*>(data.data()), data.size()}; }
+std::string text_of(const std::vector<std::byte>& data) {
+  return {reinterpret_cast<const char*>(data.data()), data.size()};
+}
 
 class RecordFile : public testing::Test {
  protected:
-  RecordFile() : path_(testing::TempDir() + "softhand_" + testing::UnitTest::GetInstance()->current_test_info()->name() + ".mcap") {}
+  RecordFile()
+      : path_(testing::TempDir() + "softhand_" + testing::UnitTest::GetInstance()->current_test_info()->name() +
+              ".mcap") {}
   ~RecordFile() override { std::filesystem::remove(path_); }
   std::string content() const {
     std::ifstream in(path_, std::ios::binary);
@@ -27,7 +31,8 @@ class RecordFile : public testing::Test {
   }
   void put(const std::string& text) const { std::ofstream(path_, std::ios::binary) << text; }
 
-  const RecordChannel objects_{"softhand/v1/objects", "cdr", "softhand::WorldObjects", "omgidl", "struct WorldObjects {};"};
+  const RecordChannel objects_{"softhand/v1/objects", "cdr", "softhand::WorldObjects", "omgidl",
+                               "struct WorldObjects {};"};
   const RecordChannel plain_{"other", "json", "", "", ""};
   const std::string path_;
 };
@@ -71,12 +76,13 @@ TEST_F(RecordFile, IsMcap) {
   using namespace std::string_literals;
   const std::string magic = "\x89MCAP0\r\n"s;
   const std::string u64_zero(8, '\0');
-  const std::string expected = magic + "\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0softhand"s +                        // header
-                               "\x03\x16\0\0\0\0\0\0\0\x01\0\x01\0\0\0S\x06\0\0\0omgidl\x01\0\0\0x"s +              // schema
-                               "\x04\x14\0\0\0\0\0\0\0\x01\0\x01\0\x01\0\0\0t\x03\0\0\0cdr\0\0\0\0"s +              // channel
-                               "\x05\x17\0\0\0\0\0\0\0\x01\0\x02\0\0\0\x03\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\x64"s +  // message
-                               "\x0f\x04\0\0\0\0\0\0\0\0\0\0\0"s + "\x02\x14\0\0\0\0\0\0\0"s + u64_zero + u64_zero + "\0\0\0\0"s +  // ends
-                               magic;
+  const std::string expected =
+      magic + "\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0softhand"s +                                        // header
+      "\x03\x16\0\0\0\0\0\0\0\x01\0\x01\0\0\0S\x06\0\0\0omgidl\x01\0\0\0x"s +                              // schema
+      "\x04\x14\0\0\0\0\0\0\0\x01\0\x01\0\x01\0\0\0t\x03\0\0\0cdr\0\0\0\0"s +                              // channel
+      "\x05\x17\0\0\0\0\0\0\0\x01\0\x02\0\0\0\x03\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\x64"s +                  // message
+      "\x0f\x04\0\0\0\0\0\0\0\0\0\0\0"s + "\x02\x14\0\0\0\0\0\0\0"s + u64_zero + u64_zero + "\0\0\0\0"s +  // ends
+      magic;
   EXPECT_EQ(content(), expected);
 }
 

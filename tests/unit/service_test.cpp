@@ -1,10 +1,10 @@
 // The command line that services share.
+#include "service/service.hpp"
+
 #include <gtest/gtest.h>
 
 #include <string>
 #include <vector>
-
-#include "service/service.hpp"
 
 namespace softhand {
 namespace {
@@ -17,7 +17,9 @@ TrackerArguments parsed(std::vector<std::string> words) {
 
 TEST(TrackerArguments, ANegativeStrengthIsRefused) {
   EXPECT_EQ(parsed({"tracker", "--config", "scene.toml", "--strength", "2"}).strength, 2);
-  EXPECT_EXIT(parsed({"tracker", "--config", "scene.toml", "--strength", "-1"}), [](int status) { return status != 0; }, "--strength");
+  EXPECT_EXIT(
+      parsed({"tracker", "--config", "scene.toml", "--strength", "-1"}), [](int status) { return status != 0; },
+      "--strength");
 }
 
 }  // namespace

@@ -166,7 +166,10 @@ TEST(LandmarksClock, StampsAscendAndTellsOldFromNew) {
   const auto first = take(1000, 1010, 1260);
   ASSERT_TRUE(first);
   auto last = *first;
-  for (const auto& [taken, sent, arrival] : {std::array{1033.0, 1073.0, 1261.0}, {1066.0, 1076.0, 1262.0}, {1100.0, 1110.0, 1263.0}, {1253.0, 1263.0, 1264.0}}) {
+  for (const auto& [taken, sent, arrival] : {std::array{1033.0, 1073.0, 1261.0},
+                                             {1066.0, 1076.0, 1262.0},
+                                             {1100.0, 1110.0, 1263.0},
+                                             {1253.0, 1263.0, 1264.0}}) {
     const auto time = take(taken, sent, arrival);
     ASSERT_TRUE(time) << taken;
     EXPECT_GT(*time, last) << taken;
@@ -218,16 +221,16 @@ TEST(Landmarks, MadeMotionsComeBack) {
         ASSERT_TRUE(lifted);
         add_errors(errors, *lifted, real);
       }
-      std::printf("%s %s: %.2f mm, %.2f degrees (%s)\n", left ? "left" : "right", name, 1e3 * errors.position, errors.orientation * 180 / M_PI,
-                  kJointNames[at(errors.worst)].data());
+      std::printf("%s %s: %.2f mm, %.2f degrees (%s)\n", left ? "left" : "right", name, 1e3 * errors.position,
+                  errors.orientation * 180 / M_PI, kJointNames[at(errors.worst)].data());
       EXPECT_LT(errors.position, 0.003);
       EXPECT_LT(errors.orientation, 6 * M_PI / 180);
     }
   }
 }
 
-// A real hand bends and twists where the hand file's joints do not, so this tells what landmarks are worth. The palm, joint 0, is left out:
-// recordings infer it.
+// A real hand bends and twists where the hand file's joints do not, so this tells what landmarks are worth. The palm,
+// joint 0, is left out: recordings infer it.
 TEST(Landmarks, ARecordedHandComesBack) {
   const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
@@ -248,8 +251,11 @@ TEST(Landmarks, ARecordedHandComesBack) {
   const auto quantile = [](const std::vector<double>& sorted, double q) {
     return sorted[static_cast<std::size_t>(q * static_cast<double>(sorted.size() - 1))];
   };
-  std::printf("recorded: median %.2f mm, 99 %% below %.2f mm, worst %.2f mm; median %.1f, 99 %% below %.1f, worst %.1f degrees\n",
-              quantile(distances, 0.5), quantile(distances, 0.99), distances.back(), quantile(turns, 0.5), quantile(turns, 0.99), turns.back());
+  std::printf(
+      "recorded: median %.2f mm, 99 %% below %.2f mm, worst %.2f mm; median %.1f, 99 %% below %.1f, worst %.1f "
+      "degrees\n",
+      quantile(distances, 0.5), quantile(distances, 0.99), distances.back(), quantile(turns, 0.5),
+      quantile(turns, 0.99), turns.back());
   // Found: 0.53, 8.8 and 15.4 mm; 1.6, 7.7 and 14.7 degrees.
   EXPECT_LT(quantile(distances, 0.5), 0.8);
   EXPECT_LT(quantile(distances, 0.99), 11);
@@ -263,7 +269,8 @@ TEST(Landmarks, LengthsAreTheHandsWhateverTheLandmarksSay) {
   const HandModel hand = shipped_hand();
   Landmarks points = landmarks_of(hand.rest_joints);
   for (std::size_t i = 0; i < kLandmarkCount; ++i)
-    points[i] = 1.3 * points[i] + 0.004 * Vector3(std::sin(7.0 * static_cast<double>(i)), std::cos(5.0 * static_cast<double>(i)), 0);
+    points[i] = 1.3 * points[i] +
+                0.004 * Vector3(std::sin(7.0 * static_cast<double>(i)), std::cos(5.0 * static_cast<double>(i)), 0);
   const auto lifted = LandmarkLifter(hand).lift(points);
   ASSERT_TRUE(lifted);
   for (std::size_t j = at(Joint::thumb_metacarpal); j + 1 < kJointCount; ++j) {
@@ -312,7 +319,8 @@ TEST(Landmarks, TheCameraPlacesBothKindsOfCoordinates) {
   }
 }
 
-std::string json(const std::string& changes = "", std::size_t count = kLandmarkCount, const std::string& point = "[0.1,0.2,0.3]") {
+std::string json(const std::string& changes = "", std::size_t count = kLandmarkCount,
+                 const std::string& point = "[0.1,0.2,0.3]") {
   std::string text = R"({"version":1,"hand":"left","coordinates":"world")" + changes + R"(,"landmarks":[)";
   for (std::size_t i = 0; i < count; ++i) text += (i > 0 ? "," : "") + point;
   return text + "]}";
@@ -320,7 +328,8 @@ std::string json(const std::string& changes = "", std::size_t count = kLandmarkC
 
 TEST(Landmarks, MessagesAreCheckedWhole) {
   LandmarksMessage message;
-  ASSERT_EQ(decode_landmarks(json(R"(,"score":0.9,"sample_time_ms":10,"sent_time_ms":30)"), message), LandmarksRefusal::none);
+  ASSERT_EQ(decode_landmarks(json(R"(,"score":0.9,"sample_time_ms":10,"sent_time_ms":30)"), message),
+            LandmarksRefusal::none);
   EXPECT_EQ(message.side, Side::left);
   EXPECT_EQ(message.score, 0.9);
   EXPECT_EQ(message.sample_time, 10.0);
@@ -343,10 +352,12 @@ TEST(Landmarks, MessagesAreCheckedWhole) {
       {json(R"(,"score":"high")"), LandmarksRefusal::content},
       {json(R"(,"sample_time_ms":10)"), LandmarksRefusal::content},
       {json(R"(,"sample_time_ms":10,"sent_time_ms":9)"), LandmarksRefusal::content},
-      {json(R"(,"sample_time_ms":9.9e12,"sent_time_ms":9.9e12)"), LandmarksRefusal::content},  // more nanoseconds than a stamp holds
+      {json(R"(,"sample_time_ms":9.9e12,"sent_time_ms":9.9e12)"),
+       LandmarksRefusal::content},  // more nanoseconds than a stamp holds
       {R"({"version":1,"hand":"left","coordinates":"image","landmarks":[]})", LandmarksRefusal::content},  // no aspect
   };
-  for (std::size_t i = 0; i < std::size(cases); ++i) EXPECT_EQ(decode_landmarks(cases[i].first, message), cases[i].second) << "case " << i;
+  for (std::size_t i = 0; i < std::size(cases); ++i)
+    EXPECT_EQ(decode_landmarks(cases[i].first, message), cases[i].second) << "case " << i;
 }
 
 }  // namespace

@@ -1,6 +1,4 @@
 // The Newton step and its linear solver: contract, convergence, recovery from bad states, allocation.
-#include "solver/newton_solver.hpp"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/SparseCholesky>
@@ -14,6 +12,7 @@
 #include "energies/tissue.hpp"
 #include "solver/block_cholesky.hpp"
 #include "solver/cholmod_solver.hpp"
+#include "solver/newton_solver.hpp"
 #include "support/brick.hpp"
 #include "support/count_allocations.hpp"
 
@@ -64,7 +63,9 @@ class Overstated final : public Energy {
     gradient.head<3>() += state.node_positions.col(0);
     return value(state);
   }
-  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override { hessian.add(slot_, factor_ * Matrix3::Identity()); }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    hessian.add(slot_, factor_ * Matrix3::Identity());
+  }
 
  private:
   double factor_;
@@ -237,7 +238,8 @@ TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
   brick.state = before;
   saboteur.curvature = NAN;
   const StepReport report = solver.step(brick.state, 0.01);
-  EXPECT_TRUE(report.status == StepStatus::failed_factorisation || report.status == StepStatus::nonfinite) << to_string(report.status);
+  EXPECT_TRUE(report.status == StepStatus::failed_factorisation || report.status == StepStatus::nonfinite)
+      << to_string(report.status);
   EXPECT_FALSE(report.state_changed);
   EXPECT_TRUE(same_bits(brick.state.node_positions, before.node_positions));
 }
@@ -280,7 +282,8 @@ TEST(NewtonSolver, ReportsWhatItDid) {
   EXPECT_GT(first.residual, 0);
   ASSERT_EQ(first.term_count, 3u);
   EXPECT_EQ(first.terms[1].name, "tissue");
-  EXPECT_NEAR(first.terms[0].joules + first.terms[1].joules + first.terms[2].joules, first.energy, 1e-12 * first.energy);
+  EXPECT_NEAR(first.terms[0].joules + first.terms[1].joules + first.terms[2].joules, first.energy,
+              1e-12 * first.energy);
 
   NewtonSolver full(brick.terms(), brick.state.layout(), converging());
   const StepReport last = full.step(brick.state, 0.01);
@@ -373,7 +376,8 @@ TEST(NewtonSolver, MoreBudgetNeverLeavesMoreEnergy) {
   }
 }
 
-// A light body that turns has next to no torque left when most of its turn is still missing: residuals in newton metres say nothing about it.
+// A light body that turns has next to no torque left when most of its turn is still missing: residuals in newton metres
+// say nothing about it.
 TEST(NewtonSolver, AFreeBodyKeepsItsAngularMomentumWithDefaultOptions) {
   for (const double mass : {4e-4, 0.026, 1.0}) {
     for (const double speed : {1.0, 10.0, 40.0}) {
@@ -389,7 +393,8 @@ TEST(NewtonSolver, AFreeBodyKeepsItsAngularMomentumWithDefaultOptions) {
       NewtonSolver solver({&nodes, &tissue}, brick.state.layout(), SolverOptions{});
       const auto momentum = [&] {
         const Pose& pose = brick.state.body_poses[0];
-        return Vector3(pose.orientation * (inertia * (pose.orientation.conjugate() * brick.state.body_velocities[0].angular)));
+        return Vector3(pose.orientation *
+                       (inertia * (pose.orientation.conjugate() * brick.state.body_velocities[0].angular)));
       };
       const Vector3 before = momentum();
       for (int step = 0; step < 90; ++step) solver.step(brick.state, 1.0 / 90);
@@ -464,7 +469,8 @@ double settle(Brick& brick, std::int64_t iterations) {
   const auto potential = [&brick] { return brick.tissue.value(brick.state) + brick.anchors.value(brick.state); };
   SolverOptions options;
   options.max_iterations = iterations;
-  options.factor = "double";  // a float's rounding is noise: a mirrored brick may then end in a twisted minimum, as a noisy line does below
+  options.factor = "double";  // a float's rounding is noise: a mirrored brick may then end in a twisted minimum, as a
+                              // noisy line does below
   NewtonSolver solver(brick.terms(), brick.state.layout(), options);
   const double before = potential();
   for (int step = 0; step < 270; ++step) {
@@ -485,7 +491,8 @@ TEST(NewtonSolver, RecoversFromCollapseAndInversion) {
           for (int axis = dimensions; axis < 3; ++axis) brick.state.node_positions.row(axis).setConstant(0.01);
           brick.shake(noise, 11);
           const double distance = settle(brick, iterations);
-          // Noise on a line or a point turns every tetrahedron at random: the elastic energy has twisted minima, and some of them are met.
+          // Noise on a line or a point turns every tetrahedron at random: the elastic energy has twisted minima, and
+          // some of them are met.
           if (noise == 0 || dimensions == 2) {
             EXPECT_LE(distance, 1e-4) << dimensions << ' ' << noise << ' ' << iterations;
             EXPECT_EQ(brick.tissue.inverted_elements(brick.state), 0);
@@ -506,7 +513,8 @@ TEST(NewtonSolver, SurvivesRandomNodes) {
     Brick brick({3, 2, 2}, soft(seed % 2 == 0 ? 0.45 : 0.499));
     Random random(seed);
     for (int n = 0; n < brick.box.node_count(); ++n) {
-      brick.state.node_positions.col(n) = Vector3(0.015, 0.01, 0.01) + Vector3(0.03, 0.02, 0.02).cwiseProduct(random.vector());
+      brick.state.node_positions.col(n) =
+          Vector3(0.015, 0.01, 0.01) + Vector3(0.03, 0.02, 0.02).cwiseProduct(random.vector());
     }
     if (settle(brick, seed % 3 == 0 ? 5 : 1) < 1e-4) ++at_rest;
   }
@@ -515,14 +523,16 @@ TEST(NewtonSolver, SurvivesRandomNodes) {
 }
 
 TEST(NewtonSolver, SlenderBarStretchesAndBends) {
-  // nu = 0: the bar's tension is exact; its bending is bounded by linear tetrahedra's locking, which refinement reduces.
+  // nu = 0: the bar's tension is exact; its bending is bounded by linear tetrahedra's locking, which refinement
+  // reduces.
   const double youngs_modulus = 1e6, length = 0.1, height = 0.01, force = 1e-4;
   const double inertia_of_area = height * height * height * height / 12;
   const double beam = force * length * length * length / (3 * youngs_modulus * inertia_of_area);
   const auto tip = [&](int refinement, const Vector3& load) {
     Material material = soft(0, youngs_modulus);
     material.strain_limit_stiffness = 0;
-    HandModel box = testing::box_mesh({10 * refinement, refinement, refinement}, Vector3(length, height, height), material);
+    HandModel box =
+        testing::box_mesh({10 * refinement, refinement, refinement}, Vector3(length, height, height), material);
     State state = testing::rest_state(box);
     Tissue tissue(box);
     Inertia inertia(lumped_masses(box), 0);
@@ -532,10 +542,12 @@ TEST(NewtonSolver, SlenderBarStretchesAndBends) {
     NewtonSolver solver({&inertia, &tissue, &wall, &pull}, state.layout(), converging());
     for (int step = 0; step < 60; ++step) solver.step(state, 10.0);  // quasi-static
     Vector3 mean = Vector3::Zero();
-    for (const int n : end) mean += (state.node_positions.col(n) - box.nodes[static_cast<std::size_t>(n)]) / static_cast<double>(end.size());
+    for (const int n : end)
+      mean += (state.node_positions.col(n) - box.nodes[static_cast<std::size_t>(n)]) / static_cast<double>(end.size());
     return mean;
   };
-  EXPECT_NEAR(tip(2, Vector3(force, 0, 0)).x(), force * length / (youngs_modulus * height * height), 0.02 * force * length / (youngs_modulus * height * height));
+  EXPECT_NEAR(tip(2, Vector3(force, 0, 0)).x(), force * length / (youngs_modulus * height * height),
+              0.02 * force * length / (youngs_modulus * height * height));
   const double coarse = tip(2, Vector3(0, -force, 0)).y() / -beam, fine = tip(4, Vector3(0, -force, 0)).y() / -beam;
   EXPECT_LT(coarse, fine);
   EXPECT_LT(fine, 1.02);

@@ -24,7 +24,8 @@ std::size_t at(Body body) { return static_cast<std::size_t>(index_of(body)); }
 // The block hand with a thumb that opposes: rolled about its bone so that its pad faces the fingers.
 HandModel opposing_hand() {
   HandModel hand = testing::block_hand();
-  const Quaternion turn = Quaternion(Eigen::AngleAxisd(0.8, Vector3::UnitY())) * Quaternion(Eigen::AngleAxisd(-0.5, Vector3::UnitX())) *
+  const Quaternion turn = Quaternion(Eigen::AngleAxisd(0.8, Vector3::UnitY())) *
+                          Quaternion(Eigen::AngleAxisd(-0.5, Vector3::UnitX())) *
                           Quaternion(Eigen::AngleAxisd(1.2, Vector3::UnitZ()));
   const std::array<double, 4> depth{0, 0.046, 0.080, 0.106};
   for (std::size_t k = 0; k < 4; ++k) {
@@ -48,7 +49,8 @@ std::string csv_row(double t, double x) {
   return row.str() + "\n";
 }
 std::string csv_header() {
-  static const char* joints[] = {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip"};
+  static const char* joints[] = {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal",
+                                 "thumb-tip"};
   std::string header = "t_s";
   const auto add = [&header](const std::string& joint) {
     for (const char* suffix : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"}) header += "," + joint + "." + suffix;
@@ -82,7 +84,9 @@ TEST(Recording, ReadsJointsAndPlacesThePalm) {
   EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
 }
 
-TEST(Recording, AByteOrderMarkBeforeTheHeaderIsNoPartOfIt) { EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), ""); }
+TEST(Recording, AByteOrderMarkBeforeTheHeaderIsNoPartOfIt) {
+  EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), "");
+}
 
 TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_EQ(error_of(""), "hand.csv:1: expected a header that starts with t_s, got an empty file");
@@ -90,7 +94,8 @@ TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_NE(error_of("t_s,elbow.px\n").find("hand.csv:1: column 'elbow.px'"), std::string::npos);
   std::string bad = csv_row(1, 0.5);
   bad.replace(bad.find("0.5"), 3, "abc");
-  EXPECT_EQ(error_of(csv_header() + csv_row(0, 0) + bad), "hand.csv:3: column 'wrist.px': expected a finite number, got 'abc'");
+  EXPECT_EQ(error_of(csv_header() + csv_row(0, 0) + bad),
+            "hand.csv:3: column 'wrist.px': expected a finite number, got 'abc'");
   EXPECT_NE(error_of(csv_header() + csv_row(1, 0) + csv_row(1, 0)).find("hand.csv:3: column 't_s'"), std::string::npos);
   EXPECT_NE(error_of(csv_header() + "1,2,3\n").find("hand.csv:2: expected 201 columns, got 3"), std::string::npos);
   EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
@@ -104,7 +109,8 @@ TEST(Recording, TheRecordedHandHasBonesOfOneLength) {
   EXPECT_NEAR(recording.start(), 20.4612, 1e-9);
   double sum = 0, square = 0;
   for (const JointFrames& frame : recording.frames()) {
-    const double length = (frame[at(Joint::index_intermediate)].position - frame[at(Joint::index_proximal)].position).norm();
+    const double length =
+        (frame[at(Joint::index_intermediate)].position - frame[at(Joint::index_proximal)].position).norm();
     sum += length;
     square += length * length;
   }
@@ -118,7 +124,8 @@ TEST(Recording, TheRecordedHandHasBonesOfOneLength) {
   for (Nanoseconds now = 0; now < 8'600 * kMillisecond; now += kMillisecond) {
     if (!tracker.sample(now, sample)) continue;
     if (count < recording.frames().size()) {
-      EXPECT_EQ(to_vector(sample.joints[1].position), recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
+      EXPECT_EQ(to_vector(sample.joints[1].position),
+                recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
       EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9,
                   recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
     }
@@ -153,7 +160,8 @@ TEST(PostureSolver, EveryGoalHasItsDerivative) {
   const GripHand grip(hand);
   JointAngles bent;
   bent.fill(Vector3(-0.3, 0.1, 0));
-  PostureSolver solver(grip, Pose{Vector3(0.02, 0.05, 0.1), rotation_exp(Vector3(0.4, -0.2, 0.3))}, {grip.limited(bent), JointAngles{}});
+  PostureSolver solver(grip, Pose{Vector3(0.02, 0.05, 0.1), rotation_exp(Vector3(0.4, -0.2, 0.3))},
+                       {grip.limited(bent), JointAngles{}});
   solver.free_wrist();
   for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
   solver.free_finger(Finger::middle, {0, 1});
@@ -171,7 +179,8 @@ TEST(PostureSolver, EveryGoalHasItsDerivative) {
       [](PostureSolver& s) {
         const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
         const Vector3 between = index.position - thumb.position, axis = between.normalized();
-        s.want(3, between.norm() - 0.01, {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+        s.want(3, between.norm() - 0.01,
+               {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
       },
       [](PostureSolver& s) {
         s.want_apart(0, {Finger::index, Finger::middle}, 0.07);
@@ -189,7 +198,8 @@ TEST(PostureSolver, EveryGoalHasItsDerivative) {
       VectorX up = values, down = values;
       up[i] += kStep;
       down[i] -= kStep;
-      const double slope = (solver.evaluate(up, goals[g], unused) - solver.evaluate(down, goals[g], unused)) / (2 * kStep);
+      const double slope =
+          (solver.evaluate(up, goals[g], unused) - solver.evaluate(down, goals[g], unused)) / (2 * kStep);
       EXPECT_NEAR(gradient[i], slope, 1e-5 * (1 + gradient.norm())) << "goal " << g << " value " << i;
     }
   }
@@ -214,7 +224,8 @@ Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, c
   const Vector3 pad_place = pad_in_distal(hand, finger);
   return frames[at(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) - pad_place.y() * towards;
 }
-// Least room between what `distance` measures from and the capsules of all bodies from metacarpals on that are not `left_out`.
+// Least room between what `distance` measures from and the capsules of all bodies from metacarpals on that are not
+// `left_out`.
 template <typename Distance, typename LeftOut>
 double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, LeftOut left_out) {
   double least = 1;
@@ -234,7 +245,8 @@ void expect_in_range(const HandModel& hand, const JointFrames& frames, double ti
     const Body body = static_cast<Body>(b);
     const std::size_t joint = at(joint_of(body)), parent = at(joint_of(parent_of(body)));
     const Quaternion rest = hand.rest_joints[parent].orientation.conjugate() * hand.rest_joints[joint].orientation;
-    const Vector3 angle = rotation_log(rest.conjugate() * frames[parent].orientation.conjugate() * frames[joint].orientation);
+    const Vector3 angle =
+        rotation_log(rest.conjugate() * frames[parent].orientation.conjugate() * frames[joint].orientation);
     const JointModel& model = hand.bodies[b].joint;
     ASSERT_GE(angle.x(), model.flexion_range[0] - 1e-6) << kBodyNames[b] << " at " << time;
     ASSERT_LE(angle.x(), model.flexion_range[1] + 1e-6) << kBodyNames[b] << " at " << time;
@@ -243,9 +255,9 @@ void expect_in_range(const HandModel& hand, const JointFrames& frames, double ti
   }
 }
 
-// All that is asked of a pinch, in the grip's frame: origin at its middle, +Y up, -Z from thumb to index. The pads meet the cube at most
-// `above` its middle (the table keeps fingertips from going lower) and open by the options' opening, or by `least_opening` where the hand
-// is too small.
+// All that is asked of a pinch, in the grip's frame: origin at its middle, +Y up, -Z from thumb to index. The pads meet
+// the cube at most `above` its middle (the table keeps fingertips from going lower) and open by the options' opening,
+// or by `least_opening` where the hand is too small.
 void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above = 6e-3, double least_opening = 20e-3) {
   const auto motion = make_motion(hand, o);
   const double half = 0.5 * o.object_width, open = o.approach_time, shut = o.approach_time + o.close_time;
@@ -256,17 +268,21 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
     return frames;
   };
   const auto gap = [&](const JointFrames& frames) {
-    return Vector3(touch(hand, Finger::thumb, frames, -Vector3::UnitZ()) - touch(hand, Finger::index, frames, Vector3::UnitZ()));
+    return Vector3(touch(hand, Finger::thumb, frames, -Vector3::UnitZ()) -
+                   touch(hand, Finger::index, frames, Vector3::UnitZ()));
   };
   EXPECT_GT(gap(frames_at(open)).z(), o.object_width + 2 * least_opening - 1e-3);
   EXPECT_LT(gap(frames_at(open)).z(), o.object_width + 2 * o.opening + 1e-3);
   const JointFrames grip = frames_at(shut);
   EXPECT_LT((gap(grip) - Vector3(0, 0, o.object_width - 2 * o.closing_depth)).norm(), 1e-3);
-  const Vector3 thumb = touch(hand, Finger::thumb, grip, -Vector3::UnitZ()), index = touch(hand, Finger::index, grip, Vector3::UnitZ());
+  const Vector3 thumb = touch(hand, Finger::thumb, grip, -Vector3::UnitZ()),
+                index = touch(hand, Finger::index, grip, Vector3::UnitZ());
   EXPECT_LT(std::abs(thumb.x()), 1e-3);
   EXPECT_NEAR(0.5 * (thumb.y() + index.y()), 0, above);
   // Pads face their faces within 60 degrees.
-  const auto normal = [&](Finger f) { return Vector3(grip[at(joint_of(distal_of(f)))].orientation * Vector3(0, -1, 0)); };
+  const auto normal = [&](Finger f) {
+    return Vector3(grip[at(joint_of(distal_of(f)))].orientation * Vector3(0, -1, 0));
+  };
   EXPECT_LT(normal(Finger::thumb).z(), -0.5);
   EXPECT_GT(normal(Finger::index).z(), 0.5);
   // What is lifted stays between the pads.
@@ -403,7 +419,8 @@ TEST_P(ShippedGrip, MotionsAreGentleInRangeAndRepeatable) {
       const JointFrames now = motion->at(time), same = again->at(time);
       expect_in_range(hand, now, time);
       for (std::size_t j = 0; j < kJointCount; ++j) {
-        ASSERT_LT((now[j].position - last[j].position).norm(), 0.6 * 0.01) << name << " " << kJointNames[j] << " at " << time;
+        ASSERT_LT((now[j].position - last[j].position).norm(), 0.6 * 0.01)
+            << name << " " << kJointNames[j] << " at " << time;
         ASSERT_EQ(now[j].position, same[j].position);
       }
       last = now;
@@ -442,7 +459,8 @@ TEST(Generator, TurnLiftAndPuttingDownAreAsAsked) {
     }
     return -1.0;
   };
-  const Pose lifted = motion->at(end_of("hold"))[1], turned = motion->at(end_of("turn"))[1], down = motion->at(end_of("lower"))[1];
+  const Pose lifted = motion->at(end_of("hold"))[1], turned = motion->at(end_of("turn"))[1],
+             down = motion->at(end_of("lower"))[1];
   EXPECT_NEAR(rotation_log(turned.orientation * lifted.orientation.conjugate()).norm(), options.turn_angle, 1e-9);
   EXPECT_NEAR(turned.position.y() - down.position.y(), options.lift_height + options.lower_depth, 1e-9);
   EXPECT_EQ(phases.front().begin, 0);
@@ -509,7 +527,9 @@ TEST(ReplayTracker, NoiseHasItsSizeAndDoesNotDependOnTheCaller) {
       const Vector3 error = to_vector(b[i].joints[j].position) - to_vector(a[i].joints[j].position);
       square += error.squaredNorm();
       sum += error.sum();
-      turn += rotation_log(to_quaternion(b[i].joints[j].orientation) * to_quaternion(a[i].joints[j].orientation).conjugate()).squaredNorm();
+      turn += rotation_log(to_quaternion(b[i].joints[j].orientation) *
+                           to_quaternion(a[i].joints[j].orientation).conjugate())
+                  .squaredNorm();
       count += 3;
       ASSERT_EQ(b[i].joints[j].position, c[i].joints[j].position);
     }

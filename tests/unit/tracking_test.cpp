@@ -50,7 +50,8 @@ void run(TrackingLoop& loop, double seconds, double rate, Motion wrist, After af
     const double t = i * 1e-3;
     Skeleton sample;
     TrackingInput input;
-    const auto due = static_cast<std::uint64_t>(std::floor((t - static_cast<double>(latency) * 1e-9) * rate + 1e-9) + 1);
+    const auto due =
+        static_cast<std::uint64_t>(std::floor((t - static_cast<double>(latency) * 1e-9) * rate + 1e-9) + 1);
     if (t * 1e9 >= static_cast<double>(latency) && due > sent) {
       sent = due;
       const double taken = static_cast<double>(due - 1) / rate;
@@ -72,12 +73,16 @@ TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
         for (std::size_t j = 0; j < kJointCount; ++j) {
           const Pose expected = still() * hand().rest_joints[j];
           EXPECT_LT((position(out.intermediate, j) - expected.position).norm(), 1e-12) << kJointNames[j];
-          EXPECT_LT(rotation_log(to_quaternion(out.intermediate.joints[j].orientation) * expected.orientation.conjugate()).norm(), 1e-7);
+          EXPECT_LT(
+              rotation_log(to_quaternion(out.intermediate.joints[j].orientation) * expected.orientation.conjugate())
+                  .norm(),
+              1e-7);
         }
       });
 }
 
-// The ledger of a hand that is shaken and turned, pulled back by a simulated one that comes and goes, and put elsewhere once.
+// The ledger of a hand that is shaken and turned, pulled back by a simulated one that comes and goes, and put elsewhere
+// once.
 TEST(Tracking, TheEnergyLedgerClosesAndTheDampersBurnTheWork) {
   TrackingLoop loop(TrackingOptions{}, kHandRate, hand(), {});
   Skeleton simulated;
@@ -85,11 +90,13 @@ TEST(Tracking, TheEnergyLedgerClosesAndTheDampersBurnTheWork) {
     const double t = 1e-3 * i;
     const Nanoseconds now = kStart + i * kMillisecond;
     const Vector3 place = i < 2000 ? Vector3(0.02 * std::sin(12 * t), 1, 0.03 * t) : Vector3(2, 1, 0);
-    const Skeleton sample = skeleton_at({place, rotation_exp(Vector3(0, 0.8 * std::sin(9 * t), 0.2))}, static_cast<std::uint64_t>(i) + 1, now);
+    const Skeleton sample = skeleton_at({place, rotation_exp(Vector3(0, 0.8 * std::sin(9 * t), 0.2))},
+                                        static_cast<std::uint64_t>(i) + 1, now);
     TrackingInput input;
     if (i % 11 == 0) input.tracked = &sample;
     if (i % 11 == 5 && (i < 800 || i > 1200)) {
-      simulated = skeleton_at({place + Vector3(0.004, 0, 0), Quaternion::Identity()}, static_cast<std::uint64_t>(i) + 1, now);
+      simulated =
+          skeleton_at({place + Vector3(0.004, 0, 0), Quaternion::Identity()}, static_cast<std::uint64_t>(i) + 1, now);
       input.simulated = &simulated;
     }
     loop.step(now, input);
@@ -126,7 +133,9 @@ TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
       loop, 2, 90, wrist,
       [&](double t, const TrackingOutput& out) {
         if (t < 1) return;
-        const double lag = ((wrist(t) * hand().rest_joints[kIndexTip]).position.x() - position(out.intermediate, kIndexTip).x()) / speed;
+        const double lag =
+            ((wrist(t) * hand().rest_joints[kIndexTip]).position.x() - position(out.intermediate, kIndexTip).x()) /
+            speed;
         sum += lag;
         worst = std::max(worst, std::abs(lag));
         ++count;
@@ -179,7 +188,8 @@ TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
     }
     const TrackingOutput& out = loop.step(kStart + i * kMillisecond, input);
     if (i < 200) continue;
-    const Vector3 error = rotation_log(to_quaternion(out.intermediate.joints[kWrist].orientation) * wrist.orientation.conjugate());
+    const Vector3 error =
+        rotation_log(to_quaternion(out.intermediate.joints[kWrist].orientation) * wrist.orientation.conjugate());
     ASSERT_LT(error.norm(), speed * 3e-3) << t;
     ASSERT_NEAR(to_vector(out.intermediate.joints[kWrist].angular_velocity).norm(), speed, 0.1);
   }
@@ -205,7 +215,8 @@ TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
     last = loop.step(now, input);
   }
   const double kf = options.feedback_ratio * 500, k1 = 15 * 500;
-  const double offset = position(last.intermediate, kIndexDistal).y() - (still() * hand().rest_joints[kIndexDistal]).position.y();
+  const double offset =
+      position(last.intermediate, kIndexDistal).y() - (still() * hand().rest_joints[kIndexDistal]).position.y();
   EXPECT_NEAR(offset, d * kf / (kf + k1), 1e-8);
   const BoneSample& bone = last.wrench.bones[8];
   ASSERT_EQ(last.wrench.simulated_valid, 1u);
@@ -263,7 +274,8 @@ TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersLive) {
         ASSERT_TRUE(all_finite(out.intermediate.joints[j].position));
         ASSERT_TRUE(all_finite(out.intermediate.joints[j].linear_velocity));
         // The refused joint rides on its neighbour, so all of them keep up.
-        ASSERT_LT((position(out.intermediate, j) - (wrist * hand().rest_joints[j]).position).norm(), 2e-3) << kJointNames[j];
+        ASSERT_LT((position(out.intermediate, j) - (wrist * hand().rest_joints[j]).position).norm(), 2e-3)
+            << kJointNames[j];
       }
     }
     const TrackedInputCounters& c = loop.input().counters();
@@ -277,7 +289,8 @@ TEST(Tracking, QuaternionsOfAnyReasonableLengthAreNormalised) {
     double length;
     bool good;
   };
-  for (const Case c : {Case{0.5, true}, Case{2, true}, Case{1e-20, false}, Case{0, false}, Case{5e-324, false}, Case{3, false}}) {
+  for (const Case c :
+       {Case{0.5, true}, Case{2, true}, Case{1e-20, false}, Case{0, false}, Case{5e-324, false}, Case{3, false}}) {
     TrackedInput input({});
     Skeleton sample = skeleton_at(still(), 1, kStart);
     for (double& x : sample.joints[kIndexDistal].orientation) x *= c.length;
@@ -383,7 +396,9 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
   options.headset_mount_position = {0, -0.05, -0.08};
   TrackedInput input(options);
   const double speed = 1.5;  // rad/s of the head about the vertical
-  const auto head_at = [&](double t) { return Pose{Vector3(0.2 * t, 1.6, 0), Quaternion(Eigen::AngleAxisd(speed * t, Vector3::UnitY()))}; };
+  const auto head_at = [&](double t) {
+    return Pose{Vector3(0.2 * t, 1.6, 0), Quaternion(Eigen::AngleAxisd(speed * t, Vector3::UnitY()))};
+  };
   const Pose mount{Vector3(0, -0.05, -0.08), Quaternion::Identity()};
   const Pose hand_in_world{Vector3(0.1, 1.3, -0.4), Quaternion::Identity()};
   EXPECT_FALSE([&] {
@@ -477,14 +492,17 @@ TEST(Tracking, ASimulatedSkeletonOfAbsurdSpeedIsRefused) {
       const Skeleton tracked = skeleton_at(still(), static_cast<std::uint64_t>(i) + 1, now);
       Skeleton simulated = tracked;
       simulated.stamp.sample_time = now - 5 * kMillisecond;
-      if (i == 100) (turns ? simulated.joints[kIndexDistal].angular_velocity : simulated.joints[kIndexDistal].linear_velocity)[0] = 1e200;
+      if (i == 100)
+        (turns ? simulated.joints[kIndexDistal].angular_velocity : simulated.joints[kIndexDistal].linear_velocity)[0] =
+            1e200;
       TrackingInput input;
       input.tracked = &tracked;
       input.simulated = &simulated;
       const TrackingOutput& out = loop.step(now, input);
       for (const BoneSample& bone : out.wrench.bones) {
-        ASSERT_TRUE(all_finite(bone.coupling_force) && all_finite(bone.coupling_torque) && all_finite(bone.simulated_position) &&
-                    all_finite(bone.simulated_orientation) && to_vector(bone.simulated_position).norm() < 1e4)
+        ASSERT_TRUE(all_finite(bone.coupling_force) && all_finite(bone.coupling_torque) &&
+                    all_finite(bone.simulated_position) && all_finite(bone.simulated_orientation) &&
+                    to_vector(bone.simulated_position).norm() < 1e4)
             << i;
       }
       const JointSample& joint = out.intermediate.joints[kIndexDistal];
@@ -511,9 +529,10 @@ TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
   } catch (const std::invalid_argument& error) {
     const std::string text = error.what();
     TrackingOptions offered = bad;
-    ASSERT_EQ(std::sscanf(text.c_str() + text.find("e.g."), "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf",
-                          &offered.stiffness_ratio, &offered.feedback_ratio, &offered.mass_fraction),
-              3)
+    ASSERT_EQ(
+        std::sscanf(text.c_str() + text.find("e.g."), "e.g. stiffness_ratio %lf, feedback_ratio %lf, mass_fraction %lf",
+                    &offered.stiffness_ratio, &offered.feedback_ratio, &offered.mass_fraction),
+        3)
         << text;
     EXPECT_LT(chain_growth(offered, kHandRate, hand()), 1) << text;
   }

@@ -64,8 +64,8 @@ TEST(ViewerFrames, NodesComeBackWithinTheQuantum) {
     float worst = 0;
     for (std::size_t i = 0; i < in->nodes.size(); ++i) {
       for (std::size_t k = 0; k < 3; ++k) {
-        const float out =
-            quantised ? step * static_cast<float>(at<std::int16_t>(frame, 48 + 2 * (3 * i + k))) : at<float>(frame, 48 + 4 * (3 * i + k));
+        const float out = quantised ? step * static_cast<float>(at<std::int16_t>(frame, 48 + 2 * (3 * i + k)))
+                                    : at<float>(frame, 48 + 4 * (3 * i + k));
         worst = std::max(worst, std::abs(out - in->nodes[i][k]));
       }
     }

@@ -1,4 +1,5 @@
-// The server that browsers meet, over real sockets: under which names it answers, and what it does where no file can be opened.
+// The server that browsers meet, over real sockets: under which names it answers, and what it does where no file can be
+// opened.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -65,12 +66,15 @@ std::string ask(const WebServer& server, const std::string& host) {
 
 TEST(WebServer, AnswersUnderItsNamesHoweverTheyAreWritten) {
   const WebServer server({.address = "0.0.0.0", .hosts = "Quest-PC.local FD00::1"}, site());
-  for (const char* host : {"Quest-PC.local:80", "quest-pc.local:80", "quest-pc.local", "LOCALHOST", "[fd00::1]:80", "[FD00::1]"})
+  for (const char* host :
+       {"Quest-PC.local:80", "quest-pc.local:80", "quest-pc.local", "LOCALHOST", "[fd00::1]:80", "[FD00::1]"})
     EXPECT_EQ(ask(server, host), "HTTP/1.1 200 OK") << host;
-  for (const char* host : {"quest-pc", "elsewhere.example", "[fd00::2]:80", "fd00::1"}) EXPECT_EQ(ask(server, host), "HTTP/1.1 403 Forbidden") << host;
+  for (const char* host : {"quest-pc", "elsewhere.example", "[fd00::2]:80", "fd00::1"})
+    EXPECT_EQ(ask(server, host), "HTTP/1.1 403 Forbidden") << host;
   const std::string port = ":" + std::to_string(server.port());
   EXPECT_EQ(server.url(), "http://localhost" + port);
-  EXPECT_EQ(server.urls_elsewhere(), (std::vector<std::string>{"http://quest-pc.local" + port, "http://[fd00::1]" + port}));
+  EXPECT_EQ(server.urls_elsewhere(),
+            (std::vector<std::string>{"http://quest-pc.local" + port, "http://[fd00::1]" + port}));
 }
 
 TEST(WebServer, TellsAnIpv6AddressInBrackets) {

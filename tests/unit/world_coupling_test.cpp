@@ -44,15 +44,24 @@ struct Rig {
   bool hand_runs = true, world_runs = true;
 
   Rig(double hand_hz, double world_hz, double stale, double mass, double height)
-      : hand_step(1 / hand_hz), world_step(1 / world_hz), staleness(stale),
-        world([&] { WorldOptions o; o.rate_hz = world_hz; return o; }(), {table(), cube(mass, height)}, 1 / hand_hz),
+      : hand_step(1 / hand_hz),
+        world_step(1 / world_hz),
+        staleness(stale),
+        world(
+            [&] {
+              WorldOptions o;
+              o.rate_hz = world_hz;
+              return o;
+            }(),
+            {table(), cube(mass, height)}, 1 / hand_hz),
         world_next(0.37 * world_step) {
     twin.mass = mass;
     twin.pose.position = {0, height, 0};
   }
 
   /// Runs until `end`; `target(t)` is where the hand wants the object; `watch(t, twin, state)` sees each world step.
-  void run(double end, const std::function<TwinTarget(double)>& target, const std::function<void(double, const ObjectState&)>& at_world_step,
+  void run(double end, const std::function<TwinTarget(double)>& target,
+           const std::function<void(double, const ObjectState&)>& at_world_step,
            const std::function<void(double)>& at_hand_step = {}) {
     while (std::min(hand_next, world_next) < end) {
       if (hand_next <= world_next) {
@@ -91,9 +100,11 @@ struct Rig {
         const double t = world_next;
         world_next += world_step;
         if (!world_runs) continue;
-        while (!to_world.empty() && to_world.front().first <= t) at_world = to_world.front().second, to_world.pop_front();
+        while (!to_world.empty() && to_world.front().first <= t)
+          at_world = to_world.front().second, to_world.pop_front();
         const bool heard = at_world.twins.size() > 0;
-        const WorldOutput& out = world.step(nanoseconds(t), {heard ? std::span<const ObjectCoupling>(&at_world, 1) : std::span<const ObjectCoupling>()});
+        const WorldOutput& out = world.step(nanoseconds(t), {heard ? std::span<const ObjectCoupling>(&at_world, 1)
+                                                                   : std::span<const ObjectCoupling>()});
         to_hand.emplace_back(t + staleness * world_step, out.objects);
         if (at_world_step) at_world_step(t, object(out, id));
       }
@@ -106,7 +117,10 @@ const std::function<void(double, const ObjectState&)> nothing;
 TwinTarget still(const Vector3& at) { return {{at, Quaternion::Identity()}, {}}; }
 
 /// Minimum-jerk from 0 to 1 over [0, 1], with its slope.
-double smooth(double s) { s = std::clamp(s, 0.0, 1.0); return s * s * s * (10 + s * (-15 + 6 * s)); }
+double smooth(double s) {
+  s = std::clamp(s, 0.0, 1.0);
+  return s * s * s * (10 + s * (-15 + 6 * s));
+}
 double slope(double s) { return s <= 0 || s >= 1 ? 0 : 30 * s * s * (1 - s) * (1 - s); }
 
 struct Shaken {
@@ -123,25 +137,28 @@ Shaken shake(double hand_hz, double world_hz, double stale, double mass) {
     const double ease = smooth(t / 0.5), ease_rate = slope(t / 0.5) / 0.5;
     const double s = std::sin(w * t), c = w * std::cos(w * t);
     const double x = ease * s, v = ease * c + ease_rate * s;
-    return TwinTarget{{Vector3(0, 0.3, 0) + amplitude * x * along, rotation_exp(sway * x * about)}, {amplitude * v * along, sway * v * about}};
+    return TwinTarget{{Vector3(0, 0.3, 0) + amplitude * x * along, rotation_exp(sway * x * about)},
+                      {amplitude * v * along, sway * v * about}};
   };
   std::vector<std::pair<double, Vector3>> places;
   std::vector<double> forces;
   Shaken result;
   double middle = 0, late = 0;
   const double end = 3;
-  rig.run(end, target,
-          [&](double t, const ObjectState& state) {
-            const Vector3 gap = position(state) - rig.twin.pose.position;
-            const double turn = rotation_log(to_quaternion(state.orientation) * rig.twin.pose.orientation.conjugate()).norm();
-            if (!gap.allFinite()) result.finite = false;
-            if (t > 1 && t < 2) middle = std::max(middle, gap.norm());
-            if (t > 2) late = std::max(late, gap.norm()), result.turn = std::max(result.turn, turn);
-          },
-          [&](double t) {
-            places.emplace_back(t, rig.twin.pose.position);
-            forces.push_back((rig.twin.hand.force + mass * rig.twin.gravity).dot(along));
-          });
+  rig.run(
+      end, target,
+      [&](double t, const ObjectState& state) {
+        const Vector3 gap = position(state) - rig.twin.pose.position;
+        const double turn =
+            rotation_log(to_quaternion(state.orientation) * rig.twin.pose.orientation.conjugate()).norm();
+        if (!gap.allFinite()) result.finite = false;
+        if (t > 1 && t < 2) middle = std::max(middle, gap.norm());
+        if (t > 2) late = std::max(late, gap.norm()), result.turn = std::max(result.turn, turn);
+      },
+      [&](double t) {
+        places.emplace_back(t, rig.twin.pose.position);
+        forces.push_back((rig.twin.hand.force + mass * rig.twin.gravity).dot(along));
+      });
   // Fundamental at 3 Hz of force and of acceleration by central differences, over whole periods: the last two seconds.
   std::complex<double> force = 0, acceleration = 0;
   const double h = rig.hand_step;
@@ -161,7 +178,9 @@ Shaken shake(double hand_hz, double world_hz, double stale, double mass) {
 }
 
 TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
-  std::printf("| hand Hz | world Hz | stale | worst in-phase F/(m a) | worst |F|/(m |a|) | trail mm | turn deg | growth a second |\n|---|---|---|---|---|---|---|---|\n");
+  std::printf(
+      "| hand Hz | world Hz | stale | worst in-phase F/(m a) | worst |F|/(m |a|) | trail mm | turn deg | growth a "
+      "second |\n|---|---|---|---|---|---|---|---|\n");
   int count = 0;
   for (double hand_hz : {60.0, 90.0, 240.0, 1000.0}) {
     for (double world_hz : {60.0, 100.0, 250.0}) {
@@ -169,7 +188,10 @@ TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
         double in_phase = 1, magnitude = 1, trail = 0, turn = 0, growth = 0;
         for (double mass : {0.001, 0.05, 1.0, 10.0}) {
           const Shaken s = shake(hand_hz, world_hz, stale, mass);
-          const auto context = [&] { return std::to_string(hand_hz) + "/" + std::to_string(world_hz) + " stale " + std::to_string(stale) + " m " + std::to_string(mass); };
+          const auto context = [&] {
+            return std::to_string(hand_hz) + "/" + std::to_string(world_hz) + " stale " + std::to_string(stale) +
+                   " m " + std::to_string(mass);
+          };
           ++count;
           ASSERT_TRUE(s.finite) << context();
           EXPECT_NEAR(s.magnitude, 1, 0.02) << context();
@@ -181,7 +203,8 @@ TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
           if (std::abs(s.magnitude - 1) > std::abs(magnitude - 1)) magnitude = s.magnitude;
           trail = std::max(trail, s.trail), turn = std::max(turn, s.turn), growth = std::max(growth, s.growth);
         }
-        std::printf("| %.0f | %.0f | %.0f | %.4f | %.4f | %.1f | %.1f | %.3f |\n", hand_hz, world_hz, stale, in_phase, magnitude, 1e3 * trail, turn * 180 / M_PI, growth);
+        std::printf("| %.0f | %.0f | %.0f | %.4f | %.4f | %.1f | %.1f | %.3f |\n", hand_hz, world_hz, stale, in_phase,
+                    magnitude, 1e3 * trail, turn * 180 / M_PI, growth);
       }
     }
   }
@@ -189,7 +212,9 @@ TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
 }
 
 TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
-  std::printf("| hand Hz | world Hz | stale | twin-table mm | copy-table mm | twin-copy mm | ripple um |\n|---|---|---|---|---|---|---|\n");
+  std::printf(
+      "| hand Hz | world Hz | stale | twin-table mm | copy-table mm | twin-copy mm | ripple um "
+      "|\n|---|---|---|---|---|---|---|\n");
   for (double hand_hz : {60.0, 90.0, 240.0, 1000.0}) {
     for (double world_hz : {60.0, 100.0, 250.0}) {
       for (double stale : {0.0, 1.0, 2.0}) {
@@ -204,8 +229,9 @@ TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
             const double s = smooth(t / 0.5);
             const double into = smooth((t - 0.6) / 0.4);
             const Vector3 weight(0, mass * 9.81 / k, 0);
-            return TwinTarget{{Vector3(0, 0.03 - 0.01 * s, 0) + weight + into * push, Quaternion::Identity()},
-                              {Vector3(0, -0.01 * slope(t / 0.5) / 0.5, 0) + push * slope((t - 0.6) / 0.4) / 0.4, Vector3::Zero()}};
+            return TwinTarget{
+                {Vector3(0, 0.03 - 0.01 * s, 0) + weight + into * push, Quaternion::Identity()},
+                {Vector3(0, -0.01 * slope(t / 0.5) / 0.5, 0) + push * slope((t - 0.6) / 0.4) / 0.4, Vector3::Zero()}};
           };
           double low = 1, high = -1;
           rig.run(2.5, target, [&](double t, const ObjectState& state) {
@@ -220,7 +246,8 @@ TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
           EXPECT_LE(high - low, 2e-5) << hand_hz << "/" << world_hz << " stale " << stale << " m " << mass;
           EXPECT_NEAR(rig.twin.hand.force.y(), mass * 9.81 - 5, 0.1);
         }
-        std::printf("| %.0f | %.0f | %.0f | %.3f | %.3f | %.3f | %.2f |\n", hand_hz, world_hz, stale, 1e3 * twin_depth, 1e3 * copy_depth, 1e3 * apart, 1e6 * ripple);
+        std::printf("| %.0f | %.0f | %.0f | %.3f | %.3f | %.3f | %.2f |\n", hand_hz, world_hz, stale, 1e3 * twin_depth,
+                    1e3 * copy_depth, 1e3 * apart, 1e6 * ripple);
       }
     }
   }
@@ -234,14 +261,21 @@ TEST(WorldCoupling, PressedOnAnEdgeNothingGrows) {
         const double k = rig.twin.grip_stiffness();
         const double tilt = 10 * M_PI / 180, edge = 0.02 * (std::cos(tilt) + std::sin(tilt));
         double low = 1, high = -1, turned = 0;
-        rig.run(3, [&](double t) {
-          const double s = smooth(t / 0.5), into = smooth((t - 0.6) / 0.4);
-          return TwinTarget{{Vector3(0, 0.04 + (edge - 0.04) * s + (mass * 9.81 - 3 * into) / k, 0), rotation_exp({0, 0, s * tilt})}, {}};
-        }, [&](double t, const ObjectState& state) {
-          if (t < 2) return;
-          low = std::min(low, state.position[1]), high = std::max(high, state.position[1]);
-          turned = std::max(turned, rotation_log(to_quaternion(state.orientation) * rig.twin.pose.orientation.conjugate()).norm());
-        });
+        rig.run(
+            3,
+            [&](double t) {
+              const double s = smooth(t / 0.5), into = smooth((t - 0.6) / 0.4);
+              return TwinTarget{{Vector3(0, 0.04 + (edge - 0.04) * s + (mass * 9.81 - 3 * into) / k, 0),
+                                 rotation_exp({0, 0, s * tilt})},
+                                {}};
+            },
+            [&](double t, const ObjectState& state) {
+              if (t < 2) return;
+              low = std::min(low, state.position[1]), high = std::max(high, state.position[1]);
+              turned = std::max(
+                  turned,
+                  rotation_log(to_quaternion(state.orientation) * rig.twin.pose.orientation.conjugate()).norm());
+            });
         EXPECT_LT(high - low, 1e-4) << hand_hz << "/" << world_hz << " m " << mass;
         EXPECT_LT(turned, 0.06) << hand_hz << "/" << world_hz << " m " << mass;
         EXPECT_GT(low, 0.018) << hand_hz << "/" << world_hz << " m " << mass;
@@ -256,15 +290,20 @@ TEST(WorldCoupling, DraggedOverTheTableTheCopyComesAlong) {
       Rig rig(hand_hz, 250, 1, mass, 0.021);
       const double k = rig.twin.grip_stiffness();
       double apart = 0, high = 0, end = 0;
-      rig.run(3, [&](double t) {
-        const double s = smooth((t - 1) / 1.5), v = slope((t - 1) / 1.5) / 1.5, into = smooth(t / 0.5);
-        return TwinTarget{{Vector3(0.1 * s, 0.021 - 0.001 * into + (mass * 9.81 - 3 * into) / k, 0), Quaternion::Identity()}, {{0.1 * v, 0, 0}, Vector3::Zero()}};
-      }, [&](double t, const ObjectState& state) {
-        if (t < 0.8) return;
-        apart = std::max(apart, std::abs(state.position[0] - rig.twin.pose.position.x()));
-        high = std::max(high, std::abs(state.position[1] - 0.02));
-        end = std::abs(state.position[0] - rig.twin.pose.position.x());
-      });
+      rig.run(
+          3,
+          [&](double t) {
+            const double s = smooth((t - 1) / 1.5), v = slope((t - 1) / 1.5) / 1.5, into = smooth(t / 0.5);
+            return TwinTarget{
+                {Vector3(0.1 * s, 0.021 - 0.001 * into + (mass * 9.81 - 3 * into) / k, 0), Quaternion::Identity()},
+                {{0.1 * v, 0, 0}, Vector3::Zero()}};
+          },
+          [&](double t, const ObjectState& state) {
+            if (t < 0.8) return;
+            apart = std::max(apart, std::abs(state.position[0] - rig.twin.pose.position.x()));
+            high = std::max(high, std::abs(state.position[1] - 0.02));
+            end = std::abs(state.position[0] - rig.twin.pose.position.x());
+          });
       EXPECT_GT(rig.twin.pose.position.x(), 0.05);
       EXPECT_LT(apart, 5e-3) << hand_hz << " m " << mass;
       EXPECT_LT(high, 2e-3) << hand_hz << " m " << mass;
@@ -281,14 +320,19 @@ TEST(WorldCoupling, TurnedBySixtyDegreesAndCarried) {
       const Vector3 axis = Vector3(1, 2, 0.5).normalized();
       const double angle = M_PI / 3;
       double error = 0, apart = 0;
-      rig.run(2, [&](double t) {
-        const double s = smooth(t / 0.8), v = slope(t / 0.8) / 0.8;
-        return TwinTarget{{Vector3(0, 0.2 + 0.15 * s + mass * 9.81 / k, 0), rotation_exp(angle * s * axis)}, {{0, 0.15 * v, 0}, angle * v * axis}};
-      }, [&](double t, const ObjectState& state) {
-        if (t < 1.5) return;
-        error = std::max(error, rotation_log(to_quaternion(state.orientation) * rotation_exp(-angle * axis)).norm());
-        apart = std::max(apart, (position(state) - Vector3(0, 0.35, 0)).norm());
-      });
+      rig.run(
+          2,
+          [&](double t) {
+            const double s = smooth(t / 0.8), v = slope(t / 0.8) / 0.8;
+            return TwinTarget{{Vector3(0, 0.2 + 0.15 * s + mass * 9.81 / k, 0), rotation_exp(angle * s * axis)},
+                              {{0, 0.15 * v, 0}, angle * v * axis}};
+          },
+          [&](double t, const ObjectState& state) {
+            if (t < 1.5) return;
+            error =
+                std::max(error, rotation_log(to_quaternion(state.orientation) * rotation_exp(-angle * axis)).norm());
+            apart = std::max(apart, (position(state) - Vector3(0, 0.35, 0)).norm());
+          });
       EXPECT_LT(error, 1e-3) << hand_hz << " " << mass;
       EXPECT_LT(apart, 2e-4) << hand_hz << " " << mass;
     }
@@ -300,19 +344,28 @@ TEST(WorldCoupling, PutDownAndReleasedItRests) {
     for (double mass : {0.001, 0.05, 1.0}) {
       Rig rig(hand_hz, 250, 1, mass, 0.05);
       const double k = rig.twin.grip_stiffness();
-      rig.run(1.5, [&](double t) {
-        const double s = smooth(t / 1.0), v = slope(t / 1.0);
-        return TwinTarget{{Vector3(0, 0.05 - 0.03 * s + mass * 9.81 / k, 0), Quaternion::Identity()}, {{0, -0.03 * v, 0}, Vector3::Zero()}};
-      }, nothing);
+      rig.run(
+          1.5,
+          [&](double t) {
+            const double s = smooth(t / 1.0), v = slope(t / 1.0);
+            return TwinTarget{{Vector3(0, 0.05 - 0.03 * s + mass * 9.81 / k, 0), Quaternion::Identity()},
+                              {{0, -0.03 * v, 0}, Vector3::Zero()}};
+          },
+          nothing);
       rig.owned = false;
       double off = 0, speed = 0;
       bool let_go = false;
-      rig.run(3, [&](double) { return still({0, 0.02, 0}); }, [&](double t, const ObjectState& state) {
-        if (t < 2) return;
-        let_go = state.owned == 0;
-        off = std::max(off, (position(state) - Vector3(0, 0.02, 0)).norm());
-        speed = std::max(speed, to_vector(state.linear_velocity).norm());
-      });
+      rig.run(
+          3,
+          [&](double) {
+            return still({0, 0.02, 0});
+          },
+          [&](double t, const ObjectState& state) {
+            if (t < 2) return;
+            let_go = state.owned == 0;
+            off = std::max(off, (position(state) - Vector3(0, 0.02, 0)).norm());
+            speed = std::max(speed, to_vector(state.linear_velocity).norm());
+          });
       EXPECT_TRUE(let_go);
       EXPECT_LT(off, 1e-4) << hand_hz << " " << mass;
       EXPECT_LT(speed, 1e-3) << hand_hz << " " << mass;
@@ -323,7 +376,9 @@ TEST(WorldCoupling, PutDownAndReleasedItRests) {
 TEST(WorldCoupling, AStalledHandHoldsStillAndThenLetsGo) {
   Rig rig(90, 250, 0, 0.05, 0.3);
   const double lift = 0.05 * 9.81 / rig.twin.grip_stiffness();
-  const auto target = [&](double t) { return TwinTarget{{Vector3(0.5 * t, 0.3 + lift, 0), Quaternion::Identity()}, {{0.5, 0, 0}, Vector3::Zero()}}; };
+  const auto target = [&](double t) {
+    return TwinTarget{{Vector3(0.5 * t, 0.3 + lift, 0), Quaternion::Identity()}, {{0.5, 0, 0}, Vector3::Zero()}};
+  };
   rig.run(0.5, target, nothing);
   rig.hand_runs = false;
   double at_100 = 0, at_450 = 0, low = 1, fast = 0;
@@ -345,7 +400,9 @@ TEST(WorldCoupling, AStalledHandHoldsStillAndThenLetsGo) {
 
 TEST(WorldCoupling, AStalledWorldRecovers) {
   Rig rig(90, 250, 1, 0.05, 0.3);
-  const auto target = [&](double t) { return still({0.25 * smooth(t / 3), 0.3 + 0.05 * 9.81 / rig.twin.grip_stiffness(), 0}); };
+  const auto target = [&](double t) {
+    return still({0.25 * smooth(t / 3), 0.3 + 0.05 * 9.81 / rig.twin.grip_stiffness(), 0});
+  };
   rig.run(0.5, target, nothing);
   rig.world_runs = false;
   rig.run(2.5, target, nothing);
@@ -362,11 +419,19 @@ TEST(WorldCoupling, AStalledWorldRecovers) {
 TEST(WorldCoupling, ATeleportedTwinIsFollowedBelowFiveMetresASecond) {
   Rig rig(90, 250, 1, 0.05, 0.3);
   double fast = 0;
-  rig.run(0.5, [&](double) { return still({0, 0.31, 0}); }, nothing);
+  rig.run(
+      0.5,
+      [&](double) {
+        return still({0, 0.31, 0});
+      },
+      nothing);
   rig.twin.pose.position.x() += 10;
-  rig.run(3, [&](double) { return still({10, 0.31, 0}); }, [&](double, const ObjectState& state) {
-    fast = std::max(fast, to_vector(state.linear_velocity).norm());
-  });
+  rig.run(
+      3,
+      [&](double) {
+        return still({10, 0.31, 0});
+      },
+      [&](double, const ObjectState& state) { fast = std::max(fast, to_vector(state.linear_velocity).norm()); });
   EXPECT_GT(fast, 0.5);
   EXPECT_LT(fast, 5);
 }

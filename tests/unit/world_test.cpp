@@ -21,7 +21,7 @@ using test::object;
 using test::position;
 using test::table;
 
-// --- laws -----------------------------------------------------------------------------------------------------------------------------------------------
+// --- laws ----------------------------------------------------------------------------------------
 
 TEST(WorldFollow, ClosedFormIsTheImplicitStep) {
   // A free body under the wrench and gravity ends where the spring and damper, taken at the END of the step, hold it.
@@ -48,7 +48,8 @@ TEST(WorldFollow, ClosedFormIsTheImplicitStep) {
     EXPECT_LT((w.force - a.wrench.force - end).norm(), 1e-9 * (1 + end.norm()));
     const Vector3 spin = b.velocity.angular + step * (b.inertia.inverse() * w.torque);
     const Vector3 turn = rotation_log(a.pose.orientation * b.pose.orientation.conjugate());
-    const Vector3 end_turn = kappa / (step * step) * (b.inertia * (turn - step * spin)) + 2 * std::sqrt(kappa) / step * (b.inertia * (a.velocity.angular - spin));
+    const Vector3 end_turn = kappa / (step * step) * (b.inertia * (turn - step * spin)) +
+                             2 * std::sqrt(kappa) / step * (b.inertia * (a.velocity.angular - spin));
     EXPECT_LT((w.torque - a.wrench.torque - end_turn).norm(), 1e-9 * (1e-3 + end_turn.norm()));
   }
 }
@@ -68,7 +69,8 @@ TEST(WorldSolid, HullOfABoxWeighsLikeTheBox) {
   box.half_extents = {0.01, 0.02, 0.03};
   const Vector3 shift(0.1, -0.2, 0.05);
   for (int i = 0; i < 8; ++i)
-    hull.vertices.push_back({{shift.x() + (i & 1 ? 0.01 : -0.01), shift.y() + (i & 2 ? 0.02 : -0.02), shift.z() + (i & 4 ? 0.03 : -0.03)}});
+    hull.vertices.push_back(
+        {{shift.x() + (i & 1 ? 0.01 : -0.01), shift.y() + (i & 2 ? 0.02 : -0.02), shift.z() + (i & 4 ? 0.03 : -0.03)}});
   const Solid a = make_solid(hull), b = make_solid(box);
   EXPECT_LT((a.body_frame.position - shift).norm(), 1e-5);  // the hull's integer grid
   Vector3 sorted = b.inertia;
@@ -99,7 +101,7 @@ TEST(WorldSolid, PlaneOfABoxOverATableIsTheTablesFace) {
   }
 }
 
-// --- Bullet stands where it should ----------------------------------------------------------------------------------------------------------------------
+// --- Bullet stands where it should ---------------------------------------------------------------
 
 TEST(WorldBullet, EveryShapeRestsOnTheTableAtItsTrueHeight) {
   for (const char* shape : {"sphere", "box", "cylinder", "capsule", "convex_hull"}) {
@@ -109,10 +111,12 @@ TEST(WorldBullet, EveryShapeRestsOnTheTableAtItsTrueHeight) {
       o.radius = o.half_length = size;
       o.half_extents = {size, size, size};
       if (std::strcmp(shape, "convex_hull") == 0)
-        for (int i = 0; i < 8; ++i) o.vertices.push_back({{i & 1 ? size : -size, i & 2 ? size : -size, i & 4 ? size : -size}});
+        for (int i = 0; i < 8; ++i)
+          o.vertices.push_back({{i & 1 ? size : -size, i & 2 ? size : -size, i & 4 ? size : -size}});
       const double height = std::strcmp(shape, "capsule") == 0 ? 2 * size : size;
       o.position = {0.1, height + 0.002, 0.05};
-      if (std::strcmp(shape, "sphere") == 0 || std::strcmp(shape, "capsule") == 0) o.friction = 1;  // a capsule on its tip is not stable: see below
+      if (std::strcmp(shape, "sphere") == 0 || std::strcmp(shape, "capsule") == 0)
+        o.friction = 1;  // a capsule on its tip is not stable: see below
       WorldLoop world({}, {table(), o});
       Vector3 at = Vector3::Zero();
       const bool tips = std::strcmp(shape, "capsule") == 0;
@@ -147,7 +151,9 @@ TEST(WorldBullet, AStackWithTheHeavierOnTopStands) {
     const WorldOutput* out = nullptr;
     for (int i = 1; i <= 250 * 10; ++i) out = &world.step(i * 4000000LL, {});
     for (int i = 0; i < 5; ++i)
-      EXPECT_LT((position(object(*out, static_cast<std::uint32_t>(2 + i))) - Vector3(0, 0.02 + 0.04 * i, 0)).norm(), 1e-3) << "cube " << i << ", ratio " << ratio;
+      EXPECT_LT((position(object(*out, static_cast<std::uint32_t>(2 + i))) - Vector3(0, 0.02 + 0.04 * i, 0)).norm(),
+                1e-3)
+          << "cube " << i << ", ratio " << ratio;
   }
 }
 
@@ -179,7 +185,8 @@ TEST(WorldBullet, SameBitsOnEveryRun) {
     WorldLoop world({}, objects);
     std::vector<double> trace;
     for (int i = 1; i <= 500; ++i)
-      for (const ObjectState& s : world.step(i * 4000000LL, {}).objects.objects) trace.insert(trace.end(), s.position.begin(), s.position.end());
+      for (const ObjectState& s : world.step(i * 4000000LL, {}).objects.objects)
+        trace.insert(trace.end(), s.position.begin(), s.position.end());
     return trace;
   };
   const auto first = run(), second = run();
@@ -187,7 +194,7 @@ TEST(WorldBullet, SameBitsOnEveryRun) {
   EXPECT_EQ(std::memcmp(first.data(), second.data(), first.size() * sizeof(double)), 0);
 }
 
-// --- what is refused -----------------------------------------------------------------------------------------------------------------------------------
+// --- what is refused -----------------------------------------------------------------------------
 
 TEST(WorldOptions, RefusesWhatCannotBeRunAndOffersWhatCan) {
   EXPECT_TRUE(check_world({}, {table(), cube(0.05, 0.02)}).empty());
@@ -214,15 +221,18 @@ TEST(WorldOptions, AHullOfVerticesInOnePlaneIsRefusedHoweverThePlaneLies) {
   std::mt19937_64 generator(1);
   std::uniform_real_distribution<double> uniform(-0.05, 0.05);
   for (int plane = 0; plane < 200; ++plane) {
-    const Quaternion turn = rotation_exp(Vector3(60 * uniform(generator), 60 * uniform(generator), 60 * uniform(generator)));
+    const Quaternion turn =
+        rotation_exp(Vector3(60 * uniform(generator), 60 * uniform(generator), 60 * uniform(generator)));
     const Vector3 shift(uniform(generator), uniform(generator), uniform(generator));
     ObjectOptions flat = cube(0.05, 0.1);
     flat.shape = "convex_hull";
-    for (int i = 0; i < 4 + plane % 9; ++i) flat.vertices.push_back({to_wire(Vector3(shift + turn * Vector3(uniform(generator), 0, uniform(generator))))});
+    for (int i = 0; i < 4 + plane % 9; ++i)
+      flat.vertices.push_back({to_wire(Vector3(shift + turn * Vector3(uniform(generator), 0, uniform(generator))))});
     const auto wrong = check_world({}, {table(), flat});
     ASSERT_FALSE(wrong.empty()) << plane;
     EXPECT_NE(wrong[0].find("span no volume"), std::string::npos) << wrong[0];
-    for (VertexOptions& vertex : std::vector(flat.vertices)) flat.vertices.push_back({to_wire(Vector3(to_vector(vertex.at) + turn * Vector3(0, 5e-4, 0)))});
+    for (VertexOptions& vertex : std::vector(flat.vertices))
+      flat.vertices.push_back({to_wire(Vector3(to_vector(vertex.at) + turn * Vector3(0, 5e-4, 0)))});
     EXPECT_TRUE(check_world({}, {table(), flat}).empty()) << plane << ": a plate of half a millimetre";
   }
 }
@@ -231,7 +241,8 @@ TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
   // Undamped, states two periods old: unstable at every stiffness, 1.035 at kappa = 0.1.
   const double step = 1.0 / 60;
   EXPECT_NEAR(symmetric_growth(0.1 / (step * step), 0, step, step), 1.035, 5e-4);
-  for (double kappa : {0.01, 0.1, 1.0}) EXPECT_GT(symmetric_growth(kappa / (step * step), 0, step, step), 1.001) << kappa;
+  for (double kappa : {0.01, 0.1, 1.0})
+    EXPECT_GT(symmetric_growth(kappa / (step * step), 0, step, step), 1.001) << kappa;
   // Refusals offer values that pass themselves.
   WorldOptions w;
   w.mode = "symmetric";
@@ -242,7 +253,8 @@ TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
   const auto at = wrong[0].find("nearest value that works: ");
   if (at != std::string::npos) {
     w.stiffness = std::stod(wrong[0].substr(at + 26));
-    for (const auto& text : check_world(w, {cube(0.05, 0.02)})) EXPECT_EQ(text.find("world.stiffness"), std::string::npos) << text;
+    for (const auto& text : check_world(w, {cube(0.05, 0.02)}))
+      EXPECT_EQ(text.find("world.stiffness"), std::string::npos) << text;
   } else {
     EXPECT_NE(wrong[0].find("use mode owner"), std::string::npos) << wrong[0];
   }
@@ -291,7 +303,8 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   EXPECT_EQ(get_text(elsewhere.text), "not for this module");
   const MessageReply unknown = send("glove.gain", "1", "*");
   EXPECT_EQ(unknown.result, kReplyIgnored);
-  EXPECT_NE(get_text(unknown.text).find("object.reset"), std::string_view::npos) << "the answer names the keys that are known";
+  EXPECT_NE(get_text(unknown.text).find("object.reset"), std::string_view::npos)
+      << "the answer names the keys that are known";
   EXPECT_EQ(send("object.reset", "ball").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 1 nan 0").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 0.1 0.2 0.3").result, kReplyApplied);
@@ -325,7 +338,8 @@ TEST(WorldMessages, ATeleportGoesToAPlaceAsTheSceneTellsIt) {
   Message message;
   set_text(message.module, "world");
   set_text(message.key, "object.teleport");
-  for (const auto& [place, moved] : {std::pair{"cube 0 0.2 0", Vector3(0, 0, 0)}, std::pair{"cube 1 0.2 0", Vector3(1, 0, 0)}}) {
+  for (const auto& [place, moved] :
+       {std::pair{"cube 0 0.2 0", Vector3(0, 0, 0)}, std::pair{"cube 1 0.2 0", Vector3(1, 0, 0)}}) {
     set_text(message.value, place);
     ASSERT_EQ(world.answer(message).result, kReplyApplied);
     EXPECT_LT((position(object(world.step(8000000, {}), 1)) - before - moved).norm(), 1e-6) << place;

@@ -1,5 +1,5 @@
-// The hand's side of the coupling, as small as it can be: one rigid box, held by a spring to a moving target, stopped by the planes that the world publishes.
-// Independent of services/hand, so that the world's scheme is judged alone.
+// The hand's side of the coupling, as small as it can be: one rigid box, held by a spring to a moving target, stopped
+// by the planes that the world publishes. Independent of services/hand, so that the world's scheme is judged alone.
 #pragma once
 
 #include <Eigen/LU>
@@ -59,8 +59,9 @@ class Twin {
         const Vector3 n = to_vector(plane.normal), v_plane = to_vector(plane.velocity);
         const Vector3 origin = to_vector(plane.point) + plane_age * v_plane;
         for (int corner = 0; corner < 8; ++corner) {
-          const Vector3 r = axes * Vector3((corner & 1 ? 1 : -1) * half_extents.x(), (corner & 2 ? 1 : -1) * half_extents.y(),
-                                           (corner & 4 ? 1 : -1) * half_extents.z());
+          const Vector3 r =
+              axes * Vector3((corner & 1 ? 1 : -1) * half_extents.x(), (corner & 2 ? 1 : -1) * half_extents.y(),
+                             (corner & 4 ? 1 : -1) * half_extents.z());
           Eigen::Matrix<double, 3, 6> j;  // velocity of the corner
           j << Matrix3::Identity(), -skew(r);
           const double gap = n.dot(pose.position + r - origin);

@@ -26,16 +26,20 @@ std::vector<Measurement> balance(const Energy& term, const State& state, double 
     torque += at.cross(f);
     largest = std::max(largest, f.norm());
   };
-  for (int n = 0; n < layout.node_count; ++n) add(state.node_positions.col(n), gradient.segment<3>(3 * layout.node_block(n)));
+  for (int n = 0; n < layout.node_count; ++n)
+    add(state.node_positions.col(n), gradient.segment<3>(3 * layout.node_block(n)));
   for (int b = 0; b < layout.body_count; ++b) {
-    add(state.body_poses[static_cast<std::size_t>(b)].position, gradient.segment<3>(3 * layout.body_translation_block(b)));
+    add(state.body_poses[static_cast<std::size_t>(b)].position,
+        gradient.segment<3>(3 * layout.body_translation_block(b)));
     torque += gradient.segment<3>(3 * layout.body_rotation_block(b));
   }
   // 0/0, not a number, where nothing pulls: a balance of nothing is no answer.
-  return {{"sum of forces / largest", force.norm() / largest, 0, 1e-9, "1", {}}, {"sum of torques / (largest force, its arm)", torque.norm() / (largest * arm), 0, 1e-9, "1", {}}};
+  return {{"sum of forces / largest", force.norm() / largest, 0, 1e-9, "1", {}},
+          {"sum of torques / (largest force, its arm)", torque.norm() / (largest * arm), 0, 1e-9, "1", {}}};
 }
 
-/// A block of tissue with the skeleton in it, nodes and bones moved at random by up to `displacement` metres and ten times as many radians.
+/// A block of tissue with the skeleton in it, nodes and bones moved at random by up to `displacement` metres and ten
+/// times as many radians.
 struct ShakenHand {
   explicit ShakenHand(const Parameters& p) : hand(testing::block_hand()), state(testing::rest_state(hand)) {
     for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(hand.body_rest_pose(static_cast<Body>(b)));
@@ -114,7 +118,10 @@ std::vector<Case> balance_cases() {
       {"tissue_balance", "forces and torques sum to zero, inverted elements included", shaken, tissue_balance},
       {"joint_balance", "forces and torques sum to zero", shaken, joint_balance},
       {"attachment_balance", "forces and torques sum to zero", shaken, attachment_balance},
-      {"contact_balance", "forces and torques on skin and object sum to zero", {{{"friction", 0.7}, {"seed", 1}}, {{"friction", 0.1}, {"seed", 2}}}, contact_balance},
+      {"contact_balance",
+       "forces and torques on skin and object sum to zero",
+       {{{"friction", 0.7}, {"seed", 1}}, {{"friction", 0.1}, {"seed", 2}}},
+       contact_balance},
   };
 }
 

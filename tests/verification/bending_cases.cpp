@@ -11,8 +11,9 @@
 namespace softhand::verification {
 namespace {
 
-/// The inextensible elastica, clamped level at s = 0, free at s = 1 (lengths in units of L): theta'' = -m(s) cos theta, theta(0) = 0, theta'(1) = 0,
-/// m = a for a tip load a = P L^2/(E I), m = b (1 - s) for a weight b = q L^3/(E I). Fourth-order Runge-Kutta and bisection on theta'(0).
+/// The inextensible elastica, clamped level at s = 0, free at s = 1 (lengths in units of L): theta'' = -m(s) cos theta,
+/// theta(0) = 0, theta'(1) = 0, m = a for a tip load a = P L^2/(E I), m = b (1 - s) for a weight b = q L^3/(E I).
+/// Fourth-order Runge-Kutta and bisection on theta'(0).
 class Elastica {
  public:
   Elastica(double tip_load, double weight) : tip_load_(tip_load), weight_(weight) {
@@ -39,7 +40,8 @@ class Elastica {
     curve_[0].setZero();
     for (int i = 0; i < kSteps; ++i) {
       const double s = i * h;
-      const Vector4 k1 = rate(s, u), k2 = rate(s + h / 2, u + h / 2 * k1), k3 = rate(s + h / 2, u + h / 2 * k2), k4 = rate(s + h, u + h * k3);
+      const Vector4 k1 = rate(s, u), k2 = rate(s + h / 2, u + h / 2 * k1), k3 = rate(s + h / 2, u + h / 2 * k2),
+                    k4 = rate(s + h, u + h * k3);
       u += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
       curve_[static_cast<std::size_t>(i) + 1] = u.head<3>();
     }
@@ -58,14 +60,17 @@ std::vector<int> nodes_at(const HandModel& box, int axis, double coordinate) {
   return found;
 }
 
-/// A strip of tissue clamped at x = 0, nu = 0: `cells` bricks through its thickness, one across. Tip deflection over length.
+/// A strip of tissue clamped at x = 0, nu = 0: `cells` bricks through its thickness, one across. Tip deflection over
+/// length.
 double strip_deflection(const Parameters& p, int cells) {
   const double length = 0.1, height = length / p["slenderness"], youngs_modulus = p["youngs_modulus"];
   const int along = static_cast<int>(std::lround(p["slenderness"] * cells / p["brick_length"]));
   const double width = height / cells;
-  const HandModel box = testing::box_mesh({along, cells, 1}, Vector3(length, height, width), {"strip", 1000, youngs_modulus, 0, 1e12, 0});
+  const HandModel box =
+      testing::box_mesh({along, cells, 1}, Vector3(length, height, width), {"strip", 1000, youngs_modulus, 0, 1e12, 0});
   const double second_moment = width * height * height * height / 12, rigidity = youngs_modulus * second_moment;
-  const double tip_load = p["tip_load"] * rigidity / (length * length), weight = p["weight"] * rigidity / (length * length);
+  const double tip_load = p["tip_load"] * rigidity / (length * length),
+               weight = p["weight"] * rigidity / (length * length);
 
   State state = testing::rest_state(box);
   const std::vector<double> masses = lumped_masses(box);
@@ -82,7 +87,8 @@ double strip_deflection(const Parameters& p, int cells) {
   // So thin a strip would buckle sideways; with nu = 0 holding it in its plane changes nothing else.
   std::vector<int> everywhere(static_cast<std::size_t>(box.node_count()));
   std::iota(everywhere.begin(), everywhere.end(), 0);
-  Supports plane(everywhere, youngs_modulus * width * Vector3::UnitZ() * Vector3::UnitZ().transpose(), state.node_positions);
+  Supports plane(everywhere, youngs_modulus * width * Vector3::UnitZ() * Vector3::UnitZ().transpose(),
+                 state.node_positions);
   Load load(forces);
   // Newton's method starts at the elastica's shape, which saves load steps; where it ends does not depend on that.
   const Elastica shape(p["tip_load"], p["weight"]);
@@ -90,11 +96,13 @@ double strip_deflection(const Parameters& p, int cells) {
     const Vector3& rest = box.nodes[static_cast<std::size_t>(n)];
     const Vector3& on = shape.curve()[static_cast<std::size_t>(std::lround(rest.x() / length * Elastica::kSteps))];
     const double across = rest.y() - 0.5 * height;
-    state.node_positions.col(n) = Vector3(length * on.x() + across * std::sin(on.z()), 0.5 * height - length * on.y() + across * std::cos(on.z()), rest.z());
+    state.node_positions.col(n) = Vector3(length * on.x() + across * std::sin(on.z()),
+                                          0.5 * height - length * on.y() + across * std::cos(on.z()), rest.z());
   }
   NewtonSolver solver({&inertia, &tissue, &wall, &plane, &load}, state.layout(), resting(tip_load + weight));
   solver.step(state, kRestStep);
-  // The energy's rounding ends the search early where stretching is stiff and bending soft; plain Newton goes on from there.
+  // The energy's rounding ends the search early where stretching is stiff and bending soft; plain Newton goes on from
+  // there.
   SolverOptions polish = resting(tip_load + weight);
   polish.line_search = false;
   polish.max_iterations = 20;
@@ -102,24 +110,30 @@ double strip_deflection(const Parameters& p, int cells) {
   NewtonSolver last({&inertia, &tissue, &wall, &plane, &load}, state.layout(), polish);
   settle(last, state, tip_load + weight);
   double deflection = 0;
-  for (const int n : end) deflection -= (state.node_positions(1, n) - box.nodes[static_cast<std::size_t>(n)].y()) / static_cast<double>(end.size());
+  for (const int n : end)
+    deflection -=
+        (state.node_positions(1, n) - box.nodes[static_cast<std::size_t>(n)].y()) / static_cast<double>(end.size());
   return deflection / length;
 }
 
 std::vector<Measurement> elastica(const Parameters& p) {
   const int cells = p.whole("cells");
-  const double coarse = strip_deflection(p, cells), middle = strip_deflection(p, 2 * cells), fine = strip_deflection(p, 4 * cells);
+  const double coarse = strip_deflection(p, cells), middle = strip_deflection(p, 2 * cells),
+               fine = strip_deflection(p, 4 * cells);
   const Richardson result = extrapolate(coarse, middle, fine, 2);
   const double reference = Elastica(p["tip_load"], p["weight"]).tip_deflection();
-  return {{"tip deflection / L, limit of the mesh", result.limit, reference, 0.01 * reference, "1", Order{result.order, 2, 0.3}}};
+  return {{"tip deflection / L, limit of the mesh", result.limit, reference, 0.01 * reference, "1",
+           Order{result.order, 2, 0.3}}};
 }
 
 /// Cook's membrane as a slab with free faces, `cells` x `cells` x 1: the vertical displacement at (48, 52) times E/F.
 double cook_displacement(const Parameters& p, int cells) {
   const double youngs_modulus = p["youngs_modulus"], thickness = p["thickness"], force = p["force"];
-  HandModel box = testing::box_mesh({cells, cells, 1}, Vector3(1, 1, 1), {"slab", 1, youngs_modulus, p["poisson_ratio"], 1e12, 0});
+  HandModel box =
+      testing::box_mesh({cells, cells, 1}, Vector3(1, 1, 1), {"slab", 1, youngs_modulus, p["poisson_ratio"], 1e12, 0});
   const std::vector<int> left = nodes_at(box, 0, 0), right = nodes_at(box, 0, 1);
-  for (Vector3& x : box.nodes) x = Vector3(48 * x.x(), (1 - x.x()) * 44 * x.y() + x.x() * (44 + 16 * x.y()), thickness * (x.z() - 0.5));
+  for (Vector3& x : box.nodes)
+    x = Vector3(48 * x.x(), (1 - x.x()) * 44 * x.y() + x.x() * (44 + 16 * x.y()), thickness * (x.z() - 0.5));
   State state = testing::rest_state(box);
   // A uniform shear: every edge of the loaded side gives half of its share to each end.
   Eigen::Matrix3Xd forces = Eigen::Matrix3Xd::Zero(3, box.node_count());
@@ -144,7 +158,8 @@ double cook_displacement(const Parameters& p, int cells) {
 
 std::vector<Measurement> cook(const Parameters& p) {
   const int cells = p.whole("cells");
-  const double coarse = cook_displacement(p, cells), middle = cook_displacement(p, 2 * cells), fine = cook_displacement(p, 4 * cells);
+  const double coarse = cook_displacement(p, cells), middle = cook_displacement(p, 2 * cells),
+               fine = cook_displacement(p, 4 * cells);
   const double order = std::log2(std::abs((middle - coarse) / (fine - middle)));
   // Its corners are singular, so the order is not two and the limit takes the observed one.
   const double limit = fine + (fine - middle) / (std::pow(2.0, order) - 1);
@@ -152,7 +167,8 @@ std::vector<Measurement> cook(const Parameters& p) {
 }
 
 Parameters strip_row(double tip_load, double weight) {
-  return {{"tip_load", tip_load}, {"weight", weight}, {"slenderness", 20}, {"youngs_modulus", 1e5}, {"cells", 4}, {"brick_length", 1}};
+  return {{"tip_load", tip_load},  {"weight", weight}, {"slenderness", 20},
+          {"youngs_modulus", 1e5}, {"cells", 4},       {"brick_length", 1}};
 }
 
 }  // namespace
@@ -162,10 +178,13 @@ std::vector<Case> bending_cases() {
   for (const double a : {2.0, 0.5, 1.0, 5.0, 10.0}) tip.push_back(strip_row(a, 0));
   for (const double b : {5.0, 1.0, 10.0}) weight.push_back(strip_row(0, b));
   return {
-      {"elastica_tip_load", "theta'' = -a cos theta, a = P L^2/(E I); nu = 0, L/h = 20, thickness in 4, 8, 16 bricks", tip, elastica, 1},
+      {"elastica_tip_load", "theta'' = -a cos theta, a = P L^2/(E I); nu = 0, L/h = 20, thickness in 4, 8, 16 bricks",
+       tip, elastica, 1},
       {"elastica_own_weight", "theta'' = -b (1 - s) cos theta, b = q L^3/(E I); as above", weight, elastica, 1},
-      {"cooks_membrane", "23.96 F/(E t) at nu = 1/3 in plane stress (literature)",
-       {{{"youngs_modulus", 1e6}, {"poisson_ratio", 1.0 / 3}, {"force", 100}, {"thickness", 1}, {"cells", 16}}}, cook},
+      {"cooks_membrane",
+       "23.96 F/(E t) at nu = 1/3 in plane stress (literature)",
+       {{{"youngs_modulus", 1e6}, {"poisson_ratio", 1.0 / 3}, {"force", 100}, {"thickness", 1}, {"cells", 16}}},
+       cook},
   };
 }
 

@@ -31,8 +31,13 @@ std::vector<Measurement> oscillator(const Parameters& p) {
   spring.set_target(0, Pose{}, Twist{});
   NewtonSolver solver({&inertia, &spring}, state.layout(), converging());
   state.body_poses[0].position = Vector3(0.01, 0, 0);
-  const auto energy = [&] { return 0.5 * mass * state.body_velocities[0].linear.squaredNorm() + 0.5 * gains.linear_stiffness * state.body_poses[0].position.squaredNorm(); };
-  const auto phase = [&] { return std::atan2(-state.body_velocities[0].linear.x(), omega * state.body_poses[0].position.x()); };
+  const auto energy = [&] {
+    return 0.5 * mass * state.body_velocities[0].linear.squaredNorm() +
+           0.5 * gains.linear_stiffness * state.body_poses[0].position.squaredNorm();
+  };
+  const auto phase = [&] {
+    return std::atan2(-state.body_velocities[0].linear.x(), omega * state.body_poses[0].position.x());
+  };
   double worst_ratio = 1 / (1 + z * z), worst_phase = std::atan(z);
   for (int step = 0; step < 20; ++step) {
     const double energy_before = energy(), phase_before = phase();
@@ -47,7 +52,8 @@ std::vector<Measurement> oscillator(const Parameters& p) {
 
 /// A body that hangs from a held one by a ball joint, its centre `length` below.
 struct Hanging {
-  Hanging(double length, double mass, double body_inertia, double stiffness) : state(bodies_at_rest(2)), inertia({}, 2), joint({site(length, stiffness)}, state.layout()) {
+  Hanging(double length, double mass, double body_inertia, double stiffness)
+      : state(bodies_at_rest(2)), inertia({}, 2), joint({site(length, stiffness)}, state.layout()) {
     inertia.set_dynamic(1, mass, body_inertia * Matrix3::Identity(), Vector3(0, -kGravity, 0));
   }
   static JointSite site(double length, double stiffness) {
@@ -56,7 +62,10 @@ struct Hanging {
     site.model.position_stiffness = stiffness;
     return site;
   }
-  void tilt(double angle) { state.body_poses[1] = Pose{Vector3::Zero(), rotation_exp(Vector3(0, 0, angle))} * joint.site(0).child_from_joint.inverse(); }
+  void tilt(double angle) {
+    state.body_poses[1] =
+        Pose{Vector3::Zero(), rotation_exp(Vector3(0, 0, angle))} * joint.site(0).child_from_joint.inverse();
+  }
   const Vector3& bob() const { return state.body_poses[1].position; }
   State state;
   Inertia inertia;
@@ -72,11 +81,12 @@ std::vector<Measurement> joint_stretch(const Parameters& p) {
   return {{"stretch under a hanging weight", -(hanging.bob().y() + 0.05), reference, 1e-6 * reference, "m", {}}};
 }
 
-constexpr double kBobInertia = 1e-9;   // kg m^2, of a bob of 0.1 kg: a point
+constexpr double kBobInertia = 1e-9;     // kg m^2, of a bob of 0.1 kg: a point
 constexpr double kPivotStiffness = 1e7;  // N/m
 
 std::vector<Measurement> conical_pendulum(const Parameters& p) {
-  const double length = p["length"], angle = p["degrees"] * M_PI / 180, reference = std::sqrt(kGravity / (length * std::cos(angle)));
+  const double length = p["length"], angle = p["degrees"] * M_PI / 180,
+               reference = std::sqrt(kGravity / (length * std::cos(angle)));
   const auto rate = [&](double time_step) {
     Hanging pendulum(length, 0.1, kBobInertia, kPivotStiffness);
     pendulum.tilt(angle);
@@ -88,7 +98,8 @@ std::vector<Measurement> conical_pendulum(const Parameters& p) {
     for (int i = 0; i < steps; ++i) {
       const Vector3 last = pendulum.bob();
       solver.step(pendulum.state, time_step);
-      turned += std::atan2(pendulum.bob().x() * last.z() - pendulum.bob().z() * last.x(), pendulum.bob().x() * last.x() + pendulum.bob().z() * last.z());
+      turned += std::atan2(pendulum.bob().x() * last.z() - pendulum.bob().z() * last.x(),
+                           pendulum.bob().x() * last.x() + pendulum.bob().z() * last.z());
     }
     return std::abs(turned) / p["seconds"];
   };
@@ -124,7 +135,8 @@ std::vector<Measurement> plane_pendulum(const Parameters& p) {
 
 /// A free body with principal inertias `moments` that spins with `spin` (body axes).
 struct Top {
-  Top(const Vector3& principal, const Vector3& spin) : moments(principal), state(bodies_at_rest(1)), inertia({}, 1), solver({&inertia}, state.layout(), converging()) {
+  Top(const Vector3& principal, const Vector3& spin)
+      : moments(principal), state(bodies_at_rest(1)), inertia({}, 1), solver({&inertia}, state.layout(), converging()) {
     inertia.set_dynamic(0, 1, principal.asDiagonal(), Vector3::Zero());
     state.body_velocities[0].angular = spin;
   }
@@ -159,7 +171,9 @@ std::vector<Measurement> symmetric_top(const Parameters& p) {
 
 /// Times at which the spin about the middle axis changes its sign, from Euler's equations by fourth-order Runge-Kutta.
 std::vector<double> reference_flips(const Vector3& moments, const Vector3& spin, double seconds) {
-  const auto rate = [&moments](const Vector3& w) { return Vector3(moments.cwiseProduct(w).cross(w).cwiseQuotient(moments)); };
+  const auto rate = [&moments](const Vector3& w) {
+    return Vector3(moments.cwiseProduct(w).cross(w).cwiseQuotient(moments));
+  };
   constexpr double h = 1e-3;
   std::vector<double> flips;
   Vector3 w = spin;
@@ -185,8 +199,18 @@ std::vector<Measurement> tumbling(const Parameters& p) {
   }
   if (expected.size() < 3 || flips.size() < 3) throw std::runtime_error("fewer than three flips");
   return {{"first flip", flips[0], expected[0], 0.01 * expected[0], "s", {}},
-          {"first to second flip", flips[1] - flips[0], expected[1] - expected[0], 0.01 * (expected[1] - expected[0]), "s", {}},
-          {"second to third flip", flips[2] - flips[1], expected[2] - expected[1], 0.01 * (expected[2] - expected[1]), "s", {}}};
+          {"first to second flip",
+           flips[1] - flips[0],
+           expected[1] - expected[0],
+           0.01 * (expected[1] - expected[0]),
+           "s",
+           {}},
+          {"second to third flip",
+           flips[2] - flips[1],
+           expected[2] - expected[1],
+           0.01 * (expected[2] - expected[1]),
+           "s",
+           {}}};
 }
 
 }  // namespace
@@ -197,12 +221,35 @@ std::vector<Case> body_cases() {
   return {
       {"oscillator", "backward Euler: energy x 1/(1 + z^2), phase atan z a step, z = omega h", oscillators, oscillator},
       {"joint_stretch", "F/k", {{{"mass", 0.3}, {"stiffness", 1e3}}}, joint_stretch},
-      {"conical_pendulum", "sqrt(g/(L cos theta))", {{{"length", 0.05}, {"degrees", 30}, {"seconds", 0.4}, {"time_step", 1e-4}}}, conical_pendulum},
-      {"plane_pendulum", "4 sqrt(L/g) K(sin(theta/2))", {{{"length", 0.1}, {"degrees", 90}, {"time_step", 1e-4}}}, plane_pendulum},
-      {"symmetric_top", "|L|/I_1",
-       {{{"inertia1", 1}, {"inertia2", 1}, {"inertia3", 2}, {"spin1", 1}, {"spin2", 0}, {"spin3", 10}, {"time_step", 1e-3}}}, symmetric_top},
-      {"tumbling_body", "Euler's equations, integrated to 1e-9",
-       {{{"inertia1", 1}, {"inertia2", 2}, {"inertia3", 3}, {"spin1", 0.01}, {"spin2", 1}, {"spin3", 0.01}, {"time_step", 2e-3}, {"seconds", 55}}}, tumbling},
+      {"conical_pendulum",
+       "sqrt(g/(L cos theta))",
+       {{{"length", 0.05}, {"degrees", 30}, {"seconds", 0.4}, {"time_step", 1e-4}}},
+       conical_pendulum},
+      {"plane_pendulum",
+       "4 sqrt(L/g) K(sin(theta/2))",
+       {{{"length", 0.1}, {"degrees", 90}, {"time_step", 1e-4}}},
+       plane_pendulum},
+      {"symmetric_top",
+       "|L|/I_1",
+       {{{"inertia1", 1},
+         {"inertia2", 1},
+         {"inertia3", 2},
+         {"spin1", 1},
+         {"spin2", 0},
+         {"spin3", 10},
+         {"time_step", 1e-3}}},
+       symmetric_top},
+      {"tumbling_body",
+       "Euler's equations, integrated to 1e-9",
+       {{{"inertia1", 1},
+         {"inertia2", 2},
+         {"inertia3", 3},
+         {"spin1", 0.01},
+         {"spin2", 1},
+         {"spin3", 0.01},
+         {"time_step", 2e-3},
+         {"seconds", 55}}},
+       tumbling},
   };
 }
 

@@ -46,12 +46,14 @@ struct Richardson {
 };
 /// The limit takes the expected order: an observed one amplifies noise.
 inline Richardson extrapolate(double coarse, double middle, double fine, double expected_order) {
-  return {fine + (fine - middle) / (std::pow(2.0, expected_order) - 1), std::log2(std::abs((middle - coarse) / (fine - middle)))};
+  return {fine + (fine - middle) / (std::pow(2.0, expected_order) - 1),
+          std::log2(std::abs((middle - coarse) / (fine - middle)))};
 }
 
 /// A limit in time: three steps, each half of the one before, backward Euler's order 1 +- 0.1, 1 %.
 template <typename AtStep>
-Measurement time_limit(const std::string& quantity, double reference, const std::string& unit, double step, AtStep&& at_step) {
+Measurement time_limit(const std::string& quantity, double reference, const std::string& unit, double step,
+                       AtStep&& at_step) {
   const double coarse = at_step(4 * step), middle = at_step(2 * step), fine = at_step(step);
   const Richardson result = extrapolate(coarse, middle, fine, 1);
   return {quantity, result.limit, reference, 0.01 * std::abs(reference), unit, Order{result.order, 1, 0.1}};

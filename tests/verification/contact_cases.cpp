@@ -1,4 +1,5 @@
-// Contact and friction in time: three nodes of skin on a plane (eqs. 32, 33), and whole objects on the planes of the world.
+// Contact and friction in time: three nodes of skin on a plane (eqs. 32, 33), and whole objects on the planes of the
+// world.
 #include <memory>
 #include <vector>
 
@@ -22,7 +23,8 @@ Shape shape_of(ShapeKind kind, const Vec3& size = {}) {
   return shape;
 }
 
-/// One triangle of skin, its three nodes independent masses, over a fixed plane through the origin whose normal is +Y; gravity leans by `angle` towards +X.
+/// One triangle of skin, its three nodes independent masses, over a fixed plane through the origin whose normal is +Y;
+/// gravity leans by `angle` towards +X.
 class SkinOnPlane {
  public:
   SkinOnPlane(double friction, double stiffness, double mass, double angle)
@@ -37,7 +39,8 @@ class SkinOnPlane {
     state_ = testing::rest_state(skin);
     state_.body_poses.resize(1);
     state_.body_velocities.resize(1);
-    solver_ = std::make_unique<NewtonSolver>(std::vector<Energy*>{&inertia_, &contact_, &friction_}, state_.layout(), converging());
+    solver_ = std::make_unique<NewtonSolver>(std::vector<Energy*>{&inertia_, &contact_, &friction_}, state_.layout(),
+                                             converging());
   }
   void run(double seconds, double time_step) {
     const long steps = std::lround(seconds / time_step);
@@ -65,7 +68,7 @@ class SkinOnPlane {
   std::unique_ptr<NewtonSolver> solver_;
 };
 
-constexpr double kNodeMass = 0.01;        // kg
+constexpr double kNodeMass = 0.01;         // kg
 constexpr double kContactStiffness = 500;  // N/m
 constexpr double kStep = 1.0 / 90;         // s
 
@@ -144,7 +147,8 @@ std::vector<Measurement> skin_creep(const Parameters& p) {
 /// An object of `mass` on the world's plane as the hand's twin meets it.
 class ObjectOnPlane {
  public:
-  ObjectOnPlane(const Shape& shape, const Pose& pose, double mass, double friction, double slope, std::int64_t iterations)
+  ObjectOnPlane(const Shape& shape, const Pose& pose, double mass, double friction, double slope,
+                std::int64_t iterations)
       : shape_(shape), inertia_({1.0}, 1), planes_({1, 1}, 0, 1) {
     const double angle = std::atan(slope);
     const Vector3 gravity = kGravity * Vector3(std::sin(angle), -std::cos(angle), 0);
@@ -178,10 +182,12 @@ class ObjectOnPlane {
   std::unique_ptr<NewtonSolver> solver_;
 };
 
-// A capsule that lies along the slope, so that it does not roll (MuJoCo issue 3328: such a capsule of 45 g at mu 0.7 creeps 50 to 155 um/s).
+// A capsule that lies along the slope, so that it does not roll (MuJoCo issue 3328: such a capsule of 45 g at mu 0.7
+// creeps 50 to 155 um/s).
 std::vector<Measurement> capsule_creep(const Parameters& p) {
   const Pose lying{Vector3(0, 0.015, 0), rotation_exp(Vector3(0, 0, M_PI / 2))};
-  ObjectOnPlane capsule(shape_of(ShapeKind::capsule, {0.015, 0.04, 0}), lying, p["mass"], p["friction"], p["slope"], p.whole("iterations"));
+  ObjectOnPlane capsule(shape_of(ShapeKind::capsule, {0.015, 0.04, 0}), lying, p["mass"], p["friction"], p["slope"],
+                        p.whole("iterations"));
   capsule.run(20);
   const Vector3 start = capsule.position();
   capsule.run(p["seconds"]);
@@ -208,7 +214,8 @@ std::vector<Measurement> object_slide(const Parameters& p) {
   return {{"acceleration", object.velocity().x() - before, reference, 0.01 * reference, "m/s^2", {}}};
 }
 
-// All tissue of a shipped hand scaled along one axis about its middle, over a sphere of 100 g and 30 mm that the palm nearly touches: 0 collapses it to a plane, -1 mirrors it.
+// All tissue of a shipped hand scaled along one axis about its middle, over a sphere of 100 g and 30 mm that the palm
+// nearly touches: 0 collapses it to a plane, -1 mirrors it.
 std::vector<Measurement> recovery(const Parameters& p) {
   constexpr double kGap = 1e-3, kRadius = 0.03, kMass = 0.1;  // m, m, kg
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
@@ -227,7 +234,8 @@ std::vector<Measurement> recovery(const Parameters& p) {
   if (slot == 0) simulation.make_dynamic(slot, Vector3::Zero());
   State state = simulation.state();
   const double middle = rest.row(p.whole("axis")).mean();
-  state.node_positions.row(p.whole("axis")).array() = middle + p["scale"] * (rest.row(p.whole("axis")).array() - middle);
+  state.node_positions.row(p.whole("axis")).array() =
+      middle + p["scale"] * (rest.row(p.whole("axis")).array() - middle);
   const double before = (state.node_positions - rest).norm();
   simulation.restore(state);
   double fastest = 0;
@@ -245,25 +253,41 @@ std::vector<Measurement> recovery(const Parameters& p) {
 std::vector<Case> contact_cases() {
   std::vector<Parameters> capsules;
   for (const double iterations : {1.0, 2.0, 3.0, 5.0, 10.0, 200.0}) {
-    capsules.push_back({{"mass", 0.045}, {"friction", 0.7}, {"slope", 0.35}, {"seconds", 20}, {"iterations", iterations}});
+    capsules.push_back(
+        {{"mass", 0.045}, {"friction", 0.7}, {"slope", 0.35}, {"seconds", 20}, {"iterations", iterations}});
   }
   std::vector<Parameters> recoveries;
   for (const double free : {0.0, 1.0}) {
     for (const double scale : {0.0, -1.0}) {
-      for (const double axis : {0.0, 1.0, 2.0}) recoveries.push_back({{"free", free}, {"scale", scale}, {"axis", axis}});
+      for (const double axis : {0.0, 1.0, 2.0})
+        recoveries.push_back({{"free", free}, {"scale", scale}, {"axis", axis}});
     }
   }
   return {
-      {"tissue_recovery", "95 % of the distance back in 1 s, with an object in the palm that is hurled by nobody", recoveries, recovery},
+      {"tissue_recovery", "95 % of the distance back in 1 s, with an object in the palm that is hurled by nobody",
+       recoveries, recovery},
       {"contact_rest_depth", "m g/k", {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}}}, rest_depth},
-      {"contact_impact_depth", "d0 + sqrt(d0^2 + m v^2/k), d0 = m g/k",
-       {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}, {"speed", 0.3}, {"time_step", 1e-5}}}, impact_depth},
-      {"friction_threshold", "sticks while tan theta < mu", {{{"friction", 0.5}}, {{"friction", 0.2}}, {{"friction", 1.2}}}, threshold},
-      {"friction_slide", "g (sin theta - mu cos theta)", {{{"slope", 0.5}, {"friction", 0.49}}, {{"slope", 0.8}, {"friction", 0.3}}}, slide},
-      {"friction_stop", "v^2/(2 mu g); backward Euler v h/2 less",
-       {{{"speed", 1}, {"friction", 0.5}, {"time_step", 1e-3}}, {{"speed", 2}, {"friction", 0.4}, {"time_step", 1e-3}}}, stop},
+      {"contact_impact_depth",
+       "d0 + sqrt(d0^2 + m v^2/k), d0 = m g/k",
+       {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}, {"speed", 0.3}, {"time_step", 1e-5}}},
+       impact_depth},
+      {"friction_threshold",
+       "sticks while tan theta < mu",
+       {{{"friction", 0.5}}, {{"friction", 0.2}}, {{"friction", 1.2}}},
+       threshold},
+      {"friction_slide",
+       "g (sin theta - mu cos theta)",
+       {{{"slope", 0.5}, {"friction", 0.49}}, {{"slope", 0.8}, {"friction", 0.3}}},
+       slide},
+      {"friction_stop",
+       "v^2/(2 mu g); backward Euler v h/2 less",
+       {{{"speed", 1}, {"friction", 0.5}, {"time_step", 1e-3}}, {{"speed", 2}, {"friction", 0.4}, {"time_step", 1e-3}}},
+       stop},
       {"friction_creep", "<= 1 um/s", {{{"friction", 0.5}, {"slope", 0.49}, {"seconds", 10}}}, skin_creep},
-      {"object_rest_depth", "m g/k_A, k_A = max(10 kN/m, (m g + 5 N)/0.5 mm)", {{{"mass", 0.05}}, {{"mass", 1}}}, object_rest_depth},
+      {"object_rest_depth",
+       "m g/k_A, k_A = max(10 kN/m, (m g + 5 N)/0.5 mm)",
+       {{{"mass", 0.05}}, {{"mass", 1}}},
+       object_rest_depth},
       {"object_slide", "g (sin theta - mu cos theta)", {{{"slope", 0.5}, {"friction", 0.49}}}, object_slide},
       {"object_creep", "<= 1 um/s, a lying capsule at every budget of iterations", capsules, capsule_creep},
   };

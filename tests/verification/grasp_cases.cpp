@@ -32,29 +32,40 @@ std::vector<Measurement> held_weight(const Parameters& p) {
 
 // Backward Euler's own lag of a step at 3 Hz is what the lower bound of slow loops allows for.
 std::vector<Measurement> held_inertia(const Parameters& p) {
-  const std::vector<std::string> overrides{setting("objects.cube.mass", p["mass"]), setting("generator.shake_time", 2), setting("generator.hold_time", 0.3),
+  const std::vector<std::string> overrides{setting("objects.cube.mass", p["mass"]), setting("generator.shake_time", 2),
+                                           setting("generator.hold_time", 0.3),
                                            setting("hand.rate_hz", p["hand_rate"])};
   const double least = p["hand_rate"] < 240 ? 0.94 : 0.98;
-  return {{"in-phase force / m a at 3 Hz", outcome_of(overrides, 6, "inertia_ratio"), 0.5 * (least + 1.02), 0.5 * (1.02 - least), "1", {}}};
+  return {{"in-phase force / m a at 3 Hz",
+           outcome_of(overrides, 6, "inertia_ratio"),
+           0.5 * (least + 1.02),
+           0.5 * (1.02 - least),
+           "1",
+           {}}};
 }
 
-// A cube of 45 g is pinched with about 1.8 N a finger, lifted and held by a hand that does not move: more than five times the 0.32 N that mu = 0.7 takes.
+// A cube of 45 g is pinched with about 1.8 N a finger, lifted and held by a hand that does not move: more than five
+// times the 0.32 N that mu = 0.7 takes.
 std::vector<Measurement> held_creep(const Parameters& p) {
   constexpr double kHeldFrom = 8, kHeldUntil = 13;  // s of the scene; lifted at 3.3
-  const std::vector<std::string> overrides{"hand.model=right_" + std::to_string(p.whole("nodes")) + ".hand.json",
-                                           "hand.simulation.solver.max_iterations=" + std::to_string(p.whole("iterations")),
-                                           setting("objects.cube.mass", p["mass"]),
-                                           setting("objects.cube.friction", p["friction"]),
-                                           "tracker.position_noise=0",
-                                           "tracker.rotation_noise=0",
-                                           "generator.hold_time=12"};
+  const std::vector<std::string> overrides{
+      "hand.model=right_" + std::to_string(p.whole("nodes")) + ".hand.json",
+      "hand.simulation.solver.max_iterations=" + std::to_string(p.whole("iterations")),
+      setting("objects.cube.mass", p["mass"]),
+      setting("objects.cube.friction", p["friction"]),
+      "tracker.position_noise=0",
+      "tracker.rotation_noise=0",
+      "generator.hold_time=12"};
   const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch_lift.toml", overrides);
   const HandModel hand = load_scene_hand(scene);
-  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
   std::optional<Vector3> start;
   Vector3 last = Vector3::Constant(std::nan(""));
   rig.run(kHeldUntil, [&](const HandStepView& view) {
-    if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 < kHeldFrom || view.output->coupling.twins.empty()) return;
+    if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 < kHeldFrom || view.output->coupling.twins.empty())
+      return;
     last = to_vector(view.output->coupling.twins[0].position);
     if (!start) start = last;
   });
@@ -73,7 +84,11 @@ std::vector<Case> grasp_cases() {
   }
   return {
       {"held_weight", "weighs m g within 2 %", {{{"mass", 0.05}}}, held_weight},
-      {"held_inertia", "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz", {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}}, held_inertia, 0},
+      {"held_inertia",
+       "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz",
+       {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}},
+       held_inertia,
+       0},
       {"held_creep", "<= 1 um/s, a pinched cube at every budget of iterations", holds, held_creep, 2},
   };
 }

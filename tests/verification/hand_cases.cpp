@@ -119,11 +119,11 @@ std::vector<Measurement> galilean_distance(const Parameters& p) {
 // A cube is pinched, lifted and held still. A box takes its place, whose friction falls until it slips. The friction
 // falls slowly, so that forces with which the pads pull against each other relax on the way.
 std::vector<Measurement> pinch_threshold(const Parameters& p) {
-  constexpr double kHeldFrom = 3;   // s of the scene
-  constexpr double kFall = 0.01;    // of the expected threshold, a second
-  constexpr double kApproach = 0.5; // of what the friction is above it, a second, in addition
-  constexpr int kSettle = 45;       // steps
-  constexpr double kCreeps = 2e-3;  // m/s downwards; the grip is measured up to there
+  constexpr double kHeldFrom = 3;    // s of the scene
+  constexpr double kFall = 0.01;     // of the expected threshold, a second
+  constexpr double kApproach = 0.5;  // of what the friction is above it, a second, in addition
+  constexpr int kSettle = 45;        // steps
+  constexpr double kCreeps = 2e-3;   // m/s downwards; the grip is measured up to there
   constexpr double kSlips = 5e-3;
   constexpr std::uint32_t kCube = 2;
   const double mass = p["mass"];

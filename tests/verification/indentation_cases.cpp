@@ -16,8 +16,8 @@
 namespace softhand::verification {
 namespace {
 
-/// A wedge of a half-space about the axis of the ball, one element wide: what is alike all around need not be computed all around. Its surface is y = 0, its axis
-/// x = z = 0, its faces z = 0 and z = x tan(angle).
+/// A wedge of a half-space about the axis of the ball, one element wide: what is alike all around need not be computed
+/// all around. Its surface is y = 0, its axis x = z = 0, its faces z = 0 and z = x tan(angle).
 struct Wedge {
   HandModel mesh;
   std::vector<int> near_face, far_face, bottom, axis;
@@ -45,7 +45,8 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
   std::vector<std::int32_t> renamed(box.nodes.size());
   for (std::size_t n = 0; n < box.nodes.size(); ++n) {
     const Vector3& grid = box.nodes[n];
-    const auto i = static_cast<std::size_t>(std::lround(grid.x())), depth = static_cast<std::size_t>(cells - std::lround(grid.y()));
+    const auto i = static_cast<std::size_t>(std::lround(grid.x())),
+               depth = static_cast<std::size_t>(cells - std::lround(grid.y()));
     const bool second = grid.z() > 0.5;
     if (i == 0 && second) {
       renamed[n] = renamed[n - 1];
@@ -77,22 +78,28 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
       for (std::size_t k = 0, f = 0; k < 4; ++k) {
         if (k != left_out) face[f++] = t[k];
       }
-      if (std::all_of(face.begin(), face.end(), [&](std::int32_t n) { return out.mesh.nodes[static_cast<std::size_t>(n)].y() == 0.0; })) out.mesh.surface.push_back(face);
+      if (std::all_of(face.begin(), face.end(),
+                      [&](std::int32_t n) { return out.mesh.nodes[static_cast<std::size_t>(n)].y() == 0.0; }))
+        out.mesh.surface.push_back(face);
     }
   }
   out.mesh.node_body.assign(out.mesh.nodes.size(), 0);
   return out;
 }
 
-/// Tissue of small strain without rotation: 1/2 V (2 mu |e|^2 + lambda (tr e)^2), e the symmetric part of F - 1. What theory of small strain is about, on the same mesh.
+/// Tissue of small strain without rotation: 1/2 V (2 mu |e|^2 + lambda (tr e)^2), e the symmetric part of F - 1. What
+/// theory of small strain is about, on the same mesh.
 class LinearTissue final : public Energy {
  public:
   explicit LinearTissue(const HandModel& mesh) {
     const Material& m = mesh.materials[0];
-    const double mu = m.youngs_modulus / (2 * (1 + m.poisson_ratio)), lambda = 2 * mu * m.poisson_ratio / (1 - 2 * m.poisson_ratio);
+    const double mu = m.youngs_modulus / (2 * (1 + m.poisson_ratio)),
+                 lambda = 2 * mu * m.poisson_ratio / (1 - 2 * m.poisson_ratio);
     for (const auto& t : mesh.tetrahedra) {
       Matrix3 edges;
-      for (int k = 0; k < 3; ++k) edges.col(k) = mesh.nodes[static_cast<std::size_t>(t[static_cast<std::size_t>(k) + 1])] - mesh.nodes[static_cast<std::size_t>(t[0])];
+      for (int k = 0; k < 3; ++k)
+        edges.col(k) = mesh.nodes[static_cast<std::size_t>(t[static_cast<std::size_t>(k) + 1])] -
+                       mesh.nodes[static_cast<std::size_t>(t[0])];
       Eigen::Matrix<double, 3, 4> shape;  // gradients of the shape functions
       shape.rightCols<3>() = edges.inverse().transpose();
       shape.col(0) = -shape.rightCols<3>().rowwise().sum();
@@ -104,7 +111,8 @@ class LinearTissue final : public Energy {
         for (int b = 0; b < 4; ++b) {
           const Vector3 ga = shape.col(a), gb = shape.col(b);
           element.stiffness.block<3, 3>(3 * a, 3 * b) =
-              edges.determinant() / 6 * (mu * (ga.dot(gb) * Matrix3::Identity() + gb * ga.transpose()) + lambda * ga * gb.transpose());
+              edges.determinant() / 6 *
+              (mu * (ga.dot(gb) * Matrix3::Identity() + gb * ga.transpose()) + lambda * ga * gb.transpose());
         }
       }
       elements_.push_back(element);
@@ -153,10 +161,12 @@ struct Indentation {
 
 template <typename TissueTerm>
 Indentation indent(const Parameters& p, int cells) {
-  const double ball = p["radius"], depth = p["depth"], angle = p["wedge_degrees"] * M_PI / 180, youngs_modulus = p["youngs_modulus"];
+  const double ball = p["radius"], depth = p["depth"], angle = p["wedge_degrees"] * M_PI / 180,
+               youngs_modulus = p["youngs_modulus"];
   const double around = std::sqrt(ball * depth);
   const Material material{"tissue", 1000, youngs_modulus, p["poisson_ratio"], 1e12, 0};
-  const Wedge body = wedge(graded(1.25 * around, cells, std::pow(2.0, 2.0 / cells), p["far"] * around), angle, material);
+  const Wedge body =
+      wedge(graded(1.25 * around, cells, std::pow(2.0, 2.0 / cells), p["far"] * around), angle, material);
   State state = testing::rest_state(body.mesh);
   state.body_poses = {Pose{Vector3(0, ball, 0), Quaternion::Identity()}};
   state.body_velocities.resize(1);
@@ -180,7 +190,8 @@ Indentation indent(const Parameters& p, int cells) {
   FrictionEnergy friction(contacts);
   contacts.set_object(0, &sphere, 0, 1, ContactObject::fixed);
   const double force_scale = youngs_modulus * around * depth * angle;
-  NewtonSolver solver({&inertia, &tissue, &near_face, &far_face, &axis, &bottom, &contact, &friction}, state.layout(), resting(force_scale));
+  NewtonSolver solver({&inertia, &tissue, &near_face, &far_face, &axis, &bottom, &contact, &friction}, state.layout(),
+                      resting(force_scale));
   const int steps = p.whole("steps");
   for (int i = 1; i <= steps + 6; ++i) {
     state.body_poses[0].position.y() = ball - depth * std::min(1.0, static_cast<double>(i) / steps);
@@ -205,12 +216,15 @@ Indentation indent(const Parameters& p, int cells) {
 
 double contact_area(const Indentation& i) { return M_PI * i.radius * i.radius; }
 
-/// Of the contact on three meshes: limits beside what theory has for the tissue's depth, that is without the contact's own springs, which give way too.
+/// Of the contact on three meshes: limits beside what theory has for the tissue's depth, that is without the contact's
+/// own springs, which give way too.
 template <typename TissueTerm, typename Theory>
 std::vector<Measurement> press_ball(const Parameters& p, Theory&& theory) {
   const int cells = p.whole("cells");
-  const Indentation coarse = indent<TissueTerm>(p, cells), middle = indent<TissueTerm>(p, 2 * cells), fine = indent<TissueTerm>(p, 4 * cells);
-  const auto [force, area] = theory(p["radius"], p["depth"] - fine.penetration, p["youngs_modulus"] / (1 - p["poisson_ratio"] * p["poisson_ratio"]));
+  const Indentation coarse = indent<TissueTerm>(p, cells), middle = indent<TissueTerm>(p, 2 * cells),
+                    fine = indent<TissueTerm>(p, 4 * cells);
+  const auto [force, area] = theory(p["radius"], p["depth"] - fine.penetration,
+                                    p["youngs_modulus"] / (1 - p["poisson_ratio"] * p["poisson_ratio"]));
   const Richardson force_limit = extrapolate(coarse.force, middle.force, fine.force, 2);
   const Richardson area_limit = extrapolate(contact_area(coarse), contact_area(middle), contact_area(fine), 2);
   return {{"force, limit of the mesh", force_limit.limit, force, 0.01 * force, "N", Order{force_limit.order, 2, 1}},
@@ -223,7 +237,8 @@ std::vector<Measurement> hertz(const Parameters& p) {
   });
 }
 
-// Sneddon's ball in place of Hertz's paraboloid. Force alone: how the area is measured takes the pressure to be Hertz's.
+// Sneddon's ball in place of Hertz's paraboloid. Force alone: how the area is measured takes the pressure to be
+// Hertz's.
 std::vector<Measurement> linear_ball(const Parameters& p) {
   std::vector<Measurement> force_and_area = press_ball<LinearTissue>(p, [](double ball, double depth, double modulus) {
     double low = 0, high = ball * (1 - 1e-9);
@@ -231,7 +246,8 @@ std::vector<Measurement> linear_ball(const Parameters& p) {
       const double a = 0.5 * (low + high);
       (0.5 * a * std::log((ball + a) / (ball - a)) < depth ? low : high) = a;
     }
-    const double a = low, force = 0.5 * modulus * ((a * a + ball * ball) * std::log((ball + a) / (ball - a)) - 2 * a * ball);
+    const double a = low,
+                 force = 0.5 * modulus * ((a * a + ball * ball) * std::log((ball + a) / (ball - a)) - 2 * a * ball);
     return std::pair(force, M_PI * a * a);
   });
   force_and_area.pop_back();
@@ -239,8 +255,9 @@ std::vector<Measurement> linear_ball(const Parameters& p) {
 }
 
 Parameters hertz_row(double depth) {
-  return {{"radius", 0.008}, {"depth", depth},          {"youngs_modulus", 1e5}, {"poisson_ratio", 0.45},        {"far", 200},
-          {"cells", 4},      {"wedge_degrees", 6}, {"steps", 4},            {"contact_stiffness", 1e7}};
+  return {{"radius", 0.008},       {"depth", depth}, {"youngs_modulus", 1e5},
+          {"poisson_ratio", 0.45}, {"far", 200},     {"cells", 4},
+          {"wedge_degrees", 6},    {"steps", 4},     {"contact_stiffness", 1e7}};
 }
 
 }  // namespace
@@ -248,15 +265,23 @@ Parameters hertz_row(double depth) {
 std::vector<Case> indentation_cases() {
   const std::string force = "force, limit of the mesh", area = "contact area, limit of the mesh";
   const std::string reason =
-      "Hertz holds for small strain, and the peak strain is 0.2 at 0.5 mm, 0.28 at 1 mm. With tissue of small strain on the same mesh (small_strain_ball) force is "
+      "Hertz holds for small strain, and the peak strain is 0.2 at 0.5 mm, 0.28 at 1 mm. With tissue of small strain "
+      "on the same mesh (small_strain_ball) force is "
       "right there; at 0.01 mm, same mesh in units of the contact's radius, this tissue's is";
-  return {{"hertz", "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d; the contact's own depth subtracted", {hertz_row(0.01e-3), hertz_row(0.5e-3), hertz_row(1e-3)}, hertz, 1,
+  return {{"hertz",
+           "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d; the contact's own depth subtracted",
+           {hertz_row(0.01e-3), hertz_row(0.5e-3), hertz_row(1e-3)},
+           hertz,
+           1,
            {{force, {{"depth", 0.5e-3}}, reason},
             {force, {{"depth", 1e-3}}, reason},
             {area, {{"depth", 0.5e-3}}, reason},
             {area, {{"depth", 1e-3}}, reason}}},
-          {"small_strain_ball", "tissue of small strain: d = a/2 ln((R+a)/(R-a)), F = E/(1 - nu^2)/2 ((a^2+R^2) ln((R+a)/(R-a)) - 2 a R)",
-           {hertz_row(0.5e-3), hertz_row(1e-3), hertz_row(0.01e-3)}, linear_ball, 1}};
+          {"small_strain_ball",
+           "tissue of small strain: d = a/2 ln((R+a)/(R-a)), F = E/(1 - nu^2)/2 ((a^2+R^2) ln((R+a)/(R-a)) - 2 a R)",
+           {hertz_row(0.5e-3), hertz_row(1e-3), hertz_row(0.01e-3)},
+           linear_ball,
+           1}};
 }
 
 }  // namespace softhand::verification

@@ -34,7 +34,8 @@ std::vector<Measurement> transverse_stiffness(const Parameters& p) {
   coupling.add_hessian(state, matrix, Curvature::exact);
   const auto dense = matrix.dense();
   const double half = angle / 2, reference = stiffness * (half > 0 ? half * std::cos(half) / std::sin(half) : 1);
-  return {{"across the turn", dense(4, 4), reference, 1e-9 * stiffness, "N m/rad", {}}, {"along the turn", dense(3, 3), stiffness, 1e-9 * stiffness, "N m/rad", {}}};
+  return {{"across the turn", dense(4, 4), reference, 1e-9 * stiffness, "N m/rad", {}},
+          {"along the turn", dense(3, 3), stiffness, 1e-9 * stiffness, "N m/rad", {}}};
 }
 
 Skeleton skeleton_of(const std::array<Pose, kJointCount>& joints, std::uint64_t sequence, Nanoseconds time) {
@@ -68,8 +69,9 @@ class StillTracker final : public TrackerSource {
   std::uint64_t sequence_ = 0;
 };
 
-// The hand sinks under its own weight: each bone by f (1/k_2 + r/k_1), f what its coupling carries, k_2 the hand file's stiffness, k_1 = 15 k_2 that to the
-// tracker, r the share of f that comes back to the intermediate skeleton; r = 1 is the text's symmetric chain. The couplings' sum is the weight.
+// The hand sinks under its own weight: each bone by f (1/k_2 + r/k_1), f what its coupling carries, k_2 the hand file's
+// stiffness, k_1 = 15 k_2 that to the tracker, r the share of f that comes back to the intermediate skeleton; r = 1 is
+// the text's symmetric chain. The couplings' sum is the weight.
 std::vector<Measurement> series(const Parameters& p) {
   const HandModel hand = testing::block_hand();
   Scene scene;
@@ -84,7 +86,8 @@ std::vector<Measurement> series(const Parameters& p) {
       const Body body = static_cast<Body>(b);
       const Joint joint = joint_of(body);
       force[b] = view.simulation->coupling_wrench(body).force;
-      offset[b] = view.simulation->joint_pose(joint).position - hand.rest_joints[static_cast<std::size_t>(index_of(joint))].position;
+      offset[b] = view.simulation->joint_pose(joint).position -
+                  hand.rest_joints[static_cast<std::size_t>(index_of(joint))].position;
     }
     force[0] = view.simulation->coupling_wrench(Body::forearm).force;
   });
@@ -107,8 +110,8 @@ std::vector<Measurement> series(const Parameters& p) {
           {"offset, worst bone: distance from F (1/k_2 + r/k_1) over that", worst, 0, 0.01, "1", {}}};
 }
 
-// The simulated skeleton stands where the intermediate one was, again and again, each time at rest: both come to the tracked one by k_f/(k_1 + k_f) an exchange,
-// k_f = feedback_ratio k_2 and k_1 = stiffness_ratio k_2.
+// The simulated skeleton stands where the intermediate one was, again and again, each time at rest: both come to the
+// tracked one by k_f/(k_1 + k_f) an exchange, k_f = feedback_ratio k_2 and k_1 = stiffness_ratio k_2.
 std::vector<Measurement> exchange(const Parameters& p) {
   const HandModel hand = testing::block_hand();
   TrackingOptions options;
@@ -145,7 +148,8 @@ std::vector<Measurement> exchange(const Parameters& p) {
   return {{"contraction of an exchange, the last of 8", ratios.back(), reference, 1e-3 * reference, "1", {}}};
 }
 
-// The text's springs alone, both at rest at every exchange: a body between a still copy (k_1) and its own last place as the other process returns it (k_2).
+// The text's springs alone, both at rest at every exchange: a body between a still copy (k_1) and its own last place as
+// the other process returns it (k_2).
 std::vector<Measurement> symmetric_exchange(const Parameters& p) {
   State state;
   state.node_positions.resize(3, 0);
@@ -160,7 +164,8 @@ std::vector<Measurement> symmetric_exchange(const Parameters& p) {
     gains.angular_stiffness = 1;
     return std::vector<CouplingSite>{{0, Pose{}, gains}};
   };
-  BodyCoupling to_tracked("to tracked", spring(p["near"]), state.layout()), to_simulated("to simulated", spring(p["far"]), state.layout());
+  BodyCoupling to_tracked("to tracked", spring(p["near"]), state.layout()),
+      to_simulated("to simulated", spring(p["far"]), state.layout());
   to_tracked.set_target(0, Pose{}, Twist{});
   NewtonSolver solver({&inertia, &to_tracked, &to_simulated}, state.layout(), converging());
   constexpr double kStart = 0.002;  // m
@@ -171,9 +176,11 @@ std::vector<Measurement> symmetric_exchange(const Parameters& p) {
     state.body_velocities[0] = Twist{};
     solver.step(state, 1e4);
   }
-  const double ratio = std::pow(state.body_poses[0].position.y() / kStart, 1.0 / exchanges), reference = p["far"] / (p["near"] + p["far"]);
+  const double ratio = std::pow(state.body_poses[0].position.y() / kStart, 1.0 / exchanges),
+               reference = p["far"] / (p["near"] + p["far"]);
   const double time = -1 / (p["rate"] * std::log(reference));
-  return {{"contraction of an exchange, mean of 20", ratio, reference, 1e-9, "1", {}}, {"time constant", -1 / (p["rate"] * std::log(ratio)), time, 1e-6 * time, "s", {}}};
+  return {{"contraction of an exchange, mean of 20", ratio, reference, 1e-9, "1", {}},
+          {"time constant", -1 / (p["rate"] * std::log(ratio)), time, 1e-6 * time, "s", {}}};
 }
 
 }  // namespace
@@ -183,14 +190,20 @@ std::vector<Case> layer_cases() {
   for (const double degrees : {10.0, 90.0, 179.0, 180.0}) turns.push_back({{"degrees", degrees}, {"stiffness", 0.5}});
   return {
       {"transverse_stiffness", "k_a (t/2) cot(t/2) across a turn by t, k_a along it", turns, transverse_stiffness},
-      {"couplings_in_series", "F (1/k_2 + r/k_1) through the three loops at 1000 Hz and 90 Hz",
+      {"couplings_in_series",
+       "F (1/k_2 + r/k_1) through the three loops at 1000 Hz and 90 Hz",
        {{{"feedback_ratio", 0.1}, {"stiffness_ratio", 15}, {"hand_rate", 90}, {"seconds", 3}},
-        {{"feedback_ratio", 1}, {"stiffness_ratio", 15}, {"hand_rate", 90}, {"seconds", 3}}}, series},
-      {"quasi_static_exchange", "k_f/(k_1 + k_f) an exchange of the tracking loop",
+        {{"feedback_ratio", 1}, {"stiffness_ratio", 15}, {"hand_rate", 90}, {"seconds", 3}}},
+       series},
+      {"quasi_static_exchange",
+       "k_f/(k_1 + k_f) an exchange of the tracking loop",
        {{{"stiffness_ratio", 15}, {"feedback_ratio", 0.1}, {"mass_fraction", 0.1}, {"hand_rate", 90}, {"steps", 200}},
-        {{"stiffness_ratio", 1}, {"feedback_ratio", 0.4}, {"mass_fraction", 0.001}, {"hand_rate", 90}, {"steps", 200}}}, exchange},
-      {"symmetric_exchange", "k_2/(k_1 + k_2) an exchange: 0.909, a time constant of 117 ms at 90 Hz; the loops refuse to start with it",
-       {{{"near", 50}, {"far", 500}, {"rate", 90}}}, symmetric_exchange},
+        {{"stiffness_ratio", 1}, {"feedback_ratio", 0.4}, {"mass_fraction", 0.001}, {"hand_rate", 90}, {"steps", 200}}},
+       exchange},
+      {"symmetric_exchange",
+       "k_2/(k_1 + k_2) an exchange: 0.909, a time constant of 117 ms at 90 Hz; the loops refuse to start with it",
+       {{{"near", 50}, {"far", 500}, {"rate", 90}}},
+       symmetric_exchange},
   };
 }
 

@@ -1,4 +1,5 @@
-// The tissue's material through the step's own kernels: stress and stiffness of a uniformly deformed box, read off its nodal forces and Hessian.
+// The tissue's material through the step's own kernels: stress and stiffness of a uniformly deformed box, read off its
+// nodal forces and Hessian.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 
@@ -14,14 +15,18 @@ namespace {
 using Matrix9 = Eigen::Matrix<double, 9, 9>;
 
 Material material_of(const Parameters& p) {
-  return {"tissue", 1000, p["youngs_modulus"], p["poisson_ratio"], p["limit_energy"], p["limit_ratio"] * p["limit_energy"]};
+  return {
+      "tissue", 1000, p["youngs_modulus"], p["poisson_ratio"], p["limit_energy"], p["limit_ratio"] * p["limit_energy"]};
 }
 
 /// A box of tissue under one deformation gradient F, x = F X.
 class UniformBox {
  public:
   explicit UniformBox(const Material& material)
-      : box_(testing::box_mesh({1, 1, 1}, Vector3(0.02, 0.02, 0.02), material)), state_(testing::rest_state(box_)), tissue_(box_), matrix_(pattern()) {
+      : box_(testing::box_mesh({1, 1, 1}, Vector3(0.02, 0.02, 0.02), material)),
+        state_(testing::rest_state(box_)),
+        tissue_(box_),
+        matrix_(pattern()) {
     tissue_.bind(matrix_);
   }
   void deform(const Matrix3& f) { state_.node_positions = f * testing::rest_state(box_).node_positions; }
@@ -30,7 +35,8 @@ class UniformBox {
     VectorX gradient = VectorX::Zero(state_.layout().dof_count());
     tissue_.add_gradient(state_, gradient);
     Matrix3 sum = Matrix3::Zero();
-    for (int n = 0; n < box_.node_count(); ++n) sum += gradient.segment<3>(3 * n) * box_.nodes[static_cast<std::size_t>(n)].transpose();
+    for (int n = 0; n < box_.node_count(); ++n)
+      sum += gradient.segment<3>(3 * n) * box_.nodes[static_cast<std::size_t>(n)].transpose();
     return sum / kVolume;
   }
   /// d vec P / d vec F, column by column. Pa.
@@ -39,7 +45,8 @@ class UniformBox {
     tissue_.add_hessian(state_, matrix_, curvature);
     Eigen::MatrixXd directions = Eigen::MatrixXd::Zero(3 * box_.node_count(), 9);
     for (int n = 0; n < box_.node_count(); ++n) {
-      for (int j = 0; j < 3; ++j) directions.block<3, 3>(3 * n, 3 * j) = box_.nodes[static_cast<std::size_t>(n)][j] * Matrix3::Identity();
+      for (int j = 0; j < 3; ++j)
+        directions.block<3, 3>(3 * n, 3 * j) = box_.nodes[static_cast<std::size_t>(n)][j] * Matrix3::Identity();
     }
     return directions.transpose() * matrix_.dense() * directions / kVolume;
   }
@@ -58,7 +65,11 @@ class UniformBox {
 };
 
 Parameters uniaxial_row(double ratio, double strain) {
-  return {{"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 500}, {"limit_ratio", ratio}, {"strain", strain}};
+  return {{"youngs_modulus", 1e5},
+          {"poisson_ratio", 0.45},
+          {"limit_energy", 500},
+          {"limit_ratio", ratio},
+          {"strain", strain}};
 }
 
 // c (e^2/e_m^2 - 1) above the limit; and its slope.
@@ -94,7 +105,12 @@ std::vector<Measurement> uniaxial_tangent(const Parameters& p) {
   along[0] = 1;
   along[4] = along[8] = -p["poisson_ratio"];
   const double reference = p["youngs_modulus"] * limit_factor(p).tangent;
-  return {{"d stress / d strain", along.dot(box.stiffness(Curvature::exact) * along), reference, 1e-9 * reference, "Pa", {}}};
+  return {{"d stress / d strain",
+           along.dot(box.stiffness(Curvature::exact) * along),
+           reference,
+           1e-9 * reference,
+           "Pa",
+           {}}};
 }
 
 std::vector<Measurement> shear_stress(const Parameters& p) {
@@ -110,7 +126,8 @@ std::vector<Measurement> shear_stress(const Parameters& p) {
   return {{"shear stress P12", box.stress()(0, 1), reference, 1e-9 * reference, "Pa", {}}};
 }
 
-// Eigenvalues of dP/dF at diag(s), below the limit: three twists, 2 mu five times, 2 mu + 3 lambda (Smith, De Goes and Kim 2019).
+// Eigenvalues of dP/dF at diag(s), below the limit: three twists, 2 mu five times, 2 mu + 3 lambda (Smith, De Goes and
+// Kim 2019).
 std::vector<Measurement> hessian_eigenvalues(const Parameters& p) {
   UniformBox box(material_of(p));
   const Vector3 s(p["s1"], p["s2"], p["s3"]);
@@ -155,7 +172,12 @@ std::vector<Measurement> stress_difference(const Parameters& p) {
   box.deform(Vector3(p["s1"], p["s2"], p["s3"]).asDiagonal());
   const Matrix3 stress = box.stress();
   const double reference = p["youngs_modulus"] / (1 + p["poisson_ratio"]);
-  return {{"(P1 - P2)/(s1 - s2)", (stress(0, 0) - stress(1, 1)) / (p["s1"] - p["s2"]), reference, 1e-6 * reference, "Pa", {}}};
+  return {{"(P1 - P2)/(s1 - s2)",
+           (stress(0, 0) - stress(1, 1)) / (p["s1"] - p["s2"]),
+           reference,
+           1e-6 * reference,
+           "Pa",
+           {}}};
 }
 
 /// A brick of 2 x 2 x 2 cells of six tetrahedra, every node moved by up to a tenth of a cell.
@@ -189,7 +211,8 @@ std::vector<Measurement> patch_test(const Parameters& p) {
     state.node_positions.col(interior) -= stiffness.ldlt().solve(gradient.segment<3>(3 * interior));
   }
   const Material& m = box.materials.front();
-  const CorotationalMaterial material = corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+  const CorotationalMaterial material =
+      corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
   const CorotationalState uniform = evaluate_corotational(material, f);
   double density_spread = 0, stress_spread = 0;
   for (int e = 0; e < tissue.element_count(); ++e) {
@@ -197,14 +220,20 @@ std::vector<Measurement> patch_test(const Parameters& p) {
     const auto& n = box.tetrahedra[static_cast<std::size_t>(e)];
     Matrix3 rest, now;
     for (int k = 0; k < 3; ++k) {
-      const auto corner = static_cast<std::size_t>(n[static_cast<std::size_t>(k) + 1]), origin = static_cast<std::size_t>(n[0]);
+      const auto corner = static_cast<std::size_t>(n[static_cast<std::size_t>(k) + 1]),
+                 origin = static_cast<std::size_t>(n[0]);
       rest.col(k) = box.nodes[corner] - box.nodes[origin];
       now.col(k) = state.node_positions.col(n[static_cast<std::size_t>(k) + 1]) - state.node_positions.col(n[0]);
     }
     const Matrix3 stress = evaluate_corotational(material, now * rest.inverse()).stress();
     stress_spread = std::max(stress_spread, (stress - uniform.stress()).norm() / uniform.stress().norm());
   }
-  return {{"interior node from its affine place", (state.node_positions.col(interior) - expected).norm(), 0, 1e-9 * 0.02, "m", {}},
+  return {{"interior node from its affine place",
+           (state.node_positions.col(interior) - expected).norm(),
+           0,
+           1e-9 * 0.02,
+           "m",
+           {}},
           {"stress: worst relative deviation from uniform", stress_spread, 0, 1e-9, "1", {}},
           {"energy density: worst relative deviation from uniform", density_spread, 0, 1e-9, "1", {}}};
 }
@@ -213,42 +242,81 @@ std::vector<Measurement> rotation(const Parameters& p) {
   const HandModel box = distorted_brick(p);
   Tissue tissue(box);
   State state = testing::rest_state(box);
-  state.node_positions = rotation_exp(p["degrees"] * M_PI / 180 * Vector3(1, 2, 3).normalized()).toRotationMatrix() * state.node_positions;
+  state.node_positions =
+      rotation_exp(p["degrees"] * M_PI / 180 * Vector3(1, 2, 3).normalized()).toRotationMatrix() * state.node_positions;
   VectorX gradient = VectorX::Zero(state.layout().dof_count());
   tissue.add_gradient(state, gradient);
-  return {{"largest nodal force", gradient.lpNorm<Eigen::Infinity>(), 0, 1e-9 * p["youngs_modulus"] * 0.02 * 0.02, "N", {}}};
+  return {{"largest nodal force",
+           gradient.lpNorm<Eigen::Infinity>(),
+           0,
+           1e-9 * p["youngs_modulus"] * 0.02 * 0.02,
+           "N",
+           {}}};
 }
 
 Parameters brick_row(const std::string& key, double value) {
-  return Parameters{{"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 500}, {"limit_ratio", 1}, {"seed", 6}}.with(key, value);
+  return Parameters{
+      {"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 500}, {"limit_ratio", 1}, {"seed", 6}}
+      .with(key, value);
 }
 
 Parameters stretched_row(double s1, double s2, double s3) {
-  return {{"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 1e12}, {"limit_ratio", 0}, {"s1", s1}, {"s2", s2}, {"s3", s3}};
+  return {{"youngs_modulus", 1e5},
+          {"poisson_ratio", 0.45},
+          {"limit_energy", 1e12},
+          {"limit_ratio", 0},
+          {"s1", s1},
+          {"s2", s2},
+          {"s3", s3}};
 }
 
 }  // namespace
 
 std::vector<Case> material_cases() {
   std::vector<Parameters> uniaxial_table, tangent_table, shear_table;
-  for (const double strain : {0.05, 0.10, 0.15, 0.20, 0.30, -0.05, -0.15}) uniaxial_table.push_back(uniaxial_row(1, strain));
+  for (const double strain : {0.05, 0.10, 0.15, 0.20, 0.30, -0.05, -0.15})
+    uniaxial_table.push_back(uniaxial_row(1, strain));
   for (const double strain : {0.15, 0.20}) uniaxial_table.push_back(uniaxial_row(10, strain));
   // On both sides of the kink at 0.1.
-  for (const double strain : {0.05, 0.1 * (1 - 1e-12), 0.1 * (1 + 1e-12), 0.2}) tangent_table.push_back(uniaxial_row(1, strain));
+  for (const double strain : {0.05, 0.1 * (1 - 1e-12), 0.1 * (1 + 1e-12), 0.2})
+    tangent_table.push_back(uniaxial_row(1, strain));
   for (const double shear : {0.1, 0.2, 0.5}) {
-    shear_table.push_back({{"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 500}, {"limit_ratio", 1}, {"shear", shear}});
+    shear_table.push_back({{"youngs_modulus", 1e5},
+                           {"poisson_ratio", 0.45},
+                           {"limit_energy", 500},
+                           {"limit_ratio", 1},
+                           {"shear", shear}});
   }
   std::vector<Parameters> rotations;
   for (const double degrees : {1.0, 90.0, 179.99, 180.0}) rotations.push_back(brick_row("degrees", degrees));
   return {
-      {"uniaxial_stress", "sigma = E e [1 + c (e^2/e_m^2 - 1)] for |e| > e_m = sqrt(2 W_max/E), else E e; no lateral stress at -nu e", uniaxial_table, uniaxial_stress},
-      {"uniaxial_tangent", "E [1 + c (3 e^2/e_m^2 - 1)] above e_m, E below: the stiffness steps from E to E (1 + 2 c)", tangent_table, uniaxial_tangent},
-      {"simple_shear", "P12 = (g/r) [mu (2 r - 2) + lambda (r - 2)] m, r = sqrt(4 + g^2), m the factor of eq. 27", shear_table, shear_stress},
-      {"hessian_eigenvalues", "2 mu (5 times), 2 mu + 3 lambda, 2 mu + 2 (lambda (tr S - 3) - 2 mu)/(s_i + s_j)", {stretched_row(1.2, 0.9, 0.7)}, hessian_eigenvalues},
-      {"compressed_twist", "2 mu + (3 lambda (s - 1) - 2 mu)/s; -2.5 E at s = 0.8 and nu = 0.45",
-       {{{"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 1e12}, {"limit_ratio", 0}, {"stretch", 0.8}}}, uniform_compression},
-      {"stress_difference", "(P_i - P_j)/(s_i - s_j) = 2 mu", {stretched_row(1.2, 0.9, 0.7), stretched_row(1 + 1e-6, 1, 1), stretched_row(1.1, 0.8, -0.2)}, stress_difference},
-      {"patch_test", "an affine boundary makes an affine inside and one stress, below and above the limit", {brick_row("amount", 1), brick_row("amount", 12)}, patch_test},
+      {"uniaxial_stress",
+       "sigma = E e [1 + c (e^2/e_m^2 - 1)] for |e| > e_m = sqrt(2 W_max/E), else E e; no lateral stress at -nu e",
+       uniaxial_table, uniaxial_stress},
+      {"uniaxial_tangent", "E [1 + c (3 e^2/e_m^2 - 1)] above e_m, E below: the stiffness steps from E to E (1 + 2 c)",
+       tangent_table, uniaxial_tangent},
+      {"simple_shear", "P12 = (g/r) [mu (2 r - 2) + lambda (r - 2)] m, r = sqrt(4 + g^2), m the factor of eq. 27",
+       shear_table, shear_stress},
+      {"hessian_eigenvalues",
+       "2 mu (5 times), 2 mu + 3 lambda, 2 mu + 2 (lambda (tr S - 3) - 2 mu)/(s_i + s_j)",
+       {stretched_row(1.2, 0.9, 0.7)},
+       hessian_eigenvalues},
+      {"compressed_twist",
+       "2 mu + (3 lambda (s - 1) - 2 mu)/s; -2.5 E at s = 0.8 and nu = 0.45",
+       {{{"youngs_modulus", 1e5},
+         {"poisson_ratio", 0.45},
+         {"limit_energy", 1e12},
+         {"limit_ratio", 0},
+         {"stretch", 0.8}}},
+       uniform_compression},
+      {"stress_difference",
+       "(P_i - P_j)/(s_i - s_j) = 2 mu",
+       {stretched_row(1.2, 0.9, 0.7), stretched_row(1 + 1e-6, 1, 1), stretched_row(1.1, 0.8, -0.2)},
+       stress_difference},
+      {"patch_test",
+       "an affine boundary makes an affine inside and one stress, below and above the limit",
+       {brick_row("amount", 1), brick_row("amount", 12)},
+       patch_test},
       {"rotation", "no force under any rotation", rotations, rotation},
   };
 }

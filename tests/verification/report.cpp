@@ -17,18 +17,23 @@ using report::write_file;
 
 std::string text_of(const Parameters& parameters) {
   std::string text;
-  for (const auto& [key, value] : parameters.values()) text += fmt::format("{}{}={:.6g}", text.empty() ? "" : " ", key, value);
+  for (const auto& [key, value] : parameters.values())
+    text += fmt::format("{}{}={:.6g}", text.empty() ? "" : " ", key, value);
   return text;
 }
 
-std::string with_order(const Measurement& m) { return m.order ? fmt::format("{:.3f}", m.order->observed) : std::string(); }
+std::string with_order(const Measurement& m) {
+  return m.order ? fmt::format("{:.3f}", m.order->observed) : std::string();
+}
 
 const char* status_of(const Row& row) { return row.passed() ? "pass" : "fail"; }
 
 std::vector<Case> chosen_cases(const VerifyArguments& arguments) {
   std::vector<Case> chosen;
   for (const Case& which : all_cases()) {
-    if (arguments.which.empty() || std::find(arguments.which.begin(), arguments.which.end(), which.name) != arguments.which.end()) chosen.push_back(which);
+    if (arguments.which.empty() ||
+        std::find(arguments.which.begin(), arguments.which.end(), which.name) != arguments.which.end())
+      chosen.push_back(which);
   }
   for (const std::string& name : arguments.which) {
     const auto has_name = [&name](const Case& which) { return which.name == name; };
@@ -48,7 +53,8 @@ std::vector<Case> chosen_cases(const VerifyArguments& arguments) {
         used = 0;
       }
     }
-    if (used == 0 || equals + 1 + used != setting.size()) throw std::invalid_argument("'" + setting + "': expected key=number");
+    if (used == 0 || equals + 1 + used != setting.size())
+      throw std::invalid_argument("'" + setting + "': expected key=number");
     const std::string key = setting.substr(0, equals);
     bool applied = false;
     std::string refusal;
@@ -79,8 +85,10 @@ nlohmann::ordered_json to_json(const std::vector<Row>& rows) {
   auto list = nlohmann::ordered_json::array();
   for (const Row& row : rows) {
     const Measurement& m = row.measurement;
-    nlohmann::ordered_json entry{{"case", row.name},         {"quantity", m.quantity},   {"parameters", row.parameters.values()}, {"value", m.value},
-                                 {"reference", m.reference}, {"tolerance", m.tolerance}, {"unit", m.unit}};
+    nlohmann::ordered_json entry{
+        {"case", row.name}, {"quantity", m.quantity},   {"parameters", row.parameters.values()},
+        {"value", m.value}, {"reference", m.reference}, {"tolerance", m.tolerance},
+        {"unit", m.unit}};
     if (m.order) {
       entry["order"] = m.order->observed;
       entry["order_expected"] = m.order->expected;
@@ -100,7 +108,8 @@ std::string to_csv(const std::vector<Row>& rows) {
   std::string text = "case,quantity,parameters,value,reference,tolerance,unit,order,status\n";
   for (const Row& row : rows) {
     const Measurement& m = row.measurement;
-    text += fmt::format("{},{},{},{:.12g},{:.12g},{:.6g},{},{},{}\n", row.name, in_quotes(m.quantity), in_quotes(text_of(row.parameters)), m.value, m.reference, m.tolerance, in_quotes(m.unit),
+    text += fmt::format("{},{},{},{:.12g},{:.12g},{:.6g},{},{},{}\n", row.name, in_quotes(m.quantity),
+                        in_quotes(text_of(row.parameters)), m.value, m.reference, m.tolerance, in_quotes(m.unit),
                         with_order(m), status_of(row));
   }
   return text;
@@ -109,12 +118,16 @@ std::string to_csv(const std::vector<Row>& rows) {
 std::string to_markdown(const std::vector<Row>& rows, const std::string& command) {
   const report::Provenance from = report::provenance();
   const auto passed = std::count_if(rows.begin(), rows.end(), [](const Row& row) { return row.passed(); });
-  std::string text = fmt::format("## Known answers\n\n`{}` on {}, {}, commit {}: {} of {} rows pass.\n\n", command, from.processor, from.compiler, from.commit, passed, rows.size());
-  text += "| case | quantity | parameters | value | reference | tolerance | unit | order | status |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
+  std::string text = fmt::format("## Known answers\n\n`{}` on {}, {}, commit {}: {} of {} rows pass.\n\n", command,
+                                 from.processor, from.compiler, from.commit, passed, rows.size());
+  text +=
+      "| case | quantity | parameters | value | reference | tolerance | unit | order | status |\n| --- | --- | --- | "
+      "--- | --- | --- | --- | --- | --- |\n";
   for (const Row& row : rows) {
     const Measurement& m = row.measurement;
-    text += fmt::format("| {} | {} | {} | {:.7g} | {:.7g} | {:.3g} | {} | {} | {} |\n", row.name, report::in_cell(m.quantity), text_of(row.parameters), m.value, m.reference, m.tolerance, m.unit, with_order(m),
-                        row.passed() ? "pass" : "**fail**");
+    text += fmt::format("| {} | {} | {} | {:.7g} | {:.7g} | {:.3g} | {} | {} | {} |\n", row.name,
+                        report::in_cell(m.quantity), text_of(row.parameters), m.value, m.reference, m.tolerance, m.unit,
+                        with_order(m), row.passed() ? "pass" : "**fail**");
   }
   text += "\n| case | reference |\n| --- | --- |\n";
   std::string last;
@@ -125,7 +138,9 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
   for (const Row& row : rows) {
     if (row.passed()) continue;
     text += fmt::format("\n{}, {} ({}) fails: {}\n", row.name, row.measurement.quantity, text_of(row.parameters),
-                        !row.error.empty() ? row.error : !row.known_failure.empty() ? row.known_failure : "not known why");
+                        !row.error.empty()           ? row.error
+                        : !row.known_failure.empty() ? row.known_failure
+                                                     : "not known why");
   }
   return text;
 }
@@ -138,8 +153,10 @@ int run_verify(const VerifyArguments& arguments) {
     const Parameters* last = nullptr;
     for (const Row& row : more) {
       const Measurement& m = row.measurement;
-      fmt::print("{:4}  {:22} {:60} {:>16.9g} {:>16.9g} +- {:<9.3g} {:6} {}{}\n", status_of(row), row.name, m.quantity, m.value, m.reference, m.tolerance, m.unit,
-                 m.order ? fmt::format("order {:.3f}  ", m.order->observed) : "", row.error.empty() ? text_of(row.parameters) : row.error);
+      fmt::print("{:4}  {:22} {:60} {:>16.9g} {:>16.9g} +- {:<9.3g} {:6} {}{}\n", status_of(row), row.name, m.quantity,
+                 m.value, m.reference, m.tolerance, m.unit,
+                 m.order ? fmt::format("order {:.3f}  ", m.order->observed) : "",
+                 row.error.empty() ? text_of(row.parameters) : row.error);
       if (last == nullptr || !(*last == row.parameters)) seconds += row.seconds;
       last = &row.parameters;
     }
@@ -150,7 +167,8 @@ int run_verify(const VerifyArguments& arguments) {
   fmt::print("{} of {} rows pass, {:.1f} s\n", passed, rows.size(), seconds);
   write_file(arguments.json, to_json(rows).dump(2) + "\n");
   write_file(arguments.csv, to_csv(rows));
-  write_file(arguments.markdown, to_markdown(rows, arguments.quick ? "softhand report verify --quick" : "softhand report verify"));
+  write_file(arguments.markdown,
+             to_markdown(rows, arguments.quick ? "softhand report verify --quick" : "softhand report verify"));
   return passed == static_cast<std::ptrdiff_t>(rows.size()) ? 0 : 1;
 }
 

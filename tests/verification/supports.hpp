@@ -31,7 +31,8 @@ class Supports final : public Energy {
     return sum;
   }
   double add_gradient(const State& state, VectorX& gradient) const override {
-    for (const int n : nodes_) gradient.segment<3>(3 * n) += stiffness_ * (state.node_positions.col(n) - places_.col(n));
+    for (const int n : nodes_)
+      gradient.segment<3>(3 * n) += stiffness_ * (state.node_positions.col(n) - places_.col(n));
     return value(state);
   }
   void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
@@ -69,7 +70,8 @@ inline constexpr double kRestStep = 1e4;  ///< s: so long that inertia is nothin
 inline void settle(NewtonSolver& solver, State& state, double force_scale) {
   const StepReport report = solver.step(state, kRestStep);
   if (report.residual > 1e-5 * force_scale) {
-    throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) + " of the load after " + std::to_string(report.iterations) + " iterations");
+    throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) +
+                             " of the load after " + std::to_string(report.iterations) + " iterations");
   }
   state.node_velocities.setZero();
 }

@@ -1,7 +1,8 @@
-// Known answers: cases whose exact result is known, run through the project's own code. One library for the tests and for `softhand report verify`.
+// Known answers: cases whose exact result is known, run through the project's own code. One library for the tests and
+// for `softhand report verify`.
 //
-// A case has a table of parameters, one run a row of it; each run measures one or more quantities and computes the reference of each from the formula that
-// `statement` names. Nothing here knows how rows are printed. Everything SI.
+// A case has a table of parameters, one run a row of it; each run measures one or more quantities and computes the
+// reference of each from the formula that `statement` names. Nothing here knows how rows are printed. Everything SI.
 #pragma once
 
 #include <cmath>
@@ -52,8 +53,8 @@ struct Measurement {
   std::optional<Order> order;
 };
 
-/// A quantity that is known to miss its reference today, in the rows whose parameters include `where`, and why. It stays
-/// in the report as failed.
+/// A quantity that is known to miss its reference today, in the rows whose parameters include `where`, and why. It
+/// stays in the report as failed.
 struct KnownFailure {
   std::string quantity;
   Parameters where;
@@ -76,8 +77,8 @@ struct Row {
   std::string statement;
   Parameters parameters{};
   Measurement measurement;
-  double seconds = 0;  ///< of computing the run that it belongs to
-  std::string error;   ///< what the run threw, instead of a value
+  double seconds = 0;         ///< of computing the run that it belongs to
+  std::string error;          ///< what the run threw, instead of a value
   std::string known_failure;  ///< the reason, of a row that is known to fail; else empty
 
   /// Value within tolerance of the reference and, where there is one, the order within its own.

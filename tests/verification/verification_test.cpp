@@ -1,9 +1,9 @@
 // Every known answer, with the rows that `softhand report verify --quick` runs.
+#include "verification/verification.hpp"
+
 #include <gtest/gtest.h>
 
 #include <set>
-
-#include "verification/verification.hpp"
 
 namespace softhand::verification {
 namespace {
@@ -17,15 +17,18 @@ TEST_P(KnownAnswer, IsMet) {
     const Measurement& m = row.measurement;
     if (!row.known_failure.empty()) {
       EXPECT_FALSE(row.passed()) << m.quantity << parameters << ": mended; strike it from the case's known failures";
-      std::printf("  known failure: %s%s: %.9g, expected %.9g: %s\n", m.quantity.c_str(), parameters.c_str(), m.value, m.reference, row.known_failure.c_str());
+      std::printf("  known failure: %s%s: %.9g, expected %.9g: %s\n", m.quantity.c_str(), parameters.c_str(), m.value,
+                  m.reference, row.known_failure.c_str());
       continue;
     }
-    EXPECT_TRUE(row.passed()) << m.quantity << ':' << parameters << "\n  is " << m.value << ", expected " << m.reference << " +- " << m.tolerance << ' ' << m.unit
+    EXPECT_TRUE(row.passed()) << m.quantity << ':' << parameters << "\n  is " << m.value << ", expected " << m.reference
+                              << " +- " << m.tolerance << ' ' << m.unit
                               << (m.order ? "; order " + std::to_string(m.order->observed) : "") << ' ' << row.error;
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, KnownAnswer, ::testing::ValuesIn(all_cases()), [](const auto& parameter) { return parameter.param.name; });
+INSTANTIATE_TEST_SUITE_P(All, KnownAnswer, ::testing::ValuesIn(all_cases()),
+                         [](const auto& parameter) { return parameter.param.name; });
 
 TEST(Cases, HaveNamesOfTheirOwnAndTables) {
   std::set<std::string> names;
@@ -49,7 +52,8 @@ TEST(Rows, FailWhereTheyShould) {
   EXPECT_FALSE(row.passed());
   row.measurement.value = 1.4;
   EXPECT_FALSE(row.passed());
-  const Case throws{"x", "y", {Parameters{}}, [](const Parameters&) -> std::vector<Measurement> { throw std::runtime_error("z"); }};
+  const Case throws{
+      "x", "y", {Parameters{}}, [](const Parameters&) -> std::vector<Measurement> { throw std::runtime_error("z"); }};
   ASSERT_EQ(run(throws, false).size(), 1u);
   EXPECT_FALSE(run(throws, false).front().passed());
   EXPECT_EQ(run(throws, false).front().error, "z");

@@ -1,6 +1,7 @@
-// viewer_publisher HAND_FILE [VERTICES [RATE]]: a hand, its skin refined to so many vertices, objects, contacts and a module's status on this process's
-// domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm at 0.5 Hz, RATE (60) samples a second, of which every other comes a
-// third of a period late, as on a busy machine. Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+// viewer_publisher HAND_FILE [VERTICES [RATE]]: a hand, its skin refined to so many vertices, objects, contacts and a
+// module's status on this process's domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm
+// at 0.5 Hz, RATE (60) samples a second, of which every other comes a third of a period late, as on a busy machine.
+// Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -20,12 +21,14 @@
 namespace {
 using namespace softhand;
 
-/// Splits the skin's longest edges in two, over and over, until it has so many vertices. A new one is carried by the tetrahedron of an end of its edge.
+/// Splits the skin's longest edges in two, over and over, until it has so many vertices. A new one is carried by the
+/// tetrahedron of an end of its edge.
 void refine_skin(HandModel& hand, std::size_t vertices) {
   const auto corners = [&hand](const SkinVertex& vertex) {
     const auto& nodes = hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)];
     Eigen::Matrix4d out;
-    for (int k = 0; k < 4; ++k) out.col(k) << hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(k)])], 1.0;
+    for (int k = 0; k < 4; ++k)
+      out.col(k) << hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(k)])], 1.0;
     return out;
   };
   std::vector<Eigen::Vector4d> places;  // homogeneous, m
@@ -38,7 +41,8 @@ void refine_skin(HandModel& hand, std::size_t vertices) {
     std::array<std::size_t, 2> edge{};
     for (const auto& triangle : hand.skin_triangles) {
       for (std::size_t k = 0; k < 3; ++k) {
-        const std::array<std::size_t, 2> ends{static_cast<std::size_t>(triangle[k]), static_cast<std::size_t>(triangle[(k + 1) % 3])};
+        const std::array<std::size_t, 2> ends{static_cast<std::size_t>(triangle[k]),
+                                              static_cast<std::size_t>(triangle[(k + 1) % 3])};
         const double length = (places[ends[0]] - places[ends[1]]).squaredNorm();
         if (length <= longest) continue;
         longest = length;
@@ -78,7 +82,8 @@ std::unique_ptr<HandDescription> description_of(const HandModel& hand) {
     out->vertex_weights.push_back(vertex.weights);
   }
   for (const auto& t : hand.skin_triangles)
-    out->triangles.push_back({static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]), static_cast<std::uint32_t>(t[2])});
+    out->triangles.push_back(
+        {static_cast<std::uint32_t>(t[0]), static_cast<std::uint32_t>(t[1]), static_cast<std::uint32_t>(t[2])});
   return out;
 }
 
@@ -138,7 +143,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     surface->wrist_position = to_wire(wrist);
     surface->nodes.clear();
     for (const Vector3& node : hand.nodes)
-      surface->nodes.push_back({static_cast<float>(node.x()), static_cast<float>(node.y()), static_cast<float>(node.z())});
+      surface->nodes.push_back(
+          {static_cast<float>(node.x()), static_cast<float>(node.y()), static_cast<float>(node.z())});
     surfaces.write(*surface);
     for (std::size_t j = 0; j < skeleton.joints.size(); ++j) {
       skeleton.joints[j].position = to_wire(Vector3(wrist + hand.rest_joints[j].position));
@@ -180,7 +186,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     objects.write(*world);
     wrench.simulated_valid = 1;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
-      wrench.bones[b].intermediate_position = skeleton.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))].position;
+      wrench.bones[b].intermediate_position =
+          skeleton.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))].position;
       wrench.bones[b].coupling_force = {2, 0, 0};
     }
     wrenches.write(wrench);
@@ -214,7 +221,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       // Those that the page chooses from and switches.
       LoopStatus rig;
       set_text(rig.module, "rig");
-      for (const std::string_view offer : {std::string_view("scene demo"), std::string_view(other)}) add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
+      for (const std::string_view offer : {std::string_view("scene demo"), std::string_view(other)})
+        add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
       statuses.write(rig);
       LoopStatus haptic;
       set_text(haptic.module, "haptic");

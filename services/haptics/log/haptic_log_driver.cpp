@@ -35,7 +35,8 @@ void append(std::string& text, const char* key, const std::array<double, n>& val
 }  // namespace
 
 HapticLogDriver::HapticLogDriver(const Options& options) : options_(options) {
-  if (!options.file.empty()) log_ = std::make_unique<RecordLog<Record>>(options.file, 256, "", &HapticLogDriver::format);
+  if (!options.file.empty())
+    log_ = std::make_unique<RecordLog<Record>>(options.file, 256, "", &HapticLogDriver::format);
 }
 
 void HapticLogDriver::command(const BoneWrench& input, std::span<double> wanted) {
@@ -52,7 +53,8 @@ void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {
   if (log_ == nullptr) return;
   // That all forces are gone stands in the file at once: nothing may follow it, as on exit.
   const auto pulls = [](double command) { return command != 0; };
-  const bool lets_go = std::any_of(record_.commands.begin(), record_.commands.end(), pulls) && std::none_of(commands.begin(), commands.end(), pulls);
+  const bool lets_go = std::any_of(record_.commands.begin(), record_.commands.end(), pulls) &&
+                       std::none_of(commands.begin(), commands.end(), pulls);
   if (!lets_go && static_cast<double>(now - last_logged_) * 1e-9 * options_.log_rate_hz < 1 - 1e-6) return;
   last_logged_ = now;
   record_.time = now;
@@ -63,7 +65,8 @@ void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {
 void HapticLogDriver::format(const Record& record, std::string& text) {
   const BoneWrench& input = record.input;
   text += "{\"time_ns\":" + std::to_string(record.time) + ",\"user\":" + std::to_string(input.hand.user) +
-          ",\"side\":" + std::to_string(input.hand.side) + ",\"sample_time_ns\":" + std::to_string(input.stamp.sample_time) +
+          ",\"side\":" + std::to_string(input.hand.side) +
+          ",\"sample_time_ns\":" + std::to_string(input.stamp.sample_time) +
           ",\"tracker_sample_ns\":" + std::to_string(input.stamp.chain.tracker_sample) +
           ",\"simulated_valid\":" + std::to_string(input.simulated_valid) + ",";
   append(text, "commands_N", record.commands);

@@ -29,7 +29,8 @@ class HapticLogDriver : public HapticDriver {
   explicit HapticLogDriver(const Options& options);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.maximum_force, options_.slew}; }
-  /// Coupling force on the finger's bones along the back of its distal bone: what holds the finger off closing. Pulls are not rendered.
+  /// Coupling force on the finger's bones along the back of its distal bone: what holds the finger off closing. Pulls
+  /// are not rendered.
   void command(const BoneWrench& input, std::span<double> wanted) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
 

@@ -17,11 +17,14 @@ struct TactileLogOptions {
   double log_rate_hz = 50;
 };
 inline void describe(OptionVisitor& v, TactileLogOptions& o) {
-  v.number("full_scale_force", o.full_scale_force, "N", {0.1, 100}, "Contact force on a finger at which its actuator is at 1.");
-  v.number("threshold_force", o.threshold_force, "N", {0, 10}, "A contact event begins above this force and ends below half of it.");
+  v.number("full_scale_force", o.full_scale_force, "N", {0.1, 100},
+           "Contact force on a finger at which its actuator is at 1.");
+  v.number("threshold_force", o.threshold_force, "N", {0, 10},
+           "A contact event begins above this force and ends below half of it.");
   v.number("slew", o.slew, "1/s", {1, 100000}, "Fastest change of a command.");
   v.string("file", o.file, "CSV of contact events; empty = none.");
-  v.number("log_rate_hz", o.log_rate_hz, "Hz", {0.1, 1000}, "Lines a second of a contact that lasts, beside its begin and end.");
+  v.number("log_rate_hz", o.log_rate_hz, "Hz", {0.1, 1000},
+           "Lines a second of a contact that lasts, beside its begin and end.");
 }
 
 class TactileLogDriver : public TactileDriver {

@@ -9,14 +9,15 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr double kFarthest = 100;      // metres or picture widths
-constexpr double kLatestTime = 9e12;   // ms: Unix time fits, and so do its nanoseconds in a stamp
+constexpr double kFarthest = 100;       // metres or picture widths
+constexpr double kLatestTime = 9e12;    // ms: Unix time fits, and so do its nanoseconds in a stamp
 constexpr double kShortestBone = 1e-4;  // m between landmarks: below, there is no direction
 constexpr std::array<std::size_t, 5> kPalm{0, 5, 9, 13, 17};
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// Of three points in the palm: the longest side of the triangle of wrist, index and little knuckle, which a view from the edge shortens least.
+// Of three points in the palm: the longest side of the triangle of wrist, index and little knuckle, which a view from
+// the edge shortens least.
 double palm_size(const Vector3& wrist, const Vector3& index, const Vector3& little) {
   return std::max({(index - wrist).norm(), (little - wrist).norm(), (index - little).norm()});
 }
@@ -29,8 +30,10 @@ std::optional<double> number(const Json& json, const char* key, double minimum, 
   return value;
 }
 
-// The turn that takes `from` (rest, about their means) to `to` in the least squares. None where the points lie on a line.
-std::optional<Quaternion> turn_between(const std::array<Vector3, kPalm.size()>& from, const std::array<Vector3, kPalm.size()>& to) {
+// The turn that takes `from` (rest, about their means) to `to` in the least squares. None where the points lie on a
+// line.
+std::optional<Quaternion> turn_between(const std::array<Vector3, kPalm.size()>& from,
+                                       const std::array<Vector3, kPalm.size()>& to) {
   Vector3 from_mean = Vector3::Zero(), to_mean = Vector3::Zero();
   for (std::size_t i = 0; i < from.size(); ++i) {
     from_mean += from[i] / static_cast<double>(from.size());
@@ -39,7 +42,8 @@ std::optional<Quaternion> turn_between(const std::array<Vector3, kPalm.size()>& 
   Matrix3 covariance = Matrix3::Zero();
   for (std::size_t i = 0; i < from.size(); ++i) covariance += (to[i] - to_mean) * (from[i] - from_mean).transpose();
   const Eigen::JacobiSVD<Matrix3> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  if (!(svd.singularValues()[1] > 1e-3 * svd.singularValues()[0]) || !(svd.singularValues()[1] > kShortestBone * kShortestBone))
+  if (!(svd.singularValues()[1] > 1e-3 * svd.singularValues()[0]) ||
+      !(svd.singularValues()[1] > kShortestBone * kShortestBone))
     return std::nullopt;
   Vector3 signs(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant());
   return Quaternion(Matrix3(svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose())).normalized();
@@ -64,7 +68,8 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
   if (hand == json.end() || (*hand != "left" && *hand != "right")) return LandmarksRefusal::content;
   message.side = *hand == "left" ? Side::left : Side::right;
   const auto coordinates = json.find("coordinates");
-  if (coordinates == json.end() || (*coordinates != "world" && *coordinates != "image")) return LandmarksRefusal::content;
+  if (coordinates == json.end() || (*coordinates != "world" && *coordinates != "image"))
+    return LandmarksRefusal::content;
   if (*coordinates == "image") {
     message.coordinates = Coordinates::image;
     const auto aspect = number(json, "aspect", 0.1, 10);
@@ -85,7 +90,8 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
       return LandmarksRefusal::content;
   }
   const auto landmarks = json.find("landmarks");
-  if (landmarks == json.end() || !landmarks->is_array() || landmarks->size() != kLandmarkCount) return LandmarksRefusal::content;
+  if (landmarks == json.end() || !landmarks->is_array() || landmarks->size() != kLandmarkCount)
+    return LandmarksRefusal::content;
   for (std::size_t i = 0; i < kLandmarkCount; ++i) {
     const Json& point = (*landmarks)[i];
     if (!point.is_array() || point.size() != 3) return LandmarksRefusal::content;
@@ -100,7 +106,8 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
   return LandmarksRefusal::none;
 }
 
-std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message, std::uint64_t connection, Nanoseconds arrival) {
+std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message, std::uint64_t connection,
+                                                 Nanoseconds arrival) {
   const auto side = static_cast<std::size_t>(message.side);
   Nanoseconds& last = last_[side];
   if (!message.sample_time) {
@@ -132,14 +139,15 @@ std::optional<Landmarks> LandmarkLifter::place(const LandmarksMessage& message, 
   Vector3 origin(0, 0, options.distance);
   if (message.coordinates == Coordinates::image) {
     for (Vector3& point : points) point = Vector3(point.x() - 0.5, (point.y() - 0.5) / message.aspect, point.z());
-    // A weak perspective: the whole hand at the scale of its palm, at the depth at which a camera sees a palm that large.
+    // A weak perspective: the whole hand at the scale of its palm, at the depth at which a camera sees a palm that
+    // large.
     const double size = palm_size(points[0], points[5], points[17]);
     if (!(size > 1e-3)) return std::nullopt;
     scale = palm_size_ / size;
     origin = Vector3(0, 0, scale * 0.5 / std::tan(0.5 * options.field_of_view));
   }
-  const Quaternion orientation = Quaternion(options.camera_orientation[3], options.camera_orientation[0], options.camera_orientation[1],
-                                            options.camera_orientation[2])
+  const Quaternion orientation = Quaternion(options.camera_orientation[3], options.camera_orientation[0],
+                                            options.camera_orientation[1], options.camera_orientation[2])
                                      .normalized();
   const Vector3 position(options.camera_position[0], options.camera_position[1], options.camera_position[2]);
   for (Vector3& point : points) {
@@ -166,11 +174,12 @@ std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) cons
   for (int finger = 0; finger < kFingerCount; ++finger) {
     const std::size_t tip = at(tip_of(static_cast<Finger>(finger)));
     const std::size_t base = finger == 0 ? tip - 3 : tip - 4;  // metacarpal
-    // Metacarpals start where the palm has them. Each bone turns against its parent by the least turn that points it to the next landmark:
-    // what a joint does that flexes and abducts and does not twist.
+    // Metacarpals start where the palm has them. Each bone turns against its parent by the least turn that points it to
+    // the next landmark: what a joint does that flexes and abducts and does not twist.
     out[base] = hand * rest_[base];
     for (std::size_t joint = base; joint < tip; ++joint) {
-      const std::size_t landmark = static_cast<std::size_t>(4 * finger) + (joint - base) + (finger == 0 ? 1 : 0);  // of this joint
+      const std::size_t landmark =
+          static_cast<std::size_t>(4 * finger) + (joint - base) + (finger == 0 ? 1 : 0);  // of this joint
       const Pose bone = rest_[joint].inverse() * rest_[joint + 1];
       // No landmark marks a metacarpal's start, but the thumb's.
       const Vector3 from = joint == base && finger > 0 ? out[base].position : landmarks[landmark];

@@ -1,4 +1,5 @@
-// 21 landmarks of a hand (MediaPipe's order) and how they become the 26 joints of a hand with given bones: docs/tracker-landmarks.md.
+// 21 landmarks of a hand (MediaPipe's order) and how they become the 26 joints of a hand with given bones:
+// docs/tracker-landmarks.md.
 #pragma once
 
 #include <array>
@@ -26,15 +27,16 @@ enum class Coordinates : std::uint8_t {
 struct LandmarksMessage {
   Side side = Side::right;
   Coordinates coordinates = Coordinates::world;
-  double aspect = 1;                   ///< width / height of the picture; image coordinates only
-  double score = 1;                    ///< 0..1
-  std::optional<double> sample_time;   ///< ms, the sender's clock: when the picture was taken
-  std::optional<double> sent_time;     ///< ms, the sender's clock; with sample_time
+  double aspect = 1;                  ///< width / height of the picture; image coordinates only
+  double score = 1;                   ///< 0..1
+  std::optional<double> sample_time;  ///< ms, the sender's clock: when the picture was taken
+  std::optional<double> sent_time;    ///< ms, the sender's clock; with sample_time
   Landmarks landmarks;
 };
 
 enum class LandmarksRefusal : std::uint8_t { none, json, version, content, shape, order };
-inline constexpr std::array<std::string_view, 6> kLandmarksRefusalNames{"none", "json", "version", "content", "shape", "order"};
+inline constexpr std::array<std::string_view, 6> kLandmarksRefusalNames{"none",    "json",  "version",
+                                                                        "content", "shape", "order"};
 
 /// All or nothing: `out` is untouched where the text is refused.
 LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out);
@@ -42,7 +44,8 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out);
 /// Puts messages on our clock. A connection is a clock of its own.
 class LandmarksClock {
  public:
-  /// When the picture of a message was taken, ascending for each hand; none where it is not newer than the one before of this hand and connection.
+  /// When the picture of a message was taken, ascending for each hand; none where it is not newer than the one before
+  /// of this hand and connection.
   std::optional<Nanoseconds> stamp(const LandmarksMessage& message, std::uint64_t connection, Nanoseconds arrival);
 
  private:
@@ -57,12 +60,12 @@ class LandmarkLifter {
  public:
   explicit LandmarkLifter(const HandModel& hand);
 
-  /// Landmarks in metres in a right-handed frame; the joints come in the same frame. None where they have no shape of a hand (palm without
-  /// extent, joints in one place).
+  /// Landmarks in metres in a right-handed frame; the joints come in the same frame. None where they have no shape of a
+  /// hand (palm without extent, joints in one place).
   std::optional<JointFrames> lift(const Landmarks& landmarks) const;
 
-  /// Places a message's landmarks in the world, in metres, by the camera's options. The hand's size sets the scale of image coordinates.
-  /// None where the palm has no extent.
+  /// Places a message's landmarks in the world, in metres, by the camera's options. The hand's size sets the scale of
+  /// image coordinates. None where the palm has no extent.
   std::optional<Landmarks> place(const LandmarksMessage& message, const LandmarksOptions& options) const;
 
  private:

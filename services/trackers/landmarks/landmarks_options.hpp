@@ -20,12 +20,16 @@ struct LandmarksOptions {
 inline void describe(OptionVisitor& v, LandmarksOptions& o) {
   describe(v, o.listening);
   v.numbers("camera_position", o.camera_position.data(), 3, "m", {-1000, 1000}, "Where the camera is, world.");
-  v.numbers("camera_orientation", o.camera_orientation.data(), 4, "1", {-1, 1},
-            "Turn of the camera, xyzw: it looks along its -Z, +Y up; the default looks along the world's +Z, at the user.");
-  v.number("field_of_view", o.field_of_view, "rad", {0.1, 3}, "Horizontal, of the whole picture: with the user's palm it tells how far away the hand is.");
-  v.number("distance", o.distance, "m", {0.05, 10}, "World landmarks say nothing of where the hand is: their origin is put this far in front of the camera.");
+  v.numbers(
+      "camera_orientation", o.camera_orientation.data(), 4, "1", {-1, 1},
+      "Turn of the camera, xyzw: it looks along its -Z, +Y up; the default looks along the world's +Z, at the user.");
+  v.number("field_of_view", o.field_of_view, "rad", {0.1, 3},
+           "Horizontal, of the whole picture: with the user's palm it tells how far away the hand is.");
+  v.number("distance", o.distance, "m", {0.05, 10},
+           "World landmarks say nothing of where the hand is: their origin is put this far in front of the camera.");
   v.flag("mirrored", o.mirrored, "The picture is mirrored left to right, as video calls show it.");
-  v.number("least_score", o.least_score, "1", {0, 1}, "Messages with a lower score are told as a hand that is not seen.");
+  v.number("least_score", o.least_score, "1", {0, 1},
+           "Messages with a lower score are told as a hand that is not seen.");
 }
 
 }  // namespace softhand

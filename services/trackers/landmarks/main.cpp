@@ -17,12 +17,14 @@ constexpr std::size_t kLargest = 8192;  // bytes; 21 landmarks with 17 digits ea
 class LandmarkTracker {
  public:
   LandmarkTracker(const HandModel& hand, const LandmarksOptions& options)
-      : options_(options), lifters_{LandmarkLifter(of_side(hand, Side::left)), LandmarkLifter(of_side(hand, Side::right))},
+      : options_(options),
+        lifters_{LandmarkLifter(of_side(hand, Side::left)), LandmarkLifter(of_side(hand, Side::right))},
         radii_(hand.joint_radii) {}
 
   LandmarksRefusal take(const Arrival& arrival, Skeleton& out) {
     LandmarksMessage message;
-    if (const auto refusal = decode_landmarks(arrival.bytes, message); refusal != LandmarksRefusal::none) return refusal;
+    if (const auto refusal = decode_landmarks(arrival.bytes, message); refusal != LandmarksRefusal::none)
+      return refusal;
     const auto side = static_cast<std::size_t>(message.side);
     Skeleton skeleton;
     skeleton.hand.side = static_cast<std::uint32_t>(side);
@@ -61,7 +63,8 @@ class LandmarkTracker {
 };
 
 void run(int argc, char** argv) {
-  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Takes 21 landmarks a hand over WebSocket or UDP");
+  const TrackerArguments arguments =
+      parse_tracker_arguments(argc, argv, "Takes 21 landmarks a hand over WebSocket or UDP");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const LandmarksOptions& options = scene.options.tracker_landmarks;
   const HandKey user = hand_key(scene);

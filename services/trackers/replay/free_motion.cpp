@@ -39,7 +39,8 @@ JointAngles solve_fist(const HandModel& model) {
   solver.free_finger(Finger::thumb, {0});
   solver.solve([](PostureSolver& s) {
     const JointFrames& frames = s.frames(0);
-    const Vector3 over = 0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
+    const Vector3 over =
+        0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
     const auto thumb = s.pad(Finger::thumb, 0);
     s.want_point(0.1 * kPerMetre, 0, thumb.body, thumb.position, over);
     s.want_apart(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3);
@@ -63,7 +64,8 @@ class FreeMotion : public Motion {
     Pose wrist{to_vector(options_.object_position), Quaternion::Identity()};
     if (!fist) {
       wrist.position += window * Vector3(0.08 * std::sin(1.3 * t), 0.05 * std::sin(1.9 * t), 0.06 * std::sin(1.1 * t));
-      wrist.orientation = rotation_exp(window * Vector3(0.35 * std::sin(0.9 * t), 0.4 * std::sin(1.2 * t), 0.5 * std::sin(0.7 * t)));
+      wrist.orientation =
+          rotation_exp(window * Vector3(0.35 * std::sin(0.9 * t), 0.4 * std::sin(1.2 * t), 0.5 * std::sin(0.7 * t)));
     }
     JointAngles angles = fist_;
     for (int f = 0; f < kFingerCount; ++f) {

@@ -12,11 +12,14 @@
 namespace softhand {
 namespace {
 
-// Comes, grips, lifts, holds, shakes, turns, puts down, lets go, leaves: a grip moved through the phases of the options.
+// Comes, grips, lifts, holds, shakes, turns, puts down, lets go, leaves: a grip moved through the phases of the
+// options.
 class GraspMotion : public Motion {
  public:
   GraspMotion(const HandModel& hand, const GeneratorOptions& options)
-      : hand_(hand), options_(options), grip_(options.motion == "pinch" ? solve_pinch(hand, options) : solve_power_grasp(hand, options)) {
+      : hand_(hand),
+        options_(options),
+        grip_(options.motion == "pinch" ? solve_pinch(hand, options) : solve_power_grasp(hand, options)) {
     double end = 0;
     const auto phase = [&](const char* name, double duration) {
       if (duration <= 0) return;
@@ -46,7 +49,8 @@ class GraspMotion : public Motion {
     const GeneratorOptions& o = options_;
     const double openness = 1 - progress("close", time) + progress("release", time);
     const double away = 1 - progress("approach", time) + progress("retreat", time);
-    const double height = o.lift_height * progress("lift", time) - (o.lift_height + o.lower_depth) * progress("lower", time);
+    const double height =
+        o.lift_height * progress("lift", time) - (o.lift_height + o.lower_depth) * progress("lower", time);
     const Vector3 centre = to_vector(o.object_position);
     const Vector3 turn = o.turn_angle * progress("turn", time) * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
@@ -104,7 +108,8 @@ std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOption
   if (options.motion == "pinch" && 2 * options.closing_depth >= options.object_width) {
     throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
   }
-  for (const auto& [axis, key] : {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"}}) {
+  for (const auto& [axis, key] :
+       {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"}}) {
     if (!(to_vector(axis).norm() > 1e-6))
       throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
   }

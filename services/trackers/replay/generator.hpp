@@ -42,24 +42,32 @@ struct GeneratorOptions {
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.choice("motion", o.motion, {"pinch", "power_grasp", "fist", "free_motion"},
-           "pinch: thumb against index on a cube that stands on a table; power_grasp: all fingers around an upright cylinder; fist: opens and closes in the air; "
+           "pinch: thumb against index on a cube that stands on a table; power_grasp: all fingers around an upright "
+           "cylinder; fist: opens and closes in the air; "
            "free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip, world; of the whole motion where there is no object.");
-  v.number("object_width", o.object_width, "m", {0.002, 0.12}, "Distance of the two faces that are gripped; the cylinder's diameter.");
+  v.number("object_width", o.object_width, "m", {0.002, 0.12},
+           "Distance of the two faces that are gripped; the cylinder's diameter.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "How far each tracked pad goes past the surface: the coupling turns it into grip force.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Room between each open finger and the surface.");
-  v.number("yaw", o.yaw, "rad", {-10, 10}, "Direction of the grip about the vertical; 0 = from thumb to index along -Z.");
-  v.number("tilt", o.tilt, "rad", {-1.6, 1.6}, "Lean of the hand about the grip's axis where clearance leaves the choice; 0 = wrist above the axis (pinch).");
-  v.number("approach_distance", o.approach_distance, "m", {0, 1}, "Distance from which the hand comes and to which it goes.");
+  v.number("yaw", o.yaw, "rad", {-10, 10},
+           "Direction of the grip about the vertical; 0 = from thumb to index along -Z.");
+  v.number(
+      "tilt", o.tilt, "rad", {-1.6, 1.6},
+      "Lean of the hand about the grip's axis where clearance leaves the choice; 0 = wrist above the axis (pinch).");
+  v.number("approach_distance", o.approach_distance, "m", {0, 1},
+           "Distance from which the hand comes and to which it goes.");
   v.number("lift_height", o.lift_height, "m", {0, 1}, "Lift along +Y.");
   v.number("turn_angle", o.turn_angle, "rad", {-3.2, 3.2}, "Turn about the middle of the grip.");
   v.numbers("turn_axis", o.turn_axis.data(), 3, "1", {-1, 1},
             "Axis of the turn, world; upright by default, so that the object can be put down flat.");
   v.number("lower_depth", o.lower_depth, "m", {0, 0.02},
            "How far below its first place the hand puts the object down, so that it is seated.");
-  const auto time = [&v](std::string_view key, double& value, std::string_view text) { v.number(key, value, "s", {0, 3600}, text); };
+  const auto time = [&v](std::string_view key, double& value, std::string_view text) {
+    v.number(key, value, "s", {0, 3600}, text);
+  };
   time("approach_time", o.approach_time, "Duration of the approach, fingers open.");
   time("close_time", o.close_time, "Duration of the closing.");
   time("settle_time", o.settle_time, "Pause between closing and lifting.");

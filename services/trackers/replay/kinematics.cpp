@@ -45,7 +45,9 @@ JointAngles open_hand(const HandModel& hand) {
 JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const JointAngles& angles) {
   JointFrames out;
   const JointFrames& rest = hand.rest_joints;
-  const auto ride = [&](Joint joint, Joint on) { out[index(joint)] = out[index(on)] * (rest[index(on)].inverse() * rest[index(joint)]); };
+  const auto ride = [&](Joint joint, Joint on) {
+    out[index(joint)] = out[index(on)] * (rest[index(on)].inverse() * rest[index(joint)]);
+  };
   out[index(Joint::wrist)] = wrist;
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
@@ -54,7 +56,8 @@ JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const J
     Quaternion& orientation = out[index(joint)].orientation;
     orientation = (orientation * rotation_exp(angles[b])).normalized();
   }
-  for (int f = 0; f < kFingerCount; ++f) ride(tip_of(static_cast<Finger>(f)), joint_of(distal_of(static_cast<Finger>(f))));
+  for (int f = 0; f < kFingerCount; ++f)
+    ride(tip_of(static_cast<Finger>(f)), joint_of(distal_of(static_cast<Finger>(f))));
   ride(Joint::palm, Joint::middle_metacarpal);
   return out;
 }

@@ -34,7 +34,8 @@ void run(int argc, char** argv) {
     newest = sample.stamp.sample_time;
     ++published;
     service.stamp(sample.stamp);
-    sample.stamp.epoch += restarts;  // sequences begin anew: to whoever hears them, as of a process that was started again
+    sample.stamp.epoch +=
+        restarts;  // sequences begin anew: to whoever hears them, as of a process that was started again
     sample.stamp.chain.tracker_sample = service.clock().when(sample.stamp.sample_time);
     sample.stamp.chain.tracked_published = sample.stamp.publish_time;
     writer.write(sample);
@@ -45,7 +46,8 @@ void run(int argc, char** argv) {
     ++restarts;
   };
   const auto answer = [&](const Message& message) {
-    if (!is_addressed(message, arguments.module)) return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
+    if (!is_addressed(message, arguments.module))
+      return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
     if (get_text(message.key) == "restart") {
       restart();
       return reply_to(message, arguments.module, kReplyApplied, "motion starts again");
@@ -55,7 +57,8 @@ void run(int argc, char** argv) {
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
     add_counter(status, "published", static_cast<double>(published));
-    add_counter(status, "motion_start_s", static_cast<double>(motion_start) * 1e-9);  // by which `softhand up` judges the run
+    add_counter(status, "motion_start_s",
+                static_cast<double>(motion_start) * 1e-9);  // by which `softhand up` judges the run
   };
   service.run({step, answer, fill_status, [&](Nanoseconds) { restart(); }});
 }

@@ -45,13 +45,18 @@ JointAngles facing_pads(const GripHand& hand, double distance) {
     const Vector3 between = index.position - thumb.position;
     const double length = between.norm();
     const Vector3 axis = between / length;
-    s.want(kPerMetre, length - distance, {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+    s.want(kPerMetre, length - distance,
+           {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
     for (int i = 0; i < 3; ++i) {
-      const Vector3 unit = Vector3::Unit(i), across = (unit - axis * axis[i]) / length;  // gradient of axis[i] by `between`
-      const Change by_index = by_point(0, index.body, index.position, across), by_thumb = by_point(0, thumb.body, thumb.position, across);
+      const Vector3 unit = Vector3::Unit(i),
+                    across = (unit - axis * axis[i]) / length;  // gradient of axis[i] by `between`
+      const Change by_index = by_point(0, index.body, index.position, across),
+                   by_thumb = by_point(0, thumb.body, thumb.position, across);
       const auto negative = [](const Change& c) { return Change{c.posture, c.body, -c.force, -c.torque}; };
-      s.want(12, thumb.normal[i] - axis[i], {by_direction(0, thumb.body, thumb.normal, unit), negative(by_index), by_thumb});
-      s.want(12, index.normal[i] + axis[i], {by_direction(0, index.body, index.normal, unit), by_index, negative(by_thumb)});
+      s.want(12, thumb.normal[i] - axis[i],
+             {by_direction(0, thumb.body, thumb.normal, unit), negative(by_index), by_thumb});
+      s.want(12, index.normal[i] + axis[i],
+             {by_direction(0, index.body, index.normal, unit), by_index, negative(by_thumb)});
       s.want(2, index.along[i] - thumb.along[i],
              {by_direction(0, index.body, index.along, unit), by_direction(0, thumb.body, thumb.along, -unit)});
     }
@@ -100,15 +105,20 @@ struct PinchGoals {
     const double reach = gripping ? closed : open;
     const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
     const Vector3 thumb_at = thumb.touch(-z), index_at = index.touch(z);
-    const auto by_thumb = [&](const Vector3& gradient) { return by_point(posture, thumb.body, thumb.centre, gradient); };
-    const auto by_index = [&](const Vector3& gradient) { return by_point(posture, index.body, index.centre, gradient); };
+    const auto by_thumb = [&](const Vector3& gradient) {
+      return by_point(posture, thumb.body, thumb.centre, gradient);
+    };
+    const auto by_index = [&](const Vector3& gradient) {
+      return by_point(posture, index.body, index.centre, gradient);
+    };
     s.want(exact, thumb_at.z() - reach, {by_thumb(z)});
     s.want(exact, index_at.z() + reach, {by_index(z)});
     const double across = gripping ? exact : 0.1 * kPerMetre;
     s.want(across, thumb_at.x(), {by_thumb(x)});
     s.want(across, index_at.x(), {by_index(x)});
     s.want(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
-    s.want((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove, {by_thumb(0.5 * y), by_index(0.5 * y)});
+    s.want((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove,
+           {by_thumb(0.5 * y), by_index(0.5 * y)});
     const double flat = gripping ? 9 : 1.0;
     s.want_direction(flat, posture, thumb.body, thumb.normal, -z);
     s.want_direction(flat, posture, index.body, index.normal, z);
@@ -122,10 +132,13 @@ struct PinchGoals {
     for (const GripHand::Sphere& sphere : s.spheres(posture)) {
       const Finger whose = finger_of(sphere.body);
       const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
-      if (table < kClear) s.want(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
-      // The tracked pads are as deep in the cube as they would press; so is what lies behind them, and a flat pad takes its joint along.
+      if (table < kClear)
+        s.want(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+      // The tracked pads are as deep in the cube as they would press; so is what lies behind them, and a flat pad takes
+      // its joint along.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
-      if (grips && (sphere.body == distal_of(whose) || (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
+      if (grips && (sphere.body == distal_of(whose) ||
+                    (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
         continue;
       const double margin = grips ? 1e-3 - closing_depth : kClear;
       const Distance cube = outside_cube(sphere.centre, half);
@@ -142,7 +155,8 @@ struct Postures {
 };
 
 // Rising weights: from far away, clearance first lets pass.
-Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals, std::initializer_list<std::array<double, 2>> weights) {
+Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
+                  std::initializer_list<std::array<double, 2>> weights) {
   PostureSolver solver(hand, start.wrist, {start.shut, start.wide});
   solver.free_wrist();
   for (const std::size_t posture : {kShut, kWide}) {
@@ -202,16 +216,16 @@ struct Touches {
 
 }  // namespace
 
-// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between them with the wrist
-// at rest.
+// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between
+// them with the wrist at rest.
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
   PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
-    return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed), half + 1e-3 - wide.thumb.z(),
-                     half + 1e-3 + wide.index.z()});
+    return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
+                     half + 1e-3 - wide.thumb.z(), half + 1e-3 + wide.index.z()});
   };
   // Only the way open may fall short: a smaller opening still grips, and asking for too much would spoil the grip.
   Postures best;
@@ -223,8 +237,9 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   }
   const Touches shut(hand, best.wrist, best.shut), wide(hand, best.wrist, best.wide);
   if (missed(shut, wide) > 1e-3) {
-    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: the pads reach from " +
-                                std::to_string(shut.gap() * 1e3) + " to " + std::to_string(wide.gap() * 1e3) +
+    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) +
+                                " mm: the pads reach from " + std::to_string(shut.gap() * 1e3) + " to " +
+                                std::to_string(wide.gap() * 1e3) +
                                 " mm; expected an object_width that the hand can span");
   }
   Grip grip;

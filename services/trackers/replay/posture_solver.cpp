@@ -26,7 +26,8 @@ std::array<JointAxis, 4> axes_of(Finger finger) {
 }
 
 GripHand::GripHand(const HandModel& model) : model_(model), open_(open_hand(model)) {
-  for (int f = 0; f < kFingerCount; ++f) pads_[static_cast<std::size_t>(f)] = pad_in_distal(model, static_cast<Finger>(f));
+  for (int f = 0; f < kFingerCount; ++f)
+    pads_[static_cast<std::size_t>(f)] = pad_in_distal(model, static_cast<Finger>(f));
 }
 
 void GripHand::flex(JointAngles& angles, Finger finger, double first, double second, double distal) const {
@@ -84,7 +85,8 @@ std::vector<GripHand::Sphere> GripHand::spheres(const JointFrames& frames) const
 
 void GripHand::move(std::vector<Sphere>& spheres, const JointFrames& frames) const {
   for (Sphere& s : spheres)
-    s.centre = (1 - s.along) * frames[index(joint_of(s.body))].position + s.along * frames[index(end_joint_of(s.body))].position;
+    s.centre = (1 - s.along) * frames[index(joint_of(s.body))].position +
+               s.along * frames[index(end_joint_of(s.body))].position;
 }
 
 PostureSolver::PostureSolver(const GripHand& hand, const Pose& wrist, std::vector<JointAngles> postures)
@@ -143,7 +145,8 @@ void PostureSolver::pose(const VectorX& values) {
       const Pose& joint = posed.frames[index(joint_of(free_[i].axis.body))];
       // Right Jacobian of the exponential: the turn in the body's own frame.
       posed.turn_axis[at] =
-          joint.orientation * Vector3(left_jacobian_inverse(posed.angles[body]).transpose().inverse().col(free_[i].axis.axis));
+          joint.orientation *
+          Vector3(left_jacobian_inverse(posed.angles[body]).transpose().inverse().col(free_[i].axis.axis));
       posed.turn_about[at] = joint.position;
     }
   }
@@ -174,8 +177,8 @@ void PostureSolver::want(double weight, double value, std::initializer_list<Chan
   for (const Change& change : changes) {
     const Posed& posed = posed_[change.posture];
     if (wrist_is_free_) {
-      const Vector3 turn =
-          weight * (turn_jacobian_.transpose() * (change.torque - Vector3(values_under_test_.head<3>()).cross(change.force)));
+      const Vector3 turn = weight * (turn_jacobian_.transpose() *
+                                     (change.torque - Vector3(values_under_test_.head<3>()).cross(change.force)));
       for (int i = 0; i < 3; ++i) {
         add_entry(i, weight * change.force[i]);
         add_entry(3 + i, turn[i]);
@@ -189,12 +192,15 @@ void PostureSolver::want(double weight, double value, std::initializer_list<Chan
   finish_row(weight * value);
 }
 
-void PostureSolver::want_point(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal) {
+void PostureSolver::want_point(double weight, std::size_t posture, Body body, const Vector3& point,
+                               const Vector3& goal) {
   for (int i = 0; i < 3; ++i) want(weight, point[i] - goal[i], {by_point(posture, body, point, Vector3::Unit(i))});
 }
 
-void PostureSolver::want_direction(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal) {
-  for (int i = 0; i < 3; ++i) want(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
+void PostureSolver::want_direction(double weight, std::size_t posture, Body body, const Vector3& direction,
+                                   const Vector3& goal) {
+  for (int i = 0; i < 3; ++i)
+    want(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
 }
 
 void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {
@@ -213,7 +219,8 @@ void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger
     }
     if (!nearest) return;
     const Vector3 away = (s.centre - nearest->centre).normalized();
-    want(kPerMetre, room - least, {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
+    want(kPerMetre, room - least,
+         {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
   };
   for (const GripHand::Sphere& s : all) {
     if (is_metacarpal(s.body)) continue;

@@ -1,5 +1,6 @@
-// Finds postures of a hand: wrist and joint angles that meet goals (pads on faces, bones clear of things) as well as they can, inside the
-// joints' ranges. A small bounded least-squares solver with exact derivatives. Runs at load; deterministic.
+// Finds postures of a hand: wrist and joint angles that meet goals (pads on faces, bones clear of things) as well as
+// they can, inside the joints' ranges. A small bounded least-squares solver with exact derivatives. Runs at load;
+// deterministic.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,7 +26,8 @@ struct JointAxis {
 /// What moves a finger: flexion and abduction of its first moving joint, flexion of the other two.
 std::array<JointAxis, 4> axes_of(Finger finger);
 
-/// A hand as solves see it: pads, joint ranges, and round bones that must keep clear of things. `model` must outlive it.
+/// A hand as solves see it: pads, joint ranges, and round bones that must keep clear of things. `model` must outlive
+/// it.
 class GripHand {
  public:
   explicit GripHand(const HandModel& model);

@@ -47,7 +47,8 @@ struct GraspGoals {
       s.want(kPlace, out.norm() - radius + depth, {by_point(0, pad.body, pad.position, direction)});
       for (int i = 0; i < 3; ++i) {
         s.want(3, pad.normal[i] + direction[i],
-               {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)), by_point(0, pad.body, pad.position, of_direction(out, i))});
+               {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)),
+                by_point(0, pad.body, pad.position, of_direction(out, i))});
         if (f == 0) {
           s.want(kOpposed, direction[i] + Vector3::UnitX()[i],
                  {by_point(0, pad.body, pad.position, of_direction(out, i))});
@@ -121,7 +122,8 @@ Pose first_wrist(const HandModel& model, double radius) {
   Pose wrist;
   wrist.orientation = Quaternion(Matrix3(in_hand.transpose()));
   const auto knuckle = static_cast<std::size_t>(index_of(Joint::middle_proximal));
-  const Vector3 centre = model.rest_joints[knuckle].position - Vector3(0, radius + model.joint_radii[knuckle] + kPalmGap, 0);
+  const Vector3 centre =
+      model.rest_joints[knuckle].position - Vector3(0, radius + model.joint_radii[knuckle] + kPalmGap, 0);
   wrist.position = -(wrist.orientation * centre);
   return wrist;
 }
@@ -140,7 +142,8 @@ JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& s
       if (from.z() < 0) from.z() = 0;  // the cylinder comes along +Z, as the hand sees it
       const double margin = is_metacarpal(sphere.body) ? kBack : 0.5 * opening;
       const double room = from.norm() - radius - sphere.radius;
-      if (room < margin) s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
+      if (room < margin)
+        s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
     // Firmly: an open little finger would else clear the cylinder by hanging below it, through the table.
     for (const Finger finger : kFourFingers) keep_level(s, finger, 10 * kLevel);
@@ -206,8 +209,9 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
   for (int f = 0; f < kFingerCount; ++f) {
     const double got = radial(hand.pad(static_cast<Finger>(f), frames).position).norm();
     if (std::abs(got - reach) > 2e-3) {
-      throw std::invalid_argument("generator: power_grasp of " + std::to_string(o.object_width * 1e3) + " mm: the pad of " +
-                                  std::string(kFingerNames[static_cast<std::size_t>(f)]) + " comes to " + std::to_string(got * 1e3) +
+      throw std::invalid_argument("generator: power_grasp of " + std::to_string(o.object_width * 1e3) +
+                                  " mm: the pad of " + std::string(kFingerNames[static_cast<std::size_t>(f)]) +
+                                  " comes to " + std::to_string(got * 1e3) +
                                   " mm of the axis; expected an object_width that the hand can close on");
     }
   }
@@ -231,7 +235,8 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
       for (const GripHand::Sphere& sphere : s.spheres(0)) {
         const Vector3 out = radial(sphere.centre);
         const double room = out.norm() - radius - sphere.radius;
-        if (room < deepest(o)) s.want(kPerMetre, room - deepest(o), {by_point(0, sphere.body, sphere.centre, out.normalized())});
+        if (room < deepest(o))
+          s.want(kPerMetre, room - deepest(o), {by_point(0, sphere.body, sphere.centre, out.normalized())});
       }
       s.want_start(1);
     });

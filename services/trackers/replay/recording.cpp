@@ -42,7 +42,8 @@ constexpr std::size_t kColumns = 1 + kValuesPerJoint * kWebXrNames.size();
 
 std::string column_name(std::size_t column) {
   if (column == 0) return "t_s";
-  return std::string(kWebXrNames[(column - 1) / kValuesPerJoint]) + "." + std::string(kSuffixes[(column - 1) % kValuesPerJoint]);
+  return std::string(kWebXrNames[(column - 1) / kValuesPerJoint]) + "." +
+         std::string(kSuffixes[(column - 1) % kValuesPerJoint]);
 }
 
 std::vector<std::string_view> split(std::string_view line) {
@@ -77,7 +78,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
     throw std::runtime_error(name + ":" + std::to_string(line) + ": column '" + column + "': " + text);
   };
   std::string line;
-  if (!std::getline(in, line)) throw std::runtime_error(name + ":1: expected a header that starts with t_s, got an empty file");
+  if (!std::getline(in, line))
+    throw std::runtime_error(name + ":1: expected a header that starts with t_s, got an empty file");
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // with which spreadsheets save UTF-8
   if (line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
   std::vector<std::size_t> place(kColumns, kColumns);  // of each known column in a row
@@ -85,7 +87,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
   for (std::size_t cell = 0; cell < header.size(); ++cell) {
     std::size_t column = 0;
     while (column < kColumns && column_name(column) != header[cell]) ++column;
-    if (column == kColumns) fail(1, std::string(header[cell]), "expected t_s or a WebXR joint with .px .py .pz .qx .qy .qz .qw .r");
+    if (column == kColumns)
+      fail(1, std::string(header[cell]), "expected t_s or a WebXR joint with .px .py .pz .qx .qy .qz .qw .r");
     if (place[column] != kColumns) fail(1, std::string(header[cell]), "expected once, stands twice");
     place[column] = cell;
   }
@@ -99,8 +102,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
     const std::vector<std::string_view> cells = split(line);
     if (cells.size() == 1 && cells[0].empty()) continue;
     if (cells.size() != header.size()) {
-      throw std::runtime_error(name + ":" + std::to_string(number) + ": expected " + std::to_string(header.size()) + " columns, got " +
-                               std::to_string(cells.size()));
+      throw std::runtime_error(name + ":" + std::to_string(number) + ": expected " + std::to_string(header.size()) +
+                               " columns, got " + std::to_string(cells.size()));
     }
     for (std::size_t column = 0; column < kColumns; ++column) {
       const std::string_view cell = cells[place[column]];
@@ -122,7 +125,8 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
              "expected a unit quaternion, got one of length " + std::to_string(orientation.norm()));
       }
       if (!(v[7] >= 0 && v[7] < 0.1))
-        fail(number, column_name(1 + kValuesPerJoint * j + 7), "expected a radius in [0, 0.1] m, got " + std::to_string(v[7]));
+        fail(number, column_name(1 + kValuesPerJoint * j + 7),
+             "expected a radius in [0, 0.1] m, got " + std::to_string(v[7]));
       frame[j + 1] = {Vector3(v[0], v[1], v[2]), orientation.normalized()};
       out.radii_[j + 1] += v[7];
     }

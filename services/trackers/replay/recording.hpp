@@ -13,7 +13,8 @@ std::string_view webxr_name(Joint joint);
 
 class Recording : public Motion {
  public:
-  /// Throws std::runtime_error naming file, line, column and what was expected. Columns may stand in any order. Times must ascend.
+  /// Throws std::runtime_error naming file, line, column and what was expected. Columns may stand in any order. Times
+  /// must ascend.
   static Recording load(const std::string& path);
   static Recording parse(std::istream& in, const std::string& name);
 

@@ -35,13 +35,15 @@ bool within(double time, double at, double duration) { return at >= 0 && time >=
 
 }  // namespace
 
-ReplayTracker::ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayOptions& options, HandKey hand, std::uint32_t source)
+ReplayTracker::ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayOptions& options, HandKey hand,
+                             std::uint32_t source)
     : motion_(std::move(motion)), options_(options), hand_(hand), source_(source), nan_joint_(kJointCount) {
   for (std::size_t j = 0; j < kJointCount; ++j) {
     if (kJointNames[j] == options.nan_joint) nan_joint_ = j;
   }
   if (nan_joint_ == kJointCount)
-    throw std::invalid_argument("nan_joint: expected an OpenXR joint name such as index_intermediate, got '" + options.nan_joint + "'");
+    throw std::invalid_argument("nan_joint: expected an OpenXR joint name such as index_intermediate, got '" +
+                                options.nan_joint + "'");
   const std::span<const double> times = motion_->times();
   period_ = options.rate_hz > 0 ? 1 / options.rate_hz : times.empty() ? 1 / kDefaultRate : 0;
   if (period_ == 0) {
@@ -55,7 +57,8 @@ double ReplayTracker::sample_time(std::int64_t i) const {
   const std::span<const double> times = motion_->times();
   const auto played = static_cast<std::int64_t>(times.size() - first_);
   const std::int64_t at = i + static_cast<std::int64_t>(first_);
-  // A repeated recording goes on after a gap of its own mean period; a finished one holds its last frame at that period.
+  // A repeated recording goes on after a gap of its own mean period; a finished one holds its last frame at that
+  // period.
   const double gap = times.size() > 1 ? times.back() / static_cast<double>(times.size() - 1) : 1 / kDefaultRate;
   if (i < played) return times[static_cast<std::size_t>(at)] - times[first_];
   const double once = times.back() - times[first_] + gap;
@@ -91,7 +94,8 @@ void ReplayTracker::fill(std::int64_t i, Skeleton& out) const {
   }
   const JointFrames frames = motion_->at(time);
   const double now = options_.start_time + since_start;
-  const Vector3 offset = within(now, options_.teleport_at, options_.teleport_time) ? to_vector(options_.teleport_offset) : Vector3::Zero();
+  const Vector3 offset =
+      within(now, options_.teleport_at, options_.teleport_time) ? to_vector(options_.teleport_offset) : Vector3::Zero();
   const auto seed = static_cast<std::uint64_t>(options_.seed);
   out = Skeleton{};
   out.hand = hand_;
@@ -102,7 +106,8 @@ void ReplayTracker::fill(std::int64_t i, Skeleton& out) const {
     const std::uint64_t n = static_cast<std::uint64_t>(i) * kJointCount + j;
     pose.position += offset;
     if (options_.position_noise > 0) pose.position += options_.position_noise * normal3(2 * seed, n);
-    if (options_.rotation_noise > 0) pose.orientation = rotation_exp(options_.rotation_noise * normal3(2 * seed + 1, n)) * pose.orientation;
+    if (options_.rotation_noise > 0)
+      pose.orientation = rotation_exp(options_.rotation_noise * normal3(2 * seed + 1, n)) * pose.orientation;
     JointSample& joint = out.joints[j];
     joint.position = to_wire(pose.position);
     joint.orientation = to_wire(pose.orientation);
@@ -111,7 +116,8 @@ void ReplayTracker::fill(std::int64_t i, Skeleton& out) const {
     }
     joint.radius = motion_->radii()[j];
     joint.flags = kJointValid | (j == 0 && motion_->palm_inferred() ? kJointInferred : kJointTracked);
-    if (j == nan_joint_ && within(now, options_.nan_at, options_.nan_time)) joint.position[0] = std::numeric_limits<double>::quiet_NaN();
+    if (j == nan_joint_ && within(now, options_.nan_at, options_.nan_time))
+      joint.position[0] = std::numeric_limits<double>::quiet_NaN();
   }
 }
 

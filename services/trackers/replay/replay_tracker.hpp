@@ -1,4 +1,5 @@
-// A tracker made of a motion: plays it at its recorded times or at a rate, with a real tracker's imperfections and, for tests, its faults.
+// A tracker made of a motion: plays it at its recorded times or at a rate, with a real tracker's imperfections and, for
+// tests, its faults.
 #pragma once
 
 #include <memory>
@@ -33,9 +34,12 @@ struct ReplayOptions {
 };
 
 inline void describe(OptionVisitor& v, ReplayOptions& o) {
-  v.number("rate_hz", o.rate_hz, "Hz", {0, 10000}, "Rate of samples; 0 = at the recorded times, or 90 Hz for a made motion.");
+  v.number("rate_hz", o.rate_hz, "Hz", {0, 10000},
+           "Rate of samples; 0 = at the recorded times, or 90 Hz for a made motion.");
   v.number("start_time", o.start_time, "s", {0, 86400}, "Where in the motion to start.");
-  v.flag("repeat", o.repeat, "Start again at the end; otherwise the last sample is repeated for ever. A tracker that is restarted begins anew at start_time.");
+  v.flag("repeat", o.repeat,
+         "Start again at the end; otherwise the last sample is repeated for ever. A tracker that is restarted begins "
+         "anew at start_time.");
   v.number("latency", o.latency, "s", {0, 1}, "From measurement to delivery.");
   v.number("position_noise", o.position_noise, "m", {0, 0.1}, "Standard deviation of each joint's position, per axis.");
   v.number("rotation_noise", o.rotation_noise, "rad", {0, 1}, "Standard deviation of each joint's rotation, per axis.");
@@ -56,12 +60,13 @@ inline void describe(OptionVisitor& v, ReplayOptions& o) {
 
 class ReplayTracker : public TrackerSource {
  public:
-  /// Time 0 of the motion is the first call of `sample`, less `start_time`. Throws std::invalid_argument for a joint name that does not
-  /// exist.
-  ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayOptions& options, HandKey hand, std::uint32_t source = 0);
+  /// Time 0 of the motion is the first call of `sample`, less `start_time`. Throws std::invalid_argument for a joint
+  /// name that does not exist.
+  ReplayTracker(std::shared_ptr<const Motion> motion, const ReplayOptions& options, HandKey hand,
+                std::uint32_t source = 0);
 
-  /// Samples that became due since the last call and are not the newest are skipped, as a tracker would overwrite them. Which samples
-  /// exist, and their noise, does not depend on when this is called.
+  /// Samples that became due since the last call and are not the newest are skipped, as a tracker would overwrite them.
+  /// Which samples exist, and their noise, does not depend on when this is called.
   bool sample(Nanoseconds now, Skeleton& out) override;
   /// True once the motion has been played to its end (never when it repeats).
   bool finished(Nanoseconds now) const;

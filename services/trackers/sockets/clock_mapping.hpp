@@ -8,8 +8,9 @@
 
 namespace softhand {
 
-/// arrival = sent + offset + delay with delay >= 0, so the least difference of the recent messages is the offset plus the shortest delay:
-/// mapped times are late by that (a cable's or a radio's, 0.1 to 3 ms). Two windows of 10 s each, so that drift is followed.
+/// arrival = sent + offset + delay with delay >= 0, so the least difference of the recent messages is the offset plus
+/// the shortest delay: mapped times are late by that (a cable's or a radio's, 0.1 to 3 ms). Two windows of 10 s each,
+/// so that drift is followed.
 class ClockMapping {
  public:
   /// `sent` on the sender's clock, `arrival` on ours. Whether that clock started anew.

@@ -59,7 +59,8 @@ class Sender : public web::Session {
 // Receives datagrams in a thread of its own.
 class Datagrams {
  public:
-  Datagrams(const std::string& address, std::uint16_t port, std::size_t largest, Shared& shared) : shared_(shared), buffer_(largest + 1, '\0') {
+  Datagrams(const std::string& address, std::uint16_t port, std::size_t largest, Shared& shared)
+      : shared_(shared), buffer_(largest + 1, '\0') {
     sockaddr_storage to{};
     auto& four = reinterpret_cast<sockaddr_in&>(to);
     auto& six = reinterpret_cast<sockaddr_in6&>(to);
@@ -74,7 +75,8 @@ class Datagrams {
     }
     socket_ = socket(to.ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     wake_ = eventfd(0, EFD_CLOEXEC);
-    if (socket_ < 0 || wake_ < 0 || bind(socket_, reinterpret_cast<const sockaddr*>(&to), is_six ? sizeof six : sizeof four) != 0) {
+    if (socket_ < 0 || wake_ < 0 ||
+        bind(socket_, reinterpret_cast<const sockaddr*>(&to), is_six ? sizeof six : sizeof four) != 0) {
       const std::string why = std::strerror(errno);
       close_all();
       throw std::runtime_error("cannot listen on UDP " + address + ":" + std::to_string(port) + ": " + why);
@@ -134,7 +136,9 @@ class Inbox::Impl {
     site.get = [](const std::string&) { return web::Answer{426, "text/plain", "A WebSocket is spoken here.\n"}; };
     site.origin = web::Origin::this_host;
     site.largest_message = largest;
-    site.connect = [this] { return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr; };
+    site.connect = [this] {
+      return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr;
+    };
     site.refused = [this] { ++shared_.refused_origin; };
     return site;
   }
@@ -144,7 +148,8 @@ class Inbox::Impl {
   std::optional<Datagrams> datagrams_;
 };
 
-Inbox::Inbox(const web::Listening& listening, Transport transport, std::size_t largest) : impl_(std::make_unique<Impl>(listening, transport, largest)) {}
+Inbox::Inbox(const web::Listening& listening, Transport transport, std::size_t largest)
+    : impl_(std::make_unique<Impl>(listening, transport, largest)) {}
 Inbox::~Inbox() = default;
 std::uint16_t Inbox::port() const { return impl_->web().port(); }
 

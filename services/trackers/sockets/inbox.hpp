@@ -20,12 +20,13 @@ struct Arrival {
 
 enum class Transport : bool { websocket, websocket_and_udp };
 
-/// A page is believed where its Origin has the host name that it asked, whatever the port (the viewer's page is served from another), and that
-/// is localhost, the address or one of `hosts`. Programs without Origin are believed. Thread-safe.
+/// A page is believed where its Origin has the host name that it asked, whatever the port (the viewer's page is served
+/// from another), and that is localhost, the address or one of `hosts`. Programs without Origin are believed.
+/// Thread-safe.
 class Inbox {
  public:
-  /// Listens from here on, UDP on the number of the TCP port. Messages above `largest` bytes close their connection, or are dropped.
-  /// Throws std::runtime_error naming address and port where that is refused.
+  /// Listens from here on, UDP on the number of the TCP port. Messages above `largest` bytes close their connection, or
+  /// are dropped. Throws std::runtime_error naming address and port where that is refused.
   Inbox(const web::Listening& listening, Transport transport, std::size_t largest);
   ~Inbox();
 

@@ -13,7 +13,8 @@ using namespace softhand;
 constexpr double kPollRate = 1000;  // Hz at which frames are looked for
 
 void run(int argc, char** argv) {
-  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Takes hands and head from a headset's browser");
+  const TrackerArguments arguments =
+      parse_tracker_arguments(argc, argv, "Takes hands and head from a headset's browser");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey user = hand_key(scene);
 
@@ -67,7 +68,8 @@ void run(int argc, char** argv) {
     add_counter(status, "refused_origin", static_cast<double>(counters.refused_origin));
     add_counter(status, "passed_over", static_cast<double>(counters.passed_over));
     for (std::size_t i = 1; i < refused.size(); ++i) {
-      const auto larger = static_cast<WebXrRefusal>(i) == WebXrRefusal::size ? counters.refused_size : 0;  // than a frame: closed by the inbox
+      const auto larger = static_cast<WebXrRefusal>(i) == WebXrRefusal::size ? counters.refused_size
+                                                                             : 0;  // than a frame: closed by the inbox
       add_counter(status, "refused_" + std::string(kWebXrRefusalNames[i]), static_cast<double>(refused[i] + larger));
     }
   };

@@ -11,10 +11,10 @@ namespace softhand {
 namespace {
 
 constexpr double kNanosecondsPerMillisecond = 1e6;
-constexpr double kFarthest = 1000;               // m
-constexpr double kLargestRadius = 0.1;           // m
-constexpr double kLatestSend = 1e12;             // ms: thirty years
-constexpr double kOldest = 1000, kAhead = 200;   // ms of the sample before and after it was sent
+constexpr double kFarthest = 1000;              // m
+constexpr double kLargestRadius = 0.1;          // m
+constexpr double kLatestSend = 1e12;            // ms: thirty years
+constexpr double kOldest = 1000, kAhead = 200;  // ms of the sample before and after it was sent
 
 class Reader {
  public:
@@ -53,7 +53,8 @@ WebXrRefusal decode_webxr(std::string_view bytes, WebXrSample& out) {
   WebXrSample sample;
   const double taken = reader.read<double>();
   const double sent = reader.read<double>();
-  if (!(sent >= 0 && sent < kLatestSend && taken > sent - kOldest && taken < sent + kAhead)) return WebXrRefusal::content;
+  if (!(sent >= 0 && sent < kLatestSend && taken > sent - kOldest && taken < sent + kAhead))
+    return WebXrRefusal::content;
   sample.sample_time = static_cast<Nanoseconds>(taken * kNanosecondsPerMillisecond);
   sample.sent = static_cast<Nanoseconds>(sent * kNanosecondsPerMillisecond);
   sample.head.valid = reader.read<std::uint32_t>();

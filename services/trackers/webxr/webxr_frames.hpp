@@ -15,12 +15,13 @@ inline constexpr std::uint16_t kWebXrVersion = 1;
 inline constexpr std::size_t kWebXrFrameSize = 1664;  ///< bytes
 
 enum class WebXrRefusal : std::uint8_t { none, type, size, magic, version, content, order };
-inline constexpr std::array<std::string_view, 7> kWebXrRefusalNames{"none", "type", "size", "magic", "version", "content", "order"};
+inline constexpr std::array<std::string_view, 7> kWebXrRefusalNames{"none",    "type",    "size", "magic",
+                                                                    "version", "content", "order"};
 
 struct WebXrSample {
-  Nanoseconds sample_time = 0;  ///< the page's clock
-  Nanoseconds sent = 0;         ///< the page's clock
-  HeadPose head;                ///< `valid` says whether
+  Nanoseconds sample_time = 0;    ///< the page's clock
+  Nanoseconds sent = 0;           ///< the page's clock
+  HeadPose head;                  ///< `valid` says whether
   std::array<Skeleton, 2> hands;  ///< left, right; confidence 0 = not seen; user, source and stamps are not filled
 };
 
@@ -30,8 +31,8 @@ WebXrRefusal decode_webxr(std::string_view bytes, WebXrSample& out);
 /// Puts decoded samples on our clock. A connection is a clock of its own.
 class WebXrClock {
  public:
-  /// Stamps both hands and the head; `order` where it is not newer than the one before of this connection. No sample lies ahead of `arrival`,
-  /// although browsers predict to the time of display.
+  /// Stamps both hands and the head; `order` where it is not newer than the one before of this connection. No sample
+  /// lies ahead of `arrival`, although browsers predict to the time of display.
   WebXrRefusal stamp(WebXrSample& sample, std::uint64_t connection, Nanoseconds arrival);
 
  private:

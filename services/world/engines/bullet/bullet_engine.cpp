@@ -14,8 +14,9 @@
 namespace softhand {
 namespace {
 
-// Bullet's thresholds (contact breaking 20 mm, penetration slop, margins) are made for bodies of about a metre. Hands move bodies of 5-100 mm: we
-// compute in units of 50 mm. Lengths, velocities, accelerations and forces scale by s, inertias and torques by s^2; masses and times stay.
+// Bullet's thresholds (contact breaking 20 mm, penetration slop, margins) are made for bodies of about a metre. Hands
+// move bodies of 5-100 mm: we compute in units of 50 mm. Lengths, velocities, accelerations and forces scale by s,
+// inertias and torques by s^2; masses and times stay.
 constexpr double kScale = 20;
 constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
@@ -28,35 +29,43 @@ btVector3 to_bullet(const Vector3& v, double scale) {
 Vector3 from_bullet(const btVector3& v, double scale) { return Vector3(v.x(), v.y(), v.z()) / scale; }
 btTransform to_bullet(const Pose& pose) {
   const Quaternion& q = pose.orientation;
-  const btQuaternion orientation(static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()), static_cast<float>(q.w()));
+  const btQuaternion orientation(static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()),
+                                 static_cast<float>(q.w()));
   return btTransform(orientation.normalized(), to_bullet(pose.position, kScale));
 }
 
-/// All shapes are true on the outside: Bullet keeps the margin of boxes and cylinders inside, but adds it around hulls, which are shrunk by it first.
+/// All shapes are true on the outside: Bullet keeps the margin of boxes and cylinders inside, but adds it around hulls,
+/// which are shrunk by it first.
 std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
   const btVector3 size = to_bullet(to_vector(shape.size), kScale);
-  const float margin = std::min(kMargin, 0.2f * std::min({size.x(), shape.kind == 1 ? size.y() : size.x(), shape.kind == 1 ? size.z() : size.x()}));
+  const float margin = std::min(kMargin, 0.2f * std::min({size.x(), shape.kind == 1 ? size.y() : size.x(),
+                                                          shape.kind == 1 ? size.z() : size.x()}));
   switch (static_cast<ShapeKind>(shape.kind)) {
-    case ShapeKind::sphere: return std::make_unique<btSphereShape>(size.x());
+    case ShapeKind::sphere:
+      return std::make_unique<btSphereShape>(size.x());
     case ShapeKind::box: {
       auto box = std::make_unique<btBoxShape>(size);
       box->setMargin(margin);
       return box;
     }
-    case ShapeKind::capsule: return std::make_unique<btCapsuleShape>(size.x(), 2 * size.y());
+    case ShapeKind::capsule:
+      return std::make_unique<btCapsuleShape>(size.x(), 2 * size.y());
     case ShapeKind::cylinder: {
       auto cylinder = std::make_unique<btCylinderShape>(btVector3(size.x(), size.y(), size.x()));
       cylinder->setMargin(std::min(margin, 0.2f * size.y()));
       return cylinder;
     }
-    case ShapeKind::plane: return std::make_unique<btStaticPlaneShape>(btVector3(0, 1, 0), 0);
-    case ShapeKind::convex_hull: break;
+    case ShapeKind::plane:
+      return std::make_unique<btStaticPlaneShape>(btVector3(0, 1, 0), 0);
+    case ShapeKind::convex_hull:
+      break;
   }
   std::array<float, 3 * kMaxHullVertices> points;
   for (std::size_t i = 0; i < shape.vertices.size(); ++i)
     for (std::size_t k = 0; k < 3; ++k) points[3 * i + k] = static_cast<float>(shape.vertices[i][k] * kScale);
   btConvexHullComputer shrunk;
-  const float moved = shrunk.compute(points.data(), 3 * sizeof(float), static_cast<int>(shape.vertices.size()), kMargin, 0.2f);
+  const float moved =
+      shrunk.compute(points.data(), 3 * sizeof(float), static_cast<int>(shape.vertices.size()), kMargin, 0.2f);
   auto hull = std::make_unique<btConvexHullShape>();
   for (int i = 0; i < shrunk.vertices.size(); ++i) hull->addPoint(shrunk.vertices[i], false);
   hull->recalcLocalAabb();
@@ -71,8 +80,8 @@ class BulletEngine final : public PhysicsEngine {
     world_.setGravity(btVector3(0, 0, 0));
     btContactSolverInfo& info = world_.getSolverInfo();
     info.m_numIterations = kSolverIterations;
-    // All of the last step's impulses, not Bullet's 85 %: what is left out each step of a load that rests takes more iterations than these to build up
-    // through a stack, whose boxes meanwhile slide on contacts that carry too little.
+    // All of the last step's impulses, not Bullet's 85 %: what is left out each step of a load that rests takes more
+    // iterations than these to build up through a stack, whose boxes meanwhile slide on contacts that carry too little.
     info.m_warmstartingFactor = 1;
     info.m_splitImpulse = 1;
     info.m_splitImpulsePenetrationThreshold = 0;  // penetration is undone without leaving velocity behind
@@ -151,7 +160,8 @@ class BulletEngine final : public PhysicsEngine {
   bool asleep(std::size_t slot) const override { return !bodies_[slot]->isActive(); }
 
   Twist velocity(std::size_t slot) const override {
-    return {from_bullet(bodies_[slot]->getLinearVelocity(), kScale), from_bullet(bodies_[slot]->getAngularVelocity(), 1)};
+    return {from_bullet(bodies_[slot]->getLinearVelocity(), kScale),
+            from_bullet(bodies_[slot]->getAngularVelocity(), 1)};
   }
 
   bool closest_direction(std::size_t slot, std::size_t other, double range, Vector3& direction) const override {
@@ -160,8 +170,10 @@ class BulletEngine final : public PhysicsEngine {
       direction = from_bullet(normal, 1);
       btVector3 low, high;  // a plane is everywhere: ask the body's own box first
       shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
-      const btVector3 nearest(normal.x() > 0 ? low.x() : high.x(), normal.y() > 0 ? low.y() : high.y(), normal.z() > 0 ? low.z() : high.z());
-      return (nearest - bodies_[other]->getWorldTransform().getOrigin()).dot(normal) <= static_cast<float>(range * kScale);
+      const btVector3 nearest(normal.x() > 0 ? low.x() : high.x(), normal.y() > 0 ? low.y() : high.y(),
+                              normal.z() > 0 ? low.z() : high.z());
+      return (nearest - bodies_[other]->getWorldTransform().getOrigin()).dot(normal) <=
+             static_cast<float>(range * kScale);
     }
     if (!shapes_[slot]->isConvex() || !shapes_[other]->isConvex()) return false;
     const float reach = static_cast<float>(range * kScale);
@@ -172,8 +184,8 @@ class BulletEngine final : public PhysicsEngine {
       if (low[axis] - reach > other_high[axis] || high[axis] + reach < other_low[axis]) return false;
     btVoronoiSimplexSolver simplex;
     btGjkEpaPenetrationDepthSolver depth;
-    btGjkPairDetector detector(static_cast<const btConvexShape*>(shapes_[slot].get()), static_cast<const btConvexShape*>(shapes_[other].get()), &simplex,
-                               &depth);
+    btGjkPairDetector detector(static_cast<const btConvexShape*>(shapes_[slot].get()),
+                               static_cast<const btConvexShape*>(shapes_[other].get()), &simplex, &depth);
     btGjkPairDetector::ClosestPointInput input;
     input.m_transformA = bodies_[slot]->getWorldTransform();
     input.m_transformB = bodies_[other]->getWorldTransform();
@@ -212,7 +224,8 @@ HullSolid hull_solid(const std::vector<Vector3>& points) {
   hull.compute(coordinates.data(), 3 * sizeof(double), static_cast<int>(points.size()), 0, 0);
   if (hull.vertices.size() < 4) return {};
   const auto at = [&hull](int i) { return Vector3(hull.vertices[i].x(), hull.vertices[i].y(), hull.vertices[i].z()); };
-  // Sums over the tetrahedra (inside point, a, b, c) of each face's fan; second moments by the exact rule for a tetrahedron with a corner at the origin.
+  // Sums over the tetrahedra (inside point, a, b, c) of each face's fan; second moments by the exact rule for a
+  // tetrahedron with a corner at the origin.
   Vector3 inside = Vector3::Zero();
   for (int i = 0; i < hull.vertices.size(); ++i) inside += at(i) / hull.vertices.size();
   double volume = 0;
@@ -221,7 +234,8 @@ HullSolid hull_solid(const std::vector<Vector3>& points) {
   for (int f = 0; f < hull.faces.size(); ++f) {
     const btConvexHullComputer::Edge* start = &hull.edges[hull.faces[f]];
     const Vector3 a = at(start->getSourceVertex()) - inside;
-    for (const auto* edge = start->getNextEdgeOfFace(); edge->getTargetVertex() != start->getSourceVertex(); edge = edge->getNextEdgeOfFace()) {
+    for (const auto* edge = start->getNextEdgeOfFace(); edge->getTargetVertex() != start->getSourceVertex();
+         edge = edge->getNextEdgeOfFace()) {
       const Vector3 b = at(edge->getSourceVertex()) - inside;
       const Vector3 c = at(edge->getTargetVertex()) - inside;
       const double v = std::abs(a.dot(b.cross(c))) / 6;
