@@ -162,6 +162,10 @@ int main(int argc, char** argv) {
   report::ReportArguments all_parts;
   report->add_flag("--quick", all_parts.quick, "Under five minutes: each part's --quick");
   report->add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
+  report
+      ->add_option("--motion", all_parts.motion,
+                   "Recording for error-runtime's scene recorded_grasp (CSV); without it this scene is left out")
+      ->type_name("FILE");
   report->add_option("--out", all_parts.out, "Folder of report.md, images/ and report_data/")
       ->capture_default_str()
       ->type_name("DIR");
@@ -221,6 +225,10 @@ int main(int argc, char** argv) {
   command->add_option("--scene", error_runtime.which, "Only this scene, or peer (Bullet's soft body); repeatable")
       ->type_name("NAME")
       ->allow_extra_args(false);
+  command
+      ->add_option("--motion", error_runtime.motion,
+                   "Recording for the scene recorded_grasp (CSV); without it this scene is left out")
+      ->type_name("FILE");
   command->callback([&] { run = [&error_runtime] { return error_runtime::run_error_runtime(error_runtime); }; });
 
   human::HumanArguments human;

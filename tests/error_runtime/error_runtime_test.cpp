@@ -11,7 +11,8 @@ namespace softhand::error_runtime {
 namespace {
 
 const Scene& scene_named(const std::string& name) {
-  for (const Scene& scene : all_scenes()) {
+  static const std::vector<Scene> scenes = all_scenes();
+  for (const Scene& scene : scenes) {
     if (scene.name == name) return scene;
   }
   throw std::invalid_argument(name);

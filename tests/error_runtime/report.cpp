@@ -50,6 +50,7 @@ Json row_json(const Row& row) {
             {"total_force_error", row.total.force_error},
             {"iterations", row.iterations},
             {"steps_not_converged", row.steps_not_converged},
+            {"steps_cut_off", row.steps_cut_off},
             {"worst_residual", row.worst_residual},
             {"penetration_p95_mm", row.penetration_p95_mm},
             {"penetration_max_mm", row.penetration_max_mm},
@@ -84,6 +85,12 @@ const Row* like_default(const SceneStudy& scene, const std::string& knob) {
     return row.knob == knob && row.hand == def.hand && row.rate_hz == def.rate_hz;
   });
   return found == scene.rows.end() ? nullptr : &*found;
+}
+
+const Row& live_of(const SceneStudy& scene) {
+  return *std::find_if(scene.rows.begin(), scene.rows.end(), [](const Row& row) {
+    return row.knob == "work_budget" && std::stod(row.setting) == kLiveBudget;
+  });
 }
 
 std::string millimetres(double value) { return std::isfinite(value) ? fmt::format("{:.2g}", value) : "not finite"; }
@@ -132,6 +139,32 @@ bool asked_for(const ErrorRuntimeArguments& arguments, const std::string& name) 
          std::find(arguments.which.begin(), arguments.which.end(), name) != arguments.which.end();
 }
 
+// What a live hand shows: steps that end with the budget, against the same steps until nothing moves.
+std::string live_markdown(const Study& study) {
+  std::string text = fmt::format(
+      "The live default: {}, 90 Hz, a budget of {:g} fast steps. Errors against R0.\n\n"
+      "| scene | ms, median / p99 | steps cut off | tissue mm | force | asked | |\n"
+      "| --- | --- | --- | --- | --- | --- | --- |\n",
+      study.default_hand, kLiveBudget);
+  for (const SceneStudy& scene : study.scenes) {
+    const Row& row = live_of(scene);
+    std::string asked = "-", met = "-";
+    if (scene.live) {
+      asked = millimetres(scene.live->tissue_rms_mm) + " mm";
+      bool holds = row.along.tissue_rms_mm <= scene.live->tissue_rms_mm;
+      if (scene.live->force_error) {
+        asked += ", " + percent(*scene.live->force_error);
+        holds = holds && row.along.force_error <= *scene.live->force_error;
+      }
+      met = holds ? "met" : "**missed**";
+    }
+    text += fmt::format("| {} | {:.2f} / {:.2f} | {} of {} | {} | {} | {} | {} |\n", scene.scene, row.ms_p50,
+                        row.ms_p99, row.steps_cut_off, row.steps, millimetres(row.along.tissue_rms_mm),
+                        percent(row.along.force_error), asked, met);
+  }
+  return text + "\n";
+}
+
 }  // namespace
 
 std::string default_misses(const SceneStudy& scene) {
@@ -148,7 +181,7 @@ Json to_json(const Study& study) {
     for (const Row& row : scene.rows) list.push_back(row_json(row));
   }
   for (const Row& row : study.peer.rows) list.push_back(row_json(row));
-  for (const NotBuilt& scene : scenes_not_built()) list.push_back(row_json(not_built(scene)));
+  for (const NotBuilt& scene : study.not_built) list.push_back(row_json(not_built(scene)));
   return list;
 }
 
@@ -183,7 +216,8 @@ std::string to_markdown(const Study& study, const std::string& command, const st
       "the finest mesh (the mesh's). \"All\" is the distance from R2 + R1 - R0, the best result known. Forces are "
       "compared finger by finger, relative to the reference's.\n\n",
       study.quick ? 360 : 1440, study.quick ? 180 : 720);
-  text += "The default (" + study.default_hand + ", 90 Hz):\n\n";
+  text += live_markdown(study);
+  text += "The default without a budget (" + study.default_hand + ", 90 Hz):\n\n";
   text +=
       "| scene | ms, median / p99 | solver: tissue mm, force | one step: tissue mm, force | step: tissue mm | mesh: "
       "tissue mm | all: tissue mm, force | 0.1 mm, 2 % of R0 |\n";
@@ -200,7 +234,7 @@ std::string to_markdown(const Study& study, const std::string& command, const st
                         : default_misses(scene).empty() ? "met"
                                                         : "**missed**");
   }
-  for (const NotBuilt& scene : scenes_not_built())
+  for (const NotBuilt& scene : study.not_built)
     text += fmt::format("| {} | Not built: {} | | | | | | |\n", scene.name, scene.reason);
   if (!pictures.empty()) {
     text += fmt::format(
@@ -300,8 +334,8 @@ std::string table_markdown(const Study& study) {
 }
 
 int run_error_runtime(const ErrorRuntimeArguments& arguments) {
+  const std::vector<Scene> scenes = all_scenes(arguments.motion);
   for (const std::string& name : arguments.which) {
-    const auto& scenes = all_scenes();
     if (name == "peer" ||
         std::any_of(scenes.begin(), scenes.end(), [&name](const Scene& scene) { return scene.name == name; }))
       continue;
@@ -312,9 +346,10 @@ int run_error_runtime(const ErrorRuntimeArguments& arguments) {
   pin_thread();
   Study study;
   study.quick = arguments.quick;
+  study.not_built = scenes_not_built(arguments.motion);
   study.default_hand = default_hand(arguments.quick);
   bool good = true;
-  for (const Scene& scene : all_scenes()) {
+  for (const Scene& scene : scenes) {
     if (!asked_for(arguments, scene.name)) continue;
     study.scenes.push_back(study_scene(scene, arguments.quick));
     print(study.scenes.back());
@@ -326,8 +361,8 @@ int run_error_runtime(const ErrorRuntimeArguments& arguments) {
     study.peer = study_peer(study.default_hand);
     for (const Row& row : study.peer.rows) print(row);
   }
-  const std::string command =
-      arguments.quick ? "softhand report error-runtime --quick" : "softhand report error-runtime";
+  const std::string command = std::string("softhand report error-runtime") + (arguments.quick ? " --quick" : "") +
+                              (arguments.motion.empty() ? "" : " --motion " + arguments.motion);
   const std::string json = to_json(study).dump(1) + "\n";
   report::write_file(arguments.json, json);
   report::write_file(arguments.csv, to_csv(study));

@@ -26,6 +26,7 @@ std::string table_markdown(const Study& study);
 struct ErrorRuntimeArguments {
   bool quick = false;              ///< the coarse hand, fewer settings
   std::vector<std::string> which;  ///< names of scenes, and "peer"; empty = all
+  std::string motion;              ///< path of the recording of recorded_grasp; empty: this scene is not played
   std::string json;
   std::string csv;
   std::string markdown;  ///< both sections

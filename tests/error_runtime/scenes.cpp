@@ -8,6 +8,7 @@
 #include "error_runtime/trial.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "scene_file.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/kinematics.hpp"
 
@@ -30,6 +31,35 @@ class Paced final : public Motion {
  private:
   std::unique_ptr<Motion> motion_;
   double from_, to_, seconds_;
+};
+
+// A motion from a later time on.
+class From final : public Motion {
+ public:
+  From(std::shared_ptr<const Motion> motion, double from) : motion_(std::move(motion)), from_(from) {}
+  double duration() const override { return motion_->duration() - from_; }
+  const std::array<double, kJointCount>& radii() const override { return motion_->radii(); }
+  JointFrames at(double time) const override { return motion_->at(from_ + time); }
+
+ private:
+  std::shared_ptr<const Motion> motion_;
+  double from_;
+};
+
+// A motion until a time, a rest there, and the same motion backwards.
+class ThereAndBack final : public Motion {
+ public:
+  ThereAndBack(std::shared_ptr<const Motion> motion, double there, double back)
+      : motion_(std::move(motion)), there_(there), back_(back) {}
+  double duration() const override { return back_ + there_; }
+  const std::array<double, kJointCount>& radii() const override { return motion_->radii(); }
+  JointFrames at(double time) const override {
+    return motion_->at(time < back_ ? std::min(time, there_) : std::max(back_ + there_ - time, 0.0));
+  }
+
+ private:
+  std::shared_ptr<const Motion> motion_;
+  double there_, back_;
 };
 
 // One posture, the wrist at the origin.
@@ -185,19 +215,31 @@ Scene free_motion() {
   return scene;
 }
 
+constexpr double kFistClosed = 0.9, kFistOpens = 1.0;  // s
+
 Scene fist() {
-  Scene scene{"fist", "the open hand closes to a fist", 1, {}, {}, false, {}, {}};
+  Scene scene{"fist", "the open hand closes to a fist and opens again", 2, {}, {}, false, {}, {}};
   scene.motion = [](const HandModel& hand) {
     GeneratorOptions o;
     o.motion = "fist";
-    return std::make_shared<Paced>(make_motion(hand, o), 0.5, 2.0, 0.9);
+    return std::make_shared<ThereAndBack>(std::make_shared<Paced>(make_motion(hand, o), 0.5, 2.0, kFistClosed),
+                                          kFistClosed, kFistOpens);
   };
   scene.missing = [](const Trajectory& t) {
-    const Vector3 before = t.samples.front().joints[index(Joint::middle_distal)].orientation * -Vector3::UnitZ();
-    const Vector3 after = t.samples.back().joints[index(Joint::middle_distal)].orientation * -Vector3::UnitZ();
-    const double degrees = std::acos(std::clamp(before.dot(after), -1.0, 1.0)) * 180 / M_PI;
-    return must(degrees > 90,
-                fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected 90", degrees)) +
+    const auto turned = [&t](double time) {  // degrees, the middle finger's last bone since the start
+      const auto direction = [](const Sample& s) -> Vector3 {
+        return s.joints[index(Joint::middle_distal)].orientation * -Vector3::UnitZ();
+      };
+      const auto then = std::find_if(t.samples.begin(), t.samples.end(), [time](const Sample& s) {
+        return static_cast<double>(s.tick) >= time * static_cast<double>(kTicksPerSecond);
+      });
+      const double cosine =
+          direction(t.samples.front()).dot(direction(then == t.samples.end() ? t.samples.back() : *then));
+      return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / M_PI;
+    };
+    return must(turned(kFistOpens) > 90,
+                fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected 90", turned(kFistOpens))) +
+           must(turned(2) < 10, fmt::format("the finger stays bent by {:.0f} degrees, expected 10", turned(2))) +
            touches_nothing(t);
   };
   return scene;
@@ -212,6 +254,7 @@ Scene pinch_lift() {
               true,
               {},
               {}};
+  scene.live = {0.01, 0.01};
   scene.motion = [](const HandModel& hand) { return make_motion(hand, grasp_of("pinch", 0.04, 0.026)); };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::thumb, Finger::index}, 0.3) +
@@ -234,6 +277,7 @@ Scene power_grasp() {
               true,
               {},
               {}};
+  scene.live = {0.1, 0.05};
   scene.motion = [](const HandModel& hand) { return make_motion(hand, grasp_of("power_grasp", 0.05, 0.06)); };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::thumb, Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.3) +
@@ -306,17 +350,44 @@ Scene clutter() {
   return scene;
 }
 
+// A part of config/scenes/recorded_grasp.toml: the fist closes around the cylinder.
+Scene recorded_grasp(const std::string& recording) {
+  static constexpr double kFrom = 0.9;  // s of the recording
+  const softhand::Scene file =
+      read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/recorded_grasp.toml", {"motion=" + recording});
+  Scene scene{"recorded_grasp",
+              "a recorded fist closes around a cylinder of 30 g and 24 mm",
+              1.5,
+              file.options.objects,
+              {},
+              false,
+              {},
+              {}};
+  scene.live = {0.3, {}};
+  scene.fitted_hand = [file](const std::string& hand) { return load_scene_hand(file, hand); };
+  scene.motion = [file](const HandModel& hand) { return std::make_shared<From>(make_scene_motion(file, hand), kFrom); };
+  scene.missing = [](const Trajectory& t) {
+    const double away =
+        (t.samples.back().objects[0].position - t.samples.back().joints[index(Joint::middle_proximal)].position).norm();
+    return touches(t, {Finger::index, Finger::middle, Finger::ring}, 0.3) +
+           must(away < 0.08, fmt::format("the cylinder is {:.0f} mm from the fist, expected 80", 1e3 * away));
+  };
+  return scene;
+}
+
 }  // namespace
 
-const std::vector<Scene>& all_scenes() {
-  static const std::vector<Scene> scenes{free_motion(), fist(),       pinch_lift(), power_grasp(),
-                                         table_slide(), deep_block(), clutter()};
+std::vector<Scene> all_scenes(const std::string& recording) {
+  std::vector<Scene> scenes{free_motion(), fist(), pinch_lift(), power_grasp(), table_slide(), deep_block(), clutter()};
+  if (!recording.empty()) scenes.push_back(recorded_grasp(recording));
   return scenes;
 }
 
-const std::vector<NotBuilt>& scenes_not_built() {
-  static const std::vector<NotBuilt> scenes{
-      {"flexible_ball", "objects are rigid: there is no flexible one to squeeze"}};
+std::vector<NotBuilt> scenes_not_built(const std::string& recording) {
+  std::vector<NotBuilt> scenes;
+  if (recording.empty())
+    scenes.push_back({"recorded_grasp", "the recording is not in the repository; give it with --motion"});
+  scenes.push_back({"flexible_ball", "objects are rigid: there is no flexible one to squeeze"});
   return scenes;
 }
 

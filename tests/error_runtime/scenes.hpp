@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,12 @@
 namespace softhand::error_runtime {
 
 struct Trajectory;
+
+/// How close a run with the live budget must stay to R0.
+struct LiveBound {
+  double tissue_rms_mm = 0;
+  std::optional<double> force_error;  ///< relative
+};
 
 inline constexpr double kFloor = 0;  ///< m: what can move stands on the plane y = kFloor
 
@@ -28,16 +35,20 @@ struct Scene {
   std::function<std::shared_ptr<const Motion>(const HandModel&)> motion;
   /// What is missing for the scene to be what it is called; empty when nothing is.
   std::function<std::string(const Trajectory&)> missing;
+  std::optional<LiveBound> live{};
+  /// Another hand than the shipped one, made from this hand file; null: the shipped one.
+  std::function<HandModel(const std::string& file)> fitted_hand{};
 };
 
-/// free_motion, fist, pinch_lift, power_grasp, table_slide, deep_block, clutter_100.
-const std::vector<Scene>& all_scenes();
+/// free_motion, fist, pinch_lift, power_grasp, table_slide, deep_block, clutter_100, and with the path of a recording
+/// recorded_grasp. Throws where the recording cannot be read.
+std::vector<Scene> all_scenes(const std::string& recording = "");
 
 /// Scenes that belong among them and cannot be run: their names and why.
 struct NotBuilt {
   std::string name;
   std::string reason;
 };
-const std::vector<NotBuilt>& scenes_not_built();
+std::vector<NotBuilt> scenes_not_built(const std::string& recording = "");
 
 }  // namespace softhand::error_runtime

@@ -127,13 +127,14 @@ class Shifted final : public Motion {
 // Hands are loaded once, and each is brought to the scene's start once.
 class Stage {
  public:
-  Stage(const Scene& scene, const std::string& shape_of_motion)
-      : scene_(scene), motion_(scene.motion(hand(shape_of_motion))) {}
+  Stage(const Scene& scene, const std::string& shape_of_motion) : scene_(scene) {
+    motion_ = scene.motion(hand(shape_of_motion));
+  }
   const HandModel& hand(const std::string& name) {
-    static std::map<std::string, HandModel> hands;
-    const auto found = hands.find(name);
-    if (found != hands.end()) return found->second;
-    return hands.emplace(name, load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + name + ".hand.json")).first->second;
+    const auto found = hands_.find(name);
+    if (found != hands_.end()) return found->second;
+    const std::string file = SOFTHAND_SOURCE_DIR "/config/hands/" + name + ".hand.json";
+    return hands_.emplace(name, scene_.fitted_hand ? scene_.fitted_hand(file) : load_hand(file)).first->second;
   }
   std::unique_ptr<Player> ready(const std::string& name, const std::vector<std::string>& overrides) {
     return ready(name, overrides, motion_);
@@ -156,6 +157,7 @@ class Stage {
   }
 
   const Scene& scene_;
+  std::map<std::string, HandModel> hands_;
   std::shared_ptr<const Motion> motion_;
   std::map<std::string, std::unique_ptr<Player>> settled_;
 };
@@ -242,6 +244,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.scene = scene.name;
   study.statement = scene.statement;
   study.grasp = scene.grasp;
+  study.live = scene.live;
 
   // R0, and beside it the single steps of the settings with the same mesh and step.
   Run r0{"newton_iterations",
@@ -315,6 +318,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
       row.one_step = difference(*steps, exact_run, weights);
     row.iterations = t.iterations;
     row.steps_not_converged = t.steps_not_converged;
+    row.steps_cut_off = t.steps_cut_off;
     row.worst_residual = t.worst_residual;
     row.penetration_p95_mm = 1e3 * percentile(t.penetrations, 0.95);
     row.penetration_max_mm = 1e3 * percentile(t.penetrations, 1);

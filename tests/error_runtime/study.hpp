@@ -39,6 +39,7 @@ struct Row {
 
   double iterations = 0;
   int steps_not_converged = 0;
+  int steps_cut_off = 0;      ///< by the work budget
   double worst_residual = 0;  ///< N or N m
   double penetration_p95_mm = 0;
   double penetration_max_mm = 0;
@@ -63,6 +64,7 @@ struct SceneStudy {
   std::string scene;
   std::string statement;
   bool grasp = false;
+  std::optional<LiveBound> live;
   std::string missing;       ///< why R0's run is not what the scene is called; empty when it is
   double r0_residual = 0;    ///< the largest after a step of R0, N or N m
   double r0_iterations = 0;  ///< mean a step
@@ -86,11 +88,15 @@ struct Study {
   bool quick = false;
   std::string default_hand;
   std::vector<SceneStudy> scenes;
+  std::vector<NotBuilt> not_built;
   PeerStudy peer;
 };
 
 /// Runs one scene. `quick`: the coarse hand is the default, and fewer settings.
 SceneStudy study_scene(const Scene& scene, bool quick);
+
+/// Work of a step, fast steps, by which the live default is judged.
+inline constexpr double kLiveBudget = 2;
 
 /// The hand of the default configuration.
 std::string default_hand(bool quick);

@@ -207,6 +207,7 @@ Trajectory play(const Scene& scene, Player& player, const std::function<void(con
     iterations += report.iterations;
     trajectory.worst_residual = std::max(trajectory.worst_residual, report.residual);
     if (report.status != StepStatus::converged) ++trajectory.steps_not_converged;
+    if (report.status == StepStatus::budget_spent) ++trajectory.steps_cut_off;
     for (const Contact& contact : player.output().contacts.contacts)
       trajectory.penetrations.push_back(contact.penetration);
     if (!player.at_sample()) continue;

@@ -35,6 +35,7 @@ struct Trajectory {
   double iterations = 0;             ///< mean a step
   double worst_residual = 0;         ///< N or N m, after the step
   int steps_not_converged = 0;       ///< whose solver ended by its iteration limit, not by a tolerance
+  int steps_cut_off = 0;             ///< by the work budget
   int failed_steps = 0;              ///< that the solver gave up
   bool finite = true;
   int inverted = 0;  ///< elements, the most at any sample

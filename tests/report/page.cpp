@@ -120,8 +120,9 @@ int run_report(const ReportArguments& arguments) {
     if (!arguments.resume || !fs::exists(part.json) || !fs::exists(part.markdown)) good = run(part) == 0 && good;
     parts.push_back({line, in_a_line(Json::parse(read_file(part.json))), read_file(part.markdown)});
   };
-  add("error-runtime", error_runtime::ErrorRuntimeArguments{}, error_runtime::run_error_runtime,
-      error_runtime_in_a_line);
+  error_runtime::ErrorRuntimeArguments error_runtime;
+  error_runtime.motion = arguments.motion;
+  add("error-runtime", error_runtime, error_runtime::run_error_runtime, error_runtime_in_a_line);
   add("stress", stress::StressArguments{}, stress::run_stress, [](const Json& rows) {
     return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class"));
   });

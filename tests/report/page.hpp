@@ -13,6 +13,7 @@ namespace softhand::report {
 struct ReportArguments {
   bool quick = false;   ///< each part's own --quick: under five minutes together
   bool resume = false;  ///< parts whose files lie in report_data stay as they are
+  std::string motion;   ///< recording for error-runtime's scene recorded_grasp; empty: this scene is left out
   std::string out = "report";
 };
 /// Returns 0 where every part that was computed did, else 1.

@@ -19,7 +19,7 @@ std::string to_csv(const std::vector<Row>& rows);
 std::string to_markdown(const std::vector<Row>& rows, const std::string& command);
 
 /// `softhand report stress`: runs, prints and writes. Empty paths: not written. `which`: names of cases, empty = all;
-/// the sweep's are sweep and sweep_one_step.
+/// the sweep's are sweep, sweep_one_step and sweep_live.
 struct StressArguments {
   bool quick = false;  ///< marked rows and a small sweep
   std::vector<std::string> which;

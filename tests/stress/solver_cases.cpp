@@ -173,6 +173,15 @@ std::vector<Case> solver_cases() {
                      false,
                      fmt::format("{} steps", iterations)});
   }
+  for (const double budget : {1.0, kLiveBudget}) {
+    rows->push_back(
+        {named("work_budget", budget),
+         [budget] { return with_solver({fmt::format("hand.simulation.solver.work_budget={:g}", budget)}, true); },
+         {},
+         budget == kLiveBudget,
+         false,
+         "live budget"});
+  }
   rows->push_back({"work_budget = 0.001",
                    [] { return with_solver({"hand.simulation.solver.work_budget=0.001"}, true); },
                    {},

@@ -14,6 +14,9 @@
 
 namespace softhand::stress {
 
+/// Work of a step in the mode "live budget", fast steps: the least with which hand.model = "auto" takes a hand.
+inline constexpr double kLiveBudget = 2;
+
 enum class Class { pass, violated, diverged, inverted, over_force, over_budget, refused, not_built };
 std::string_view name_of(Class which);
 
@@ -60,7 +63,7 @@ struct Setting {
   Known known{};
   bool quick = false;            ///< run by `--quick` and by the tests
   bool timed = false;            ///< its figure is a time of this machine: it differs from run to run
-  std::string mode = "default";  ///< of the solver; only rows of the default mode are counted
+  std::string mode = "default";  ///< of the solver; "live budget" or another; only rows of the default mode are counted
 };
 
 struct Case {

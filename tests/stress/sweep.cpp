@@ -23,7 +23,7 @@ double mirrored_digits(std::size_t n, std::size_t base) {
 
 double logarithmic(double low, double high, double share) { return low * std::pow(high / low, share); }
 
-Findings pressed(const SweepPoint& point, std::int64_t max_iterations) {
+Findings pressed(const SweepPoint& point, const SolverOptions& solver) {
   constexpr double kStays = 10e-3, kSlow = 0.1;  // m, m/s
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
@@ -32,7 +32,7 @@ Findings pressed(const SweepPoint& point, std::int64_t max_iterations) {
     material.poisson_ratio = point.poisson_ratio;
   }
   event.options.contact_stiffness = point.contact_stiffness;
-  event.options.solver.max_iterations = max_iterations;
+  event.options.solver = solver;
   event.time_step = [&point](int) { return point.time_step; };
   event.seconds = 0.6;
   const std::vector<double> masses = lumped_masses(event.hand);
@@ -63,20 +63,31 @@ SweepPoint sweep_point(std::size_t n) {
 }
 
 std::vector<Case> sweep_cases(std::size_t points) {
-  std::vector<Case> cases{{"sweep", "Sweep", "one finger presses an object on a table, default mode", {}},
-                          {"sweep_one_step", "Sweep", "the same with one Newton step", {}}};
-  for (Case& which : cases) {
-    const std::int64_t max_iterations = which.name == "sweep" ? SolverOptions{}.max_iterations : 1;
+  struct Mode {
+    const char* name;
+    const char* sweep;
+    const char* statement;
+    SolverOptions solver;
+  };
+  SolverOptions one_step, live;
+  one_step.max_iterations = 1;
+  live.work_budget = kLiveBudget;
+  std::vector<Case> cases;
+  for (const Mode& mode :
+       {Mode{"default", "sweep", "one finger presses an object on a table, default mode", {}},
+        Mode{"one step", "sweep_one_step", "the same with one Newton step", one_step},
+        Mode{"live budget", "sweep_live", "the same with the live budget of two fast steps", live}}) {
+    Case& which = cases.emplace_back(Case{mode.sweep, "Sweep", mode.statement, {}});
     for (std::size_t n = 1; n <= points; ++n) {
       const SweepPoint point = sweep_point(n);
       which.rows.push_back({fmt::format("E = {:.4g} Pa, nu = {:.4f}, dt = {:.4g} ms, k = {:.4g} N/m, ratio = {:.4g}",
                                         point.youngs_modulus, point.poisson_ratio, point.time_step * 1e3,
                                         point.contact_stiffness, point.mass_ratio),
-                            [point, max_iterations] { return pressed(point, max_iterations); },
+                            [point, solver = mode.solver] { return pressed(point, solver); },
                             {},
                             false,
                             false,
-                            max_iterations == 1 ? "one step" : "default"});
+                            mode.name});
     }
   }
   return cases;

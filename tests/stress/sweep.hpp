@@ -20,7 +20,8 @@ struct SweepPoint {
 /// their logarithm.
 SweepPoint sweep_point(std::size_t n);
 
-/// Cases "sweep" (default mode) and "sweep_one_step" (one Newton step) of so many points each.
+/// Cases "sweep" (default mode), "sweep_one_step" (one Newton step) and "sweep_live" (live budget), so many points
+/// each.
 std::vector<Case> sweep_cases(std::size_t points);
 
 }  // namespace softhand::stress
