@@ -25,7 +25,7 @@ class RecordLog {
   RecordLog(const std::string& path, std::size_t capacity, const std::string& header,
             std::function<void(const Record&, std::string&)> format)
       : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {
-    if (file_ == nullptr) throw std::runtime_error(path + ": cannot open the file for writing");
+    if (file_ == nullptr) throw std::runtime_error(path + ": cannot be opened for writing");
     std::fputs(header.c_str(), file_);
     thread_ = std::thread([this] { run(); });
   }
