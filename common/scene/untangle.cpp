@@ -18,7 +18,7 @@ constexpr double kWorthMore = 0.1;   // relative extra energy that a larger regi
 constexpr double kOfViolent = 0.5;   // share of a violent hand's energy that must be released
 constexpr double kOfTangled = 0.5;   // share of the tangled tetrahedra's energy that must be released
 constexpr int kClustersPerLook = 2;  // each costs a dozen evaluations of the tissue's energy
-constexpr std::uint8_t kPause = 4;   // full checks without a try after a try that released nothing
+constexpr std::uint8_t kPause = 4;   // full checks to skip after a try that released nothing
 
 Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
   const Vector3 along = to - from;

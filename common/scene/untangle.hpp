@@ -8,8 +8,8 @@
 // If an object is in the way, they move towards it only as far as the path from the bone is free.
 //
 // Pressed tissue is not tangled and must not be moved. The energy distinguishes the two: nodes are put back only if
-// tissue, attachments and contact then have less energy than before. In a closed fist the rigidly moved rest shape has
-// hundreds of times the energy of the pressed tissue, because it is cut at every joint. Not in the source.
+// tissue, attachments and contact then have less energy than before. In a closed fist the rigidly moved rest shape is
+// cut at every joint, so it has hundreds of times the energy of the pressed tissue. Not in the source.
 #pragma once
 
 #include <array>
