@@ -3,10 +3,10 @@
 //
 //   E_n = E_n-1 - sum over bones of  s (f_n-1 . (x_n - x_n-1) + tau_n-1 . log(R_n R_n-1^T))
 //
-// Symbols: x, R is the pose of the user's (tracked) bone. f, tau is the coupling's force and torque on this bone; a
-// device holds it from one message to the next. s is the share of it that the device may apply. E is the energy that
-// the user put in, minus the energy that the loop gave back. A passive loop that starts at rest keeps E >= 0. Effects
-// of the device's clamp, slew limit and mechanics are not observed.
+// The pose of the user's (tracked) bone is x, R. The coupling's force and torque on this bone are f, tau. A device
+// holds them from one message to the next. The device may apply the share s of them. E is the energy that the user put
+// in, minus the energy that the loop gave back. A passive loop that starts at rest keeps E >= 0. Effects of the
+// device's clamp, slew limit and mechanics are not observed.
 #pragma once
 
 #include "messages/messages.hpp"

@@ -46,8 +46,8 @@ struct TrackedInputCounters {
   std::uint64_t repositioned = 0;       ///< jumps of the wrist beyond the reposition distance
 };
 
-/// Returns false if the sample time cannot come from the same clock as `now`: more than 5 ms in the future or more than
-/// 1 s in the past.
+/// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than 5 ms in the
+/// future or more than 1 s in the past.
 bool is_plausible(Nanoseconds sample_time, Nanoseconds now);
 
 class TrackedInput {

@@ -10,10 +10,10 @@ class TrackerSource {
  public:
   virtual ~TrackerSource() = default;
   /// Copies the newest sample that the device has delivered by `now` into `out`. If no sample is newer than the last
-  /// returned one, returns false and does not change `out`. Does not block. The tracker fills in:
-  /// - `out.stamp.sample_time`: the time of the measurement (not of the delivery), on the clock of `now`.
-  /// - `out.stamp.sequence`: counts up by one for each sample of the device, delivered or not.
-  /// - kJointValid: not set on joints that the device does not see.
+  /// returned one, returns false and does not change `out`. Does not block.
+  /// The tracker must fill in three fields. `out.stamp.sample_time` is the time of the measurement (not of the
+  /// delivery), on the clock of `now`. The value of `out.stamp.sequence` counts up by one for each sample of the
+  /// device, delivered or not. The flag kJointValid is not set on joints that the device does not see.
   virtual bool sample(Nanoseconds now, Skeleton& out) = 0;
 };
 

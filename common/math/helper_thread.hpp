@@ -17,7 +17,7 @@ namespace softhand {
 class HelperThread {
  public:
   /// Pins the calling thread to its current core. Pins the helper to another core that the calling thread may use, with
-  /// the same scheduling, because two threads that spin on one core would wait for each other. If no other core is
+  /// the same scheduling. On one core, two spinning threads would wait for each other. If no other core is
   /// available, there is no helper and the caller does all the work.
   HelperThread();
   /// Restores the set of cores that the calling thread may use.

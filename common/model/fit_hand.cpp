@@ -23,7 +23,7 @@ Joint offset_frame(Joint joint) {
 }
 
 // Maps the surroundings of a bone from the old rest pose to the new one:
-//   p -> new start + turn * (length along the bone, thickness across it) * (p - old start)
+//   p -> new_origin + turn * (length along the bone, thickness across it) * (p - old_origin)
 // It uses only the position and direction of bones. The rotation of their frames about the bone is a convention of the
 // source.
 struct BoneMap {

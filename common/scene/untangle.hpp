@@ -8,8 +8,8 @@
 // If an object is in the way, they move towards it only as far as the path from the bone is free.
 //
 // Pressed tissue is not tangled and must not be moved. The energy distinguishes the two: nodes are put back only if
-// tissue, attachments and contact then have less energy than before. In a closed fist the rigidly moved rest shape is
-// cut at every joint, so it has hundreds of times the energy of the pressed tissue. Not in the source.
+// tissue, attachments and contact then have less energy than before. In a closed fist the rigidly moved rest shape has
+// hundreds of times the energy of the pressed tissue. The reason is that it is cut at every joint. Not in the source.
 #pragma once
 
 #include <array>
@@ -33,8 +33,8 @@ class Untangler {
   /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
   /// due.
   Due due(double time_step, double energy);
-  /// Quick check, for a state from outside and when due. Puts all of the tissue back at once if two conditions hold: it
-  /// has so much energy that it would throw bones and objects, and less energy at its rest place relative to the bones.
+  /// Quick check, for a state from outside and when due. Puts all of the tissue back at once under two conditions. It
+  /// has so much energy that it would throw bones and objects. It has less at its rest place relative to the bones.
   /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
   /// As in `look`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
   int glance(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
