@@ -48,8 +48,8 @@ enum class Joint : std::uint8_t {
   little_tip,
 };
 
-/// The rigid bodies of the skeleton. `carpus` and `forearm` are rigid in the wrist joint's frame. `forearm` lies on its
-/// proximal side.
+/// The rigid bodies of the skeleton. `carpus` and `forearm` are rigid in the wrist joint's frame. `forearm` lies on the
+/// proximal side of the wrist.
 enum class Body : std::uint8_t {
   forearm,
   carpus,
