@@ -33,26 +33,28 @@ namespace dds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
-constexpr int kMaxDomain = 230;  // beyond, the ports of the participants above number 33 pass 65535
-/// Largest type whose samples are held in pools made at start; larger ones take buffers that grow to their need once
-/// and are used again.
+/// Above this domain, the ports of the participants with ids above 33 would exceed 65535.
+constexpr int kMaxDomain = 230;
+/// Types up to this size use sample pools that are allocated at start. Larger types use buffers that grow when needed
+/// and are reused. Bytes.
 constexpr std::size_t kPooledSize = 32 * 1024;
-/// A writer goes no sooner after its last sample. On a machine with six busy threads a core 20 ms were once too few.
+/// A writer lives at least this long after its last sample. 20 ms were once too short on a machine with six busy
+/// threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
-constexpr int kOwnersDepth = 4;  ///< of a reader of a topic that one of several writers owns
-/// After so long without a sign of life a process is dead. Fast DDS 2.9 looks once in this time at each of its peers,
-/// and aborts by a failed assertion where one takes its leave in that very moment (PDP.cpp,
-/// check_remote_participant_liveliness): seen once in 160 tests with 2 s, so it must be rare. Nothing that hurries
-/// waits for it: streams grow stale, trackers' leases are 50 ms.
+constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topics
+/// A process without a sign of life for this time counts as dead. Fast DDS 2.9 checks each peer once in this period. It
+/// aborts with a failed assertion if a peer leaves at the moment of the check (PDP.cpp,
+/// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
+/// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
 
 Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error("DDS: " + what); }
 
-/// A port number that the last process with this name, killed a moment ago, did not have: peers that still wait for its
-/// lease to run out would take the newcomer for it and not answer for seconds. Cyclone's automatic participants are
-/// 0..32.
+/// Returns a participant id, and with it a port number, that a just-killed process with the same name most likely did
+/// not have. Otherwise peers take the new process for the old one until its lease ends, and do not answer for seconds.
+/// Ids 0..32 belong to Cyclone's automatic participants.
 std::int32_t fresh_participant_id() {
   static std::atomic<std::uint32_t> next = [] {
     std::uint32_t seed = 0;
@@ -63,7 +65,7 @@ std::int32_t fresh_participant_id() {
   return static_cast<std::int32_t>(33 + next.fetch_add(1) % 80);
 }
 
-/// Lets Fast DDS send and receive the plain structs.
+/// Lets Fast DDS send and receive our plain structs.
 class PlainType final : public dds::TopicDataType {
  public:
   explicit PlainType(const TypeCodec& codec) : codec_(codec) {
@@ -71,7 +73,7 @@ class PlainType final : public dds::TopicDataType {
     m_typeSize = static_cast<std::uint32_t>(size + 3);  // the payload may be padded to a multiple of 4
     m_isGetKeyDefined = codec.max_key_size() > 0;
     setName(codec.name);
-    // Cyclone and Fast disagree about type information: without it, types match by name.
+    // Cyclone and Fast disagree about type information. Without it, types match by name.
     auto_fill_type_information(false);
     auto_fill_type_object(false);
   }
@@ -84,7 +86,7 @@ class PlainType final : public dds::TopicDataType {
   }
   bool deserialize(rtps::SerializedPayload_t* payload, void* received) override {
     codec_.decode({reinterpret_cast<const std::byte*>(payload->data), payload->length}, received);
-    return true;  // the sample says itself whether it is well-formed; false would leave it in the history
+    return true;  // `well_formed` in the sample reports errors; with false the sample would stay in the history
   }
   std::function<std::uint32_t()> getSerializedSizeProvider(void* message) override {
     return [this, message] { return static_cast<std::uint32_t>(codec_.size(message)); };
@@ -108,7 +110,7 @@ class PlainType final : public dds::TopicDataType {
     for (std::size_t i = 0; i < hash.size(); ++i) handle->value[i] = hash[i];
     return true;
   }
-  bool is_bounded() const override { return false; }  // true would forbid readers' buffers to grow, see ReaderImpl
+  bool is_bounded() const override { return false; }  // with true, the readers' buffers could not grow, see ReaderImpl
   bool is_plain() const override { return false; }
 
  private:
@@ -135,7 +137,8 @@ void apply(Qos& qos, const TopicRow& row) {
   qos.resource_limits().max_samples_per_instance = row.depth;
   qos.resource_limits().max_samples = row.max_instances * row.depth;
   qos.resource_limits().allocated_samples = std::min(row.max_instances * row.depth, 8);
-  qos.data_sharing().off();  // off anyway for keyed types, and what a killed process leaves of it stays in /dev/shm
+  // Data sharing is off anyway for keyed types. A killed process would leave its files in /dev/shm.
+  qos.data_sharing().off();
 }
 
 rtps::MemoryManagementPolicy memory_policy(const TypeCodec& codec) {
@@ -151,8 +154,8 @@ int domain_from_environment() {
   const char* end = text + std::strlen(text);
   const auto [rest, error] = std::from_chars(text, end, domain);
   if (error != std::errc() || rest != end || domain < 0 || domain > kMaxDomain)
-    throw std::runtime_error("SOFTHAND_DOMAIN=\"" + std::string(text) + "\": a whole number in 0.." +
-                             std::to_string(kMaxDomain) + " is expected");
+    throw std::runtime_error("SOFTHAND_DOMAIN=\"" + std::string(text) + "\": expected a whole number in 0.." +
+                             std::to_string(kMaxDomain) + "; if it is not set, the domain is 0");
   return domain;
 }
 
@@ -161,7 +164,7 @@ namespace detail {
 class ParticipantImpl {
  public:
   ParticipantImpl(const std::string& name, int domain) {
-    // Readers in the writer's own process get their samples as all others do, in the receiving threads and not inside
+    // Readers in the writer's own process receive samples like all other readers: in the receiving threads, not inside
     // write().
     auto library = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
     if (library.intraprocess_delivery != eprosima::fastrtps::INTRAPROCESS_OFF) {
@@ -174,17 +177,17 @@ class ParticipantImpl {
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = {"127.0.0.1"};
     udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
-    // No shared-memory transport: on one host it is no faster than UDP (51 against 52 us), killed processes leave
-    // segments behind, and a process restarted after SIGKILL was then heard after 140 ms (median of 30; worst 3.3 s)
-    // instead of 20 ms (worst 0.44 s).
+    // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
+    // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
+    // With UDP it is heard after 20 ms (worst 0.44 s).
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports = {udp};
     qos.wire_protocol().participant_id = fresh_participant_id();
     auto& discovery = qos.wire_protocol().builtin;
     discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
     discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
-    // The multicast group finds everybody. Its port must be told: a peer without one stands for the unicast ports of
-    // the first few participants, which is what finds Cyclone where multicast is off.
+    // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
+    // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
     rtps::Locator_t group;
     group.kind = LOCATOR_KIND_UDPv4;
     rtps::IPLocator::setIPv4(group, "239.255.0.1");
@@ -244,7 +247,7 @@ class WriterImpl final : public dds::DataWriterListener {
     apply(qos, row);
     if (row.exclusive) qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
     qos.endpoint().history_memory_policy = memory_policy(codec);
-    // Samples of many packets are sent by a thread of their own, so that the loop which writes them goes on.
+    // Samples of many packets are sent by a separate thread, so the writing loop does not wait.
     qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;
     qos.reliability().max_blocking_time = milliseconds(1);
     writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
@@ -252,8 +255,8 @@ class WriterImpl final : public dds::DataWriterListener {
     if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
   }
   ~WriterImpl() override {
-    // The news of a departure takes another socket than the data: a reader that hears it first drops the last sample, a
-    // device's zero.
+    // The notice of departure uses another socket than the data. A reader that receives the notice first drops the last
+    // sample, for example the zero command of a device.
     if (readers() > 0) std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
     writer_->set_listener(nullptr);
     participant_->publisher().delete_datawriter(writer_);
@@ -291,12 +294,12 @@ class ReaderImpl final : public dds::DataReaderListener {
   ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec)
       : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
-    // Fast DDS 2.9 puts a sample into the history before it asks who owns the instance, and then takes a weaker
-    // writer's out again. Without a place for it the owner's sample that was not read yet would be gone.
+    // Fast DDS 2.9 first puts a sample into the history and then checks the owner. It then removes the sample of a
+    // weaker writer. Without extra depth, the weaker sample would push out an unread sample of the owner.
     TopicRow roomy = row;
     if (row.exclusive) roomy.depth = std::max(row.depth, kOwnersDepth);
     apply(qos, roomy);
-    // Buffers that may grow, so that a payload which is too long reaches our decoder to be refused and counted.
+    // The buffers may grow. Then a payload that is too long reaches our decoder, which refuses and counts it.
     const auto policy = memory_policy(codec);
     qos.endpoint().history_memory_policy =
         policy == rtps::PREALLOCATED_MEMORY_MODE ? rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE : policy;
@@ -315,7 +318,7 @@ class ReaderImpl final : public dds::DataReaderListener {
     try {
       dds::SampleInfo info;
       while (reader_->take_next_sample(received, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
-        if (!info.valid_data) continue;  // news of an instance, without content
+        if (!info.valid_data) continue;  // state change of an instance, without content
         if (!well_formed) {
           refused_.fetch_add(1, std::memory_order_relaxed);
           continue;

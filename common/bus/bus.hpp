@@ -1,4 +1,4 @@
-// Plain values in, plain values out, over DDS. No DDS header is seen from here.
+// Publish and subscribe over DDS with plain structs. This header includes no DDS header.
 //
 //   bus::Participant participant("tracking");
 //   bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
@@ -6,10 +6,11 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: threads of the DDS layer inherit the scheduling of the thread that makes the Participant: raise priority
-// before. One thread at a time may use one Reader; Writers are thread-safe. Constructors throw std::runtime_error when
-// DDS refuses, `take_all` whatever its callback throws; all else of Participant, Writer and Reader throws nothing and
-// does not allocate on our side. Writers and readers keep their participant alive.
+// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. Raise the
+// priority before you create it. One thread at a time may use a Reader. Writers are thread-safe.
+// Errors: constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other
+// members of Participant, Writer and Reader do not throw and do not allocate in our code.
+// Lifetime: writers and readers keep their participant alive.
 #pragma once
 
 #include <chrono>
@@ -33,10 +34,10 @@ class WriterImpl;
 class ReaderImpl;
 }  // namespace detail
 
-/// A process's membership in a DDS domain; one per process.
+/// Membership of a process in a DDS domain. Create one per process.
 class Participant {
  public:
-  /// `name` shows in discovery tools.
+  /// `name` appears in discovery tools.
   explicit Participant(const std::string& name, int domain = domain_from_environment());
   const std::shared_ptr<detail::ParticipantImpl>& impl() const { return impl_; }
 
@@ -46,14 +47,14 @@ class Participant {
 
 struct WriterCounters {
   std::uint64_t written = 0;
-  std::uint64_t failed = 0;  ///< refused by DDS, or a sequence's count beyond its capacity
+  std::uint64_t failed = 0;  ///< refused by DDS, or a sequence's count exceeds its capacity
 };
 
 struct ReaderCounters {
   std::uint64_t received = 0;         ///< well-formed samples taken
   std::uint64_t refused = 0;          ///< malformed: wrong size or encoding, sequence or text beyond its bound
-  std::uint64_t lost = 0;             ///< as far as DDS knows
-  std::uint64_t deadline_missed = 0;  ///< goes on counting after the writer is gone
+  std::uint64_t lost = 0;             ///< lost samples, as far as DDS knows
+  std::uint64_t deadline_missed = 0;  ///< continues to count after the writer is gone
 };
 
 namespace detail {
@@ -78,8 +79,9 @@ class ReaderEndpoint {
   ~ReaderEndpoint();
   ReaderEndpoint(ReaderEndpoint&&) noexcept;
   ReaderEndpoint& operator=(ReaderEndpoint&&) noexcept;
-  /// Takes the next sample for which `well_formed`, a member of `received`, comes out true; others are counted and
-  /// passed over. False when there is none. `source_time` orders samples of several instances.
+  /// Takes the next well-formed sample into `received`. `well_formed` must be a member of `received`: it says whether
+  /// the last sample was valid. Malformed samples are counted and skipped. Returns false if no well-formed sample is
+  /// available. `source_time` orders samples of several instances.
   bool take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept;
   bool wait(std::chrono::nanoseconds timeout) noexcept;
   int writer_count() const noexcept;
@@ -100,14 +102,16 @@ concept AboutAHand = requires(const T& message) {
 template <typename T>
 class Writer {
  public:
-  /// `strength` decides between writers of one instance where the topic is exclusive (tracked_skeleton): the highest
-  /// owns it; below 0 is 0.
+  /// `strength` matters only on exclusive topics (tracked_skeleton): the writer with the highest strength owns the
+  /// instance. Negative values count as 0.
   Writer(const Participant& participant, const Topic<T>& topic, int strength = 0)
       : endpoint_(participant, topic, codec_of<T>(topic.type), strength) {}
 
-  /// Sends, or on transient-local topics also keeps for late readers. Never waits for a reader; failures are counted.
+  /// Sends the message. On transient-local topics DDS also keeps it for late readers. Never waits for a reader.
+  /// Failures are counted.
   void write(const T& message) noexcept { endpoint_.write(&message); }
-  /// Nothing need be computed for a topic that nobody reads. (Descriptions are written regardless, for late readers.)
+  /// True while at least one reader is matched. Loops use it to skip outputs that nobody reads. Descriptions are
+  /// written anyway, for late readers.
   bool has_readers() const noexcept { return endpoint_.reader_count() > 0; }
   WriterCounters counters() const noexcept { return endpoint_.counters(); }
 
@@ -118,15 +122,15 @@ class Writer {
 template <typename T>
 class Reader {
  public:
-  /// With `only`, samples about other hands are passed over.
+  /// If `only` is given, samples about other hands are ignored.
   Reader(const Participant& participant, const Topic<T>& topic,
          std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
       : endpoint_(participant, topic, codec_of<T>(topic.type)), only_(only) {}
   Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
       : endpoint_(participant, topic, codec_of<T>(topic.type)) {}
 
-  /// Copies the newest sample into `out` and forgets the older ones. False, and `out` untouched, when nothing new has
-  /// come. Never waits.
+  /// Copies the newest sample into `out` and drops the older ones. If no new sample has arrived, returns false and does
+  /// not change `out`. Never waits.
   bool take_latest(T& out) noexcept {
     bool found = false;
     std::int64_t newest = 0;
@@ -141,8 +145,8 @@ class Reader {
     return found;
   }
 
-  /// Calls f(const T&) for each new sample, oldest first within an instance; returns how many. For topics of many
-  /// instances or of messages.
+  /// Calls f(const T&) for each new sample and returns the number of calls. Samples of one instance come oldest first.
+  /// Meant for topics with many instances and for messages.
   template <typename F>
   std::size_t take_all(F&& f) {
     std::size_t count = 0;
@@ -155,12 +159,12 @@ class Reader {
     return count;
   }
 
-  /// Waits until a sample is there to be taken; false after `timeout`. 15-30 us slower than polling: not for the 1 kHz
-  /// loops.
+  /// Waits until a sample is available. Returns false after `timeout`. The wake-up is 15-30 us slower than polling, so
+  /// the 1 kHz loops do not use it.
   bool wait(std::chrono::nanoseconds timeout) noexcept { return endpoint_.wait(timeout); }
-  /// Matched writers.
+  /// Number of matched writers.
   int writer_count() const noexcept { return endpoint_.writer_count(); }
-  /// Matched writers whose liveliness lease holds; where the topic has none, the matched ones.
+  /// Number of matched writers with a valid liveliness lease. If the topic has no lease: number of matched writers.
   int live_writer_count() const noexcept { return endpoint_.live_writer_count(); }
   ReaderCounters counters() const noexcept { return endpoint_.counters(); }
 

@@ -1,6 +1,6 @@
-// Messages <-> bytes: XCDR1 little endian with its four-byte header, which is what both DDS vendors send for @final
-// types. Straight from and to the plain struct: no intermediate object, no allocation. The same bytes may be logged
-// (MCAP's `cdr`) and decoded again.
+// Conversion between messages and bytes. The encoding is XCDR1, little endian, with a four-byte header: both DDS
+// vendors send this for @final types. The code reads and writes the plain struct directly, without intermediate objects
+// or allocation. The same bytes may be logged (MCAP encoding `cdr`) and decoded later.
 #pragma once
 
 #include <algorithm>
@@ -36,7 +36,7 @@ inline constexpr bool is_sequence = false;
 template <typename T, std::size_t n>
 inline constexpr bool is_sequence<BoundedVector<T, n>> = true;
 
-/// The number type that a nested std::array consists of; void when it holds structs.
+/// Number type of the elements of a nested std::array; void if the elements are structs.
 template <typename T>
 struct Leaf {
   using Type = std::conditional_t<std::is_arithmetic_v<T>, T, void>;
@@ -51,7 +51,7 @@ constexpr std::size_t padding(std::size_t offset, std::size_t alignment) {
   return (alignment - offset % alignment) % alignment;
 }
 
-/// Bytes after the header: of the message as it is, or the most it can have.
+/// Measures the size in bytes without the header: of the given message, or the largest possible size (at_capacity).
 template <bool at_capacity>
 struct Measure {
   std::size_t offset = 0;
@@ -69,7 +69,7 @@ struct Measure {
       items(value.data(), value.size());
     } else if constexpr (is_sequence<T>) {
       number(4, 1);
-      // A count beyond the capacity is refused when encoding; there are no elements to be measured.
+      // A count beyond the capacity has no elements to measure. Encoding refuses it.
       items(value.items.data(), at_capacity ? value.max_size() : std::min(value.size(), value.max_size()));
     } else {
       visit_fields(*this, value);
@@ -88,7 +88,7 @@ struct Measure {
 };
 
 struct Encode {
-  std::span<std::byte> out;  ///< after the header
+  std::span<std::byte> out;  ///< the bytes after the header
   std::size_t offset = 0;
   bool ok = true;
 
@@ -139,10 +139,10 @@ struct Encode {
   void field(const char*, const auto& value) { (*this)(value); }
 };
 
-/// Never reads outside `in`, whatever it holds; leaves the elements beyond a sequence's count and the bytes behind a
-/// text zero.
+/// Never reads outside `in`, even if the bytes are invalid. Sets the elements beyond a sequence's count and the bytes
+/// after the end of a text to zero.
 struct Decode {
-  std::span<const std::byte> in;  ///< after the header
+  std::span<const std::byte> in;  ///< the bytes after the header
   std::size_t offset = 0;
   bool ok = true;
 
@@ -159,7 +159,7 @@ struct Decode {
     if constexpr (Number<T>) {
       copy(&value, sizeof(T), sizeof(T));
     } else if constexpr (is_text<T>) {
-      std::uint32_t size = 0;  // with the terminating zero; some writers send 0 for an empty text
+      std::uint32_t size = 0;  // includes the terminating zero; some writers send 0 for an empty text
       if (!copy(&size, 4, 4)) return;
       value.fill(0);
       if (size > value.size()) {
@@ -195,8 +195,8 @@ struct Decode {
   void field(const char*, auto& value) { (*this)(value); }
 };
 
-/// Big-endian CDR of the key fields: what DDS makes its key hash of (DDSI-RTPS 9.6.3.8). Keys are uint32 and texts
-/// only.
+/// Big-endian CDR of the key fields. DDS computes the key hash from it (DDSI-RTPS 9.6.3.8). Keys contain only uint32
+/// and texts.
 struct EncodeKey {
   std::array<std::byte, 80> bytes{};
   std::size_t size = 0;
@@ -219,14 +219,14 @@ struct EncodeKey {
   void field(const char*, const auto&) {}
 };
 
-/// The size of the key at full length; 0 without a key.
+/// Size of the key at full text length; 0 if the type has no key.
 struct MeasureKey {
   Measure<true> measure;
   void key(const char*, const auto& value) { measure(value); }
   void field(const char*, const auto&) {}
 };
 
-/// What a reader's history is copied into; the flag is false where the bytes were not a valid T.
+/// Target of a reader's `take`. The flag is false if the bytes were not a valid T.
 template <typename T>
 struct Received {
   T value{};
@@ -235,7 +235,7 @@ struct Received {
 
 }  // namespace detail
 
-/// Bytes of `message` on the wire, header included.
+/// Size of `message` on the wire in bytes, header included.
 template <typename T>
 std::size_t encoded_size(const T& message) {
   detail::Measure<false> measure;
@@ -243,7 +243,7 @@ std::size_t encoded_size(const T& message) {
   return detail::kHeaderSize + measure.offset;
 }
 
-/// The most bytes that any T takes, header included.
+/// Largest size of any T on the wire in bytes, header included.
 template <typename T>
 std::size_t max_encoded_size() {
   static const std::size_t size = [] {
@@ -254,8 +254,8 @@ std::size_t max_encoded_size() {
   return size;
 }
 
-/// Writes `message` to `out`; the number of bytes, or 0 when it does not fit or a sequence's count is beyond its
-/// capacity.
+/// Writes `message` to `out` and returns the number of bytes. Returns 0 if the message does not fit, or if the count of
+/// a sequence exceeds its capacity.
 template <typename T>
 std::size_t encode(const T& message, std::span<std::byte> out) {
   constexpr std::array<std::uint8_t, 4> header{0, 1, 0, 0};  // CDR, little endian
@@ -266,9 +266,9 @@ std::size_t encode(const T& message, std::span<std::byte> out) {
   return encoder.ok ? detail::kHeaderSize + encoder.offset : 0;
 }
 
-/// Reads `bytes` into `message`. False when they are not exactly one T: another encoding or byte order, truncated, too
-/// long by more than padding, a sequence or text beyond its bound. `message` is unspecified then. Numbers are not
-/// judged: NaN passes.
+/// Reads `bytes` into `message`. Returns false unless the bytes are exactly one T. Reasons: other encoding or byte
+/// order, truncated, longer than padding explains, a sequence or text beyond its bound. `message` is then unspecified.
+/// Values are not checked: NaN is accepted.
 template <typename T>
 bool decode(std::span<const std::byte> bytes, T& message) {
   if (bytes.size() < detail::kHeaderSize || bytes[0] != std::byte{0} || bytes[1] != std::byte{1}) return false;
@@ -277,7 +277,7 @@ bool decode(std::span<const std::byte> bytes, T& message) {
   return decoder.ok && decoder.in.size() - decoder.offset < 4;
 }
 
-/// A message type as a table of functions: all that the DDS layer knows of it.
+/// A message type as a table of functions. The DDS layer sees nothing else of the type.
 struct TypeCodec {
   const char* name;  ///< DDS type name
   std::size_t (*max_size)();
@@ -287,7 +287,7 @@ struct TypeCodec {
   void (*destroy_received)(void* received);
   void (*decode)(std::span<const std::byte> bytes, void* received);
   std::size_t (*max_key_size)();
-  /// Writes the big-endian key; `message` is a T or a Received<T>, whose first member it is.
+  /// Writes the big-endian key. `message` points to a T, or to a Received<T>, which has the T as its first member.
   std::size_t (*key)(const void* message, std::span<std::byte, 80> out);
 };
 
@@ -303,7 +303,7 @@ inline const TypeCodec& codec_of(const char* type_name) {
       [](std::span<const std::byte> bytes, void* received) {
         auto& sample = *static_cast<detail::Received<T>*>(received);
         sample.well_formed = bus::decode(bytes, sample.value);
-        // A refused message must not leave its count or elements behind for the next one.
+        // A refused message must not leave a count or elements in the struct for the next message.
         if (!sample.well_formed) sample.value = T{};
       },
       [] {

@@ -1,6 +1,6 @@
-// The fields of every message, in the order and under the names of idl/*.idl: the one place that ties messages.hpp to
-// the wire. Reading, writing, measuring, keys and the tests' field map are visitors of it. A test compares it with the
-// IDL text and with both vendors' generated code.
+// The fields of every message, with the order and names of idl/*.idl. Only this file connects messages.hpp to the wire.
+// Visitors of these fields implement reading, writing, measuring, keys and the field map of the tests. A test compares
+// the fields with the IDL text and with the generated code of both vendors.
 #pragma once
 
 #include <concepts>
@@ -13,8 +13,8 @@ namespace softhand::bus {
 template <typename M, typename T>
 concept Is = std::same_as<std::remove_const_t<M>, T>;
 
-// visit_fields(visitor, message) calls visitor.key(name, field) for key fields and visitor.field(name, field) for the
-// others.
+// visit_fields(visitor, message) calls visitor.key(name, field) for key fields and visitor.field(name, field) for all
+// other fields.
 
 template <typename V, Is<HandKey> M>
 constexpr void visit_fields(V&& v, M& m) {

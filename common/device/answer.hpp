@@ -1,4 +1,4 @@
-// Answers to messages: every module receives every message and says what it did with it.
+// Replies to messages. Every module receives every message and replies with the result.
 #pragma once
 
 #include <charconv>
@@ -10,13 +10,13 @@
 
 namespace softhand {
 
-/// True where the message names this module or all of them.
+/// True if the message is addressed to this module or to all modules.
 inline bool is_addressed(const Message& message, std::string_view module) {
   const std::string_view to = get_text(message.module);
   return to == "*" || to == module;
 }
 
-/// A number that fills the whole of `text`; none otherwise, nor for infinities and not-a-number.
+/// Parses a number that fills the whole `text`. Returns nothing for other text, infinities and NaN.
 inline std::optional<double> parse_number(std::string_view text) {
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -24,7 +24,7 @@ inline std::optional<double> parse_number(std::string_view text) {
   return value;
 }
 
-/// The reply of `module`; its stamp is the sender's to fill.
+/// The reply of `module`. The sender of the reply must fill in its stamp.
 inline MessageReply reply_to(const Message& message, std::string_view module, std::uint32_t result,
                              std::string_view text) {
   MessageReply reply;

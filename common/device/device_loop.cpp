@@ -15,9 +15,9 @@ constexpr double kSecondsPerNanosecond = 1e-9;
 void describe(OptionVisitor& v, DeviceLoopOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {10, 10000}, "Rate at which commands are written to the device.");
   v.number("stale_after", o.stale_after, "s", {0.005, 0.045},
-           "Age of the newest input after which every command is zero at once.");
+           "If the newest input is older than this, all commands are zero immediately.");
   v.number("gain", o.gain, "1", {0, 1}, "Factor on every command.");
-  v.flag("enabled", o.enabled, "Whether the motors are on from the start; the message `motors` switches them.");
+  v.flag("enabled", o.enabled, "If true, the motors are on at start. The message `motors` switches them on and off.");
 }
 
 DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device,
@@ -50,8 +50,9 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
 
 bool DeviceGuard::fresh(Nanoseconds now) const {
   if (!any_) return false;
-  // By arrival; and by the publisher's stamp, so that a backlog does not count as news: however old it is on this
-  // host's clock, and within reason on one that does not say whose it is. A stamp of another clock says nothing.
+  // The age counts from the arrival. It also counts from the publisher's stamp if that stamp is comparable, so that a
+  // backlog does not count as fresh. A stamp is comparable if it has this host's clock id, or if it is 0 to 10 s old on
+  // this host's clock. Other stamps are ignored.
   const double since_arrival = static_cast<double>(now - arrival_) * kSecondsPerNanosecond;
   const double since_publish = static_cast<double>(now - stamp_.publish_time) * kSecondsPerNanosecond;
   const bool comparable =
@@ -69,7 +70,7 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> w
     state_.live = live ? 1 : 0;
     return state_;
   }
-  // After a stall the slew limit still counts one nominal period: a late step must not jump.
+  // After a stall the slew limit allows the change of one nominal period only: a late step must not jump.
   const double period = 1 / options_.rate_hz;
   const double elapsed = std::clamp(static_cast<double>(now - last_step_) * kSecondsPerNanosecond, 0.0, period);
   const double reach = limits_.slew * elapsed;

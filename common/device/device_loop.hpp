@@ -1,9 +1,10 @@
-// The driver SDK of haptic and tactile devices: what a driver implements, and the safety around every driver.
+// The SDK for drivers of haptic and tactile devices: the interface of a driver, and the safety layer around every
+// driver.
 //
-// A driver turns what the simulation sends into wanted commands, one number an actuator, and writes commands to its
-// device. Everything that keeps a person safe stands in `DeviceLoop`, between the two: clamp, slew limit, zero on stale
-// input, on non-finite numbers, when disabled and on exit. A driver is one folder under services/haptics or
-// services/tactile and one line of CMake (docs/add-a-device.md).
+// A driver converts simulation output into wanted commands, one number per actuator. It also writes commands to its
+// device. `DeviceLoop` stands between the two and holds everything that keeps a person safe: force clamp, slew limit,
+// and zero commands. Commands are zero on stale input, on non-finite numbers, when disabled and on exit. A driver is
+// one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
 #pragma once
 
 #include <array>
@@ -19,12 +20,12 @@
 
 namespace softhand {
 
-/// What a device may be asked for at most. Units are the device's own: N for haptic, N or 0..1 for tactile.
+/// Limits of the commands of a device. Units are the device's own: N for haptic, N or 0..1 for tactile.
 struct DeviceLimits {
   std::size_t actuators = 0;   ///< 1 to kMaxActuators
-  double minimum_command = 0;  ///< <= 0; a brake that can only resist has 0
+  double minimum_command = 0;  ///< <= 0; a brake, which can only resist, has 0
   double maximum_command = 0;  ///< > 0
-  double slew = 0;             ///< > 0, change per second
+  double slew = 0;             ///< > 0, largest change per second
 };
 
 template <typename Input>
@@ -32,10 +33,10 @@ class DeviceDriver {
  public:
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
-  /// What the device should do for this input; one number an actuator, zero on entry. Need not respect the limits.
-  /// Real-time.
+  /// Computes the wanted commands for this input, one number per actuator. `wanted` is zero on entry. The values need
+  /// not respect the limits. Real-time.
   virtual void command(const Input& input, std::span<double> wanted) = 0;
-  /// Hands commands, which respect the limits, to the device. Real-time: does not block, allocate or throw.
+  /// Sends commands within the limits to the device. Real-time: must not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
 };
 using HapticDriver = DeviceDriver<BoneWrench>;
@@ -51,28 +52,28 @@ void describe(OptionVisitor& v, DeviceLoopOptions& o);
 
 struct DeviceCounters {
   std::uint64_t accepted = 0;   ///< inputs
-  std::uint64_t repeated = 0;   ///< inputs with an old sequence; they do not keep commands alive
-  std::uint64_t nonfinite = 0;  ///< wanted commands that were not finite, and were zeroed
+  std::uint64_t repeated = 0;   ///< inputs with an old sequence; they do not count as fresh
+  std::uint64_t nonfinite = 0;  ///< wanted commands that were not finite and were replaced by zero
 };
 
-/// The safety that does not depend on the kind of input.
+/// The part of the safety layer that is the same for every kind of input.
 class DeviceGuard {
  public:
-  /// Throws std::invalid_argument where the limits make no sense. `kind` 0 haptic, 1 tactile.
+  /// Throws std::invalid_argument if the limits are invalid. `kind`: 0 haptic, 1 tactile.
   DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind);
 
-  /// True where `stamp` is newer than all before it: then its input may be turned into commands.
+  /// Returns true if `stamp` is newer than all earlier stamps. Then the caller computes commands from this input.
   bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
-  /// True while the newest input is young enough to act on.
+  /// True while the newest input is not older than `stale_after`.
   bool fresh(Nanoseconds now) const;
-  /// Commands of this step from `wanted` (size actuators). `source_live` false: the input itself says that its source
-  /// is dead.
+  /// Computes the commands of this step from `wanted` (its size is the number of actuators). `source_live` is false if
+  /// the input itself says that its source is dead.
   const DeviceState& limit(Nanoseconds now, std::span<const double> wanted, bool source_live);
-  /// Zeroes at once: on exit.
+  /// Sets all commands to zero immediately. Used on exit.
   const DeviceState& zero(Nanoseconds now);
   MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status, Nanoseconds now) const;
-  /// Of what the driver wants, before clamp and slew limit, the share that goes to the device since the last step.
+  /// Share of the driver's wanted command (before clamp and slew limit) that the device receives since the last step.
   double share() const { return enabled_ && state_.live != 0 ? gain_ : 0.0; }
 
   std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
@@ -93,11 +94,12 @@ class DeviceGuard {
   DeviceCounters counters_;
 };
 
-/// A coupling force whose simulated hand is gone is no force; contacts are published by the simulation itself.
+/// Coupling forces are only valid while the simulated hand is fresh. Contacts come from the simulation itself, so they
+/// are always live.
 inline bool source_is_live(const BoneWrench& input) { return input.simulated_valid != 0; }
 inline bool source_is_live(const Contacts&) { return true; }
 
-/// Touch moves nobody: only forces are observed.
+/// Tactile devices do not move the user, so only coupling forces are observed.
 inline void observe(PassivityObserver& observer, const BoneWrench& input) { observer.add(input); }
 inline void observe(PassivityObserver&, const Contacts&) {}
 
@@ -109,14 +111,14 @@ class DeviceLoop {
       : driver_(std::move(driver)),
         guard_(options, driver_->limits(), device, kind),
         actuators_(driver_->limits().actuators) {}
-  /// Zeroes the device if `stop` was not called.
+  /// Sets the commands of the device to zero if `stop` was not called.
   ~DeviceLoop() {
     if (!stopped_) stop(0);
   }
   DeviceLoop(const DeviceLoop&) = delete;
   DeviceLoop& operator=(const DeviceLoop&) = delete;
 
-  /// One step; `input` is what arrived since the last, null = nothing. Writes to the device.
+  /// Runs one step and writes to the device. `input` is the input that arrived since the last step; null = no input.
   const DeviceState& step(Nanoseconds now, const Input* input) {
     if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
       observe(passivity_, *input);
@@ -129,7 +131,7 @@ class DeviceLoop {
     driver_->write(now, guard_.commands());
     return state;
   }
-  /// Zeroes the device: on exit, also by signal.
+  /// Sets the commands of the device to zero: on exit, also by signal.
   const DeviceState& stop(Nanoseconds now) {
     stopped_ = true;
     const DeviceState& state = guard_.zero(now);

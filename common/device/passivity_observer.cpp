@@ -20,7 +20,7 @@ void PassivityObserver::add(const BoneWrench& wrench) {
       const double work =
           to_vector(from.coupling_force).dot(moved) +
           to_vector(from.coupling_torque).dot(rotation_log(now.orientation * before.orientation.conjugate()));
-      // One number that is none, or an orientation of zeros, in either message; in the sum it would stay for ever.
+      // NaN or an orientation of zeros in one message: without this check, NaN would stay in the sum for ever.
       if (std::isfinite(work)) given += work;
     }
     energy_ -= share_ * given;

@@ -1,4 +1,4 @@
-// Writes records to a file outside the real-time thread: the loop pushes plain values, a thread of its own formats and
+// Writes records to a file outside the real-time thread. The loop pushes plain values. A separate thread formats and
 // writes them.
 #pragma once
 
@@ -14,14 +14,14 @@
 
 namespace softhand {
 
-/// Single producer; `push` never blocks. What the writer cannot keep up with is dropped and counted.
+/// Single producer. `push` never blocks. If the writer thread is too slow, records are dropped and counted.
 template <typename Record>
 class RecordLog {
   static_assert(std::is_trivially_copyable_v<Record>);
 
  public:
-  /// `format` appends one record as text, with its newline; it runs in the writer's thread. Throws std::runtime_error
-  /// where the file cannot be opened. `header` is written first.
+  /// `format` appends one record as text, including the newline. It runs in the writer thread. `header` is written
+  /// first. Throws std::runtime_error if the file cannot be opened.
   RecordLog(const std::string& path, std::size_t capacity, const std::string& header,
             std::function<void(const Record&, std::string&)> format)
       : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {
@@ -63,7 +63,7 @@ class RecordLog {
   void run() {
     while (!stop_.load(std::memory_order_acquire)) {
       drain();
-      // The producer must not pay for waking this thread, so it polls.
+      // The producer must not spend time on waking this thread, so this thread polls.
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
     drain();

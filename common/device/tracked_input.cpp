@@ -14,16 +14,15 @@ namespace {
 constexpr double kSecondsPerNanosecond = 1e-9;
 constexpr double kMaximumCoordinate = 1e3;  // m
 constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest hands measure 0.25
-constexpr double kShortestQuaternion = 0.5 - 1e-6,
-                 kLongestQuaternion = 2 + 1e-6;  // half and twice unit length, rounding included
-constexpr double kMaximumAngularSpeed = 60;      // rad/s; fast finger flicks reach 40
-constexpr Nanoseconds kFuture = 5'000'000;       // a sample this far ahead of its arrival has another clock
-constexpr Nanoseconds kPast = 1'000'000'000;     // and so has one this old
+// Half and twice unit length, with room for rounding.
+constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;
+constexpr double kMaximumAngularSpeed = 60;   // rad/s; fast finger flicks reach 40
+constexpr Nanoseconds kFuture = 5'000'000;    // ns; a sample farther ahead of its arrival comes from another clock
+constexpr Nanoseconds kPast = 1'000'000'000;  // ns; a sample older than this at its arrival comes from another clock
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The joint that carries `joint` along when it is not seen: that of the parent bone; for the wrist the middle
-// metacarpal.
+// The joint that an unseen `joint` moves with: the joint of the parent bone; for the wrist, the middle metacarpal.
 Joint neighbour_of(Joint joint) {
   if (joint == Joint::wrist) return Joint::middle_metacarpal;
   const Body body = body_of(joint);
@@ -42,23 +41,24 @@ Pose mount(const std::array<double, 3>& position, const std::array<double, 4>& o
 
 void describe(OptionVisitor& v, TrackedInputOptions& o) {
   v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
-           "A sample is extrapolated by its age, at most by this; after that it is held.");
+           "Longest extrapolation of a sample by its age. Older samples are held still at the extrapolated pose.");
   v.number("velocity_smoothing", o.velocity_smoothing, "s", {0, 0.2},
-           "Time constant of the low pass on velocities estimated from samples.");
+           "Time constant of the low-pass filter on the velocities that are estimated from samples.");
   v.number("stale_after", o.stale_after, "s", {0.01, 10},
-           "Age of the newest sample after which the status says that the tracker is stale.");
+           "If the newest sample is older than this, the status reports the tracker as stale.");
   v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100},
-           "A jump of the wrist beyond this between samples moves the skeleton there at once.");
+           "If the wrist jumps farther than this between two samples, the skeleton is moved there in one step.");
   v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100},
-           "A joint or head faster than this between samples counts as having jumped: no velocity is made of it.");
+           "If a joint or the head moves faster than this between two samples, the motion counts as a jump and gives "
+           "no velocity.");
   v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10},
-            "Where a device on a headset sits, in the head's frame.");
+            "Position of a device mounted on the headset, in the head's frame.");
   v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1},
-            "Its orientation there, quaternion xyzw.");
+            "Orientation of a device mounted on the headset, in the head's frame, quaternion xyzw.");
   v.numbers("desk_mount_position", o.desk_mount_position.data(), 3, "m", {-1000, 1000},
-            "Where a device on a desk stands in the world.");
+            "Position of a device on a desk, in the world frame.");
   v.numbers("desk_mount_orientation", o.desk_mount_orientation.data(), 4, "1", {-1, 1},
-            "Its orientation there, quaternion xyzw.");
+            "Orientation of a device on a desk, in the world frame, quaternion xyzw.");
 }
 
 bool is_plausible(Nanoseconds sample_time, Nanoseconds now) {
@@ -78,7 +78,7 @@ void TrackedInput::add_head_pose(const HeadPose& head) {
       !(to_vector(head.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate))
     return;
   if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) {
-    // A head tracker whose clock went back starts a new history; a late sample is not worth keeping.
+    // If a head tracker's clock goes back by more than 1 s, a new history starts. A late sample is dropped.
     if (head.stamp.sample_time > heads_[(head_count_ - 1) % heads_.size()].time - kPast) return;
     head_count_ = 0;
   }
@@ -100,8 +100,8 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
   const auto back = [this](std::uint64_t i) -> const TimedPose& {
     return heads_[(head_count_ - 1 - i) % heads_.size()];
   };
-  // The pair around `time`; a sample newer than the newest head pose is extrapolated from the last pair, by 50 ms at
-  // most.
+  // Interpolates between the two head poses around `time`. A sample newer than the newest head pose is extrapolated
+  // from the last two head poses, at most by `extrapolation_limit` (default 50 ms).
   std::uint64_t i = 1;
   while (i + 1 < kept && back(i).time > time) ++i;
   if (kept == 1) {
@@ -114,7 +114,7 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
   const double wanted = static_cast<double>(time - older.time) * kSecondsPerNanosecond;
   const Vector3 moved = newer.pose.position - older.pose.position;
   const Vector3 turn = rotation_log(newer.pose.orientation * older.pose.orientation.conjugate());
-  // A head that was put elsewhere, as when an XR runtime is recentred, does not go on so.
+  // A jump of the head, for example when an XR runtime is recentred, is not extrapolated.
   const bool jumped = moved.norm() > options_.maximum_speed * span || turn.norm() > kMaximumAngularSpeed * span;
   const double fraction = std::clamp(wanted, 0.0, span + (jumped ? 0.0 : options_.extrapolation_limit)) / span;
   out = increment(older.pose, fraction * moved, fraction * turn) * headset_mount_;
@@ -182,8 +182,8 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     }
   }
 
-  // Joints that were not seen ride on their neighbour: the wrist on the middle metacarpal, then every bone on its
-  // parent, which has the lower index. Where the neighbour is missing too, a joint stays where it was.
+  // Unseen joints move rigidly with their neighbour: first the wrist with the middle metacarpal, then every bone with
+  // its parent, which has the lower index. If the neighbour is missing too, a joint stays where it was.
   std::array<bool, kJointCount> placed = good;
   const auto carry = [&](Joint joint) {
     const std::size_t j = index(joint);

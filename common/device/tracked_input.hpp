@@ -1,6 +1,6 @@
-// From a tracker's samples to targets in the world: refuses what cannot be a hand, composes the mount, estimates
-// velocities and extrapolates to the time of the step. Used by the tracking loop, and by the hand simulation where the
-// intermediate layer is left out (figure 2B).
+// Converts the samples of a tracker into target poses in the world. It refuses samples that cannot be a hand, applies
+// the mount, estimates velocities and extrapolates to the time of the step. The tracking loop uses it. The hand
+// simulation uses it if it runs without the intermediate skeleton (figure 2B).
 #pragma once
 
 #include <array>
@@ -25,50 +25,53 @@ struct TrackedInputOptions {
 };
 void describe(OptionVisitor& v, TrackedInputOptions& o);
 
-/// What a sample asks of one body: the world frame of its joint.
+/// Target of one body: the world pose and velocity of its joint frame.
 struct BodyTarget {
   Pose pose;
-  Twist velocity;  ///< of the joint's origin, world axes; zero while the sample is older than the extrapolation limit
+  /// Of the joint's origin, world axes. Zero while the sample is older than the extrapolation limit.
+  Twist velocity;
   bool valid = false;  ///< false until the joint was seen once
 };
 
-/// Why a sample, or one joint of it, was not used; all since start.
+/// Counts of accepted and refused samples and joints since start.
 struct TrackedInputCounters {
   std::uint64_t accepted = 0;           ///< samples
   std::uint64_t refused_nonfinite = 0;  ///< joints with NaN or infinity
-  std::uint64_t refused_implausible =
-      0;  ///< joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
+  /// joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
+  std::uint64_t refused_implausible = 0;
   std::uint64_t refused_order = 0;      ///< samples with an old or equal sequence or time
-  std::uint64_t refused_mount = 0;      ///< samples in an unknown frame, or in the headset's without a head pose
-  std::uint64_t implausible_clock = 0;  ///< samples whose time was replaced by that of their arrival
-  std::uint64_t inferred = 0;           ///< joints carried along by a neighbour because they were refused or not seen
+  std::uint64_t refused_mount = 0;      ///< samples in an unknown frame, or in the headset frame without a head pose
+  std::uint64_t implausible_clock = 0;  ///< samples whose time was replaced by their arrival time
+  std::uint64_t inferred = 0;           ///< refused or unseen joints that were moved rigidly with a neighbour
   std::uint64_t repositioned = 0;       ///< jumps of the wrist beyond the reposition distance
 };
 
-/// False where a sample's time cannot be of the clock that says `now`: it is in the future, or more than a second ago.
+/// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than 5 ms in the
+/// future or more than 1 s in the past.
 bool is_plausible(Nanoseconds sample_time, Nanoseconds now);
 
 class TrackedInput {
  public:
-  /// Throws std::invalid_argument where a mount's quaternion is not close to unit length.
+  /// Throws std::invalid_argument if the quaternion of a mount is not close to unit length.
   explicit TrackedInput(const TrackedInputOptions& options);
 
-  /// Head poses in the order of their times; refused (silently, keeping what is known) when not finite, beyond
-  /// 1 km or not newer.
+  /// Adds a head pose. Head poses must come in the order of their times. A pose that is not finite, beyond 1 km or not
+  /// newer is ignored without a message.
   void add_head_pose(const HeadPose& head);
-  /// False when the sample as a whole was refused. Single refused joints keep their place relative to their neighbour.
+  /// Returns false if the whole sample was refused. A joint that was refused alone keeps its place relative to its
+  /// neighbour.
   bool add_sample(const Skeleton& sample, Nanoseconds now);
 
-  /// Targets extrapolated to `now`, by body. Valid until the next call.
+  /// Targets extrapolated to `now`, indexed by body. Valid until the next call.
   const std::array<BodyTarget, kBodyCount>& targets(Nanoseconds now);
-  /// Seconds since the newest accepted sample was taken; negative = none yet.
+  /// Seconds since the newest accepted sample was measured; negative: no sample yet.
   double age(Nanoseconds now) const;
-  /// True when there is no sample or the newest is older than `stale_after`.
+  /// True if there is no sample, or if the newest one is older than `stale_after`.
   bool stale(Nanoseconds now) const;
-  /// True once after a jump beyond the reposition distance, or after the first sample.
+  /// Returns true once after a jump beyond the reposition distance and once after the first sample.
   bool take_repositioned();
   const TrackedInputCounters& counters() const { return counters_; }
-  /// Stamp and confidence of the newest accepted sample, for what is derived from it.
+  /// Stamp and confidence of the newest accepted sample, for messages derived from it.
   const Stamp& stamp() const { return stamp_; }
   double confidence() const { return confidence_; }
 
@@ -80,7 +83,8 @@ class TrackedInput {
   struct Track {
     Pose pose;            // world, at `time`
     Twist velocity;       // filtered
-    Pose from_neighbour;  // in the frame of the neighbour that carries it along, as last seen
+    Pose from_neighbour;  // in the frame of the neighbour that this joint moves with when it is unseen; from the last
+                          // sample with both
     bool seen = false;
     bool attached = false;  // from_neighbour is known
   };
@@ -91,12 +95,12 @@ class TrackedInput {
   TrackedInputOptions options_;
   Pose headset_mount_;
   Pose desk_mount_;
-  std::array<TimedPose, 32> heads_{};  // ring, newest at (head_count_ - 1) % size
+  std::array<TimedPose, 32> heads_{};  // ring buffer, newest at (head_count_ - 1) % size
   std::uint64_t head_count_ = 0;
   std::array<Track, kJointCount> tracks_{};
   std::array<BodyTarget, kBodyCount> targets_{};
   Stamp stamp_;
-  Nanoseconds time_ = 0;  // of the newest accepted sample; that of its arrival where its own clock is implausible
+  Nanoseconds time_ = 0;  // of the newest accepted sample; its arrival time if its own clock is implausible
   std::uint32_t source_ = 0;
   double confidence_ = 0;
   bool any_ = false;

@@ -9,7 +9,9 @@
 namespace softhand {
 namespace {
 
-constexpr double kLeap = 1.0;  // rad, of a target in a step: twice as fast as a finger can flick at 90 Hz
+/// Rotation of a target in one step beyond which it counts as a jump, rad. A finger flick at 90 Hz reaches half of
+/// this.
+constexpr double kLeap = 1.0;
 
 // A spring of stiffness k whose force is capped; d is the length of its stretch.
 struct CappedSpring {
@@ -23,7 +25,7 @@ CappedSpring capped_spring(double k, double cap, double d) {
   return {cap * d - 0.5 * cap * cap / k, cap / d, true};
 }
 
-// Second derivative with respect to the stretch. Past the cap only the directions across the stretch keep a stiffness.
+// Second derivative with respect to the stretch. Beyond the cap, only the directions across the stretch have stiffness.
 Matrix3 exact_stiffness(const CappedSpring& spring, const Vector3& stretch) {
   Matrix3 result = spring.secant * Matrix3::Identity();
   if (spring.capped) result -= spring.secant / stretch.squaredNorm() * stretch * stretch.transpose();
@@ -93,9 +95,9 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     s.pulls = s.active;
     if (!s.pulls) continue;
     s.start = state.body_poses[static_cast<std::size_t>(s.body)];
-    // A body that is not where the last step left it was put elsewhere, and its target with it: none of the two does
-    // work on the way. A target that leapt has no way either, along which a force could be told: it worked what the
-    // springs hold where it is now.
+    // If the body is not where the last step left it, body and target were repositioned. A target that jumped (kLeap)
+    // has no unique path either. In both cases no work is computed along the path. The change of the springs' energy
+    // counts as work.
     const bool goes_on = s.pulled && s.start.position == s.end.position &&
                          s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
                          rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kLeap;
@@ -155,8 +157,8 @@ double BodyCoupling::add_gradient(const State& state, VectorX& gradient) const {
     if (!s.pulls) continue;
     const Pull pull = pull_of(s, state);
     energy += pull.energy;
-    // The log's Jacobian leaves the turn itself unchanged, J^-T phi = phi, so the gradient of the angular part is the
-    // torque.
+    // The Jacobian of the logarithm does not change the rotation vector itself, J^-T phi = phi. So the gradient of the
+    // angular part is the torque.
     const Vector3 arm = state.body_poses[static_cast<std::size_t>(s.body)].orientation * s.body_from_frame.position;
     Clique<2>::Gradient local;
     local << -pull.wrench.force, -(pull.wrench.torque + arm.cross(pull.wrench.force));
@@ -169,13 +171,13 @@ void BodyCoupling::end_step(State& state) {
   flow_ = {};
   for (int site = 0; site < site_count(); ++site) {
     Site& s = at(site);
-    flow_.work -= s.stored;  // and back below, as it was at the start: not the same where a spring was switched
+    flow_.work -= s.stored;  // added back below as start_energy; the two differ if a spring was switched
     s.stored = 0;
     s.pulled = s.pulls;
     if (!s.pulls) continue;
     s.end = state.body_poses[static_cast<std::size_t>(s.body)];
     s.stored = spring_energy(s, s.end, s.target);
-    // The frame's move as the solver sees it: what the increment dq of the body makes of the derivative at the end.
+    // The motion of the frame as the solver sees it: the derivative at the step's end times the body's increment dq.
     const Pose frame = s.end * s.body_from_frame;
     const Vector3 turned = rotation_log(s.end.orientation * s.start.orientation.conjugate());
     const Vector3 moved = s.end.position - s.start.position + turned.cross(frame.position - s.end.position);

@@ -1,5 +1,5 @@
-// The few blocks that one small element couples, and the scatter of its dense gradient and Hessian into the global
-// ones.
+// The blocks that one small element couples. Scatters the element's dense gradient and Hessian into the global gradient
+// and Hessian.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace softhand {
 
-/// `size` blocks of three degrees of freedom that all meet each other.
+/// `size` blocks of three degrees of freedom, all coupled to each other.
 template <int size>
 class Clique {
  public:
@@ -31,7 +31,7 @@ class Clique {
       gradient.segment<3>(3 * blocks_[static_cast<std::size_t>(row)]) += local.template segment<3>(3 * row);
     }
   }
-  /// Reads the lower triangle of blocks.
+  /// Reads the lower triangle of `local`'s blocks.
   void add(BlockMatrix& matrix, const Hessian& local) const {
     std::size_t slot = 0;
     for (int row = 0; row < size; ++row) {

@@ -6,12 +6,16 @@
 //                                                    Hessian gains k_s/W_max^2 g g^T with g = dW_q/dF
 //
 // The Hessian is m (2 mu 1 + lambda r r^T + sum_k c_k q_k q_k^T) + k_s/W_max^2 g g^T with r = vec R and three twists
-// q_k (Smith, De Goes and Kim 2019): a multiple of the identity plus rank five. c_k = 2 (lambda (tr S - 3) - 2 mu)/(s_i
-// + s_j); the twist's eigenvalue is 2 mu + c_k, and projecting is c_k >= -2 mu.
+// q_k (Smith, De Goes and Kim 2019). It is a multiple of the identity plus a matrix of rank five. The coefficients are
 //
-// Departures from the source: eq. 30 is read as P = U P(S) V^T. Only s_i + s_j -> 0 is singular; the sum is floored
-// there, at 1e-9 (exact) or 1e-3 (projected: a finite stiffness where the true one grows without bound keeps the step's
-// matrix well conditioned and bends no minimum). Units: J/m^3, Pa.
+//   c_k = 2 (lambda (tr S - 3) - 2 mu)/(s_i + s_j)
+//
+// The eigenvalue of a twist is 2 mu + c_k, so the projection is c_k >= -2 mu.
+//
+// Departures from the source: eq. 30 is read as P = U P(S) V^T. Only s_i + s_j -> 0 is singular. There the sum has a
+// floor of 1e-9 (exact Hessian) or 1e-3 (projected Hessian). With the projected floor the stiffness stays finite
+// although the true one grows without bound. This keeps the step's matrix well conditioned and does not change any
+// minimum. Units: J/m^3, Pa.
 #pragma once
 
 #include "math/polar.hpp"
@@ -25,13 +29,13 @@ struct CorotationalMaterial {
   double strain_limit_stiffness = 0;  ///< J/m^3, k_s >= 0
 };
 
-/// Lame parameters from engineering constants; std::invalid_argument unless E > 0, 0 <= nu < 0.5, W_max > 0, k_s >= 0,
-/// all finite.
+/// Lame parameters from engineering constants. Throws std::invalid_argument unless E > 0, 0 <= nu < 0.5, W_max > 0, k_s
+/// >= 0 and all are finite.
 CorotationalMaterial corotational_material(double youngs_modulus, double poisson_ratio, double strain_limit_energy,
                                            double strain_limit_stiffness);
 
-/// The density and its first derivative at one deformation gradient: for single elements. The step's kernels have the
-/// same law in lanes, with the Hessian (tissue_kernel_source.hpp).
+/// The energy density and its first derivative at one deformation gradient, for single elements. The kernels of the
+/// step compute the same law in lanes, with the Hessian (tissue_kernel_source.hpp).
 struct CorotationalState {
   RotationSvd svd;
   Matrix3 rotation;                                             ///< R
@@ -41,8 +45,8 @@ struct CorotationalState {
   Matrix3 stress() const { return factor * stress_quadratic; }  ///< first Piola-Kirchhoff dW/dF, Pa
 };
 
-/// W of the mirror image, F = diag(1, 1, -1), without strain limiting, J/m^3. What is pressed flat and a little further
-/// holds a quarter.
+/// W of the mirror image, F = diag(1, 1, -1), without strain limiting, J/m^3. Tissue that is pressed flat or slightly
+/// farther has a quarter of this.
 inline double flip_density(const CorotationalMaterial& material) { return 4 * material.mu + 2 * material.lambda; }
 
 CorotationalState evaluate_corotational(const CorotationalMaterial& material, const Matrix3& f);

@@ -1,4 +1,4 @@
-// The face of one energy term. The solver knows nothing else about a term.
+// The interface of an energy term. The solver knows nothing else about a term.
 #pragma once
 
 #include <string_view>
@@ -9,48 +9,49 @@
 
 namespace softhand {
 
-/// Whether a Hessian is exact (for the derivative tests and the text's literal eq. 16) or positive semi-definite (for
-/// the solver).
+/// The kind of a Hessian: exact (for derivative tests and for eq. 16 as written) or positive semi-definite (for the
+/// solver).
 enum class Curvature { exact, projected };
 
 /// One term of the total potential, in joules. Derivatives are with respect to the increment of `apply_increment` at
-/// zero: nodes and body translations in metres, body rotations as spatial increments in radians, in world axes. A term
-/// returns dU/dq, never a force.
+/// zero. Nodes and body translations are in metres. Body rotations are spatial increments in radians, in world axes. A
+/// term returns dU/dq, never a force.
 ///
-/// Call order: `add_pattern`, `bind` once; then per step `begin_step`, any number of evaluations, `end_step`. What a
-/// term freezes for the duration of a step (contact planes, copies of other processes, friction bounds) it freezes in
-/// `begin_step`, so that `value` is one fixed function while the solver minimises. Nothing after `bind` allocates.
+/// Call order: `add_pattern` and `bind` once. Then per step: `begin_step`, any number of evaluations, `end_step`. Some
+/// inputs stay constant during a step (contact planes, copies of other processes, friction bounds). A term fixes them
+/// in `begin_step`, so `value` is one fixed function while the solver minimises. Nothing after `bind` allocates.
 class Energy {
  public:
   virtual ~Energy() = default;
   virtual std::string_view name() const = 0;
-  /// Whether the Hessian jumps from one iteration to the next, where contact begins or friction slips; else it changes
-  /// with the state alone, and little in a step.
+  /// True if the Hessian can jump between iterations, because contact begins or friction slips. Otherwise the Hessian
+  /// changes only with the state, and little within a step.
   virtual bool has_kinks() const { return false; }
-  /// Whether it depends on positions and poses alone, not on what a step froze: what it was at the end of a step it is
-  /// at the start of the next. Its pattern names each body on which it depends, be it in a pair.
+  /// True if the term depends only on positions and poses, not on values fixed in `begin_step`. Then its value at the
+  /// end of one step equals its value at the start of the next. Its pattern must contain every body that it depends on,
+  /// at least as part of a pair.
   virtual bool is_potential() const { return false; }
-  /// Declares every block that `add_hessian` may ever touch.
+  /// Adds every block that `add_hessian` can ever touch to the pattern.
   virtual void add_pattern(BlockPattern& pattern) const = 0;
-  /// Looks up and keeps the slots of those blocks.
+  /// Looks up the slots of those blocks and stores them.
   virtual void bind(const BlockMatrix& matrix) = 0;
-  /// `state` is that at the start of the step of `time_step` seconds (> 0).
+  /// `state` is the state at the start of the step of `time_step` seconds (> 0).
   virtual void begin_step(const State& /*state*/, double /*time_step*/) {}
   virtual double value(const State& state) const = 0;
-  /// Returns the value too: the two share most of their work.
+  /// Also returns the value, because value and gradient share most of their work.
   virtual double add_gradient(const State& state, VectorX& gradient) const = 0;
   virtual void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const = 0;
-  /// All three at one state; returns the value.
+  /// Adds gradient and Hessian at one state and returns the value.
   virtual double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
     add_hessian(state, hessian, curvature);
     return add_gradient(state, gradient);
   }
-  /// After the solver is done with the step: anchors slide, contacts begin and end, inertia writes the new velocities
-  /// into `state`.
+  /// Called after the solver has finished the step: anchors slide, contacts begin and end, inertia writes the new
+  /// velocities into `state`.
   virtual void end_step(State& /*state*/) {}
-  /// Rows of the energy ledger for the step that ended last, whose minimisation led from the value `start` to `end` and
-  /// took dU/dq . dq = `taken`. As it stands: of a potential of the state alone, whose force of the step's end did the
-  /// work (convex: backward Euler loses).
+  /// The energy ledger's entry for the last step. The minimisation changed the value from `start` to `end`, and
+  /// dU/dq . dq = `taken`. The default holds for a potential that depends only on the state. Its force at the step's
+  /// end did the work (for a convex potential, backward Euler loses energy).
   virtual EnergyFlow flow(double start, double end, double taken) const {
     return {.stored = end, .integrator = start - end + taken};
   }

@@ -1,11 +1,11 @@
-// The energy ledger: what was stored, put in and turned into heat since it began, and by how much the books do not
-// balance.
+// The energy ledger. It sums the energy that was stored, put in and turned into heat since it began. It also computes
+// by how much these sums do not balance.
 //
 //   residual = stored - initial - work - anchoring + friction + damping + integrator
 //
-// Each row is computed by itself (`Energy::flow`), the integrator's loss too: of conservative terms U(q_i) - U(q_i+1) +
-// dU/dq(q_i+1) . dq, of inertia 1/2 |dv|^2_M. The residual is then the work of the force that the minimiser left over,
-// dE/dq . dq, and whatever a term keeps no account of.
+// Each row is computed independently (`Energy::flow`). This includes the integrator's loss. For conservative terms it
+// is U(q_i) - U(q_i+1) + dU/dq(q_i+1) . dq, and for inertia 1/2 |dv|^2_M. The residual then consists of the work of the
+// minimiser's residual force, dE/dq . dq, and of anything that a term does not account for.
 #pragma once
 
 #include <algorithm>
@@ -14,18 +14,20 @@
 
 namespace softhand {
 
-/// What a step did with energy, joules. What a term stores rises by
+/// Energy flows of one step in joules. The stored energy of a term rises by
 ///   taken + work + anchoring - friction - damping - integrator,
 /// with `taken` = dU/dq . dq at the step's end.
 struct EnergyFlow {
-  double stored = 0;  ///< at the end of the step: potential, of inertia kinetic
-  double work = 0;    ///< done from outside: by moving targets and objects, by gravity, and by whoever switches or puts
-                      ///< something elsewhere between steps
+  double stored = 0;  ///< at the end of the step: potential energy; for inertia, kinetic energy
+  /// Work done from outside: by moving targets and objects, by gravity, and by callers that switch or reposition things
+  /// between steps.
+  double work = 0;
   double friction = 0;  ///< heat of sliding
   double damping = 0;   ///< heat of dampers
-  double integrator =
-      0;  ///< lost by the time integration: backward Euler, and what is frozen within a step; negative: won
-  double anchoring = 0;  ///< put in by contacts that begin, move or turn their plane: by no force's work
+  /// Lost by the time integration: backward Euler, and values that are fixed within a step. Negative: gained.
+  double integrator = 0;
+  /// Put in by contacts that begin, move or turn their plane. This is not the work of a force.
+  double anchoring = 0;
 
   EnergyFlow& operator+=(const EnergyFlow& other) {
     stored += other.stored;
@@ -40,7 +42,7 @@ struct EnergyFlow {
 
 class EnergyLedger {
  public:
-  /// One step, all terms together. The first is where the books begin: of it only what is stored counts.
+  /// Adds one step, all terms together. The first call starts the ledger: only its stored energy counts.
   void add(const EnergyFlow& step) {
     if (!begun_) {
       begun_ = true;
@@ -54,24 +56,24 @@ class EnergyLedger {
     largest_defect_ = std::max(largest_defect_, std::abs(residual()) / scale());
     largest_excess_ = std::max(largest_excess_, (total_.stored - initial_ - total_.work) / scale());
   }
-  /// Closes the books; the next step opens new ones.
+  /// Clears the ledger. The next step starts a new one.
   void restart() { *this = EnergyLedger(); }
 
   bool begun() const { return begun_; }
   double initial() const { return initial_; }
-  /// `stored` now, everything else since the books began.
+  /// `stored` is the current value. All other members are sums since the ledger began.
   const EnergyFlow& total() const { return total_; }
   double residual() const {
     return total_.stored - initial_ - total_.work - total_.anchoring + total_.friction + total_.damping +
            total_.integrator;
   }
-  /// What a residual is small against: the largest of what was stored at first, the sum of |work| of the steps, and 1
-  /// mJ.
+  /// The reference for a small residual: the largest of the initially stored energy, the sum of |work| over the steps,
+  /// and 1 mJ.
   double scale() const { return std::max({std::abs(initial_), turnover_, 1e-3}); }
   /// The largest |residual| / scale after any step.
   double defect() const { return largest_defect_; }
-  /// The largest part of the scale by which more was stored, after any step, than had been stored and put in: energy
-  /// from nowhere.
+  /// Largest energy gain from nowhere after any step, relative to the scale: stored energy minus initial energy minus
+  /// work.
   double excess() const { return largest_excess_; }
 
   /// Calls f(name, joules) for each row.

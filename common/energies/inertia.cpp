@@ -11,8 +11,8 @@ namespace {
 
 constexpr double kHeldStiffness = 1e9;         // N/m: 10 N move a held body by 10 nm within the step
 constexpr double kHeldAngularStiffness = 1e7;  // N m/rad
-constexpr double kLargestTurn = 3.0;           // rad a step
-constexpr int kMidpointIterations = 25;        // a handful for slow bodies; the bound is for a radian a step and more
+constexpr double kLargestTurn = 3.0;           // rad per step
+constexpr int kMidpointIterations = 25;        // slow bodies need a few; the limit is for a radian per step and more
 
 Matrix3 in_world(const Matrix3& inertia, const Quaternion& orientation) {
   const Matrix3 r = orientation.toRotationMatrix();
@@ -91,9 +91,8 @@ void Inertia::begin_step(const State& state, double time_step) {
     b.translation_weight = b.mass * inverse_square;
     const Vector3 momentum = in_world(b.inertia, b.start.orientation) * velocity.angular;
     b.spin_energy = 0.5 * velocity.angular.dot(momentum);
-    // Implicit midpoint by fixed-point iteration: the turn of free motion, by the inertia half way along that same
-    // turn. Whatever the last iterate is, it conserves the momentum, because the weight and the target use the same
-    // inertia.
+    // Implicit midpoint rule by fixed-point iteration: the rotation of free motion, computed with the inertia half way
+    // along this rotation. Every iterate conserves the momentum, because weight and target use the same inertia.
     Matrix3 inertia_mid;
     Vector3 turn = time_step * velocity.angular;
     for (int iteration = 0; iteration < kMidpointIterations; ++iteration) {
@@ -172,7 +171,7 @@ void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature cu
 }
 
 void Inertia::end_step(State& state) {
-  // Velocities that differ from those of the last step's end were set from outside.
+  // Velocities that differ from the end of the last step were set from outside.
   EnergyFlow flow{.work = start_energy_ - flow_.stored};
   for (std::size_t n = 0; n < node_masses_.size(); ++n) {
     const auto column = static_cast<Eigen::Index>(n);

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-// Where the two bodies put the joint.
+// Geometry of a joint in the current poses of its two bodies.
 struct JointGeometry {
   Vector3 parent_arm, child_arm;  // from the centres of mass, world axes
   Vector3 gap;                    // parent's point minus child's
@@ -31,7 +31,7 @@ JointGeometry geometry_of(const JointSite& site, const State& state) {
   return g;
 }
 
-// How far an angle is outside its range; zero inside.
+// Signed distance of an angle outside its range; zero inside.
 double excess(double angle, double minimum, double maximum) {
   return angle > maximum ? angle - maximum : angle < minimum ? angle - minimum : 0.0;
 }
@@ -61,9 +61,9 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
       throw std::invalid_argument("joint of body " + std::to_string(site.child) + ": " + what);
     };
     if (!(m.position_stiffness >= 0) || !(m.orientation_stiffness >= 0) || !(m.limit_stiffness >= 0))
-      refuse("a stiffness is not >= 0");
-    if (!(m.flexion_range[0] <= 0 && m.flexion_range[1] >= 0)) refuse("flexion_range must hold min <= 0 <= max");
-    if (!(m.abduction_range[0] <= 0 && m.abduction_range[1] >= 0)) refuse("abduction_range must hold min <= 0 <= max");
+      refuse("a stiffness is negative or NaN, expected >= 0");
+    if (!(m.flexion_range[0] <= 0 && m.flexion_range[1] >= 0)) refuse("flexion_range: expected min <= 0 <= max");
+    if (!(m.abduction_range[0] <= 0 && m.abduction_range[1] >= 0)) refuse("abduction_range: expected min <= 0 <= max");
     const AxisLaw held{m.orientation_stiffness, 0, 0};
     const AxisLaw loose{0, -kUnlimited, kUnlimited};
     const AxisLaw flexion{m.limit_stiffness, m.flexion_range[0], m.flexion_range[1]};
@@ -125,7 +125,7 @@ double JointEnergy::add_gradient(const State& state, VectorX& gradient) const {
       moment[i] = law.stiffness * outside;
       twice_energy += moment[i] * outside;
     }
-    // phi moves by J^-1 Q_a^T (w_child - w_parent).
+    // The derivative of phi is J^-1 Q_a^T (w_child - w_parent).
     const Vector3 torque = g.parent_frame * left_jacobian_inverse_transpose(g.angles, moment);
     const Vector3 pull = joint.site.model.position_stiffness * g.gap;
     twice_energy += pull.dot(g.gap);
@@ -171,7 +171,7 @@ void JointEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvatur
       const Vector3 pull = k * g.gap;
       local.block<3, 3>(3, 3) += rotated_arm_second_derivative(g.parent_arm, pull);
       local.block<3, 3>(9, 9) -= rotated_arm_second_derivative(g.child_arm, pull);
-      // exp(-w_a) exp(w_b) = exp(w_b - w_a - (w_a x w_b)/2 + ...): the torque's share of the mixed derivative.
+      // exp(-w_a) exp(w_b) = exp(w_b - w_a - (w_a x w_b)/2 + ...): contribution of the torque to the mixed derivative.
       const Vector3 torque = frame * (jacobian.transpose() * moment);
       local.block<3, 3>(9, 3) -= 0.5 * skew(torque);
     }

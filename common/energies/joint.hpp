@@ -1,17 +1,17 @@
-// Joints between bodies (ES2725128A1 eq. 20): a position spring, and springs on the rotation that the kind of joint
-// does not allow.
+// Joints between bodies (ES2725128A1 eq. 20): a position spring, and springs against the rotations that the kind of
+// joint does not allow.
 //
 //   U = 1/2 k |x_a + r_a - x_b - r_b|^2 + sum over the held axes 1/2 k_o phi_i^2
 //       + sum over the limited axes 1/2 k_lim (max(0, phi_i - max)^2 + max(0, min - phi_i)^2),   phi = log(Q_a^T Q_b)
 //
-// with Q_a the parent's rest-aligned joint frame and Q_b the child's joint frame: phi is zero at rest and its
-// components are the flexion, abduction and twist of `JointModel`, in the parent's joint frame.
+// Q_a is the parent's rest-aligned joint frame and Q_b the child's joint frame. phi is zero at rest. Its components are
+// the flexion, abduction and twist of `JointModel`, in the parent's joint frame.
 //
-// Departure from the source: it names no formula for axes and ranges; components of the rotation vector keep all three
-// axes alike and have no gimbal lock. They are the textbook joint angles while only one of them is large. phi is finite
-// at a turn of pi and jumps there to the other arc.
+// Departure from the source: the source gives no formula for axes and ranges. We use the components of the rotation
+// vector, because they treat all three axes alike and have no gimbal lock. They equal the textbook joint angles while
+// only one of them is large. At a rotation of pi, phi is finite and jumps to the other arc.
 //
-// Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent and six of the child. Units: J; m, rad.
+// Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent, six of the child. Units: J; m, rad.
 #pragma once
 
 #include <vector>
@@ -30,17 +30,17 @@ struct JointSite {
   JointModel model;
 };
 
-/// The joints of a hand, in the order of their child bodies; bodies whose kind is `free` have none.
+/// The joints of a hand, in the order of their child bodies. Bodies of kind `free` have no joint.
 std::vector<JointSite> hand_joints(const HandModel& hand);
 
 class JointEnergy final : public Energy {
  public:
-  /// std::invalid_argument where a stiffness is negative or a range does not hold min <= 0 <= max.
+  /// Throws std::invalid_argument if a stiffness is negative or a range does not satisfy min <= 0 <= max.
   JointEnergy(const std::vector<JointSite>& sites, DofLayout layout);
 
   int joint_count() const { return static_cast<int>(joints_.size()); }
   const JointSite& site(int joint) const { return joints_[static_cast<std::size_t>(joint)].site; }
-  /// phi: flexion, abduction, twist, radians.
+  /// phi in radians: flexion, abduction, twist.
   Vector3 angles(int joint, const State& state) const;
 
   std::string_view name() const override { return "joint"; }
@@ -53,14 +53,14 @@ class JointEnergy final : public Energy {
 
  private:
   struct AxisLaw {
-    double stiffness = 0;  // outside [minimum, maximum]
+    double stiffness = 0;  // acts outside [minimum, maximum]
     double minimum = 0;
     double maximum = 0;
   };
   struct JointData {
     JointSite site;
     std::array<AxisLaw, 3> axes;
-    Clique<4> blocks;  // parent translation, rotation, child translation, rotation
+    Clique<4> blocks;  // blocks: parent translation, parent rotation, child translation, child rotation
   };
   std::vector<JointData> joints_;
 };

@@ -14,8 +14,8 @@ namespace softhand {
 namespace {
 
 constexpr double kLeastStiffness = 10e3;  // N/m
-constexpr double kExtraLoad = 5;          // N that a hand presses with
-constexpr double kAllowedSink = 0.5e-3;   // m under weight and that load
+constexpr double kExtraLoad = 5;          // N, the extra force of a pressing hand
+constexpr double kAllowedSink = 0.5e-3;   // m, penetration under the weight and that load
 constexpr double kSharingHeight = 1e-3;   // m
 constexpr double kCompliantShare = 0.2;   // of a compliant neighbour's stiffness
 constexpr double kSameNormal = 0.9;       // cosine
@@ -242,7 +242,7 @@ void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
         const Response r = respond(plane, point, body);
         if (r.pushes) add(r.normal_arm, r.normal_force, point.stiffness * plane.normal * plane.normal.transpose());
         if (!(point.friction.bound > 0)) continue;
-        // At the step's start the kink between sticking and sliding is resolved by where the point is going
+        // At the step's start the kink between sticking and sliding is resolved by the predicted motion of the point
         // (friction.hpp).
         const bool at_start =
             (r.stretch + time_step_ * (plane.velocity - plane.normal.dot(plane.velocity) * plane.normal) -
@@ -286,7 +286,7 @@ void PlaneContact::end_step(State& state) {
         const double before = stored(point, point.start_height);
         const double limit = plane.friction * point.normal_force;
         const double length = r.stretch.norm();
-        // A point that does not press holds nothing.
+        // A point that does not press stores no friction energy.
         const double distance = point.normal_force > 0 ? point.friction.slide(length, limit) : length;
         point.sliding = point.normal_force > 0 && distance > 0;
         point.stretch = r.stretch;
@@ -296,7 +296,7 @@ void PlaneContact::end_step(State& state) {
         const double after = stored(point, r.height);
         const Vector3 spring = point.spring * std::min(r.height, 0.0) * plane.normal;
         const Vector3 damper = r.normal_force - spring;
-        // Movement against the plane, as the solver sees it.
+        // Motion relative to the plane, as the solver sees it.
         const Vector3 normal_moved = moved + turned.cross(r.normal_arm) - carried;
         const Vector3 friction_moved = moved + turned.cross(r.friction_arm) - carried;
         const double heat = r.friction_force.norm() * distance;

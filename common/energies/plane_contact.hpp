@@ -1,19 +1,21 @@
-// A mirrored object against what stops it in the world: the neighbour planes that the world publishes (mode owner,
-// docs/coupling-objects.md). Not in the source, whose mirrored objects meet the world through the symmetric spring
-// only.
+// Contact of a mirrored object with its neighbours in the world: the neighbour planes that the world publishes (mode
+// owner, docs/coupling-objects.md). This is not in the source. There, mirrored objects interact with the world only
+// through the symmetric spring.
 //
 //   U = sum over planes and resting points of  1/2 K min(0, u - u*)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|s|)
 //
-// u is the point's height over its plane at the step's end, s its tangential stretch against the plane. Stiffness and
-// damping in one square: K = k + b/dt and u* = (b/dt)/K min(u_0, 0), u_0 the height at the step's start, so that
-// damping acts from the surface on and never pulls. k and b are the shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm)
-// and b_A = 2 sqrt(k_A m): a point within 1 mm of the lowest one takes part in the sharing, so that a plane as a whole
-// has k_A whether a corner, an edge or a face rests on it.
+// u is the height of the point above its plane at the step's end. s is its tangential stretch against the plane.
+// Stiffness and damping form one square: K = k + b/dt and u* = (b/dt)/K min(u_0, 0). u_0 is the height at the step's
+// start. So the damping acts from the surface on and never pulls.
 //
-// As in contact.hpp a point that is about to reach its plane holds it two-sidedly for that one step, and the friction's
-// bound is that of the normal force at the end of the last step (of a fresh point: what stops the object's share of
-// mass). s is kept from step to step, and slides by Coulomb's law at the step's end; where the object rolls, the
-// point's material moves along and s with it.
+// k and b are equal shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm) and b_A = 2 sqrt(k_A m). A share is 1 divided by
+// the sum of the points' weights. The weight of a point falls from 1 at the lowest height to 0 at 1 mm above it. So a
+// plane as a whole has k_A whether a corner, an edge or a face rests on it.
+//
+// As in contact.hpp, a point that is about to reach its plane is held from both sides for that one step. The friction's
+// bound uses the normal force at the end of the last step. A fresh point has no such force: its bound uses the force
+// that stops its share of the object's mass. The stretch s persists from step to step and slides by Coulomb's law at
+// the step's end. If the object rolls, the touching point moves over the object, and s is kept for the new point.
 //
 // Degrees of freedom: translation and rotation of the object's body. Units: J, m, N/m, N s/m.
 #pragma once
@@ -35,22 +37,22 @@ class PlaneContact final : public Energy {
   /// Objects are the bodies `first_body` ... `first_body + slots - 1`.
   PlaneContact(DofLayout layout, int first_body, int slots);
 
-  /// The object in the slot: `geometry` outlives its stay; `mass` in kg, > 0; `weight` = m |g| in N. Ends all its
-  /// contacts.
+  /// Puts an object into the slot and ends its old contacts. `geometry` must outlive the object's stay in the slot.
+  /// `mass` in kg, > 0. `weight` = m |g| in N.
   void set_object(int slot, const ShapeGeometry* geometry, double mass, double weight);
-  /// Its weight in N is another from the planes that are set next on; its contacts stay.
+  /// Changes the weight (N) for the next call of `set_planes`. Contacts stay.
   void set_weight(int slot, double weight) { at(slot).weight = weight; }
   void clear_object(int slot);
-  /// The objects were put elsewhere: no point holds anything any more. Planes stay.
+  /// The objects were repositioned: all contacts end. Planes stay.
   void reset();
-  /// The planes as of the step that comes next; they then move on with their velocity until set again. A plane keeps
-  /// its friction when its neighbour was there before with a normal within 25 degrees. Of a compliant neighbour at most
-  /// 0.2 of its stiffness is used (more would not be stable).
+  /// Sets the planes as they are at the start of the next step. Then they move with their velocity until they are set
+  /// again. A plane keeps its friction state if its neighbour had a plane before with a normal within 25 degrees. The
+  /// plane of a compliant neighbour uses at most 0.2 of the neighbour's stiffness, because more would not be stable.
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
 
-  /// Of all planes on the object in the last step, about its centre of mass, world axes.
+  /// Wrench of all planes on the object in the last step, about its centre of mass, world axes.
   const Wrench& wrench(int slot) const { return at(slot).wrench; }
-  /// Points that press on a plane.
+  /// Number of points that press on a plane.
   int count(int slot) const { return at(slot).count; }
   /// Heat of sliding since construction, J.
   double dissipated() const { return dissipated_; }
@@ -64,19 +66,19 @@ class PlaneContact final : public Energy {
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
-  /// Stored: 1/2 k min(0, u)^2 and the friction's springs; what the normal force is more than k u is the damper's.
+  /// Stored: 1/2 k min(0, u)^2 and the friction's springs. The normal force beyond k u counts as damping.
   EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
   struct Point {
-    // From step to step.
+    // Persist from step to step.
     Vector3 stretch = Vector3::Zero();  // s, world, tangential
     double normal_force = 0;            // N
     bool sliding = false;
     // Fixed within the step.
-    RestingPoint resting;                      // body axes, about the centre of mass
-    Vector3 material = Vector3::Zero();        // the object's point that touches, body axes
-    Vector3 material_start = Vector3::Zero();  // the same in the world at the step's start
+    RestingPoint resting;                      // body axes, relative to the centre of mass
+    Vector3 material = Vector3::Zero();        // the touching point of the object, body axes
+    Vector3 material_start = Vector3::Zero();  // the same point in the world at the step's start
     double stiffness = 0;                      // K
     double target = 0;                         // u*
     bool fresh = false;
@@ -105,10 +107,10 @@ class PlaneContact final : public Energy {
     Wrench wrench;
     int count = 0;
     Pose start;               // of the body
-    double start_energy = 0;  // of springs and friction, with the planes of this step, J
-    double stored = 0;        // of the same after the last step, J
+    double start_energy = 0;  // of springs and friction at the start, with the planes of this step, J
+    double stored = 0;        // of springs and friction after the last step, J
   };
-  /// What a point does at a state.
+  /// Energy and forces of a point at a state.
   struct Response {
     double energy = 0;
     Vector3 normal_force = Vector3::Zero();  // gradient, not force
@@ -133,11 +135,11 @@ class PlaneContact final : public Energy {
   int first_body_;
   std::vector<Slot> slots_;
   std::vector<Point> points_;  // most_resting_points for each plane of each slot
-  std::vector<Point> kept_;    // of one slot, while its planes are set
+  std::vector<Point> kept_;    // points of one slot, saved while its planes are set
   std::vector<RestingPoint> resting_;
   double time_step_ = 0;
   double dissipated_ = 0;
-  double cleared_ = 0;  // J that objects held which were taken out since the last step
+  double cleared_ = 0;  // J stored in objects that were removed since the last step
   EnergyFlow flow_;
 };
 

@@ -15,8 +15,8 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
                                 std::to_string(layout.body_count) + " bodies, the hand " +
                                 std::to_string(hand.node_count()) + " and " + std::to_string(kBodyCount));
   }
-  std::map<std::pair<std::int32_t, std::int32_t>, double>
-      node_stiffness;  // (column, row), ordered: the same sums on every machine
+  // (column, row). An ordered map gives the same sums on every machine.
+  std::map<std::pair<std::int32_t, std::int32_t>, double> node_stiffness;
   std::size_t most_ties = 0;
   for (int body = 0; body < kBodyCount; ++body) {
     std::map<std::pair<std::int32_t, std::int32_t>, double> stiffness;  // (node i, node j), i >= j
@@ -41,7 +41,7 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
       ++partners[pair.first];
       if (pair.first != pair.second) ++partners[pair.second];
     }
-    // Rows of one length follow each other, so that the processor foresees where they end.
+    // Rows of equal length follow each other, so that the processor predicts the end of each row.
     std::vector<std::pair<int, std::int32_t>> order;
     for (const auto& [node, count] : partners) order.emplace_back(count, node);
     std::sort(order.begin(), order.end());
@@ -145,8 +145,8 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
       }
       energy += 0.5 * twice_energy.sum();
       if (gradient != nullptr) {
-        const Matrix3 turned =
-            moment.topRows<3>() * r.transpose();  // sum of pull (R X)^T, whose skew part is the torque
+        // Sum of pull (R X)^T. Its skew part is the torque.
+        const Matrix3 turned = moment.topRows<3>() * r.transpose();
         gradient->segment<3>(3 * layout_.body_translation_block(bone.body)) += force.head<3>();
         gradient->segment<3>(3 * layout_.body_rotation_block(bone.body)) +=
             Vector3(turned(2, 1) - turned(1, 2), turned(0, 2) - turned(2, 0), turned(1, 0) - turned(0, 1));
@@ -164,7 +164,7 @@ double SkeletonTissue::evaluate(const State& state, VectorX* gradient, BlockMatr
     }
   }
   if (hessian != nullptr) {
-    // Multiples of the identity: three entries of nine, whichever way the block is stored.
+    // Multiples of the identity: three of nine entries. They are the same if the block is stored transposed.
     const std::span<double> values = hessian->values();
     for (const NodePair& pair : node_pairs_) {
       const std::size_t first = 9 * static_cast<std::size_t>(pair.slot.index);

@@ -1,20 +1,21 @@
-// Attachments of the tissue to the bones (ES2725128A1 eq. 31): one spring a (bone, tetrahedron), at the centroid of
-// their intersection.
+// Attachments of the tissue to the bones (ES2725128A1 eq. 31): one spring per (bone, tetrahedron) pair, at the centroid
+// of their intersection.
 //
 //   U = sum over attachments 1/2 k |x_c + R r - sum_i w_i x_i|^2
 //
-// r is where the attachment sits at rest, sum_i w_i X_i, in the bone's body frame. With the w_i summing to one, each
-// stretch is a weighted sum of the nodes' own offsets from where the bone would carry them, z_i = x_c + R X_i - x_i, so
-// that
+// r is the rest position of the attachment, sum_i w_i X_i, in the bone's body frame. The weights w_i sum to one. So
+// each stretch is a weighted sum of node offsets z_i = x_c + R X_i - x_i. z_i points from the node to its place in a
+// rigid motion with the bone. Therefore
 //
 //   U = sum over bones 1/2 sum_ij K_ij z_i . z_j,   K_ij = sum over its attachments k w_i w_j
 //
-// and thousands of springs become one small constant matrix K a bone. It is the same energy, not an approximation, and
-// it loses no digits far from the origin: at rest every z_i is zero.
+// Thousands of springs become one small constant matrix K per bone. This is the same energy, not an approximation. It
+// loses no digits far from the origin, because every z_i is zero at rest.
 //
-// Departure from the source: none in the energy. Assumption: attachments are at rest where the model's rest pose puts
-// them. Projected Hessian: without the curvature of R (Gauss-Newton), a sum of squares. Degrees of freedom: the crossed
-// tetrahedra's nodes and the bones. Units: J; m, rad. Evaluation uses scratch memory of its own: one thread at a time.
+// Departure from the source: none in the energy. Assumption: attachments are at rest in the model's rest pose.
+// Projected Hessian: without the curvature of R (Gauss-Newton), a sum of squares. Degrees of freedom: the nodes of the
+// crossed tetrahedra and the bones. Units: J; m, rad. Evaluation uses scratch memory of this object: one thread at a
+// time.
 #pragma once
 
 #include <cstdint>
@@ -27,8 +28,8 @@ namespace softhand {
 
 class SkeletonTissue final : public Energy {
  public:
-  /// Node n of the hand is node n of the state, and so are the bodies. std::invalid_argument where the state has fewer
-  /// of either.
+  /// Node n of the hand is node n of the state, and the same holds for bodies. Throws std::invalid_argument if the
+  /// state has fewer nodes or bodies than the hand.
   SkeletonTissue(const HandModel& hand, DofLayout layout);
 
   std::string_view name() const override { return "skeleton_tissue"; }
@@ -41,10 +42,10 @@ class SkeletonTissue final : public Energy {
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
-  // One (node, bone) pair, and what of it the Hessian alone needs.
+  // A (node, bone) pair, without the data that only the Hessian needs.
   struct Tie {
     std::int32_t node = 0;
-    std::int32_t row_end = 0;        // in `entries`
+    std::int32_t row_end = 0;        // end of its row in `entries`
     Vector3 rest = Vector3::Zero();  // X_i, body frame
   };
   struct TieBlocks {
@@ -53,20 +54,20 @@ class SkeletonTissue final : public Energy {
     BlockSlot translation_slot, rotation_slot;  // (bone's block, node)
   };
   struct Entry {
-    std::int32_t column = 0;  // tie
+    std::int32_t column = 0;  // index of the tie
     double stiffness = 0;
   };
   struct Bone {
     int body = 0;
     std::vector<Tie> ties;
-    std::vector<TieBlocks> blocks;            // by tie
+    std::vector<TieBlocks> blocks;            // per tie
     std::vector<Entry> entries;               // K, row by row
     double total = 0;                         // sum_ij K_ij
     Vector3 moment = Vector3::Zero();         // sum_ij K_ij X_j
     Matrix3 second_moment = Matrix3::Zero();  // sum_ij K_ij [X_i]^T [X_j]
     BlockSlot translation_slot, coupling_slot, rotation_slot;
   };
-  // The constant node-node part of the Hessian, summed over bones: stiffness times identity.
+  // The constant node-node part of the Hessian, summed over the bones: stiffness times identity.
   struct NodePair {
     std::int32_t row = 0, column = 0;
     double stiffness = 0;
@@ -78,7 +79,8 @@ class SkeletonTissue final : public Energy {
   DofLayout layout_;
   std::vector<Bone> bones_;
   std::vector<NodePair> node_pairs_;
-  mutable Eigen::Matrix4Xd offset_;  // z_i of one bone, and a zero: whole vectors of the processor
+  // z_i of one bone, with a zero as fourth entry so that it fills whole vectors of the processor.
+  mutable Eigen::Matrix4Xd offset_;
 };
 
 }  // namespace softhand

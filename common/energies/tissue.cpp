@@ -18,8 +18,8 @@ constexpr std::size_t slot_of(std::size_t row, std::size_t column) { return row 
   throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(element) + ": " + what);
 }
 
-// 0 and 1: on one side of a plane with all nodes, 2: crossed by it. Across one of the axes, through the median node;
-// the plane that crosses fewest.
+// Splits the elements by a plane: 0 and 1 have all nodes on one side, 2 is crossed by the plane. The plane is normal to
+// an axis and goes through the median node. The axis with the fewest crossed elements is chosen.
 std::vector<std::uint8_t> halves(const HandModel& hand) {
   std::vector<std::uint8_t> best;
   std::size_t fewest = 0;
@@ -64,7 +64,8 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
   }
   element_count_ = static_cast<int>(count);
   const std::vector<std::uint8_t> groups = halves(hand);
-  std::vector<std::size_t> order;  // element of each lane; a group's last one repeated to the end of its last batch
+  std::vector<std::size_t>
+      order;  // element of each lane; the last one of a group is repeated to the end of its last batch
   position_.resize(count);
   for (std::size_t g = 0; g < 3; ++g) {
     for (std::size_t e = 0; e < count; ++e) {
@@ -181,8 +182,8 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .single_blocks = single_hessian_});
 }
 
-// By the sign of the volume: det F of all tetrahedra, or finding them in their batches, would be most of what a status
-// costs.
+// Uses the sign of the volume. Computing det F of all tetrahedra, or finding them in their batches, would take most of
+// the time of a status.
 int Tissue::inverted_elements(const State& state) const {
   int count = 0;
   for (const auto& corners : corners_) count += tetrahedron_volume(state.node_positions, corners) < 0.0 ? 1 : 0;

@@ -1,17 +1,18 @@
 // Tissue: linear tetrahedra of co-rotational, strain-limited material (ES2725128A1 eqs. 21-30).
 //
-//   U_t = sum over tetrahedra V W(F),  F = D_s D_m^-1 = sum_a x_a b_a^T,  b_a the rest gradient of node a's shape
-//   function
+//   U_t = sum over tetrahedra V W(F),  F = D_s D_m^-1 = sum_a x_a b_a^T
 //
-// W and its derivatives: corotational.hpp. Degrees of freedom: the nodes. Assumption: node n of the hand is node n of
-// the state. The integral runs over the reference volume (eq. 21). The four gradients b_a sum to zero, so six 3x3
-// blocks of the element's Hessian give the other four.
+// b_a is the rest gradient of the shape function of node a.
 //
-// Elements are evaluated side by side (tissue_kernel.hpp), with the same bits for every instruction set, for one thread
-// and two, and on each run: a plane cuts the hand into two halves that share no node, and between them lie the elements
-// that it crosses. The sum is over one half, the other and these, each in the order of the hand's file. The nodes of an
-// element are sorted, so that its ten blocks lie in the lower triangle and none is transposed on scatter; F does not
-// depend on the order.
+// corotational.hpp defines W and its derivatives. The degrees of freedom are the nodes. Assumption: node n of the hand
+// is node n of the state. The integral is over the reference volume (eq. 21). The four gradients b_a sum to zero, so
+// six 3x3 blocks of the element's Hessian determine the other four.
+//
+// Elements are evaluated in parallel lanes (tissue_kernel.hpp). The result has the same bits for every instruction set,
+// for one thread or two, and in each run. For this, a plane cuts the hand into two halves without common nodes. The
+// elements that the plane crosses lie between the halves. The sum runs over the first half, the second half and the
+// crossed elements, each in the order of the hand's file. The nodes of an element are sorted, so its ten blocks lie in
+// the lower triangle and no block is transposed on scatter. F does not depend on the order of the nodes.
 #pragma once
 
 #include <array>
@@ -28,27 +29,28 @@ namespace softhand {
 
 class Tissue final : public Energy {
  public:
-  /// Uses nodes, tetrahedra, their materials. std::invalid_argument, naming the element, where a tetrahedron has no
-  /// volume or a node, material or constant is out of range. `set` must be supported by the processor.
+  /// Uses nodes, tetrahedra and their materials. Throws std::invalid_argument with the element's number if a
+  /// tetrahedron has no volume, or if a node, material or constant is out of range. The processor must support `set`.
   explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
-  /// From here on `add_all` computes the Hessian's axes and products in float: for a solver that factorises it in
-  /// float. Energy and gradient stay what they are.
+  /// From now on `add_all` computes the axes and products of the Hessian in float, for a solver that factorises in
+  /// float. Energy and gradient do not change.
   void use_single_hessian() { single_hessian_ = true; }
-  /// Takes the second half of the elements from here on; it outlives this.
+  /// From now on `helper` evaluates the second half of the elements. It must outlive this object.
   void use(HelperThread& helper) { helper_ = &helper; }
 
   int element_count() const { return element_count_; }
-  /// Energies, gradients or Hessians of a tetrahedron, in any combination at one state, since construction.
+  /// Number of element evaluations since construction. One evaluation computes energy, gradient or Hessian of a
+  /// tetrahedron at one state, in any combination.
   std::uint64_t evaluated_elements() const { return evaluated_elements_; }
-  /// Tetrahedra with det F < 0.
+  /// Number of tetrahedra with det F < 0.
   int inverted_elements(const State& state) const;
-  /// Whether it is inside out and holds more than its mirror image would (`flip_density`).
+  /// True if the element is inverted and has more energy than its mirror image would have (`flip_density`).
   bool is_folded(const State& state, int element) const;
   /// W, J/m^3 of reference volume.
   double energy_density(const State& state, int element) const;
   double energy(const State& state, int element) const;  ///< J
-  /// sqrt(3/2) times the norm of the deviator of the principal first Piola-Kirchhoff stresses, Pa: von Mises' measure
-  /// for small stretch.
+  /// sqrt(3/2) times the norm of the deviator of the principal first Piola-Kirchhoff stresses, Pa. For small stretch it
+  /// equals the von Mises stress.
   double von_mises_stress(const State& state, int element) const;
 
   std::string_view name() const override { return "tissue"; }
@@ -74,12 +76,11 @@ class Tissue final : public Energy {
   HelperThread* helper_ = nullptr;
   bool single_hessian_ = false;
   int element_count_ = 0;
-  std::vector<std::array<std::int32_t, 4>>
-      corners_;  // the nodes of an element, in an order that makes its volume positive at rest
+  std::vector<std::array<std::int32_t, 4>> corners_;  // nodes per element, ordered for a positive volume at rest
   mutable std::uint64_t evaluated_elements_ = 0;
-  std::vector<TissueBatch> batches_;    // of one half, of the other, of what lies between
-  std::array<std::size_t, 4> group_{};  // where these begin and end
-  std::vector<std::int32_t> position_;  // of an element: kTissueBatch times its batch, and its lane
+  std::vector<TissueBatch> batches_;    // of the first half, the second half and the crossed elements
+  std::array<std::size_t, 4> group_{};  // begin and end of these three groups
+  std::vector<std::int32_t> position_;  // per element: kTissueBatch times its batch, plus its lane
 };
 
 }  // namespace softhand

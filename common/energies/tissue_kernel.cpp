@@ -1,11 +1,11 @@
-// The baseline's kernel, and the choice among all.
+// The baseline kernel, and the selection of a kernel.
 #include "energies/tissue_kernel.hpp"
 
 #include "energies/tissue_kernel_source.hpp"
 
 namespace softhand {
 
-// Defined in the files of these names, which CMake compiles with their instruction set's flags.
+// Defined in the files of these names. CMake compiles each with the flags of its instruction set.
 double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
                           const TissueOutput& output);
 double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions,

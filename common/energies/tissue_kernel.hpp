@@ -1,10 +1,11 @@
-// Energy, forces and stiffness of tetrahedra side by side in the lanes of the machine's vectors: one source
-// (tissue_kernel_source.hpp), compiled for each instruction set. The material law is that of corotational.hpp.
+// Energy, forces and stiffness of tetrahedra, evaluated in parallel in the lanes of the machine's vectors. One source
+// (tissue_kernel_source.hpp) is compiled for each instruction set. The material law is defined in corotational.hpp.
 //
-// Each instruction set gives the same bits: lanes never mix, nothing is fused or approximated, and elements are summed
-// in their order. From the scalar functions of corotational.hpp they differ by less than 1e-12: energy and Hessian of
-// themselves, forces of those at a strain of one (near rest F - R cancels). Only where s_2 + s_3 vanishes against s_1,
-// and the polar rotation is any of many, may forces be others.
+// All instruction sets give the same bits: lanes never mix, nothing is fused or approximated, and elements are summed
+// in their order. The relative difference from the scalar functions of corotational.hpp is below 1e-12. For energy and
+// Hessian it is relative to their own value. For forces it is relative to the forces at a strain of one, because F - R
+// cancels near rest. Exception: if s_2 + s_3 vanishes relative to s_1, the polar rotation is not unique and the forces
+// may differ.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +17,8 @@ namespace softhand {
 
 inline constexpr std::size_t kTissueBatch = 16;
 
-/// Sixteen elements, a structure of arrays. The lanes from `count` on repeat the last element and are not added.
+/// Sixteen elements as a structure of arrays. The lanes from `count` on repeat the last element. They are not added to
+/// the result.
 struct alignas(64) TissueBatch {
   double shape[9][kTissueBatch];  ///< D_m^-1, row-major: its rows are b_1, b_2, b_3; b_0 = -(b_1 + b_2 + b_3)
   double volume[kTissueBatch];    ///< m^3
@@ -27,21 +29,22 @@ struct alignas(64) TissueBatch {
   std::size_t count = 0;
 };
 
-/// What to compute besides the energy. Null pointers leave it out.
+/// Selects the outputs besides the energy. Null pointers: not computed.
 struct TissueOutput {
-  double* gradient = nullptr;  ///< three a node; dU/dx is added
-  double* blocks = nullptr;    ///< nine a stored block, column-major; the Hessian is added
-  bool projected = true;       ///< the Hessian: positive semi-definite, or exact
-  bool single_blocks = false;  ///< where gradient and Hessian are asked for: the Hessian's axes and products in float,
-                               ///< to 1e-6 of an element's largest entry
+  double* gradient = nullptr;  ///< three per node; dU/dx is added
+  double* blocks = nullptr;    ///< nine per stored block, column-major; the Hessian is added
+  bool projected = true;       ///< the Hessian is positive semi-definite (true) or exact (false)
+  /// If gradient and Hessian are requested: computes the Hessian's axes and products in float, accurate to 1e-6 of an
+  /// element's largest entry.
+  bool single_blocks = false;
 };
 
-/// `positions`: three a node, metres. Returns U_t in joules; not a number where a lane's F is not finite, and then only
-/// that lane's nodes get forces that are not. Allocates nothing.
+/// `positions`: three per node, metres. Returns U_t in joules. If F is not finite in a lane, the result is NaN, and
+/// only the forces on the nodes of this lane are not finite. Does not allocate.
 using TissueKernel = double (*)(const TissueBatch* batches, std::size_t batch_count, const double* positions,
                                 const TissueOutput& output);
 
-/// Where this build has none for `set` (another architecture), the baseline's.
+/// The kernel for `set`. If this build has none (other architecture), the baseline's kernel.
 TissueKernel tissue_kernel(InstructionSet set);
 
 }  // namespace softhand

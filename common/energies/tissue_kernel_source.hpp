@@ -1,6 +1,6 @@
-// The one source of the tissue's kernels: see tissue_kernel.hpp. Include it once in a file per instruction set, which
-// then wraps `tissue_energy`. All of it has internal linkage and nothing of the standard library or Eigen is
-// instantiated: a function shared with the rest of the program could be the one with this file's instructions.
+// The only source of the tissue's kernels: see tissue_kernel.hpp. One file per instruction set includes it and wraps
+// `tissue_energy`. Everything has internal linkage, and nothing of the standard library or Eigen is instantiated here.
+// Otherwise the linker could give the whole program a shared function with this file's instructions.
 #pragma once
 
 #include "energies/tissue_kernel.hpp"
@@ -12,35 +12,38 @@ namespace {
 constexpr std::size_t tissue_slot(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
 
 static_assert(kTissueBatch % kLanes == 0);
-constexpr int kMaxSweeps = 12;               // one-sided Jacobi converges quadratically: 3 to 5 are usual
-constexpr double kOrthogonal = 1e-29;        // square of the cosine
-constexpr double kSmallestProduct = 1e-280;  // below it squares lose digits, and the columns say nothing
-constexpr double kNoDirection = 0.1;         // what is left of a column's direction without that of the longest
-constexpr double kSmallestScale = 1e-300;    // a matrix below counts as zero
-// Square of what counts as zero beside the diagonal of a stretch, against all of it.
+constexpr int kMaxSweeps = 12;         // one-sided Jacobi converges quadratically; usually 3 to 5 sweeps
+constexpr double kOrthogonal = 1e-29;  // squared cosine
+// Below this, squares lose digits and the columns have no reliable direction.
+constexpr double kSmallestProduct = 1e-280;
+// A unit column without its part along the longest column has no reliable direction if it is shorter than this.
+constexpr double kNoDirection = 0.1;
+constexpr double kSmallestScale = 1e-300;  // a smaller matrix counts as zero
+// Squared relative threshold below which an off-diagonal stretch entry counts as zero.
 template <typename Row>
 constexpr double kDiagonal = 1e-30;
 template <>
 constexpr double kDiagonal<Singles> = 1e-13;
-// And what does so beside any diagonal: squares of less lose digits, and axes that are turned by them their length.
+// Absolute floor of this threshold. Smaller squares lose digits, and rotations by them change the length of the axes.
 template <typename Row>
 constexpr double kSmallestSquare = kSmallestProduct;
 template <>
 constexpr double kSmallestSquare<Singles> = 1e-30;
-constexpr int kMaxPolarIterations = 7;  // Newton's: a stretch of two takes 5, of five or a fifth 7
-constexpr int kUsualPolarIterations =
-    3;  // of them before the first look at the change: with the next, enough for strains up to 0.14
-constexpr double kFlat =
-    1e-6;  // of a determinant's square against the sixth power of the norm: 1/27 where all stretches are equal
-constexpr double kPolarChange = 1e-16;  // square of an iteration's change: the error left is half of it
+constexpr int kMaxPolarIterations = 7;  // of Newton: a stretch of 2 takes 5, a stretch of 5 or 1/5 takes 7
+// Newton iterations before the first check of the change. With the next one, they suffice for strains up to 0.14.
+constexpr int kUsualPolarIterations = 3;
+// Smallest accepted det^2 / |F|^6 (Frobenius norm). The ratio is 1/27 if all stretches are equal.
+constexpr double kFlat = 1e-6;
+constexpr double kPolarChange = 1e-16;  // squared change of the last iteration; the remaining error is half of it
 
-// F = sum_k s_k u_k v_k^T as in math/polar.hpp: rotations U and V, s descending, the last with the sign of det F; s
-// itself is not kept.
+// F = sum_k s_k u_k v_k^T as in math/polar.hpp: U and V are rotations, s descends, and the last s has the sign of det
+// F. s itself is not stored.
 struct LaneSvd {
   Lanes3 u[3], v[3];
 };
 
-// Turns a_p and a_q (and v_p, v_q along) until they are orthogonal; lanes where they are stay as they are.
+// Rotates a_p and a_q (and v_p, v_q with them) until they are orthogonal. Lanes in which they are orthogonal do not
+// change.
 SOFTHAND_INLINE void orthogonalise(Lanes3& a_p, Lanes3& a_q, Lanes3& v_p, Lanes3& v_q) {
   const Lanes pp = dot(a_p, a_p);
   const Lanes qq = dot(a_q, a_q);
@@ -74,7 +77,7 @@ SOFTHAND_INLINE Lanes3 perpendicular(const Lanes3& u) {
 }
 
 SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
-  // Scaled, so that squares neither overflow nor vanish.
+  // Scaled, so that squares do not overflow or underflow.
   Lanes scale = absolute(f[0].x);
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j)
@@ -87,7 +90,7 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j) a[j] = select(vanishes, v[j], inverse * f[j]);
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
-    // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
+    // Converged lanes do not change any more, so their result does not depend on the number of sweeps.
     if (!any(skewed(a[0], a[1]) | skewed(a[0], a[2]) | skewed(a[1], a[2]))) break;
     orthogonalise(a[0], a[1], v[0], v[1]);
     orthogonalise(a[0], a[2], v[0], v[2]);
@@ -99,7 +102,7 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
     const Lanes larger = select(swaps, square[q], square[p]);
     square[q] = select(swaps, square[p], square[q]);
     square[p] = larger;
-    // One of the two is turned round, so that V stays a rotation.
+    // One of the two changes its sign, so that V stays a rotation.
     const auto swap = [&swaps](Lanes3& x, Lanes3& y) {
       const Lanes3 first = select(swaps, y, x);
       y = select(swaps, -x, y);
@@ -113,7 +116,7 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   order(1, 2);
   LaneSvd svd;
   svd.u[0] = (one / square_root(square[0])) * a[0];
-  // A short column is orthogonal only as far as the long one is rounded.
+  // A short column is orthogonal to the long column only up to the rounding error of the long column.
   svd.u[1] = (one / square_root(square[1])) * a[1];
   svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
   const Lanes left = square_root(dot(svd.u[1], svd.u[1]));
@@ -126,9 +129,9 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   return svd;
 }
 
-// R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986): no square roots, and no directions, as
-// energy and gradient need none. Says in which lanes it converged: not in those that are squashed flat, where cofactors
-// are rounding, nor in those turned inside out.
+// Computes R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986). It needs no square roots and no
+// directions; energy and gradient need no directions either. Returns the lanes in which it converged. It does not
+// converge for elements that are pressed flat (their cofactors are rounding errors) or inverted.
 SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
   const Lanes volume = dot(f[0], cross(f[1], f[2])), square = dot(f[0], f[0]) + dot(f[1], f[1]) + dot(f[2], f[2]);
   const Choice upright = (volume > 0.0) & (volume * volume > kFlat * square * square * square);
@@ -147,7 +150,7 @@ SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
 #pragma GCC unroll 3
     for (std::size_t j = 0; j < 3; ++j) r[j] = r[j] + change[j];
   }
-  // Lanes that are done do not change any more, so the number of iterations does not matter to them.
+  // Converged lanes do not change any more, so their result does not depend on the number of iterations.
   Choice done = splat(0.0) > 0.0;
   for (int iteration = kUsualPolarIterations; iteration < kMaxPolarIterations; ++iteration) {
     iterate();
@@ -159,8 +162,9 @@ SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
   return upright & done;
 }
 
-// Turns the symmetric matrix until its entry between p and q is zero, and v_p and v_q along. `diagonal` and `beside`
-// are its entries, those beside the diagonal by the axis that they do not name; a square below `least` counts as zero.
+// Rotates the symmetric matrix until its entry between p and q is zero, and rotates v_p and v_q with it. `diagonal` and
+// `beside` are the entries of the matrix. An entry beside the diagonal has the index of the axis that is not involved.
+// A square below `least` counts as zero.
 template <typename Row>
 SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row> (&v)[3], std::size_t p, std::size_t q,
                                  const Row& least) {
@@ -187,7 +191,7 @@ SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row>
   v[q] = s * x + c * v[q];
 }
 
-// Axes of the stretch S = R^T F and the stretches along them, in any order: Jacobi's method.
+// Axes of the stretch S = R^T F and the stretches along them, in any order, by Jacobi's method.
 template <typename Row>
 SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<Row> (&v)[3], Row (&stretch)[3]) {
   const Row one = rounded<Row>(splat(1.0)), zero = one - one;
@@ -201,7 +205,7 @@ SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<
   }
   least = rounded<Row>(splat(kDiagonal<Row>)) * least + rounded<Row>(splat(kSmallestSquare<Row>));
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
-    // Lanes that are done do not change any more, so the number of sweeps does not matter to them.
+    // Converged lanes do not change any more, so their result does not depend on the number of sweeps.
     if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least)))
       break;
     diagonalise(stretch, beside, v, 0, 1, least);
@@ -229,8 +233,8 @@ SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std:
   return result;
 }
 
-// What the lanes of a batch leave to be added. The Hessian is made of rows of type `Row`: Lanes, or Singles where half
-// the digits will do.
+// Results of a batch, to be added to gradient and Hessian. The Hessian's blocks consist of rows of type `Row`: Lanes,
+// or Singles if single precision is enough.
 template <typename Row>
 struct alignas(64) BatchResult;
 template <>
@@ -248,7 +252,7 @@ struct alignas(64) BatchResult<Singles> {
   float block[10][9][kTissueBatch];
 };
 
-// w_l for a block's row of three: entry (i, l) of the sum over k of left_k right_k^T.
+// Adds the sum over k of left_k right_k^T to a 3x3 block. `column[l]` holds the entries (i, l).
 template <typename Row, std::size_t kTerms>
 SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Row> (&right)[kTerms],
                                   Row3<Row> (&column)[3]) {
@@ -298,7 +302,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
                  row_of(svd.v[0], j) * svd.u[0] + row_of(svd.v[1], j) * svd.u[1] + row_of(svd.v[2], j) * svd.u[2]);
     }
   }
-  // F - R, whose product with R is the sum of the principal strains, and with itself that of their squares.
+  // F - R. Its product with R is the sum of the principal strains. Its product with itself is the sum of their squares.
   Lanes3 strain[3];
 #pragma GCC unroll 3
   for (std::size_t j = 0; j < 3; ++j) strain[j] = f[j] - rotation[j];
@@ -320,7 +324,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   const auto times = [](const auto(&matrix)[3], const auto& b) {
     return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2];
   };
-  // dW_q/dF b by the shape gradients b of nodes 1 to 3.
+  // dW_q/dF b for the shape gradients b of nodes 1 to 3.
   Lanes3 pull[3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) pull[n] = times(stress, shape[n]);
@@ -348,7 +352,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   for (std::size_t k = 0; k < 3; ++k) turn[k] = rounded<Row>(rotation[k]);
 #pragma GCC unroll 3
   for (std::size_t k = 0; k < 3; ++k) u[k] = times(turn, v[k]);
-  // Half of c_k, because the twists are not of unit length; floors as in corotational.cpp.
+  // Half of c_k, because the twists do not have unit length. Floors as described in corotational.hpp.
   const Lanes stiffness = 2.0 * mu;
   const Row numerator = rounded<Row>(lambda * trace - stiffness), least = rounded<Row>(-mu),
             row_weight = rounded<Row>(weight);
@@ -382,7 +386,8 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
       store(result.block[slot][3 * l + 2] + first, column[l].z);
     }
   };
-  // Rows of the element's Hessian sum to zero: block (n, 0) = -sum of (n, 1) to (n, 3), and the corner likewise.
+  // The rows of the element's Hessian sum to zero. So block (n, 0) = -sum of (n, 1) to (n, 3), and likewise for the
+  // corner block (0, 0).
   Row3<Row> to_first[3][3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
@@ -409,15 +414,16 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   for (std::size_t n = 0; n < 3; ++n) put(tissue_slot(n + 1, 0), to_first[n]);
 #pragma GCC unroll 3
   for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
-  // Symmetric in exact arithmetic; half of it and its transpose is in floating point too.
+  // This block is symmetric in exact arithmetic. The mean of the block and its transpose is symmetric in floating point
+  // too.
   const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x),
             yz = half_row * (corner[1].z + corner[2].y);
   const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
   put(tissue_slot(0, 0), symmetric);
 }
 
-// Adds the blocks of a batch: block by block, and within it element by element, so that the order does not depend on
-// the vectors' width.
+// Adds the blocks of a batch: block by block, and inside a block element by element. So the order does not depend on
+// the width of the vectors.
 template <typename Row>
 SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<Row>& result, double* blocks) {
   for (std::size_t slot = 0; slot < 10; ++slot) {

@@ -19,7 +19,7 @@ struct Face {
   bool alive = true;
 };
 
-// Directed edges of all living faces: (from, to) -> face. On a closed surface every edge has its reverse.
+// Directed edges of all living faces: (from, to) -> face. On a closed surface every edge has a reverse edge.
 using Edges = std::map<std::pair<int, int>, int>;
 
 class Builder {
@@ -27,7 +27,7 @@ class Builder {
   Builder(std::vector<Vector3> points, double size)
       : points_(std::move(points)), tolerance_(1e-11 * size), size_(size) {}
 
-  /// False: ambiguous, try again with moved points.
+  /// Returns false if a step is ambiguous: try again with moved points.
   bool build(const std::array<int, 4>& simplex) {
     const Vector3 inside =
         0.25 * (points_[at(simplex[0])] + points_[at(simplex[1])] + points_[at(simplex[2])] + points_[at(simplex[3])]);
@@ -80,7 +80,7 @@ class Builder {
     face.corners = corners;
     const Vector3 normal =
         (points_[at(corners[1])] - points_[at(corners[0])]).cross(points_[at(corners[2])] - points_[at(corners[0])]);
-    if (normal.norm() < 1e-13 * size_ * size_) return false;  // a sliver: its normal says nothing
+    if (normal.norm() < 1e-13 * size_ * size_) return false;  // a sliver has no reliable normal
     face.normal = normal.normalized();
     face.offset = face.normal.dot(points_[at(corners[0])] + points_[at(corners[1])] + points_[at(corners[2])]) / 3.0;
     const int index = static_cast<int>(faces_.size());
@@ -91,7 +91,7 @@ class Builder {
     return true;
   }
 
-  // (point, face that it is highest above), for the highest of all.
+  // Returns the pair (point, face) with the largest height of a point above a face.
   std::optional<std::pair<int, int>> farthest_point() const {
     std::optional<std::pair<int, int>> farthest;
     double most = tolerance_;
@@ -164,7 +164,8 @@ class Builder {
   Edges edges_;
 };
 
-// Four points that span the set well: two far apart, then farthest from their line, then from their plane.
+// Returns four points that span the set well: two far apart, then the point farthest from their line, then the point
+// farthest from their plane.
 std::array<int, 4> spanning_simplex(std::span<const Vector3> points, double size) {
   const auto best = [&points](auto measure) {
     int result = 0;
@@ -219,7 +220,7 @@ ConvexHull convex_hull(std::span<const Vector3> points) {
     Builder builder(std::move(moved), size);
     if (builder.build(simplex)) return builder.result();
   }
-  throw std::invalid_argument("convex hull: no closed hull found; are vertices almost, but not quite, repeated?");
+  throw std::invalid_argument("convex hull: no closed hull found; remove vertices that are almost equal");
 }
 
 }  // namespace softhand

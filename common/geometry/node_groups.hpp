@@ -1,4 +1,4 @@
-// Broad phase: the skin nodes, grouped by the bone that they belong to, each group in a ball.
+// Broad phase: the skin nodes, grouped by their bone. Each group has a bounding ball.
 #pragma once
 
 #include <cstdint>
@@ -10,22 +10,22 @@
 
 namespace softhand {
 
-/// Finds the nodes that an object may reach. All groups are refused by one distance when the object is far from the
-/// hand, one group by one distance when it is far from that bone: the cost grows with the nodes that are near.
-/// Allocates at construction only.
+/// Finds the nodes that an object may reach. One distance test rejects all groups if the object is far from the hand.
+/// One distance test per group rejects the groups of far bones. So the cost grows with the number of near nodes.
+/// Allocates only at construction.
 class NodeGroups {
  public:
-  /// `nodes`: those that can touch anything; `group_of[i]`: the group of `nodes[i]`.
+  /// `nodes`: the nodes that can touch objects. `group_of[i]`: the group of `nodes[i]`.
   NodeGroups(std::vector<std::int32_t> nodes, std::span<const std::uint8_t> group_of);
 
-  /// Balls around the groups, grown by what each node moves in a step of `time_step` seconds.
+  /// Updates the bounding balls. They contain each node's motion in a step of `time_step` seconds.
   void update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3Xd& velocities, double time_step);
 
   /// An upper bound of the distance of any node from `point`, metres.
   double farthest(const Vector3& point) const { return (whole_.centre - point).norm() + whole_.radius; }
 
-  /// Calls visit(node) for every node of the groups whose ball comes within `margin` metres of the shape at `pose`;
-  /// groups, and nodes in them, always in the same order.
+  /// Calls visit(node) for every node of the groups whose ball comes within `margin` metres of the shape at `pose`. The
+  /// order of the groups and of their nodes never changes.
   template <typename Visit>
   void for_each_near(const ShapeGeometry& shape, const Pose& pose, double margin, Visit&& visit) const {
     if (nodes_.empty() || !is_near(whole_, shape, pose, margin)) return;
@@ -44,7 +44,7 @@ class NodeGroups {
   };
   static bool is_near(const Group& group, const ShapeGeometry& shape, const Pose& pose, double margin);
 
-  std::vector<std::int32_t> nodes_;  // by group
+  std::vector<std::int32_t> nodes_;  // sorted by group
   std::vector<Group> groups_;
   Group whole_;
 };

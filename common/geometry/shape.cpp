@@ -14,13 +14,13 @@
 
 namespace softhand {
 
-/// What each kind of shape knows of itself.
+/// Common interface of all kinds of shape.
 class Solid {
  public:
   virtual ~Solid() = default;
   virtual SurfacePoint closest(const Vector3& p) const = 0;
-  /// Part of the line from + t (to - from) that is inside: [enter, exit], and the outward normal where it enters. False
-  /// when it misses.
+  /// Computes the part of the line from + t direction that is inside: [enter, exit], and the outward normal at the
+  /// entry. Returns false if the line misses.
   virtual bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
                     Vector3& normal) const = 0;
   virtual double bounding_radius() const = 0;
@@ -32,20 +32,22 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kPi = std::numbers::pi;
-// Closer to the surface than this (m) the direction to the closest point is rounding; the face's own normal is taken.
+// m. Closer to the surface than this, the direction to the closest point is only rounding error, so the face's normal
+// is used.
 constexpr double kOnSurface = 1e-12;
-// A cylinder whose axis leaves the ground by less than this sine (11.5 degrees) lies.
+// A cylinder lies if the sine of the angle between its axis and the ground is below this (11.5 degrees).
 constexpr double kLying = 0.2;
-// Of a squared distance: what is nearer by less is as near, but for rounding.
+// Factor on a squared distance. Distances whose squares differ by less than this relative amount count as equal,
+// because of rounding.
 constexpr double kNearer = 1 - 1e-14;
 
 struct Interval {
   double enter = -kInfinity;
   double exit = kInfinity;
-  Vector3 normal = Vector3::UnitY();  // where it enters
+  Vector3 normal = Vector3::UnitY();  // at the entry
 
   bool empty() const { return !(enter <= exit); }
-  // Cuts away the outer side of the half-space normal . p <= offset.
+  // Cuts away the part outside the half-space normal . p <= offset.
   void cut(const Vector3& n, double offset, const Vector3& from, const Vector3& direction) {
     const double height = n.dot(from) - offset;
     const double rate = n.dot(direction);
@@ -63,8 +65,8 @@ struct Interval {
   }
 };
 
-// Where |from + t direction| = radius, in as many dimensions as the vectors have; the whole line or nothing when it
-// does not move.
+// Solves |from + t direction| = radius for vectors of any dimension. If direction is zero, the result is the whole line
+// or nothing.
 template <typename Vector>
 void round_interval(const Vector& from, const Vector& direction, double radius, double& enter, double& exit) {
   const double a = direction.squaredNorm();
@@ -75,7 +77,7 @@ void round_interval(const Vector& from, const Vector& direction, double radius, 
     return;
   }
   const double b = from.dot(direction);
-  // b^2 - a c without cancellation: a r^2 minus the square of the line's distance from the centre.
+  // b^2 - a c without cancellation: a times (radius^2 - squared distance of the line from the centre).
   const Vector foot = from - b / a * direction;
   const double discriminant = a * (radius * radius - foot.squaredNorm());
   if (discriminant < 0) {
@@ -174,7 +176,8 @@ class Capsule final : public Solid {
   }
   bool clip(const Vector3& from, const Vector3& direction, double& enter, double& exit,
             Vector3& normal) const override {
-    // The union of a cylinder and two balls; since it is convex, the union of their intervals is one interval.
+    // The capsule is the union of a cylinder and two balls. The union is convex, so the three intervals form one
+    // interval.
     Interval side;
     round_interval(Eigen::Vector2d(from.x(), from.z()), Eigen::Vector2d(direction.x(), direction.z()), radius_,
                    side.enter, side.exit);
@@ -255,15 +258,16 @@ class Cylinder final : public Solid {
   }
   double bounding_radius() const override { return std::hypot(radius_, half_length_); }
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const override {
-    // Turned so that one point of each rim is the lowest. On end, where the lowest is not defined, the turn does not
-    // matter.
+    // Rotated so that one point of each rim is the lowest. If the cylinder stands on end, no point is the lowest and
+    // the angle does not matter.
     const double across = std::hypot(up.x(), up.z());
     const double phase = across > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
     for (std::size_t i = 0; i < 16; ++i) {
       const double angle = phase + 0.25 * kPi * static_cast<double>(i % 8);
       out[i] = {Vector3(radius_ * std::cos(angle), i < 8 ? half_length_ : -half_length_, radius_ * std::sin(angle)), 0};
     }
-    // Lying, it rolls on balls of the rims' radius: a corner would have to be climbed over in every step.
+    // A lying cylinder rolls on balls with the rims' radius. With corners, it would have to climb over a corner in
+    // every step.
     if (std::abs(up.y()) < kLying) {
       out[0] = {Vector3(0, half_length_, 0), radius_ * across};
       out[8] = {Vector3(0, -half_length_, 0), radius_ * across};
@@ -299,11 +303,11 @@ class Plane final : public Solid {
   SolidProperties properties() const override { return {kInfinity, Vector3::Zero(), Matrix3::Zero()}; }
 };
 
-// The point of a triangle nearest to p, and where on the triangle it is.
+// The point of a triangle nearest to p, and its place on the triangle.
 struct TrianglePoint {
   Vector3 point = Vector3::Zero();
-  int edge = -1;    // from corner `edge` to the next; -1: within
-  int corner = -1;  // also an end of that edge; -1: within the edge
+  int edge = -1;    // edge from corner `edge` to the next corner; -1: inside the triangle
+  int corner = -1;  // corner of that edge; -1: inside the edge
 };
 
 TrianglePoint closest_on_triangle(const Vector3& p, const std::array<Vector3, 3>& corners, const Vector3& normal) {
@@ -330,7 +334,7 @@ class Hull final : public Solid {
   explicit Hull(std::span<const Vector3> points) : hull_(convex_hull(points)) {
     for (const Vector3& v : hull_.vertices) centre_ += v / static_cast<double>(hull_.vertices.size());
     for (std::size_t cell = 0; cell < faces_towards_.size(); ++cell) {
-      // Where the ray leaves the hull.
+      // The face where the ray leaves the hull.
       const Vector3 direction = direction_of(cell);
       double least = kInfinity;
       for (std::size_t f = 0; f < hull_.faces.size(); ++f) {
@@ -353,7 +357,7 @@ class Hull final : public Solid {
           face = f;
         }
       }
-      // Inside, the foot on the nearest plane lies in that plane's face.
+      // Inside, the foot point on the nearest plane lies in that plane's face.
       if (highest <= kOnSurface) return {highest, p - highest * hull_.normals[face], hull_.normals[face]};
     }
     return walk(p, face);
@@ -378,8 +382,8 @@ class Hull final : public Solid {
     return hull_.vertices.size();
   }
   SolidProperties properties() const override {
-    // Tetrahedra from the first vertex; second moments of a tetrahedron with corners o, a, b, c about o are
-    // volume/20 ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T).
+    // Sums over tetrahedra that share the first vertex. The second moments of a tetrahedron with corners o, a, b, c
+    // about o are volume/20 ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T).
     const Vector3 origin = hull_.vertices[0];
     double volume = 0;
     Vector3 first = Vector3::Zero();
@@ -398,7 +402,7 @@ class Hull final : public Solid {
   }
 
  private:
-  static constexpr std::size_t kCells = 8;  // along the edge of each side of a cube
+  static constexpr std::size_t kCells = 8;  // per direction on each side of a cube
 
   const Vector3& vertex(int i) const { return hull_.vertices[static_cast<std::size_t>(i)]; }
   TrianglePoint on_face(const Vector3& p, std::size_t f) const {
@@ -408,10 +412,10 @@ class Hull final : public Solid {
 
   double height(const Vector3& p, std::size_t f) const { return hull_.normals[f].dot(p) - hull_.offsets[f]; }
 
-  // From a face that p is above, over the surface, to neighbouring faces that p is above as long as one is nearer.
-  // Where none is, none at all is: were there a nearer point of the solid, so would be the projection of p - point onto
-  // the cone that the solid fills there, and that lies in a face around the point which p is above. (After Lin and
-  // Canny 1991.)
+  // Local search over the surface, from a face that p is above. It walks to a neighbouring face that p is above as long
+  // as this face is nearer. A local minimum is the global minimum. Proof: assume that the solid has a nearer point.
+  // Then the projection of p - point onto the solid's cone at `point` leads to nearer points. This projection lies in a
+  // face around `point` that p is above. (After Lin and Canny 1991.)
   SurfacePoint walk(const Vector3& p, std::size_t f) const {
     TrianglePoint here = on_face(p, f);
     double least = (p - here.point).squaredNorm();
@@ -448,7 +452,7 @@ class Hull final : public Solid {
     return across(face, corners[0] == corner ? 0 : corners[1] == corner ? 1 : 2);
   }
 
-  // Directions by cell of a cube: side (axis and sign), then two coordinates on it.
+  // Cells of directions on a cube: first the side (axis and sign), then two coordinates on it.
   static std::size_t cell_of(const Vector3& v) {
     Eigen::Index axis = 0;
     const double longest = v.cwiseAbs().maxCoeff(&axis);
@@ -473,8 +477,8 @@ class Hull final : public Solid {
 
   ConvexHull hull_;
   Vector3 centre_ = Vector3::Zero();
-  std::array<std::uint16_t, 6 * kCells * kCells>
-      faces_towards_{};  // where a walk begins, by cell of directions from `centre_`
+  /// Start face of a walk, per cell of directions from `centre_`.
+  std::array<std::uint16_t, 6 * kCells * kCells> faces_towards_{};
 };
 
 void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
@@ -529,7 +533,7 @@ std::optional<Crossing> ShapeGeometry::first_crossing(const Vector3& from, const
   const Vector3 direction = to - from;
   double enter = 0, exit = 0;
   Vector3 normal = Vector3::UnitY();
-  // A path that only touches (enter = exit) does not enter.
+  // A path that only touches the solid (enter = exit) does not enter.
   if (!solid_->clip(from, direction, enter, exit, normal) || !(enter >= 0 && enter <= 1 && enter < exit))
     return std::nullopt;
   return Crossing{from + enter * direction, normal, enter};

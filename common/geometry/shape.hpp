@@ -1,5 +1,5 @@
-// The solids that objects are made of, loaded: signed distance, closest surface point, swept crossing, resting points,
-// mass. All are convex. Everything is in the shape's own frame (messages.hpp, `Shape`), metres.
+// Geometry of the objects' solids: signed distance, closest surface point, swept crossing, resting points and mass. All
+// shapes are convex. All values are in the shape's own frame (messages.hpp, `Shape`), in metres.
 #pragma once
 
 #include <memory>
@@ -14,26 +14,27 @@ namespace softhand {
 
 /// The surface point nearest to a query point p.
 struct SurfacePoint {
-  double distance = 0;                ///< of p, negative inside. Exact outside and inside for every shape
-  Vector3 point = Vector3::Zero();    ///< on the surface
-  Vector3 normal = Vector3::UnitY();  ///< outward, unit; grad of the distance, and one of its limits where it has
-                                      ///< several (edges, axes, centres)
+  double distance = 0;              ///< of p, negative inside; exact outside and inside for every shape
+  Vector3 point = Vector3::Zero();  ///< on the surface
+  /// Outward unit normal: the gradient of the distance. If the gradient has several limits (edges, axes, centres), one
+  /// of them.
+  Vector3 normal = Vector3::UnitY();
 };
 
-/// Where a straight path enters the solid.
+/// The point at which a straight path enters the solid.
 struct Crossing {
   Vector3 point = Vector3::Zero();
   Vector3 normal = Vector3::UnitY();  ///< outward, unit
   double fraction = 0;                ///< 0 at the path's start, 1 at its end
 };
 
-/// A ball on which the solid can rest on a half-space; a corner has radius 0.
+/// A ball on which the solid can rest on a half-space. A corner has radius 0.
 struct RestingPoint {
   Vector3 centre = Vector3::Zero();
   double radius = 0;
 };
 
-/// Of the solid filled with unit density.
+/// Properties of the solid filled with unit density.
 struct SolidProperties {
   double volume = 0;                   ///< m^3; infinite for a plane
   Vector3 centroid = Vector3::Zero();  ///< m
@@ -44,8 +45,8 @@ class Solid;  // shape.cpp
 
 class ShapeGeometry {
  public:
-  /// Throws std::invalid_argument naming the field: sizes not finite or not > 0 (a capsule's half length may be 0),
-  /// unknown kind, a hull of fewer than four vertices or without volume.
+  /// Throws std::invalid_argument with the name of the bad field. Sizes must be finite and > 0 (the half length of a
+  /// capsule may be 0). The kind must be known. A hull needs at least four vertices and a volume.
   explicit ShapeGeometry(const Shape& shape);
   ~ShapeGeometry();
   ShapeGeometry(ShapeGeometry&&) noexcept;
@@ -53,15 +54,17 @@ class ShapeGeometry {
 
   SurfacePoint closest(const Vector3& point) const;
   double signed_distance(const Vector3& point) const { return closest(point).distance; }
-  /// Where the segment enters the solid; nothing when it misses or starts inside. Exact: no sampling, so nothing is
-  /// thin enough to be missed.
+  /// The point at which the segment enters the solid. Returns nothing if the segment misses or starts inside. The
+  /// result is exact (no sampling), so even thin objects are not missed.
   std::optional<Crossing> first_crossing(const Vector3& from, const Vector3& to) const;
-  /// Greatest distance of a point of the solid from the frame's origin; infinite for a plane.
+  /// Largest distance of a point of the solid from the frame's origin. Infinite for a plane.
   double bounding_radius() const { return bounding_radius_; }
-  /// The points on which the solid can rest on a half-space with outward normal `up` (unit, shape's frame): at most
-  /// `most_resting_points`. Their number and order are constant. Box: 8 corners; sphere 1; capsule 2; hull: its
-  /// vertices; cylinder: 8 a rim, turned so that one of them is the lowest exactly, and that one a ball while the
-  /// cylinder lies (rolling is smooth); a plane has none. Writes to `out` and returns the count.
+  /// Writes the points on which the solid can rest on a half-space to `out` and returns their number. `up` is the
+  /// outward normal of the half-space (unit, shape's frame). There are at most `most_resting_points`. Their number and
+  /// order are constant for a shape:
+  /// Box: 8 corners. Sphere: 1 ball. Capsule: 2 balls. Convex hull: its vertices. Plane: none.
+  /// Cylinder: 8 per rim, rotated so that one of them is exactly the lowest point of the rim. While the cylinder lies,
+  /// this point is replaced by a ball, so rolling is smooth.
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const;
   static constexpr std::size_t most_resting_points = kMaxHullVertices;
   const SolidProperties& solid() const { return properties_; }

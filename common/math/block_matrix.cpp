@@ -101,7 +101,7 @@ void BlockMatrix::take_back() {
 }
 
 double BlockMatrix::change_since_taken_back() const {
-  double removed = 0, added = 0, kept = 0, change = 0;  // squares
+  double removed = 0, added = 0, kept = 0, change = 0;  // squared norms
   for (const double entry : removed_parts_) removed += entry * entry;
   for (std::size_t k = 0; k < journal_.size(); ++k) {
     const double* const value = values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k]);
@@ -114,7 +114,7 @@ double BlockMatrix::change_since_taken_back() const {
       change += (now - then) * (now - then);
     }
   }
-  change += std::max(0.0, removed - kept);  // of blocks to which nothing was added any more
+  change += std::max(0.0, removed - kept);  // blocks to which nothing was added since
   const double largest = std::max(removed, added);
   return largest > 0 ? std::sqrt(change / largest) : 0.0;
 }

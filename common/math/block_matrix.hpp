@@ -1,9 +1,9 @@
-// Symmetric sparse matrix in 3x3 blocks with a pattern that is fixed after construction.
+// Symmetric sparse matrix of 3x3 blocks. The pattern is fixed after construction.
 //
-// Degrees of freedom are numbered in blocks of three. A tissue node is one block, a rigid body two (translation, then
-// rotation), so that a body's 6x6 block is four neighbouring 3x3 blocks. Only the lower triangle (row >= column) is
-// stored, compressed by block column, rows ascending. Terms look their slots up once (`find`) and then add without
-// searching.
+// Degrees of freedom are numbered in blocks of three. A tissue node has one block. A rigid body has two (translation,
+// then rotation), so a body's 6x6 block consists of four neighbouring 3x3 blocks. Only the lower triangle (row >=
+// column) is stored, compressed by block column with ascending rows. Terms look up their slots once (`find`) and then
+// add without a search.
 #pragma once
 
 #include <cstdint>
@@ -15,14 +15,14 @@
 
 namespace softhand {
 
-/// The set of block positions that the terms of a scene may ever touch. Diagonal blocks are always present.
+/// The set of block positions that the terms of a scene can ever add to. It always contains the diagonal blocks.
 class BlockPattern {
  public:
   explicit BlockPattern(int block_count) : block_count_(block_count) {}
   int block_count() const { return block_count_; }
-  /// Declares the block (row, column) and its mirror image. Order and repetition do not matter.
+  /// Adds the block (row, column) and its mirror image. Order and repetition do not matter.
   void add(int row, int column);
-  /// Declares every pair among `blocks`.
+  /// Adds every pair of `blocks`.
   void add_clique(std::span<const int> blocks);
   /// Sorted, unique (column, row) pairs of the lower triangle, diagonal included.
   std::vector<std::pair<int, int>> lower_triangle() const;
@@ -32,8 +32,8 @@ class BlockPattern {
   std::vector<std::pair<int, int>> pairs_;  // (column, row), row >= column
 };
 
-/// Where a term adds a block: `index` into the stored blocks; `transposed` where the asked position lies in the upper
-/// triangle.
+/// The place where a term adds a block. `index` counts the stored blocks. `transposed` is true if the requested
+/// position lies in the upper triangle.
 struct BlockSlot {
   std::int32_t index = -1;
   bool transposed = false;
@@ -46,18 +46,18 @@ class BlockMatrix {
 
   int block_count() const { return static_cast<int>(column_start_.size()) - 1; }
   int stored_blocks() const { return static_cast<int>(row_.size()); }
-  /// Compressed block columns of the lower triangle.
+  /// Row indices and start of each block column, lower triangle.
   std::span<const std::int32_t> column_start() const { return column_start_; }
   std::span<const std::int32_t> row() const { return row_; }
-  /// Nine doubles a block, column-major, in the order of `row()`.
+  /// Nine doubles per block, column-major, in the order of `row()`.
   std::span<const double> values() const { return values_; }
   std::span<double> values() { return values_; }
 
-  /// The slot of block (row, column); std::out_of_range where the pattern has no such block.
+  /// The slot of block (row, column). Throws std::out_of_range if the pattern has no such block.
   BlockSlot find(int row, int column) const;
   void set_zero();
-  /// Adds `block` as the (row, column) block that `slot` was looked up for. A symmetric matrix holds each off-diagonal
-  /// pair once: add the pair's block for one order only.
+  /// Adds `block` at the position (row, column) that `slot` was looked up for. A symmetric matrix stores each
+  /// off-diagonal pair once, so add the block of a pair for one order only.
   void add(BlockSlot slot, const Matrix3& block) {
     if (journals_) note(slot.index);
     Eigen::Map<Matrix3> stored(values_.data() + 9 * static_cast<std::ptrdiff_t>(slot.index));
@@ -67,18 +67,18 @@ class BlockMatrix {
       stored += block;
     }
   }
-  /// From here on `add` remembers what the blocks were that it adds to, until `take_back` or `set_zero`.
+  /// From now on `add` records the previous values of the blocks that it changes, until `take_back` or `set_zero`.
   void begin_journal();
-  /// The stored blocks that were added to since.
+  /// Indices of the stored blocks that `add` changed since then.
   std::span<const std::int32_t> journal() const { return journal_; }
-  /// Makes these blocks what they were, to the bit, and goes on remembering.
+  /// Restores the previous values of these blocks, equal to the bit, and starts a new journal.
   void take_back();
-  /// Frobenius norm of the difference between what was added since the last `take_back` and what that one removed, over
-  /// the larger norm of the two.
+  /// Relative change of the added part. Let A be the sum of the blocks added since the last `take_back`, and R the part
+  /// that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms.
   double change_since_taken_back() const;
-  /// y = A x, both halves counted. Sizes 3 * block_count().
+  /// y = A x with both triangles. The vectors have 3 * block_count() entries.
   void multiply(const VectorX& x, VectorX& y) const;
-  /// The full matrix, for tests.
+  /// The full matrix. Used in tests.
   Eigen::MatrixXd dense() const;
 
  private:
@@ -89,11 +89,11 @@ class BlockMatrix {
   void note(std::int32_t block);
   bool journals_ = false;
   std::vector<std::int32_t> journal_;
-  std::vector<double> before_;          // nine a block of the journal
-  std::vector<std::uint8_t> is_noted_;  // by stored block
-  std::vector<std::int32_t> removed_;   // by stored block: its place in `removed_parts_`, -1: nothing was removed
+  std::vector<double> before_;          // nine per block of the journal
+  std::vector<std::uint8_t> is_noted_;  // per stored block
+  std::vector<std::int32_t> removed_;   // per stored block: its position in `removed_parts_`; -1: nothing was removed
   std::vector<std::int32_t> removed_blocks_;
-  std::vector<double> removed_parts_;  // nine a block
+  std::vector<double> removed_parts_;  // nine per block
 };
 
 }  // namespace softhand

@@ -75,7 +75,7 @@ void HelperThread::serve() {
     } else if (Clock::now() < patient_until) {
       for (int i = 0; i < 32; ++i) relax();
     } else {
-      offers_.wait(seen);  // whoever offered since `seen` was read has changed it
+      offers_.wait(seen);  // returns at once if an offer changed the counter after `seen` was read
       patient_until = Clock::now() + kPatience;
     }
   }

@@ -1,5 +1,5 @@
-// A second thread for work that falls into two halves, for loops that must not wait: nothing is allocated or locked
-// after construction.
+// A second thread for work that splits into two halves. Meant for real-time loops: it does not allocate or lock after
+// construction.
 #pragma once
 
 #include <pthread.h>
@@ -12,24 +12,25 @@
 
 namespace softhand {
 
-/// One caller at a time. The helper spins for half a millisecond after its last work, then sleeps until there is more.
+/// Supports one caller at a time. After its last work the helper spins for half a millisecond and then sleeps until the
+/// next work.
 class HelperThread {
  public:
-  /// Pins the calling thread to the core that it is on, and the helper to another that the calling thread may use, with
-  /// the same scheduling: two that spin on one core would wait for each other. Where there is no other core there is no
-  /// helper, and all work is the caller's.
+  /// Pins the calling thread to its current core. Pins the helper to another core that the calling thread may use, with
+  /// the same scheduling. On one core, two spinning threads would wait for each other. If no other core is
+  /// available, there is no helper and the caller does all the work.
   HelperThread();
-  /// The calling thread may again use the cores that it could.
+  /// Restores the set of cores that the calling thread may use.
   ~HelperThread();
   HelperThread(const HelperThread&) = delete;
   HelperThread& operator=(const HelperThread&) = delete;
 
   bool present() const { return thread_.joinable(); }
-  /// There will be work soon: a helper that sleeps takes tens of microseconds to wake.
+  /// Wakes the helper ahead of work. A sleeping helper needs tens of microseconds to wake.
   void wake();
 
-  /// first() here and second() at the same time on the helper; both here where the helper has not begun when first() is
-  /// done. Returns when both are done.
+  /// Runs first() in the calling thread and second() at the same time in the helper. If the helper has not begun when
+  /// first() ends, the calling thread runs second() too. Returns when both are done.
   template <typename First, typename Second>
   void run(First&& first, Second&& second) {
     using Work = std::remove_reference_t<Second>;
@@ -46,21 +47,21 @@ class HelperThread {
   enum State : std::uint32_t { kIdle, kOffered, kTaken, kDone };
 
   void offer(void (*work)(void*), void* context);
-  bool withdraw();  ///< false where the helper has begun
+  bool withdraw();  ///< false if the helper has begun
   void await();
   void serve();
 
   void (*work_)(void*) = nullptr;
   void* context_ = nullptr;
   std::atomic<std::uint32_t> state_{kIdle};
-  std::atomic<std::uint32_t> offers_{0};  // what a sleeping helper waits for
+  std::atomic<std::uint32_t> offers_{0};  // a sleeping helper waits for a change of this counter
   std::atomic<bool> stop_{false};
   pthread_t caller_{};
   cpu_set_t callers_cores_{};
   std::thread thread_;
 };
 
-/// HelperThread::run, or one after the other without a helper.
+/// Calls HelperThread::run; without a helper, runs both parts one after the other.
 template <typename First, typename Second>
 void run_halves(HelperThread* helper, First&& first, Second&& second) {
   if (helper != nullptr) {

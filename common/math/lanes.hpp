@@ -1,10 +1,9 @@
-// Numbers computed side by side: `Lanes` is a row of doubles with the operators of one double, each applied lane by
-// lane.
+// Parallel arithmetic: `Lanes` is a row of doubles with the operators of one double, applied lane by lane.
 //
-// How wide the machine's vectors are follows from the flags of the including file, and so every name here has internal
-// linkage: include it only from kernels that are compiled once per instruction set (instruction_set.hpp), never from
-// another header. No fused multiply-add (-ffp-contract=off), exact division and square root: a lane's result has the
-// same bits whatever the width.
+// The width of the machine vectors follows from the compiler flags of the including file, so every name here has
+// internal linkage. Include this header only from kernels that are compiled once per instruction set
+// (instruction_set.hpp), never from another header. There is no fused multiply-add (-ffp-contract=off), and division
+// and square root are exact. So the result of a lane has the same bits for every width.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +22,8 @@ constexpr std::size_t kVectorWidth = 4;
 #else
 constexpr std::size_t kVectorWidth = 2;
 #endif
-// Two independent vectors hide each other's latency: an iteration is one long chain of square roots and divisions.
+// Two independent vectors hide each other's latency, because an evaluation is one long chain of square roots and
+// divisions.
 constexpr std::size_t kVectorsPerLanes = 2;
 constexpr std::size_t kLanes = kVectorWidth * kVectorsPerLanes;
 
@@ -38,7 +38,7 @@ SOFTHAND_INLINE void store(double* to, Vector value) { *reinterpret_cast<Unalign
 
 SOFTHAND_INLINE Vector square_root(Vector x) {
 #if defined(__AVX512F__)
-  return _mm512_mask_sqrt_pd(x, 0xff, x);  // the plain one warns of its own uninitialised value in GCC 12
+  return _mm512_mask_sqrt_pd(x, 0xff, x);  // the unmasked form warns about its own uninitialised value in GCC 12
 #elif defined(__AVX2__)
   return _mm256_sqrt_pd(x);
 #elif defined(__x86_64__)
@@ -64,8 +64,8 @@ SOFTHAND_INLINE bool any(VectorMask mask) {
 #endif
 }
 
-/// The square of `kVectorWidth` vectors, rows for columns: the halves of pairs of rows change places, from single
-/// entries up to half a vector.
+/// Transposes the square matrix of `kVectorWidth` vectors. In each stage, the halves of pairs of rows swap places,
+/// first single entries and at last half vectors.
 SOFTHAND_INLINE void transpose(Vector (&row)[kVectorWidth]) {
 #if defined(__AVX512F__)
   const VectorMask low[3] = {{0, 8, 2, 10, 4, 12, 6, 14}, {0, 1, 8, 9, 4, 5, 12, 13}, {0, 1, 2, 3, 8, 9, 10, 11}};
@@ -98,12 +98,12 @@ struct Lanes {
   Vector part[kVectorsPerLanes];
 };
 
-/// Yes or no in each lane.
+/// A boolean per lane.
 struct Choice {
   VectorMask part[kVectorsPerLanes];
 };
 
-// One operation on each part.
+// Applies one expression to each part.
 #define SOFTHAND_EACH(Result, expression)                                                                   \
   Result result;                                                                                            \
   _Pragma("GCC unroll 4") for (std::size_t k = 0; k < kVectorsPerLanes; ++k) result.part[k] = (expression); \
@@ -133,7 +133,7 @@ operator!(const Choice& a){SOFTHAND_EACH(Choice, ~a.part[k])} SOFTHAND_INLINE La
     square_root(const Lanes& a){SOFTHAND_EACH(Lanes, square_root(a.part[k]))} SOFTHAND_INLINE Lanes
     absolute(const Lanes& a){
         SOFTHAND_EACH(Lanes, reinterpret_cast<Vector>(reinterpret_cast<VectorMask>(a.part[k]) & INT64_MAX))}
-/// `b` where either is not a number.
+/// If one operand is NaN, the result is `b`.
 SOFTHAND_INLINE Lanes maximum(const Lanes& a, const Lanes& b) {
   return select(a > b, a, b);
 }
@@ -143,7 +143,7 @@ SOFTHAND_INLINE bool any(const Choice& choice) {
   return any(all);
 }
 
-/// Numbers of half the size side by side, as many as in `Lanes`, in one machine vector.
+/// A row of single-precision numbers in one machine vector, with as many lanes as `Lanes`.
 typedef float Singles __attribute__((vector_size(4 * kLanes)));
 typedef float UnalignedSingles __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
 typedef float SinglesPart __attribute__((vector_size(4 * kVectorWidth)));
@@ -155,7 +155,7 @@ SOFTHAND_INLINE Singles select(SinglesMask choice, Singles yes, Singles no) { re
 SOFTHAND_INLINE Singles absolute(Singles a) {
   return reinterpret_cast<Singles>(reinterpret_cast<SinglesMask>(a) & INT32_MAX);
 }
-/// `b` where either is not a number.
+/// If one operand is NaN, the result is `b`.
 SOFTHAND_INLINE Singles maximum(Singles a, Singles b) { return a > b ? a : b; }
 SOFTHAND_INLINE Singles square_root(Singles x) {
 #if defined(__AVX512F__)
@@ -171,12 +171,12 @@ SOFTHAND_INLINE Singles square_root(Singles x) {
 }
 SOFTHAND_INLINE bool any(SinglesMask mask) { return any(reinterpret_cast<VectorMask>(mask)); }
 SOFTHAND_INLINE void store(float* to, Singles value) { *reinterpret_cast<UnalignedSingles*>(to) = value; }
-/// As many as a vector of doubles holds, widened.
+/// Loads `kVectorWidth` floats and converts them to doubles.
 SOFTHAND_INLINE Vector load(const float* from) {
   return __builtin_convertvector(SinglesPart(*reinterpret_cast<const UnalignedSinglesPart*>(from)), Vector);
 }
 
-/// Row of numbers of type `Row`, rounded where it is narrower.
+/// Converts to the type `Row` and rounds if `Row` has less precision.
 template <typename Row>
 SOFTHAND_INLINE Row rounded(const Lanes& a);
 template <>
@@ -197,7 +197,7 @@ SOFTHAND_INLINE Singles rounded<Singles>(const Lanes& a) {
 #endif
 }
 
-/// Three rows to a point or direction.
+/// Three rows that form points or directions.
 template <typename Row>
 struct Row3 {
   Row x, y, z;

@@ -6,8 +6,7 @@
 namespace softhand {
 namespace {
 
-// Turns columns p and q of `a` (and of `v` along) until they are orthogonal. Returns whether there was anything to
-// turn.
+// Rotates columns p and q of `a` (and of `v` with them) until they are orthogonal. Returns false if they already were.
 bool orthogonalise(Matrix3& a, Matrix3& v, int p, int q) {
   const double pp = a.col(p).squaredNorm();
   const double qq = a.col(q).squaredNorm();
@@ -45,10 +44,10 @@ RotationSvd rotation_svd(const Matrix3& f) {
     svd.u.setConstant(std::nan(""));
     return svd;
   }
-  // Scaled, so that squares neither overflow nor vanish.
+  // Scaled, so that squares do not overflow or underflow.
   Matrix3 a = f / scale;
   Matrix3 v = Matrix3::Identity();
-  for (int sweep = 0; sweep < 12; ++sweep) {  // converges quadratically: 3 to 5 are usual
+  for (int sweep = 0; sweep < 12; ++sweep) {  // converges quadratically; usually 3 to 5 sweeps
     const bool first = orthogonalise(a, v, 0, 1);
     const bool second = orthogonalise(a, v, 0, 2);
     const bool third = orthogonalise(a, v, 1, 2);
@@ -71,7 +70,7 @@ RotationSvd rotation_svd(const Matrix3& f) {
   svd.v = v;
   svd.u.col(0) = a.col(0) / std::sqrt(squares[0]);
   const double second = std::sqrt(squares[1]);
-  // Below this the column is rounding (or zero) and says nothing of a direction.
+  // Below this length the column is only rounding error or zero and has no direction.
   constexpr double kNoDirection = 1e-150;
   if (second > kNoDirection) {
     Vector3 u1 = a.col(1) / second;

@@ -5,8 +5,8 @@
 namespace softhand {
 namespace {
 
-// c(t) of J_l^-1(v) = I - [v]/2 + c [v]^2, c = (1 - (t/2) cot(t/2)) / t^2, and c'(t)/t. Series below 0.05 rad, where
-// the closed forms cancel.
+// c(t) of J_l^-1(v) = I - [v]/2 + c [v]^2, c = (1 - (t/2) cot(t/2)) / t^2, and c'(t)/t. Below 0.05 rad the closed forms
+// lose digits by cancellation, so series are used.
 struct InverseJacobianCoefficients {
   double c;
   double c_prime_over_t;
@@ -56,7 +56,7 @@ Vector3 rotation_log(const Quaternion& q) {
     if (axis[largest] < 0) axis = -axis;
   }
   const double s = std::sqrt(s2);
-  // Below 0.02 rad, the turn of a millisecond, by the series of atan(x)/x to rounding.
+  // Below 0.02 rad (a typical rotation within a millisecond), the series of atan(x)/x is exact to rounding.
   const double x2 = s2 / (w * w);
   const double k =
       s < 0.01 ? 2.0 / w * (1.0 - x2 * (1.0 / 3.0 - x2 * (1.0 / 5.0 - x2 / 7.0))) : 2.0 * std::atan2(s, w) / s;

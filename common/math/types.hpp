@@ -1,4 +1,4 @@
-// Plain mathematical values that every room shares. SI units, right-handed frames, +Y up, -Z forward (OpenXR).
+// Mathematical types that all libraries share. SI units, right-handed frames, +Y up, -Z forward (OpenXR).
 #pragma once
 
 #include <Eigen/Core>
@@ -32,7 +32,7 @@ struct Twist {
   Vector3 angular = Vector3::Zero();  ///< radians per second
 };
 
-/// Force and torque, in world axes; the owner says about which point the torque is taken.
+/// Force and torque, in world axes. The owner documents the reference point of the torque.
 struct Wrench {
   Vector3 force = Vector3::Zero();   ///< newtons
   Vector3 torque = Vector3::Zero();  ///< newton metres

@@ -1,5 +1,5 @@
-// Between wire form and mathematical values. `all_finite` is what every loop asks before it believes or publishes a
-// message.
+// Conversion between the wire structs and mathematical types. Every loop checks `all_finite` before it uses or
+// publishes a message.
 #pragma once
 
 #include <algorithm>
@@ -25,23 +25,23 @@ bool all_finite(const std::array<double, n>& values) {
   return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
 }
 
-/// Pose of a joint sample; the caller has checked its flags.
+/// Pose of a joint sample. The caller must check the flags first.
 inline Pose to_pose(const JointSample& joint) { return to_pose(joint.position, joint.orientation); }
 
-/// Copies `text` into a zero-terminated field, cutting what does not fit.
+/// Copies `text` into a zero-terminated field and truncates it to the field's size.
 template <std::size_t n>
 void set_text(std::array<char, n>& field, std::string_view text) {
   const std::size_t length = std::min(text.size(), n - 1);
   std::memcpy(field.data(), text.data(), length);
   std::fill(field.begin() + static_cast<std::ptrdiff_t>(length), field.end(), '\0');
 }
-/// The text up to its zero, or the whole field.
+/// The text up to its terminating zero, or the whole field if there is no zero.
 template <std::size_t n>
 std::string_view get_text(const std::array<char, n>& field) {
   return {field.data(), static_cast<std::size_t>(std::find(field.begin(), field.end(), '\0') - field.begin())};
 }
 
-/// Appends a named value to a list of a status; what does not fit is dropped.
+/// Appends a named value to a list of a status. If the list is full, the value is dropped.
 template <std::size_t capacity>
 void add_named(BoundedVector<NamedValue, capacity>& list, std::string_view name, double value) {
   NamedValue item;

@@ -1,4 +1,4 @@
-// Scaling a hand to a user without remeshing: each bone carries its surroundings along, blended by distance.
+// Scales a hand to a user without remeshing. Each bone moves its surroundings with it, blended by distance.
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -13,7 +13,7 @@ namespace {
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The joint in whose frame a joint's offset is told.
+// The joint in whose frame the offset of `joint` is given.
 Joint offset_frame(Joint joint) {
   if (joint == Joint::wrist) return Joint::wrist;
   if (joint == Joint::palm) return Joint::middle_metacarpal;
@@ -22,9 +22,10 @@ Joint offset_frame(Joint joint) {
   return joint_of(parent_of(body));
 }
 
-// How a bone carries its surroundings from the old rest pose to the new: p -> end + turn * (length along the bone,
-// thickness across it) * (p - start). It looks at where bones lie, not at how their frames are turned about them, which
-// is the source's convention.
+// Maps the surroundings of a bone from the old rest pose to the new one:
+//   p -> new_origin + turn * (length along the bone, thickness across it) * (p - old_origin)
+// It uses only the position and direction of bones. The rotation of their frames about the bone is a convention of the
+// source.
 struct BoneMap {
   Vector3 old_origin = Vector3::Zero();
   Vector3 new_origin = Vector3::Zero();
@@ -40,7 +41,7 @@ struct BoneMap {
   }
 };
 
-// Thickness is taken over within what the mesh was shown to bear.
+// Limits of the thickness ratio. The mesh was shown to stay valid within them.
 constexpr double kThinnest = 0.85;
 constexpr double kThickest = 1.15;
 
@@ -57,8 +58,8 @@ double finger_thickness(const std::array<double, kJointCount>& user, const std::
   return count == 0 ? 1.0 : std::clamp(ratio / count, kThinnest, kThickest);
 }
 
-// Volume over the cube of the root mean square edge: 0 for a flat tetrahedron, negative for one turned over, largest
-// for a regular one.
+// Volume divided by the cube of the root mean square edge length. It is 0 for a flat tetrahedron, negative for an
+// inverted one, and largest for a regular one.
 double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vector3>& nodes) {
   const auto x = [&](std::size_t k) -> const Vector3& { return nodes[static_cast<std::size_t>(t[k])]; };
   double edges = 0;
@@ -68,9 +69,9 @@ double shape_quality(const std::array<std::int32_t, 4>& t, const std::vector<Vec
   return tetrahedron_volume(nodes, t) / std::pow(edges / 6, 1.5);
 }
 
-// Evens out how far neighbouring nodes were moved: first a little everywhere, then, where bones with different turns
-// meet (the web of the thumb), as long as some tetrahedron has lost most of its shape. Neighbours that move alike keep
-// their tetrahedra's shape, so this ends.
+// Smooths the displacements of neighbouring nodes. The first passes smooth a little everywhere. Later passes smooth
+// only near tetrahedra that have lost most of their shape, where bones with different rotations meet (the web of the
+// thumb). Neighbours that move alike keep the shape of their tetrahedra, so the passes end.
 void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
   constexpr int kPassesEverywhere = 4;
   constexpr int kMostPasses = 500;
@@ -116,12 +117,12 @@ void smooth_displacements(const HandModel& hand, std::vector<Vector3>& nodes) {
   for (std::size_t n = 0; n < count; ++n) nodes[n] = hand.nodes[n] + displacement[n];
 }
 
-// Turns the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on all
-// axes but flexion, and widens its ranges to what was measured.
+// Rotates the joint's rest orientation (in its parent joint's frame) so that the measured angles have mean zero on all
+// axes except flexion. Widens the ranges to the measured angles.
 void fit_joint(const MeasuredSkeleton& user, std::size_t joint, Quaternion& rest, JointModel& model) {
   const bool holds_x = model.kind == JointKind::ball;
   const bool holds_y = model.kind == JointKind::ball || model.kind == JointKind::hinge;
-  // Angles about turned axes change in second order: twice is enough.
+  // Rotating the axes changes the angles only in second order, so a few passes are enough.
   for (int pass = 0; pass < 3; ++pass) {
     Vector3 mean = Vector3::Zero();
     for (const auto& frame : user.orientations) mean += rotation_log(rest.conjugate() * frame[joint]);
@@ -169,8 +170,8 @@ MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>>
 
 HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   HandModel out = hand;
-  // The new rest skeleton: the user's offsets; the model's rest angles on the axes that move, the user's on those that
-  // are held.
+  // The new rest skeleton has the user's offsets. It has the model's rest angles on the axes that move, and the user's
+  // on the axes that are held.
   for (std::size_t j = 2; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
     const std::size_t frame = index(offset_frame(joint));
@@ -212,8 +213,8 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
             std::to_string(before.norm() * 1e3) + " mm, got " + std::to_string(after.norm() * 1e3) + " mm");
       }
       if (is_metacarpal(body)) {
-        // Sources disagree where a metacarpal begins, not where it ends: it hangs from its knuckle, and keeps nearly
-        // its length.
+        // Sources agree where a metacarpal ends, but not where it begins. So its position follows from its knuckle, and
+        // its length changes little.
         map.old_origin += before;
         map.new_origin += after;
         map.length = std::clamp(map.length, 0.9, 1.1);
@@ -221,13 +222,14 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
       map.direction = before.normalized();
       map.turn = Quaternion::FromTwoVectors(before, after);
     }
-    // The palm's thickness goes with its breadth: sources do not agree what a metacarpal's or wrist's radius means.
+    // The palm's thickness scales with its breadth, because sources define the radius of a metacarpal or wrist
+    // differently.
     const bool palm_bone = index_of(body) < 2 || is_metacarpal(body);
     map.thickness = palm_bone ? breadth : finger_thickness(user.radii, hand.joint_radii, joint, end);
   }
 
-  // Nodes go with the bones around them, each by the inverse sixth power of its distance: continuous everywhere, and a
-  // neighbouring finger does not pull.
+  // Nodes move with the bones around them. The weight of a bone is the inverse sixth power of its distance. This is
+  // continuous everywhere, and a neighbouring finger has hardly any effect.
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     Vector3 moved = Vector3::Zero();
     double total = 0;

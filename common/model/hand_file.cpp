@@ -1,6 +1,6 @@
 // The hand file: JSON, version 1, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight
-// significant digits for physical quantities), so that a file is small, diffs well, and writing what was read gives the
-// same bytes.
+// significant digits for physical quantities). So the file is small and diffs are readable. A file that is read and
+// written again has the same bytes.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -22,7 +22,8 @@ constexpr const char* kUnits = "m kg s N rad";
 
 double to_grid(double value, double step) { return std::round(value / step) * step; }
 
-// The nearest double to a short decimal: through text, because value/step*step leaves 0.30000000000000004.
+// The nearest double to a short decimal. It is converted through text, because value/step*step gives
+// 0.30000000000000004.
 double short_decimal(double value, const char* format) {
   char text[40];
   std::snprintf(text, sizeof text, format, value);
@@ -45,7 +46,7 @@ Json quaternion_json(const Quaternion& q) {
 const std::map<JointKind, std::string> kKindNames{
     {JointKind::free, "free"}, {JointKind::ball, "ball"}, {JointKind::saddle, "saddle"}, {JointKind::hinge, "hinge"}};
 
-// Reads one field after another and says which one was wrong.
+// Reads one field after another. Error messages name the bad field.
 class FieldReader {
  public:
   FieldReader(const Json& json, std::string file, std::string path)
@@ -103,7 +104,7 @@ class FieldReader {
     if (size() != 2) fail("a minimum and a maximum");
     return {at(0).number(), at(1).number()};
   }
-  /// Flat array, `width` items a record.
+  /// Number of records in a flat array with `width` items per record.
   std::size_t records(std::size_t width) const {
     const std::size_t items = size();
     if (items % width != 0) fail("a multiple of " + std::to_string(width) + " items, found " + std::to_string(items));
@@ -209,7 +210,7 @@ void save_hand(const HandModel& hand, const std::string& path) {
                                  {"strain_limit_energy", quantity(m.strain_limit_energy)},
                                  {"strain_limit_stiffness", quantity(m.strain_limit_stiffness)}});
   }
-  // Big arrays are flat, each on one line of its own.
+  // Large arrays are flat, each on its own line.
   const auto flat = [&json](const char* key, const auto& fill) {
     Json array = Json::array();
     fill(array);
@@ -239,7 +240,7 @@ void save_hand(const HandModel& hand, const std::string& path) {
   flat("attachment_tetrahedron", [&](Json& a) {
     for (const auto& x : hand.attachments) a.push_back(x.tetrahedron);
   });
-  // The last weight is what the rounded others leave, so that a reader finds a sum of 1.
+  // The last weight is 1 minus the other rounded weights, so that a reader finds a sum of 1.
   flat("attachment_weights", [&](Json& a) {
     for (const auto& x : hand.attachments) {
       double rest = 1;
@@ -292,7 +293,7 @@ HandModel load_hand(const std::string& path) {
   Json json;
   try {
     json = Json::parse(in);
-  } catch (const Json::exception& error) {  // a number too large for a double is no parse_error
+  } catch (const Json::exception& error) {  // a number too large for a double is not a parse_error
     throw std::runtime_error(path + ": not a hand file: " + error.what());
   }
   const FieldReader root(json, path, "");
@@ -386,7 +387,7 @@ HandModel load_hand(const std::string& path) {
   if (attachment_tetrahedron.size() != hand.attachments.size())
     attachment_tetrahedron.fail("as many items as attachment_body");
   if (attachment_weights.records(4) != hand.attachments.size())
-    attachment_weights.fail("four items for each of attachment_body");
+    attachment_weights.fail("four items for each item of attachment_body");
   if (attachment_stiffness.size() != hand.attachments.size())
     attachment_stiffness.fail("as many items as attachment_body");
   for (std::size_t a = 0; a < hand.attachments.size(); ++a) {
@@ -403,7 +404,7 @@ HandModel load_hand(const std::string& path) {
   const FieldReader skin_weights = root["skin_weights"];
   hand.skin_vertices.resize(skin_tetrahedron.size());
   if (skin_weights.records(4) != hand.skin_vertices.size())
-    skin_weights.fail("four items for each of skin_tetrahedron");
+    skin_weights.fail("four items for each item of skin_tetrahedron");
   for (std::size_t v = 0; v < hand.skin_vertices.size(); ++v) {
     hand.skin_vertices[v].tetrahedron = skin_tetrahedron.at(v).index();
     for (std::size_t k = 0; k < 4; ++k)

@@ -11,12 +11,12 @@
 namespace softhand {
 namespace {
 
-// Below these a tetrahedron's Hessian is so ill-conditioned that a step's answer would be noise.
+// Beyond these limits a tetrahedron's Hessian is so ill-conditioned that the result of a step would be noise.
 constexpr double kMinimumDihedralDegrees = 1.0;
 constexpr double kMaximumEdgeRatio = 50.0;
-constexpr double kMaximumFingerCap = 20.0;  // N: what a finger may be pulled with
-constexpr double kMaximumHandCap = 100.0;   // N
-constexpr double kMaximumExtent = 1.0;      // a hand file in millimetres or centimetres does not pass
+constexpr double kMaximumFingerCap = 20.0;  // N, largest pull on a finger
+constexpr double kMaximumHandCap = 100.0;   // N, largest pull on a hand
+constexpr double kMaximumExtent = 1.0;      // m, so that hand files in millimetres or centimetres are refused
 
 class Checker {
  public:
@@ -38,8 +38,8 @@ class Checker {
 std::string at(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
 
 double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
-  // Outward normals of the four faces; the dihedral angle at the edge of two faces is pi minus the angle between their
-  // normals.
+  // Outward normals of the four faces. The dihedral angle at the edge between two faces is pi minus the angle between
+  // their normals.
   std::array<Vector3, 4> normals;
   for (std::size_t f = 0; f < 4; ++f) {
     const auto& v = kTetrahedronFaces[f];
@@ -81,7 +81,7 @@ void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   check.number(body.coupling_angular_stiffness, 0, 1e4, field + "coupling.angular_stiffness");
   check.number(body.coupling_force_cap, 0, kMaximumFingerCap, field + "coupling.force_cap");
   check.number(body.coupling_torque_cap, 0, 100.0, field + "coupling.torque_cap");
-  // The coupling takes no cap of zero. A bone is let go by stiffnesses of zero.
+  // The coupling does not accept a cap of zero. To release a bone, set its stiffnesses to zero.
   check(body.coupling_force_cap > 0, field + "coupling.force_cap", "a number > 0");
   check(body.coupling_torque_cap > 0, field + "coupling.torque_cap", "a number > 0");
 }
@@ -197,7 +197,7 @@ void validate_embedding(const HandModel& hand, const Checker& check) {
 }
 
 Pose mirrored(const Pose& pose) {
-  // S R S with S = diag(-1, 1, 1): the x component of the rotation axis stays, y and z turn.
+  // S R S with S = diag(-1, 1, 1): the x component of the rotation axis stays, y and z change their sign.
   return {Vector3(-pose.position.x(), pose.position.y(), pose.position.z()),
           Quaternion(pose.orientation.w(), pose.orientation.x(), -pose.orientation.y(), -pose.orientation.z())};
 }
@@ -225,7 +225,7 @@ void validate(const HandModel& hand, const std::string& where) {
 
 void drop_loose_nodes(HandModel& hand) {
   const std::size_t count = hand.nodes.size();
-  if (hand.node_body.size() != count) return;  // what `validate` refuses
+  if (hand.node_body.size() != count) return;  // `validate` refuses this hand
   std::vector<std::int32_t> renumbered(count, -1);
   const auto keep = [&renumbered](const auto& nodes) {
     for (const std::int32_t node : nodes) {
@@ -267,11 +267,11 @@ HandModel mirrored(const HandModel& hand) {
     body.inertia = s * body.inertia * s;
     body.bone_start = mirrored(body.bone_start);
     body.bone_end = mirrored(body.bone_end);
-    // Rotation about y changes its sign in a mirror, rotation about x does not.
+    // In a mirror image, rotation about y changes its sign and rotation about x does not.
     body.joint.abduction_range = {-body.joint.abduction_range[1], -body.joint.abduction_range[0]};
   }
   for (Vector3& node : out.nodes) node = mirrored(node);
-  // A mirror turns every tetrahedron and triangle inside out: swap two corners, and the weights that belong to them.
+  // Mirroring inverts every tetrahedron and triangle. So swap two corners, and the weights that belong to them.
   for (auto& tetrahedron : out.tetrahedra) std::swap(tetrahedron[2], tetrahedron[3]);
   for (auto& triangle : out.surface) std::swap(triangle[1], triangle[2]);
   for (auto& triangle : out.skin_triangles) std::swap(triangle[1], triangle[2]);

@@ -1,5 +1,5 @@
-// The fixed anatomy: 26 OpenXR joints, 21 rigid bodies, and how they belong together. The same for every hand; sizes
-// and ranges of motion live in the hand's file (hand_model.hpp).
+// The fixed anatomy: 26 OpenXR joints, 21 rigid bodies and their relations. It is the same for every hand. Sizes and
+// ranges of motion are in the hand's file (hand_model.hpp).
 #pragma once
 
 #include <array>
@@ -13,12 +13,12 @@ inline constexpr int kJointCount = 26;
 inline constexpr int kBodyCount = 21;
 inline constexpr int kFingerCount = 5;
 
-/// Of the skin that a display draws, a hand file has no more: what hand_description has room for.
+/// Largest display skin of a hand file. hand_description has room for no more.
 inline constexpr std::size_t kMaxSkinVertices = 20000;
 inline constexpr std::size_t kMaxSkinTriangles = 40000;
 
-/// OpenXR's hand joints in its order (XrHandJointEXT). A joint is named after the bone that lies distally of it; its
-/// frame has -Z along that bone towards the tip and +Y dorsal, on both hands.
+/// OpenXR's hand joints in its order (XrHandJointEXT). A joint has the name of the bone on its distal side. Its frame
+/// has -Z along that bone towards the tip and +Y dorsal, on both hands.
 enum class Joint : std::uint8_t {
   palm,
   wrist,
@@ -48,8 +48,8 @@ enum class Joint : std::uint8_t {
   little_tip,
 };
 
-/// The rigid bodies of the skeleton. `carpus` is rigid in the wrist joint's frame; `forearm` too, but lies proximally
-/// of it.
+/// The rigid bodies of the skeleton. `carpus` and `forearm` are rigid in the wrist joint's frame. `forearm` lies on the
+/// proximal side of the wrist.
 enum class Body : std::uint8_t {
   forearm,
   carpus,
@@ -76,7 +76,7 @@ enum class Body : std::uint8_t {
 
 enum class Side : std::uint8_t { left = 0, right = 1 };
 
-/// Digits, thumb first; `palm` for whatever belongs to none (forearm, carpus).
+/// The digits, thumb first; `palm` for bodies of no digit (forearm, carpus).
 enum class Finger : std::uint8_t { thumb, index, middle, ring, little, palm };
 
 inline constexpr std::array<std::string_view, kJointCount> kJointNames{"palm",
@@ -123,7 +123,7 @@ inline constexpr std::array<std::string_view, 6> kFingerNames{"thumb", "index", 
 constexpr int index_of(Joint joint) { return static_cast<int>(joint); }
 constexpr int index_of(Body body) { return static_cast<int>(body); }
 
-/// The joint whose frame carries the body: its own proximal joint; the wrist for carpus and forearm.
+/// The joint whose frame moves with the body: its own proximal joint; the wrist for carpus and forearm.
 constexpr Joint joint_of(Body body) {
   const int b = index_of(body);
   if (b < 2) return Joint::wrist;
@@ -132,7 +132,7 @@ constexpr Joint joint_of(Body body) {
   return static_cast<Joint>(6 + 5 * finger + (b - 5) % 4);
 }
 
-/// The body that carries the joint: a tip is carried by its distal phalanx, the palm by the middle metacarpal.
+/// The body that the joint moves with: the distal phalanx for a tip, the middle metacarpal for the palm.
 constexpr Body body_of(Joint joint) {
   const int j = index_of(joint);
   if (joint == Joint::palm) return Body::middle_metacarpal;
@@ -143,8 +143,8 @@ constexpr Body body_of(Joint joint) {
   return static_cast<Body>(5 + 4 * finger + (k == 4 ? 3 : k));
 }
 
-/// The body on the proximal side of the body's joint: forearm for the carpus, carpus for metacarpals; the forearm is
-/// its own.
+/// The body on the proximal side of the body's joint: the forearm for the carpus, the carpus for metacarpals. The
+/// forearm is its own parent.
 constexpr Body parent_of(Body body) {
   const int b = index_of(body);
   if (b < 2) return Body::forearm;
@@ -152,8 +152,8 @@ constexpr Body parent_of(Body body) {
   return static_cast<Body>(b - 1);
 }
 
-/// The next joint towards the tip, where the body's bone ends; the wrist for forearm, the middle metacarpal for the
-/// carpus.
+/// The next joint towards the tip, at which the body's bone ends. For the forearm: the wrist. For the carpus: the
+/// middle metacarpal.
 constexpr Joint end_joint_of(Body body) {
   if (body == Body::forearm) return Joint::wrist;
   if (body == Body::carpus) return Joint::middle_metacarpal;

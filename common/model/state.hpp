@@ -1,5 +1,5 @@
-// State: everything that varies, in one process's hand simulation. Written by the solver; between steps the scene
-// places the hand and the objects, and puts tangled tissue back.
+// State: all variables of the hand simulation of one process. The solver writes it. Between steps the scene places the
+// hand and the objects, and puts tangled tissue back.
 #pragma once
 
 #include <vector>
@@ -8,8 +8,8 @@
 
 namespace softhand {
 
-/// Which block (of three degrees of freedom) belongs to what: nodes first, then two blocks a body (translation,
-/// rotation).
+/// Numbering of the blocks of three degrees of freedom: first one block per node, then two blocks per body
+/// (translation, rotation).
 struct DofLayout {
   int node_count = 0;
   int body_count = 0;
@@ -33,7 +33,7 @@ struct State {
 /// state := state (+) scale * direction. Nodes and translations are added; rotations are spatial increments: exp(w) R.
 void apply_increment(State& state, const VectorX& direction, double scale = 1.0);
 
-/// True when every number in the state is finite.
+/// True if every number in the state is finite.
 bool all_finite(const State& state);
 
 }  // namespace softhand

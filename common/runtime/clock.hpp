@@ -1,4 +1,4 @@
-// The time that stamps carry, and what tells clocks and processes apart.
+// The time used in stamps, and ids for clocks and processes.
 #pragma once
 
 #include <cstdint>
@@ -7,15 +7,15 @@
 
 namespace softhand {
 
-/// CLOCK_MONOTONIC in nanoseconds: shared by all processes of a host, counts on through a change of the wall clock.
-/// Does not allocate.
+/// CLOCK_MONOTONIC in nanoseconds. All processes of a host share it. Changes of the wall clock do not affect it. Does
+/// not allocate.
 Nanoseconds now();
 
-/// Tells hosts (and boots of a host) apart: a hash of the kernel's boot id, never 0. Reads a file, so call it before
-/// the loop starts.
+/// Identifies the host and its boot: a hash of the kernel's boot id, never 0. Reads a file, so call it before the loop
+/// starts.
 std::uint32_t clock_id();
 
-/// A random number, never 0, for `Stamp::epoch`: call it once a process.
+/// A random number, never 0, for `Stamp::epoch`. Call it once per process.
 std::uint64_t make_epoch();
 
 }  // namespace softhand

@@ -85,7 +85,7 @@ std::string suggestion(std::string_view key, const std::vector<std::string>& kno
   std::size_t best_distance = std::max<std::size_t>(2, key.size() / 3) + 1;
   const std::string* best = nullptr;
   for (const std::string& candidate : known) {
-    // A missing or added suffix such as a unit is as likely as a typing error.
+    // A missing or added suffix such as a unit is as likely as a typing error, so it counts as distance 1.
     const bool prefix =
         key.size() >= 3 && (candidate.rfind(key, 0) == 0 || (candidate.size() >= 3 && key.rfind(candidate, 0) == 0));
     const std::size_t distance = prefix ? 1 : edit_distance(key, candidate);
@@ -101,7 +101,8 @@ std::string suggestion(std::string_view key, const std::vector<std::string>& kno
   return text;
 }
 
-// Setting one leaf from a TOML node: empty text when done, otherwise what was expected. Nothing changes on failure.
+// Sets one leaf from a TOML node. Returns an empty text on success, otherwise the text of what was expected. On failure
+// the value is not changed.
 std::string assign(const toml::node& node, double& value, std::string_view unit, Range range) {
   const auto number = number_in(node);
   if (!number || !inside(*number, range)) return expected_number("number", unit, range);
@@ -256,7 +257,7 @@ class TomlReader final : public OptionVisitor {
   std::vector<std::string> known_;
 };
 
-// A visitor that does the same to every kind of leaf.
+// A visitor with one common function for all kinds of leaf.
 class LeafVisitor : public OptionVisitor {
  public:
   void number(std::string_view key, double& value, std::string_view unit, Range range, std::string_view text) override {
@@ -289,7 +290,7 @@ class LeafVisitor : public OptionVisitor {
                     std::string_view text) = 0;
 };
 
-// The string key `name` of a list's element; empty when it has none.
+// Reads the string key `name` of a list's element; empty if the element has no such key.
 class NameProbe final : public LeafVisitor {
  public:
   void string(std::string_view key, std::string& value, std::string_view) override {
@@ -415,7 +416,7 @@ class Overrider final : public OptionVisitor {
     try {
       parsed = toml::parse("value = " + value_);
     } catch (const toml::parse_error&) {
-      // not TOML: a bare string, or nothing that a number could be
+      // not TOML: a bare string, or an invalid value
     }
     const toml::node* node = parsed.size() == 1 ? parsed.get("value") : nullptr;
     const toml::value<std::string> bare(value_);
@@ -458,7 +459,7 @@ class ReferencePrinter final : public LeafVisitor {
             const std::function<void(OptionVisitor&, std::size_t)>& element) override {
     const std::string full = joined(prefix_, key);
     row(fmt::format("**[[{}]]**", full), fmt::format("{} elements", size()), "", "", text);
-    append();  // on a scratch copy: a list may be empty by default, yet its element has to be described
+    append();  // on a scratch copy: the reference must describe an element even if the list is empty by default
     const std::size_t last = size() - 1;
     inside_of(full + "[]", [&](OptionVisitor& v) { element(v, last); });
   }

@@ -1,5 +1,5 @@
-// What can be done with described options (options.hpp): read TOML, override one key, print the reference page, dump
-// effective values. One description serves all four, so they cannot disagree. All of this runs before the loops start.
+// Uses of described options (options.hpp): read TOML, override one key, print the reference page, dump effective
+// values. One description serves all four uses, so they cannot disagree. All of this runs before the loops start.
 #pragma once
 
 #include <functional>
@@ -14,14 +14,14 @@
 
 namespace softhand {
 
-/// A configuration that cannot be used. what() names file and line or override, key, what was expected and what stood
-/// there; several errors stand on a line each.
+/// An invalid configuration. what() names the file and line or the override, the key, the expected value and the value
+/// found. Several errors have one line each.
 class ConfigError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// One `--set`, kept for the run's summary. Values are written as in TOML.
+/// One `--set`, kept for the summary of the run. Values are written as in TOML.
 struct AppliedOverride {
   std::string key;
   std::string before;
@@ -38,11 +38,13 @@ std::string reference_markdown(const Description& description, std::string_view 
 nlohmann::ordered_json to_json(const Description& description);
 }  // namespace config_detail
 
-/// Reads TOML `text` into `options`; `path` only names it in errors. Keys that are missing keep their values; an array
-/// of tables overlays the elements that are there already, in order, and appends the rest. Unknown keys (with the
-/// nearest known one), wrong types, values out of range and non-finite numbers are refused together, sorted by line.
-/// Throws ConfigError, and then `options` is unchanged. `foreign` are top-level keys of a shared file (a scene) that
-/// other programs read: they are passed over.
+/// Reads TOML `text` into `options`. `path` is used only in error messages.
+/// - Missing keys keep their values.
+/// - An array of tables overwrites the existing elements in order and appends the rest.
+/// - Unknown keys, wrong types, values out of range and non-finite numbers are errors. They are reported together,
+///   sorted by line. For an unknown key the message suggests the nearest known key.
+/// - `foreign` are top-level keys of a shared file (a scene) that other programs read. They are ignored.
+/// On errors, throws ConfigError and does not change `options`.
 template <typename T>
 void read_toml_text(T& options, std::string_view text, const std::string& path,
                     const std::vector<std::string_view>& foreign = {}) {
@@ -51,15 +53,16 @@ void read_toml_text(T& options, std::string_view text, const std::string& path,
   options = std::move(fresh);
 }
 
-/// The same from the file at `path`. Throws ConfigError also when it cannot be read.
+/// The same for the file at `path`. Also throws ConfigError if the file cannot be read.
 template <typename T>
 void read_toml(T& options, const std::string& path, const std::vector<std::string_view>& foreign = {}) {
   read_toml_text(options, config_detail::read_whole_file(path), path, foreign);
 }
 
-/// Applies `--set dotted.path=value`, e.g. `hand.rate_hz=90`, `objects.0.mass=0.1`, or `objects.cube.mass=0.1` where an
-/// element of the list has the string key `name = "cube"`. The value is written as in TOML; strings may go without
-/// quotes. Throws ConfigError that names the key and what was expected, and then `options` is unchanged.
+/// Applies `--set dotted.path=value`, for example `hand.rate_hz=90` or `objects.0.mass=0.1`. If an element of a list
+/// has the string key `name = "cube"`, `objects.cube.mass=0.1` also works. The value is written as in TOML; strings may
+/// be without quotes. On errors, throws ConfigError, which names the key and what was expected, and does not change
+/// `options`.
 template <typename T>
 AppliedOverride apply_override(T& options, std::string_view assignment) {
   T fresh = options;
@@ -69,14 +72,14 @@ AppliedOverride apply_override(T& options, std::string_view assignment) {
   return applied;
 }
 
-/// A markdown table of every key of T with default, unit, range and meaning; the same bytes for the same T.
+/// A Markdown table of every key of T with default, unit, range and meaning. The output is deterministic.
 template <typename T>
 std::string reference_markdown(std::string_view title) {
   T defaults{};
   return config_detail::reference_markdown([&defaults](OptionVisitor& v) { describe(v, defaults); }, title);
 }
 
-/// Every effective value, in the order of description, for a run's summary.
+/// All effective values in the order of the description, for the summary of a run.
 template <typename T>
 nlohmann::ordered_json options_to_json(const T& options) {
   T copy = options;

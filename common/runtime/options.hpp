@@ -1,8 +1,8 @@
-// Options: each is written once in code, with default, unit, range and text. The same description reads TOML, applies
-// `--set` overrides, and prints the reference page.
+// Options. Each option is described once in code, with default, unit, range and text. The same description reads TOML,
+// applies `--set` overrides and prints the reference page.
 //
-// A struct of options has plain members with their defaults and one overload `void describe(OptionVisitor&, T&)` beside
-// it:
+// A struct of options has plain members with their defaults. Beside it stands one overload
+// `void describe(OptionVisitor&, T&)`:
 //
 //   struct TrackingOptions { double rate_hz = 1000; };
 //   inline void describe(OptionVisitor& v, TrackingOptions& o) {
@@ -21,7 +21,7 @@
 
 namespace softhand {
 
-/// Inclusive range of a number. Not-a-number is outside every range.
+/// Inclusive range of a number. NaN is outside every range.
 struct Range {
   double minimum = -std::numeric_limits<double>::infinity();
   double maximum = std::numeric_limits<double>::infinity();
@@ -36,10 +36,10 @@ class OptionVisitor {
                        std::string_view text) = 0;
   virtual void flag(std::string_view key, bool& value, std::string_view text) = 0;
   virtual void string(std::string_view key, std::string& value, std::string_view text) = 0;
-  /// A string out of `allowed`.
+  /// A string that must be one of `allowed`.
   virtual void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
                       std::string_view text) = 0;
-  /// A fixed number of numbers, e.g. a vector or a quaternion xyzw.
+  /// A fixed number of numbers, for example a vector or a quaternion xyzw.
   virtual void numbers(std::string_view key, double* values, std::size_t count, std::string_view unit, Range range,
                        std::string_view text) = 0;
   /// A table `[key]`.
@@ -51,7 +51,7 @@ class OptionVisitor {
                     const std::function<void(OptionVisitor&, std::size_t)>& element) = 0;
 };
 
-/// Convenience for a section held in a member struct, and for a list held in a vector.
+/// Shorthands for a section in a member struct and for a list in a vector.
 template <typename T>
 void describe_section(OptionVisitor& v, std::string_view key, std::string_view text, T& value) {
   v.section(key, text, [&value](OptionVisitor& inner) { describe(inner, value); });

@@ -28,7 +28,8 @@ PeriodicLoop::PeriodicLoop(double rate_hz) : rate_hz_(rate_hz), period_(period_o
 
 void PeriodicLoop::sleep_until(Nanoseconds time) {
   const timespec wake{time / 1'000'000'000, static_cast<long>(time % 1'000'000'000)};
-  // A signal must not start a step early. A stop is seen at the end of the period all the same.
+  // If a signal interrupts the sleep, continue to sleep: a step must not start early. The loop sees a stop request at
+  // the end of the period.
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &wake, nullptr) == EINTR) {
   }
 }
@@ -47,8 +48,8 @@ void PeriodicLoop::fill(LoopStatus& status) const {
 std::vector<std::string> request_real_time(int priority) {
   std::vector<std::string> warnings;
 #if defined(__GLIBC__)
-  // Locked memory is resident, stacks too: at glibc's 8 MB each those of a DDS participant's threads are half of a
-  // service's memory.
+  // Locked memory is resident, and this includes stacks. With glibc's default of 8 MB per thread, the stacks of a DDS
+  // participant's threads would be half of a service's memory.
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
   pthread_attr_setstacksize(&attributes, kThreadStack);

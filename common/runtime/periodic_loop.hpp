@@ -1,4 +1,4 @@
-// A loop at a fixed rate, on the absolute grid of its start.
+// A loop at a fixed rate. Its steps lie on an absolute time grid.
 #pragma once
 
 #include <algorithm>
@@ -14,15 +14,16 @@
 
 namespace softhand {
 
-/// When steps are due, apart from any clock. Steps lie on the grid start + n * period and never drift from it. A step
-/// that ends after the next one was due is followed at once by one late step; the further ones that it made late are
-/// skipped for good, so that a stall is never made up for by a burst.
+/// Computes when steps are due, without reading a clock. Steps lie on the grid start + n * period and never drift from
+/// it. If a step ends after the next step was due, one late step follows immediately. Further missed steps are skipped,
+/// so a stall never causes a burst of steps.
 class Schedule {
  public:
   Schedule(Nanoseconds start, Nanoseconds period) : due_(start), period_(period) {}
 
   Nanoseconds due() const { return due_; }
-  /// After a step, at time `now`: sets `due` to the next step's time, in the past when it is late.
+  /// Call it after a step, at time `now`. Sets `due` to the time of the next step, which is in the past if that step is
+  /// late.
   void advance(Nanoseconds now) {
     due_ += period_;
     if (now <= due_) return;
@@ -30,7 +31,7 @@ class Schedule {
     misses_ += static_cast<std::uint64_t>(skipped) + 1;
     due_ += skipped * period_;
   }
-  /// Steps that did not start when they were due: late or skipped.
+  /// Number of steps that did not start on time: late or skipped.
   std::uint64_t misses() const { return misses_; }
 
  private:
@@ -39,23 +40,22 @@ class Schedule {
   std::uint64_t misses_ = 0;
 };
 
-/// Runs a step at a rate in the calling thread and measures it. Nothing allocates, locks or logs after construction, as
-/// far as the step does not.
+/// Runs a step function at a fixed rate in the calling thread and measures it. After construction the loop does not
+/// allocate, lock or log (the step function may).
 class PeriodicLoop {
  public:
   /// Throws std::invalid_argument unless rate_hz is in [0.1, 100000].
   explicit PeriodicLoop(double rate_hz);
 
-  /// Calls `step(start)` on time, with the time of its actual start, until `stop` is set; looks at `stop` once a
-  /// period.
+  /// Calls `step(start)` on time until `stop` is set. `start` is the actual start time. Checks `stop` once per period.
   template <typename Step>
   void run(const std::atomic<bool>& stop, Step&& step) {
     run(stop, SimulatedClock(), step, [](Nanoseconds) {});
   }
 
-  /// Lays the grid on `clock`, which may be commanded meanwhile, and gives `step` its time: a slowed clock has as many
-  /// steps a simulated second as ever. `between(now)`, of real time, is called after each step, and 50 times a second
-  /// at least while the clock keeps the next one waiting.
+  /// Like the function above, but the grid and the argument of `step` are on `clock`. Commands may change `clock`
+  /// during the run. The number of steps per simulated second does not depend on the pace. `between(now)` gets real
+  /// time. It is called after each step, and at least 50 times per second while the next step waits.
   template <typename Step, typename Between>
   void run(const std::atomic<bool>& stop, const SimulatedClock& clock, Step&& step, Between&& between) {
     schedule_ = Schedule(clock.at(now()), period_);
@@ -70,14 +70,14 @@ class PeriodicLoop {
         ++steps_;
         schedule_.advance(clock.at(ended));
       } else {
-        step_times_.expire(ended);  // a loop that stands has no rate
+        step_times_.expire(ended);  // a stopped loop has rate 0
       }
       sleep_until(std::min(clock.when(schedule_.due()), ended + kLongestSleep));
     }
   }
 
-  /// Process id, rates, step times, steps and misses; call it within the step, or after the run. The other fields stay
-  /// as they are.
+  /// Sets process id, rates, step times, steps and misses. Call it inside the step or after the run. Other fields are
+  /// not changed.
   void fill(LoopStatus& status) const;
 
   std::uint64_t steps() const { return steps_; }
@@ -95,9 +95,9 @@ class PeriodicLoop {
   std::uint64_t steps_ = 0;
 };
 
-/// Locks the process's memory and gives the calling thread SCHED_FIFO `priority` (1..99). Returns a warning for each
-/// that the system refused, with the reason: the loop then runs all the same, with less certain times. Threads started
-/// later inherit the priority, and have stacks of a megabyte.
+/// Locks the memory of the process and sets the calling thread to SCHED_FIFO with `priority` (1..99). Returns one
+/// warning with the reason for each request that the system refused. The loop still runs then, with less exact timing.
+/// Threads started later inherit the priority and get stacks of 1 MiB.
 std::vector<std::string> request_real_time(int priority);
 
 }  // namespace softhand

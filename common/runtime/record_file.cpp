@@ -13,7 +13,7 @@
 namespace softhand {
 namespace {
 
-static_assert(std::endian::native == std::endian::little);  // as MCAP's integers are
+static_assert(std::endian::native == std::endian::little);  // MCAP's integers are little endian
 
 constexpr std::array<unsigned char, 8> kMagic{0x89, 'M', 'C', 'A', 'P', 0x30, '\r', '\n'};
 constexpr std::size_t kPrefix = 9;  // opcode and length of a record
@@ -28,7 +28,7 @@ enum Opcode : std::uint8_t {
   kDataEnd = 15
 };
 
-// Takes values from a record's content; `good` falls when it runs out.
+// Reads values from the content of a record. `good` becomes false if the content is too short.
 struct Cursor {
   std::span<const std::byte> rest;
   bool good = true;
@@ -72,14 +72,14 @@ RecordWriter::~RecordWriter() {
   try {
     finish();
   } catch (const std::runtime_error&) {
-    // what is in the file still reads
+    // the content written so far is still readable
   }
 }
 
 std::uint16_t RecordWriter::add_channel(const RecordChannel& channel) {
   if (channel_count_ == std::numeric_limits<std::uint16_t>::max())
     throw std::runtime_error(path_ + ": too many channels");
-  const auto id = static_cast<std::uint16_t>(channel_count_ + 1);  // 0 means no schema
+  const auto id = static_cast<std::uint16_t>(channel_count_ + 1);  // schema id 0 means no schema
   if (!channel.schema_name.empty()) {
     begin_record(kSchema);
     append(id);
@@ -101,7 +101,7 @@ std::uint16_t RecordWriter::add_channel(const RecordChannel& channel) {
 void RecordWriter::write(std::uint16_t channel, std::uint32_t sequence, Nanoseconds log_time, Nanoseconds publish_time,
                          std::span<const std::byte> payload) {
   if (channel == 0 || channel > channel_count_)
-    throw std::runtime_error(path_ + ": no channel " + std::to_string(channel));
+    throw std::runtime_error(path_ + ": unknown channel " + std::to_string(channel));
   begin_record(kMessage);
   append(channel);
   append(sequence);
@@ -147,7 +147,7 @@ void RecordWriter::append_text(const std::string& text) {
 }
 
 void RecordWriter::begin_record(std::uint8_t opcode) {
-  if (file_ < 0) throw std::runtime_error(path_ + ": is finished");
+  if (file_ < 0) throw std::runtime_error(path_ + ": the recording is already finished");
   record_.assign(kPrefix, std::byte{0});
   record_[0] = std::byte{opcode};
 }
@@ -155,7 +155,7 @@ void RecordWriter::begin_record(std::uint8_t opcode) {
 void RecordWriter::put_record() {
   const std::uint64_t length = record_.size() - kPrefix;
   std::memcpy(record_.data() + 1, &length, sizeof length);
-  put_bytes(record_.data(), record_.size());  // one call, so that a kill leaves whole records
+  put_bytes(record_.data(), record_.size());  // one call, so that a killed process leaves only whole records
 }
 
 void RecordWriter::put_bytes(const void* bytes, std::size_t size) {
@@ -165,7 +165,7 @@ void RecordWriter::put_bytes(const void* bytes, std::size_t size) {
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) {
       const std::string reason = std::strerror(errno);
-      // Part of a record may be in the file: a reader would take what followed for the rest of it.
+      // The file may hold part of a record. A reader would take the next record for the rest of it, so close the file.
       close(file_);
       file_ = -1;
       throw std::runtime_error(path_ + ": cannot be written: " + reason);
@@ -247,12 +247,12 @@ bool RecordReader::next(RecordedMessage& message) {
         return true;
       }
       case kChunk:
-        refuse("is a chunk; recordings with chunks are not read");
+        refuse("is a chunk; recordings with chunks are not supported");
       case kDataEnd:
         ended_ = true;
         break;
       default:
-        break;  // indices, attachments, and what later versions of MCAP add
+        break;  // indices, attachments and records of later MCAP versions
     }
     offset_ += kPrefix + length;
   }

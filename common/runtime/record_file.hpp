@@ -1,6 +1,6 @@
-// Recordings of topics: MCAP (https://mcap.dev/spec), without chunks, compression and index, so that every message is
-// in the file as soon as `write` returns and a recording cut off by kill -9 or a full disk reads up to its last whole
-// message. Payloads are the caller's bytes.
+// Recordings of topics in MCAP format (https://mcap.dev/spec), without chunks, compression and index. So every message
+// is in the file as soon as `write` returns. A recording that was cut off by kill -9 or a full disk is readable up to
+// its last whole message. The caller encodes the payloads.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@
 
 namespace softhand {
 
-/// What a reader needs to know to decode the messages of one topic.
+/// The data that a reader needs to decode the messages of one topic.
 struct RecordChannel {
   std::string topic;             ///< e.g. softhand/v1/objects
   std::string message_encoding;  ///< of the payload, a well-known MCAP name, e.g. cdr
@@ -25,22 +25,22 @@ struct RecordChannel {
   bool operator==(const RecordChannel&) const = default;
 };
 
-/// Each call writes through to the kernel. Every error throws std::runtime_error with file and reason.
+/// Each call writes through to the kernel. Errors throw std::runtime_error with file and reason.
 class RecordWriter {
  public:
-  /// Creates the file or empties the one that is there.
+  /// Creates the file, or truncates an existing file.
   explicit RecordWriter(const std::string& path);
-  /// Finishes; an error is then lost, so call `finish` first where it matters.
+  /// Calls `finish` but ignores its errors. Call `finish` first if errors matter.
   ~RecordWriter();
   RecordWriter(const RecordWriter&) = delete;
   RecordWriter& operator=(const RecordWriter&) = delete;
 
-  /// The number by which `write` knows the channel.
+  /// Returns the channel number for `write`.
   std::uint16_t add_channel(const RecordChannel& channel);
-  /// `log_time` is when the recorder got the message; times count up from 0.
+  /// `log_time` is the time at which the recorder received the message. Both times count from 0.
   void write(std::uint16_t channel, std::uint32_t sequence, Nanoseconds log_time, Nanoseconds publish_time,
              std::span<const std::byte> payload);
-  /// Ends the file in good order. Nothing can be written afterwards; calling it again does nothing.
+  /// Writes the end of the file and closes it. After that, nothing can be written. Further calls do nothing.
   void finish();
 
  private:
@@ -54,7 +54,7 @@ class RecordWriter {
   std::string path_;
   int file_ = -1;
   std::uint16_t channel_count_ = 0;
-  std::vector<std::byte> record_;  // the one being put together
+  std::vector<std::byte> record_;  // the record under construction
 };
 
 struct RecordedMessage {
@@ -67,14 +67,14 @@ struct RecordedMessage {
 
 class RecordReader {
  public:
-  /// Throws std::runtime_error when the file cannot be read or is not MCAP.
+  /// Throws std::runtime_error if the file cannot be read or is not MCAP.
   explicit RecordReader(const std::string& path);
-  /// The next message in the file's order; false at its end. Throws std::runtime_error where a record contradicts
-  /// itself, or is a chunk (we write none).
+  /// Reads the next message in file order. Returns false at the end. Throws std::runtime_error if a record is
+  /// inconsistent, or if it is a chunk (our writer writes no chunks).
   bool next(RecordedMessage& message);
-  /// After `next` returned false: the file was not finished.
+  /// After `next` returned false: true if the file was not finished.
   bool truncated() const { return truncated_; }
-  /// Channels met so far, by number: those of a message are known when `next` returns it.
+  /// Channels read so far, by number. The channel of a message is known when `next` returns the message.
   const std::map<std::uint16_t, RecordChannel>& channels() const { return channels_; }
 
  private:

@@ -1,4 +1,4 @@
-// SHA-256 of a stream of bytes (FIPS 180-4, by OpenSSL).
+// SHA-256 of a stream of bytes (FIPS 180-4, implemented by OpenSSL).
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ class Sha256 {
   Sha256& operator=(Sha256&&) noexcept;
 
   void add(std::span<const std::byte> bytes);
-  /// 64 lower-case digits of all bytes so far; more may be added afterwards.
+  /// Digest of all bytes so far as 64 lower-case hexadecimal digits. More bytes may be added afterwards.
   std::string hex() const;
 
  private:

@@ -7,7 +7,7 @@ namespace softhand {
 namespace {
 
 std::atomic<bool> stop_requested{false};
-static_assert(std::atomic<bool>::is_always_lock_free);  // a handler may touch nothing else
+static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler may only touch lock-free atomics
 
 void request_stop(int) { stop_requested.store(true, std::memory_order_relaxed); }
 
@@ -20,8 +20,8 @@ StopSignal::StopSignal() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, &former_interrupt_);
   sigaction(SIGTERM, &action, &former_terminate_);
-  // A terminal that is closed hangs up on what runs in it: a device must not keep its last command then. `nohup` has it
-  // ignored.
+  // When a terminal closes, it sends SIGHUP to its processes. A device must not keep its last command then. `nohup`
+  // makes the process ignore SIGHUP.
   sigaction(SIGHUP, nullptr, &former_hang_up_);
   if (former_hang_up_.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
 }
@@ -35,7 +35,7 @@ StopSignal::~StopSignal() {
 const std::atomic<bool>& StopSignal::flag() const { return stop_requested; }
 
 bool stop_with_parent() {
-  // The parent may end before the request is in force; it is then another one (init or a subreaper).
+  // The parent may end before the request takes effect. Then the parent id changes (to init or a subreaper).
   const pid_t parent = getppid();
   return prctl(PR_SET_PDEATHSIG, SIGTERM) == 0 && getppid() == parent && parent != 1;
 }

@@ -6,9 +6,9 @@
 
 namespace softhand {
 
-/// While one lives, SIGINT, SIGTERM and SIGHUP (unless that is ignored) set a flag instead of ending the process; the
-/// destructor puts the former handlers back. One at a time in a process. Signals that came before construction are
-/// forgotten.
+/// While an object of this class lives, SIGINT, SIGTERM and SIGHUP set a flag and do not end the process. An ignored
+/// SIGHUP stays ignored. The destructor restores the previous handlers. Only one object may exist in a process at a
+/// time. Signals from before the construction are forgotten.
 class StopSignal {
  public:
   StopSignal();
@@ -17,7 +17,7 @@ class StopSignal {
   StopSignal& operator=(const StopSignal&) = delete;
 
   bool requested() const { return flag().load(std::memory_order_relaxed); }
-  /// The flag itself, e.g. for PeriodicLoop. Lock-free.
+  /// The flag itself, for example for PeriodicLoop. Lock-free.
   const std::atomic<bool>& flag() const;
 
  private:
@@ -26,8 +26,8 @@ class StopSignal {
   struct sigaction former_hang_up_ {};
 };
 
-/// Sends this process SIGTERM when its parent ends, so that a killed supervisor leaves no orphans. False when refused,
-/// or when the parent is gone already.
+/// Makes the kernel send SIGTERM to this process when its parent ends, so a killed supervisor leaves no orphans.
+/// Returns false if the kernel refuses or if the parent is already gone.
 bool stop_with_parent();
 
 }  // namespace softhand

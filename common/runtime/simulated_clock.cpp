@@ -9,8 +9,8 @@ namespace softhand {
 
 Nanoseconds SimulatedClock::at(const Command& command, Nanoseconds real) {
   const Nanoseconds elapsed = std::min(real, command.until) - command.from;
-  // A double counts nanoseconds exactly for 104 days: enough for what was slowed down, not for the time since a host's
-  // start.
+  // A double represents nanoseconds exactly for up to 104 days. This is enough for a slowed interval, but not for the
+  // time since the host's start. So pace 1 uses integers.
   if (command.pace == 1) return command.simulated + elapsed;
   return command.simulated + static_cast<Nanoseconds>(std::floor(command.pace * static_cast<double>(elapsed)));
 }
@@ -86,9 +86,9 @@ SimulatedClock SimulatedClock::from_text(std::string_view text) {
     next.simulated = clock.commands_[0].simulated;
     clock.commands_[clock.count_++] = next;
   }
-  // What does not come out as it went in was cut short, or is nothing of ours.
+  // A text that does not round-trip was truncated or not written by text().
   if (clock.count_ == 0 || text != clock.text())
-    throw std::invalid_argument("no simulated clock: '" + std::string(text) + "'");
+    throw std::invalid_argument("not a valid simulated clock: '" + std::string(text) + "'");
   return clock;
 }
 

@@ -1,5 +1,5 @@
-// The clock of the simulation, which may run slower than the real one, stand, and go on. Every process of a rig
-// computes it from the same commands and so reads the same time, without any process being asked.
+// The clock of the simulation. It can run slower than the real clock, stop and continue. Every process of a rig
+// computes it from the same commands, so all read the same time without communication.
 #pragma once
 
 #include <array>
@@ -12,27 +12,27 @@
 
 namespace softhand {
 
-/// A function of the real time (`now()`, ns): continuous, never falling, real time itself until the first command.
-/// Nothing allocates but `text`.
+/// Maps real time (`now()`, ns) to simulated time. The function is continuous and never decreases. Until the first
+/// command it equals real time. Only `text` allocates.
 class SimulatedClock {
  public:
   static constexpr Nanoseconds kNever = std::numeric_limits<Nanoseconds>::max();
 
-  /// From real time `from` on, a simulated second takes 1/pace real ones; `pace` 0 stands still. From `until` on it
-  /// stands in any case. The order of calls does not matter: a command holds until the next one by `from`. One that is
-  /// older than the last eight is forgotten.
+  /// From real time `from` on, a simulated second takes 1/pace real seconds. With `pace` 0 the clock stops. It also
+  /// stops at `until`. Commands may come in any order: each one holds until the command with the next later `from`.
+  /// Commands older than the last eight are ignored.
   void command(Nanoseconds from, double pace, Nanoseconds until = kNever);
 
   Nanoseconds at(Nanoseconds real) const;
-  /// The real time at which `simulated` is reached, to a few nanoseconds; kNever where the present commands do not
-  /// reach it.
+  /// Real time at which the clock reaches `simulated`, accurate to a few nanoseconds. kNever if the current commands do
+  /// not reach it.
   Nanoseconds when(Nanoseconds simulated) const;
-  /// Simulated seconds a real one, at real time `real`.
+  /// Simulated seconds per real second at real time `real`.
   double pace(Nanoseconds real) const;
 
-  /// All that is known, on one line: how a process that starts later learns of it (`from_text`).
+  /// All commands on one line. A process that starts later reads them with `from_text`.
   std::string text() const;
-  /// Throws std::invalid_argument where `text` is not of `text()`.
+  /// Throws std::invalid_argument if `text` is not a result of `text()`.
   static SimulatedClock from_text(std::string_view text);
 
  private:
@@ -44,7 +44,7 @@ class SimulatedClock {
   };
   static Nanoseconds at(const Command& command, Nanoseconds real);
 
-  std::array<Command, 9> commands_{};  // ascending; the first holds for all times before the second, too
+  std::array<Command, 9> commands_{};  // ascending by `from`; the first one also holds for all earlier times
   std::size_t count_ = 1;
 };
 

@@ -6,7 +6,8 @@
 
 namespace softhand {
 
-// Durations below 2^5 ns have a bucket each; above, the five bits after the leading one choose within its octave.
+// Durations below 2^5 ns have one bucket each. For longer durations, the five bits after the leading bit select the
+// bucket within the octave.
 std::size_t RollingHistogram::bucket_of(Nanoseconds duration) {
   const auto value =
       std::min(static_cast<std::uint64_t>(std::max<Nanoseconds>(duration, 0)), (std::uint64_t{1} << kLargestBits) - 1);

@@ -1,4 +1,4 @@
-// Quantiles and rate of the last second, without allocation: what a loop says about itself in LoopStatus.
+// Quantiles and rate over the last second for LoopStatus, without allocation.
 #pragma once
 
 #include <array>
@@ -9,19 +9,21 @@
 
 namespace softhand {
 
-/// Histogram of durations over a window of one second that rolls on in tenths. Buckets are log-spaced, 32 an octave: a
-/// quantile is exact to 1.6 % from 32 ns to 18 minutes. `add` costs a few nanoseconds; about 50 kB.
+/// Histogram of durations over a rolling window of one second, in slots of 0.1 s. The buckets are log-spaced, 32 per
+/// octave: a quantile is accurate to 1.6 % from 32 ns to 18 minutes. `add` takes a few nanoseconds. An object takes
+/// about 50 kB.
 class RollingHistogram {
  public:
-  /// `time` never falls from call to call; a negative duration counts as 0.
+  /// `time` must not decrease from call to call. A negative duration counts as 0.
   void add(Nanoseconds time, Nanoseconds duration);
-  /// Forgets what is older than a second at `time`. Call it before asking, where nothing may have been added for long.
+  /// Drops what is older than one second at `time`. Call it before a query if the last `add` may be long ago.
   void expire(Nanoseconds time);
 
-  /// The smallest duration that at least the fraction `p` in (0, 1] of the window's do not exceed; 0 without any.
+  /// Smallest duration that at least the fraction `p` in (0, 1] of the window's durations do not exceed. 0 if the
+  /// window is empty.
   Nanoseconds quantile(double p) const;
   std::uint64_t count() const { return count_; }
-  /// Additions per second, from the first to the last of the window; 0 with fewer than two.
+  /// Calls of `add` per second, from the first to the last in the window. 0 if there are fewer than two.
   double rate() const;
 
  private:

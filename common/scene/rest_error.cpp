@@ -8,11 +8,11 @@ namespace softhand {
 
 namespace {
 
-// Lets the tissue come to rest where the bones are.
+// Lets the tissue settle while the bones stay in place.
 Eigen::Matrix3Xd settled(HandSimulation& simulation, const State& from) {
-  constexpr double kLongStep = 0.1;  // s; the inertia of the tissue hardly matters any more
+  constexpr double kLongStep = 0.1;  // s; so long that the inertia of the tissue hardly matters
   constexpr int kSteps = 100;
-  constexpr double kStill = 1e-9;  // m, the farthest move of a node in a step
+  constexpr double kStill = 1e-9;  // m, largest motion of a node in a step at rest
   simulation.restore(from);
   for (int i = 0; i < kSteps; ++i) {
     const Eigen::Matrix3Xd before = simulation.state().node_positions;
@@ -25,7 +25,7 @@ Eigen::Matrix3Xd settled(HandSimulation& simulation, const State& from) {
 }  // namespace
 
 double rest_error(const HandModel& hand, const State& state) {
-  constexpr double kImmovable = 1e6;  // times a bone's mass: nothing moves it while the tissue settles
+  constexpr double kImmovable = 1e6;  // factor on a bone's mass, so that it does not move while the tissue settles
   if (hand.tetrahedra.empty()) return 0;
   HandModel still = hand;
   for (BodyModel& body : still.bodies) {

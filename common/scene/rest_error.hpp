@@ -1,4 +1,4 @@
-// How far a hand's tissue is from the shape that it takes by itself: what damage a run has left.
+// Lasting deformation of a hand's tissue after a run.
 #pragma once
 
 #include "model/hand_model.hpp"
@@ -6,9 +6,10 @@
 
 namespace softhand {
 
-/// Metres, root mean square over the nodes: between the equilibrium that the tissue of `state` comes to when it is let
-/// settle, and the one that it comes to from its rest shape, each node carried by its nearest bone. Bones stay where
-/// `state` has them, and nothing touches the hand, so motion at the end of a run does not count. 0 without tissue.
+/// Root mean square distance of the nodes between two equilibria of the tissue, metres. The first is the equilibrium
+/// that the tissue of `state` settles to. The second starts from the rest shape, with each node moved rigidly with its
+/// nearest bone. The bones stay where `state` has them, and nothing touches the hand. So motion at the end of a run
+/// does not count. 0 without tissue.
 double rest_error(const HandModel& hand, const State& state);
 
 }  // namespace softhand

@@ -17,18 +17,18 @@ struct SimulationOptions {
 
 inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("coupling_damping_ratio", o.coupling_damping_ratio, "1", {0, 5},
-           "Damping of each bone relative to the skeleton that it is coupled to, 1 = critical for the bone and the "
-           "tissue around it; more follows the noise of a tracker's velocity.");
+           "Damping of each bone relative to the skeleton that it is coupled to. 1 = critical for the bone and the "
+           "tissue around it. With higher values the bone follows the noise of a tracker's velocity.");
   v.number("contact_stiffness", o.contact_stiffness, "N/m", {1, 1e8},
-           "k_c of eqs. 32 and 33, for a node of mean skin area.");
-  v.flag("gravity", o.gravity, "Weight of the hand itself; off, because the user's arm carries it.");
+           "k_c of eqs. 32 and 33, the contact stiffness of a node with mean skin area.");
+  v.flag("gravity", o.gravity,
+         "Gravity acts on the hand itself. Off by default, because the user's arm carries the hand's weight.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
-           "Tissue that is inside out, wound round its bones or hooked behind an object in two looks so far apart is "
-           "put back to "
-           "where its bones carry it, if that releases energy; 0 = never.");
+           "Tissue that is inverted, wound around its bones or hooked behind an object in two checks this far apart is "
+           "moved back to its rest place relative to the bones, if that releases energy. 0 = never.");
   v.integer("threads", o.threads, "", {1, 2},
-            "2: a second thread takes half of the tissue and of the factorisation, with the same bits. Both are pinned "
-            "to cores of their own, so the machine needs a free one.");
+            "2: a second thread computes half of the tissue and of the factorisation. The result has the same bits. "
+            "Both threads are pinned to cores of their own, so the machine needs a free core.");
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
 

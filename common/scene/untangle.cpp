@@ -10,15 +10,15 @@
 namespace softhand {
 namespace {
 
-constexpr double kTwistedEnergy = 20e-3;  // J; a hand's tissue under its own weight holds 1 mJ
-constexpr double kAtRest = 0.1;           // of the excess energy may be motion
-constexpr std::array<int, 6> kRings{1,  2,   4, 8,
-                                    16, 1000};  // of neighbours that go along; the last: everything that hangs together
-constexpr double kWorthMore = 0.1;              // so much more of the energy a larger region must release
-constexpr double kOfViolent = 0.5;              // of a violent hand's energy must be released
-constexpr double kOfTangled = 0.5;              // of what the tangled tetrahedra hold must be released
-constexpr int kClustersPerLook = 2;             // each costs a dozen evaluations of the tissue's energy
-constexpr std::uint8_t kPause = 4;              // looks without a try after one that released nothing
+constexpr double kTwistedEnergy = 20e-3;  // J to release; a hand's tissue under its own weight holds 1 mJ
+constexpr double kAtRest = 0.1;           // largest kinetic energy, relative to the released energy
+// Rings of neighbours that move with a cluster. The last value means the whole connected tissue.
+constexpr std::array<int, 6> kRings{1, 2, 4, 8, 16, 1000};
+constexpr double kWorthMore = 0.1;   // relative extra energy that a larger region must release
+constexpr double kOfViolent = 0.5;   // share of a violent hand's energy that must be released
+constexpr double kOfTangled = 0.5;   // share of the tangled tetrahedra's energy that must be released
+constexpr int kClustersPerLook = 2;  // each costs a dozen evaluations of the tissue's energy
+constexpr std::uint8_t kPause = 4;   // full checks to skip after a try that released nothing
 
 Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
   const Vector3 along = to - from;
@@ -79,7 +79,7 @@ Untangler::Due Untangler::due(double time_step, double energy) {
     glanced_ = false;
     return Due::look;
   }
-  // A glance that found nothing better is not repeated at every step.
+  // A quick check that found no lower energy is not repeated in every step.
   return energy > violent_ && !std::exchange(glanced_, true) ? Due::glance : Due::nothing;
 }
 
@@ -87,7 +87,8 @@ double Untangler::stored(const View& view) const {
   return view.tissue.value(view.state) + view.attachments.value(view.state);
 }
 
-// What putting `move_` back has released, J: `before` was stored, and the nodes' contacts are still those from before.
+// Energy in J released by putting back `move_`. `before`: the stored energy before. The contacts of the nodes are still
+// those from before.
 double Untangler::fall(const View& view, double before) const {
   double released = before - stored(view);
   if (view.contacts != nullptr)
@@ -100,22 +101,22 @@ void Untangler::place_bones(const State& state) {
     bones_.col(static_cast<Eigen::Index>(n)) = state.body_poses[node_body_[n]] * bone_in_body_[n];
 }
 
-// Ends the contacts of the nodes in `move_`, which are where they shall be. Returns how many.
+// Accepts the new places of the nodes in `move_`: ends their contacts. Returns the number of nodes.
 int Untangler::keep(const View& view) {
   if (view.contacts != nullptr) view.contacts->release(move_);
-  // What was tangled before the stroke says nothing about after it.
+  // The marks from before the move say nothing about the state after it.
   std::fill(tangled_.begin(), tangled_.end(), 0);
   return static_cast<int>(std::count(move_.begin(), move_.end(), 1));
 }
 
-// Tissue that rests goes to where the bones carry it or below that in energy: it would, from there. What holds more is
-// caught in another minimum.
+// Tissue at rest has at most the energy of the rest shape moved rigidly with the bones, because it could relax from
+// there. Tissue at rest with more energy is caught in another minimum.
 int Untangler::put_all_back(const View& view, double kinetic_energy, bool patient) {
   State& state = view.state;
   const double before = stored(view);
   place_bones(state);
-  // Pressed round an edge tissue may hold more than where it would be put: without inverted tetrahedra or hooks only a
-  // hand that touches nothing is wound.
+  // Tissue pressed around an edge may have more energy than if it were put back. So if there are no inverted tetrahedra
+  // or hooks, only a hand without contacts can count as twisted.
   patient = patient && (view.contacts == nullptr || view.contacts->count() == 0);
   if (!patient) twisted_ = false;
   if (!patient && before <= violent_) return 0;
@@ -138,7 +139,7 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool patien
   return 0;
 }
 
-// The nodes that share a tetrahedron with one of `move_`. Returns how many came along.
+// Adds the nodes that share a tetrahedron with a node of `move_`. Returns the number of added nodes.
 int Untangler::grow() {
   int grown = 0;
   more_ = move_;
@@ -153,9 +154,9 @@ int Untangler::grow() {
   return grown;
 }
 
-// Puts back the tangled tetrahedra that hang together with `seed`, with as much around them as releases most energy. A
-// hook may hold its energy in bones that it keeps from their targets: where the cluster has one, what tissue and
-// contact release does not decide whether, only how much.
+// Puts back the tangled tetrahedra that are connected with `seed`, and as many rings around them as release the most
+// energy. A hook may store its energy in bones that it keeps from their targets. So if the cluster has a hook, the
+// energy released by tissue and contact does not decide whether it is put back. It only selects the number of rings.
 int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   State& state = view.state;
   std::fill(move_.begin(), move_.end(), 0);

@@ -1,14 +1,15 @@
-// Puts tissue back that has turned inside out, was wound round its bones, or hooks behind an object, for good.
+// Repairs tissue that would otherwise stay tangled: tissue that is inverted, wound around its bones or hooked behind an
+// object.
 //
-// The energy of inverted tetrahedra pushes them back (corotational.hpp), but a tangle of them can be a minimum of its
-// own: after a tracker that turned the hand by 180 degrees in one sample, or bones that passed through each other, the
-// tissue would stay so for ever. Contact makes more such minima: tissue that comes back from the far side of an object
-// is stopped there. Such nodes go at one stroke to where the nearest bone carries them at rest, or as far towards it as
-// the way from the bone is free of objects.
+// The energy of inverted tetrahedra pushes them back (corotational.hpp), but a tangle of them can be a local minimum.
+// Examples: a tracker that turned the hand by 180 degrees in one sample, or bones that passed through each other. The
+// tissue would stay in this minimum for ever. Contact adds more such minima, because it stops tissue that comes back
+// from the far side of an object. Tangled nodes are moved in one step to their rest place relative to the nearest bone.
+// If an object is in the way, they move towards it only as far as the path from the bone is free.
 //
-// What is pressed is no tangle and stays. Energy tells the two apart: nodes are put back only where tissue, attachments
-// and contact then hold less than before. In a closed fist the carried rest shape holds hundreds of times what the
-// pressed tissue holds, because it is cut at every joint. Not in the source.
+// Pressed tissue is not tangled and must not be moved. The energy distinguishes the two: nodes are put back only if
+// tissue, attachments and contact then have less energy than before. In a closed fist the rigidly moved rest shape has
+// hundreds of times the energy of the pressed tissue. The reason is that it is cut at every joint. Not in the source.
 #pragma once
 
 #include <array>
@@ -25,22 +26,24 @@ namespace softhand {
 
 class Untangler {
  public:
-  /// `patience`: s between two looks; what is tangled in both is put back. 0: never.
+  /// `patience`: s between two full checks (`look`). Tissue that is tangled in both is put back. 0: never.
   Untangler(const HandModel& hand, double patience);
 
   enum class Due : std::uint8_t { nothing, glance, look };
-  /// Counts a step of `time_step` seconds that left `energy` J in tissue and attachments, and says what it is time for.
+  /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
+  /// due.
   Due due(double time_step, double energy);
-  /// Puts all of the tissue back at once if it holds so much that it would throw bones and objects, and less where the
-  /// bones carry it. For a state from outside, and when due. Like `look`: `contacts` may be null; `tissue` and
-  /// `attachments` are of the same hand. Returns how many nodes were put back; their contacts have ended, all others go
-  /// on. Allocates nothing.
+  /// Quick check, for a state from outside and when due. Puts all of the tissue back at once under two conditions. It
+  /// has so much energy that it would throw bones and objects. It has less at its rest place relative to the bones.
+  /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
+  /// As in `look`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
   int glance(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
-  /// Puts back what was tangled at the last look too, or does what `glance` does. `kinetic_energy`: of the hand, J.
+  /// Full check. Puts back what was tangled in the last full check too, or does the same as `glance`. `kinetic_energy`:
+  /// of the hand, J.
   int look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue, const Energy& attachments);
 
  private:
-  // One look's view of the simulation.
+  // The parts of the simulation that a check uses.
   struct View {
     State& state;
     ContactSet* contacts;
@@ -57,21 +60,20 @@ class Untangler {
   int keep(const View& view);
 
   double patience_;
-  double violent_ = 0;  // J, of the whole hand's tissue mirrored
+  double violent_ = 0;  // J; energy of the tissue if every tetrahedron were mirrored
   double waited_ = 0;
-  bool glanced_ = false;  // since the last look
-  bool twisted_ = false;  // at the last look
+  bool glanced_ = false;  // a quick check was done since the last full check
+  bool twisted_ = false;  // in the last full check
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;
   std::vector<std::uint8_t> node_body_;
-  std::vector<Vector3> rest_in_body_;  // by node, in the nearest bone's body frame
-  std::vector<Vector3> bone_in_body_;  // by node: the point of the bone's axis that is nearest at rest
-  std::vector<std::uint8_t>
-      tangled_;  // by tetrahedron, at the last look: folded, or with a node that hooks behind an object
-  std::vector<std::uint8_t> wait_;   // by tetrahedron: looks until it is tried again
-  std::vector<std::uint8_t> stays_;  // by tetrahedron: tangled in both looks, and not in a cluster yet
-  std::vector<std::uint8_t> hooked_, move_, more_, best_;  // by node
+  std::vector<Vector3> rest_in_body_;  // per node, in the nearest bone's body frame
+  std::vector<Vector3> bone_in_body_;  // per node: the nearest point of the bone's axis at rest
+  std::vector<std::uint8_t> tangled_;  // per tetrahedron, in the last full check: folded, or hooked behind an object
+  std::vector<std::uint8_t> wait_;     // per tetrahedron: full checks until it is tried again
+  std::vector<std::uint8_t> stays_;    // per tetrahedron: tangled in both checks, and not in a cluster yet
+  std::vector<std::uint8_t> hooked_, move_, more_, best_;  // per node
   Eigen::Matrix3Xd positions_, velocities_;                // before a try
-  Eigen::Matrix3Xd bones_;                                 // by node, world: the bone's point
+  Eigen::Matrix3Xd bones_;                                 // per node, world: the point of the bone's axis
 };
 
 }  // namespace softhand
