@@ -177,7 +177,7 @@ bool Supervisor::stop(std::chrono::milliseconds grace) {
   for (auto& child : children_) {
     if (child->pid <= 0) continue;
     clean = false;
-    log_(child->spec.name, "did not stop in time and is killed");
+    log_(child->spec.name, "did not stop in time; killing it");
     kill(child->pid, SIGKILL);
     waitpid(child->pid, nullptr, 0);
     child->pid = -1;

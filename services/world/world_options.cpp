@@ -103,7 +103,7 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     const ObjectOptions& object = objects[i];
     const std::string where = "objects." + object.name;
     if (object.name.empty() || object.name.size() > 63) refuse("objects[", i, "].name: expected 1 to 63 characters");
-    if (!names.insert(object.name).second) refuse(where, ": another object has the same name");
+    if (!names.insert(object.name).second) refuse(where, ": the name is used twice");
     if (object.shape == "plane" && object.mass != 0)
       refuse(where, ".mass = ", object.mass, ": a plane is static; expected 0");
     if (object.mass != 0 && !(object.mass >= 1e-4))
