@@ -80,7 +80,7 @@ constexpr std::array<FingerRow, 4> kFingers{{
      {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
 
-// The thumb, all angles in degrees. It rests half opposed. The joint model holds the rotation of each bone about its
+// The thumb, all angles in degrees. It rests half opposed. The joint model fixes the twist of each bone about its
 // own axis. Therefore the rest pose contains the rotation that opposition adds, and the flexion axes of MCP and IP
 // rotate with it.
 // Cooney et al. 1981: the axes of the trapezium are 80 degrees pronated against those of the third metacarpal (48
