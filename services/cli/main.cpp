@@ -164,7 +164,7 @@ int main(int argc, char** argv) {
   CLI::App* report =
       app.add_subcommand("report",
                          "Recompute the evidence: known answers, the stress map, error against run time, fingertips "
-                         "compared with people's. Without a part: all parts and their page");
+                         "compared with people's. Without a part: compute all parts and write their page");
   report->require_subcommand(0, 1);
   report::ReportArguments all_parts;
   report->add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than five minutes");

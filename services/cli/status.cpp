@@ -35,7 +35,7 @@ int run_status(const StatusArguments& arguments) {
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
-      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module heard on this domain\n" : "");
+      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module found on this domain\n" : "");
     }
     std::fflush(stdout);
     if (snapshot) return modules.empty() ? 1 : 0;

@@ -30,8 +30,7 @@ struct HandWants {
 };
 
 struct HandOutput {
-  bool valid = false;  ///< false before the first skeleton: the pose of the hand is unknown, and nothing must be
-                       ///< published
+  bool valid = false;  ///< false before the first skeleton: the pose is unknown, and nothing must be published
   Skeleton simulated;
   ObjectCoupling coupling;
   Contacts contacts;

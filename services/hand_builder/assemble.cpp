@@ -19,7 +19,7 @@ enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
 std::vector<Material> make_materials() {
   // The energy limit is W_max = E e^2 / 2 at the strain e at which limiting starts.
-  // The limiting stiffness is k_s = ratio * W_max, i.e. stiffness times 1 + 2 ratio at the kink.
+  // The limiting stiffness is k_s = ratio * W_max, which multiplies the stiffness at the kink by 1 + 2 ratio.
   // Only the pulp does not bend with a joint. It has the stiffness of skin, fitted to people's fingertips
   // (docs/human-data.md). Elsewhere softer tetrahedra represent skin that folds and slides. Limiting from 30 % strain
   // spreads the stretch over a knuckle to the neighbouring tissue and prevents inversion in creases.

@@ -564,7 +564,7 @@ export class Stage {
         intermediate: new Bones("intermediate"),
         simulated: new Bones("simulated"),
       },
-      // A few pixels thick and up to hundreds, so with few triangles.
+      // These arrows are a few pixels thick, and there may be hundreds of them. So each has few triangles.
       contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006, 5),
       fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022, 14),
       points: new THREE.InstancedMesh(

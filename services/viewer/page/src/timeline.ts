@@ -16,7 +16,7 @@ export class Timeline {
   private entries: Entry[] = [];
   private descriptions = new Map<number, Frame>();
   private newest = new Map<number, Entry>(); // newest entry of each stream, whatever is shown
-  private missed = new Map<number, Entry>(); // newest entry of each stream since entries are no longer kept
+  private missed = new Map<number, Entry>(); // newest entry of each stream that was not kept during a long pause
   private cursor = 0; // the entries before it are shown
   private clock = 0; // ms, time of the picture; lags behind the newest entry in slow motion
   paused = false;
