@@ -12,14 +12,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A file named in a scene: absolute, beside the scene, in the folder of its kind in config/, or relative to where we
-// are.
+// Finds a file that a scene names. Search order: relative to the scene's folder (or absolute), in the folder of its
+// kind in config/, relative to the working directory.
 std::string find_file(const Scene& scene, const std::string& name, const char* folder) {
   const fs::path beside = fs::path(scene.path).parent_path();
   for (const fs::path& candidate : {beside / name, beside / ".." / folder / name, fs::path(name)}) {
     if (fs::exists(candidate) && !fs::is_directory(candidate)) return candidate.lexically_normal().string();
   }
-  throw ConfigError(scene.path + ": no file '" + name + "' beside the scene, in config/" + folder + ", or here");
+  throw ConfigError(scene.path + ": no file '" + name + "' in the folder of the scene, in config/" + folder +
+                    " or in the working directory");
 }
 
 std::optional<Recording> load_recording(const Scene& scene) {
@@ -27,7 +28,7 @@ std::optional<Recording> load_recording(const Scene& scene) {
   return Recording::load(find_file(scene, scene.options.motion, "motions"));
 }
 
-// On a right hand whose wrist frame looks along -Z with +Y dorsal, the thumb lies at -X.
+// In a wrist frame with -Z forward and +Y dorsal, the thumb of a right hand lies at -X.
 Side side_of(const Recording& recording) {
   const JointFrames& frame = recording.frames().front();
   const Pose& wrist = frame[static_cast<std::size_t>(index_of(Joint::wrist))];
@@ -52,12 +53,13 @@ const ObjectOptions* judged_object(const SceneOptions& options) {
 
 void describe(OptionVisitor& v, SceneOptions& o) {
   v.string("name", o.name, "Name of the scene.");
-  v.integer("user", o.user, "1", {0, 15}, "Which user's hand; part of the key of every topic about a hand.");
+  v.integer("user", o.user, "1", {0, 15}, "User of the hand. It is part of the key of every topic about a hand.");
   v.string("motion", o.motion,
-           "Recorded motion (CSV of WebXR joint poses; columns: services/trackers/replay/recording.hpp) that the "
-           "replay tracker plays; empty = the generator's.");
-  v.flag("fit_hand", o.fit_hand, "With a recorded motion: give the hand the recording's bone lengths and thickness.");
-  describe_section(v, "generator", "A made motion.", o.generator);
+           "Recorded motion that the replay tracker plays: CSV of WebXR joint poses, columns in "
+           "services/trackers/replay/recording.hpp. Empty = use the generator.");
+  v.flag("fit_hand", o.fit_hand,
+         "With a recorded motion, scale the hand to the bone lengths and thickness of the recording.");
+  describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
   describe_section(v, "tracker_webxr", "softhand-tracker-webxr: a headset's browser.", o.tracker_webxr);
   describe_section(v, "tracker_landmarks", "softhand-tracker-landmarks: a camera.", o.tracker_landmarks);
@@ -69,7 +71,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
   describe_section(v, "viewer", "The browser viewer.", o.viewer);
   describe_section(v, "simulate", "`softhand simulate`.", o.simulate);
-  describe_section(v, "judge", "What a run is judged by.", o.judge);
+  describe_section(v, "judge", "How a run is judged.", o.judge);
 }
 
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides) {
@@ -78,10 +80,10 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
   read_toml(scene.options, path);
   for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
-    throw ConfigError(path + ": judge.object: no object is named '" + scene.options.judge.object + "'");
+    throw ConfigError(path + ": judge.object: no object has the name '" + scene.options.judge.object + "'");
   }
-  // No more slots than the scene has objects, where it has any: one that can move costs columns of the step's matrix,
-  // whether it is used or not.
+  // Never more slots than the scene has objects, if it lists any. A slot for a movable object adds columns to the
+  // matrix of the step even if it is unused.
   const auto& objects = scene.options.objects;
   if (!objects.empty()) {
     const auto movable = static_cast<std::int64_t>(

@@ -1,5 +1,5 @@
-// A scene: one TOML file that all processes of a rig read, each for its own sections. Every option of every process is
-// described here, so that a misspelt key is refused by whoever reads the file first.
+// A scene is one TOML file. All processes of a rig read it, and each uses its own sections. All options of all
+// processes are described here, so the first process that reads the file refuses a misspelt key.
 #pragma once
 
 #include <array>
@@ -32,17 +32,17 @@ struct SimulateOptions {
 };
 inline void describe(OptionVisitor& v, SimulateOptions& o) {
   v.number("seconds", o.seconds, "s", {0, 86400},
-           "How long `softhand simulate` runs; 0 = to the end of the motion and half a second more.");
+           "Simulated time of `softhand simulate`. 0 = until half a second after the end of the motion.");
   v.number("transport_ms", o.transport_ms, "ms", {0, 100}, "Delay of every message on the virtual clock.");
   v.number("hand_compute_fraction", o.hand_compute_fraction, "1", {0, 1},
-           "When the hand's results leave, as a part of its period after its inputs were read.");
+           "Delay from reading the hand's inputs to publishing its results, as a fraction of its period.");
 }
 
 struct JudgeOptions {
   std::string object;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
-  v.string("object", o.object, "Name of the object that is grasped; empty = the first that can move.");
+  v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
 }
 
 struct HapticOptions {
@@ -65,7 +65,7 @@ inline void describe(OptionVisitor& v, TactileOptions& o) {
 struct SceneOptions {
   std::string name = "scene";
   std::int64_t user = 0;
-  std::string motion;  ///< recording, or empty
+  std::string motion;  ///< file of a recording, or empty
   bool fit_hand = true;
   GeneratorOptions generator;
   ReplayOptions tracker;
@@ -89,35 +89,37 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
 };
 
-/// Reads a scene and applies `--set` assignments. Relative paths inside are sought beside the file, in the folder of
-/// their kind beside its folder, and from where we are. Throws ConfigError.
+/// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene
+/// and in the folder of its kind in config/. After these the working directory is searched. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
-/// The motion that the scene's tracker plays: its recording, or the generator's. `hand` as from `load_scene_hand`.
+/// The motion that the scene's tracker plays: its recording, or else a generated motion. `hand` comes from
+/// `load_scene_hand`.
 std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandModel& hand);
 
-/// Hand files of which `hand.model = "auto"` takes one, coarsest first. Joints and bones are the same in all of them.
+/// The hand files among which `hand.model = "auto"` chooses, coarsest first. Joints and bones are the same in all
+/// files.
 inline constexpr std::array kHandSizes{"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json",
                                        "right_3000.hand.json", "right_6000.hand.json"};
 bool chooses_hand_size(const Scene& scene);
 
-/// The hand of the scene: on its side, and where the scene plays a recording, fitted to the recording's bones. Where
-/// the size is chosen at start, the hand of 1,450 nodes stands for it: results without a clock must not depend on the
-/// machine, and other processes need only the bones. Throws with file and reason.
+/// Loads the hand of the scene and mirrors it to the scene's side. If the scene plays a recording, the hand is fitted
+/// to the recording's bones. With `hand.model = "auto"` this is the hand of 1,450 nodes: results without a clock must
+/// not depend on the machine, and other processes need only the bones. Throws with file and reason.
 HandModel load_scene_hand(const Scene& scene);
-/// The same from another hand file.
+/// The same with another hand file.
 HandModel load_scene_hand(const Scene& scene, const std::string& file);
-/// All hands that may turn out to be the scene's: one, or all of `kHandSizes`.
+/// All hands that the scene may use: one hand, or all of `kHandSizes`.
 std::vector<HandModel> load_possible_hands(const Scene& scene);
 
-/// The hand's end of U'_crb between a mirrored object and its copy in the world: a spring in mode symmetric, none in
-/// mode owner.
+/// The hand's end of the coupling U'_crb between a mirrored object and its copy in the world. Mode symmetric has a
+/// spring, mode owner has none.
 ObjectSpring object_spring(const WorldOptions& world);
 
-/// Which hand the scene is about: its user, and the side of its recording or else of `hand.side`.
+/// The hand of the scene: its user, and the side of its recording or else of `hand.side`.
 HandKey hand_key(const Scene& scene);
 
-/// How a run of this scene is judged; `motion_start` on the messages' clock.
+/// The reference data for judging a run of this scene. `motion_start` is on the clock of the messages.
 OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start);
 
 }  // namespace softhand

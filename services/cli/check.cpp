@@ -40,7 +40,8 @@ void check_scene(const std::string& path) {
              make_scene_motion(scene, hand)->duration());
 }
 
-// What a process does at its start; where it refuses to, the message begins with `where`.
+// Runs what a process does at its start. If the process would refuse to start, throws ConfigError with `where` before
+// the reason.
 template <typename Start>
 void try_start(const std::string& where, Start&& start) {
   try {
@@ -74,7 +75,7 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   const TrackingOptions& tracking = scene.options.tracking;
   try_start(path + ": generator: ", [&] { make_scene_motion(scene, hand); });
   try_start(path + ": hand.tracked_input.", [&] { TrackedInput{options.tracked_input}; });
-  if (options.direct) return scene;  // without the intermediate layer
+  if (options.direct) return scene;  // there is no intermediate layer to check
   try_start(path + ": tracking.input.", [&] { TrackedInput{tracking.input}; });
   try_start(path + ": ", [&] { check_stability(tracking, options.rate_hz, hand); });
   return scene;

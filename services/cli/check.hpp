@@ -1,17 +1,17 @@
-// What is checked of a scene before anything is started on it.
+// Checks of a scene before any process is started with it.
 #pragma once
 
 #include "scene_file.hpp"
 
 namespace softhand {
 
-/// Reads a scene and makes sure that its processes can start on it: the hand loads, the motion can be made, the mounts
-/// of trackers are orientations, the intermediate layer and the world are stable. Throws ConfigError or
-/// std::invalid_argument with file and reason.
+/// Reads a scene and checks that its processes can start with it. The hand must load, and the motion must be possible.
+/// The mounts of the trackers must be orientations. The intermediate layer and the world must be stable. Throws
+/// ConfigError or std::invalid_argument with file and reason.
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
-/// A rig and not a scene. A file that is not TOML at all is neither; reading it as a scene will say what is wrong with
-/// it.
+/// True for a rig, false for a scene. A file that is not valid TOML also returns false: reading it as a scene then
+/// reports the syntax error.
 bool is_rig(const std::string& path);
 
 }  // namespace softhand

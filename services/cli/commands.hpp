@@ -1,6 +1,6 @@
-// The commands of `softhand`, each in a file of its own. Every one returns the process's exit code: 0 done; 1 it did
-// not work out (nobody answered, a file is wrong, a process had to be killed). Errors are thrown as std::exception, of
-// which main makes a line and exit code 1.
+// The commands of `softhand`, each in a file of its own. Every command returns the exit code of the process: 0 for
+// success, 1 for failure (for example nobody answered, or a process had to be killed). Errors are thrown as
+// std::exception. main prints them as one line and returns 1.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +34,7 @@ struct SendArguments {
   std::string module;
   std::string key;
   std::string value;
-  double seconds = 1;  ///< how long to wait for an answer, or for one more after the last
+  double seconds = 1;  ///< s, wait for an answer; restarts after each answer
 };
 int run_send(const SendArguments& arguments);
 
@@ -57,35 +57,36 @@ struct SimulateArguments {
   std::string scene;
   std::string motion;  ///< CSV of a recorded hand, instead of the scene's
   std::string hand;    ///< hand file, instead of the scene's
-  double seconds = 0;  ///< 0 = the scene's
+  double seconds = 0;  ///< 0 = the duration of the scene
   std::string json;
   std::string csv;
   std::vector<std::string> overrides;
 };
 int run_simulate(const SimulateArguments& arguments);
 
-/// `softhand render SCENE`: a picture or a short animation from the viewer's page, of the scene on the virtual clock.
+/// `softhand render SCENE`: runs the scene on the virtual clock and draws a picture or a short animation with the
+/// viewer's page.
 struct RenderArguments {
   std::string scene;
-  std::string hand;  ///< hand file, instead of the scene's
-  std::string out;   ///< .png (an animated one where `seconds` > 0), or .shv, a recording that the viewer's page opens
-  double at = 1;     ///< s of the scene
-  double seconds = 0;  ///< > 0: an animation from `at` on
+  std::string hand;    ///< hand file, instead of the scene's
+  std::string out;     ///< .png (animated if `seconds` > 0), or .shv: a recording for the viewer's page
+  double at = 1;       ///< s, scene time of the first picture
+  double seconds = 0;  ///< 0 = one picture; above 0 = length of an animation that starts at `at`
   double pictures_per_second = 15;
   int width = 1280;  ///< pixels
   int height = 800;
-  std::string view;  ///< the page's address parameters, docs/viewer.md
+  std::string view;  ///< address parameters of the viewer's page, docs/viewer.md
   std::vector<std::string> overrides;
 };
 int run_render(const RenderArguments& arguments);
 
-/// `softhand bench`: becomes softhand-bench, a program of its own because it links CHOLMOD's GPL module to compare
-/// with. `json`: summary file; empty = none.
+/// `softhand bench`: replaces this process with softhand-bench. That is a separate program because it links CHOLMOD's
+/// GPL module for comparison. `json`: summary file; empty = none.
 int run_bench(const std::string& json);
 
-/// `softhand reference`: the generated page of options.
+/// `softhand reference`: prints the generated page of options.
 int run_reference();
-/// What it prints: docs/reference.md.
+/// The text that run_reference() prints: docs/reference.md.
 std::string reference_page();
 
 }  // namespace softhand

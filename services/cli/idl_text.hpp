@@ -1,11 +1,12 @@
-// The IDL of the wire, built into the program, so that a recording explains itself.
+// The IDL files as strings in the program, so that a recording contains the description of its own messages.
 #pragma once
 
 #include <string>
 
 namespace softhand {
 
-/// The IDL that declares DDS type `softhand::v1::Name`, with all that it includes in place; empty when there is none.
+/// Returns the IDL file that declares DDS type `softhand::v1::Name`, with its includes expanded in place. Returns an
+/// empty string for an unknown type.
 std::string idl_of(const std::string& type);
 
 }  // namespace softhand

@@ -1,4 +1,4 @@
-// softhand: starts, watches, asks, records and simulates the soft hand.
+// softhand: starts, monitors, messages, records and simulates the soft hand.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -16,17 +16,18 @@
 int main(int argc, char** argv) {
   using namespace softhand;
   CLI::App app(
-      "A soft hand in real time: tracked fingers grasp the objects of a physics engine through simulated tissue, over "
-      "DDS.\n"
-      "All processes of one machine meet on the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, "
+      "Real-time simulation of a soft hand: tracked fingers grasp the objects of a physics engine through simulated "
+      "tissue. The processes communicate over DDS.\n"
+      "All processes of one machine use the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, "
       "default 0).",
       "softhand");
   app.require_subcommand(1);
   app.footer(
-      "Exit codes: 0 done; 1 it did not work out, a line says why; above 100 the command line was wrong.\nMore: "
-      "docs/command-line.md");
+      "Exit codes: 0 = success; 1 = failure, with one line that gives the reason; above 100 = wrong command line.\n"
+      "More: docs/command-line.md");
   std::function<int()> run;
-  // CLI11 would take what follows a repeatable option for more of its values.
+  // Without allow_extra_args(false), CLI11 would parse the words after a repeatable option as more values of the
+  // option.
   const auto overrides = [](CLI::App* command, std::vector<std::string>& values) {
     command
         ->add_option(
@@ -36,7 +37,9 @@ int main(int argc, char** argv) {
         ->allow_extra_args(false);
   };
   const auto topic_filter = [](CLI::App* command, std::vector<std::string>& values) {
-    command->add_option("--topic", values, "Only this topic, by the last part of its name, e.g. contacts; repeatable")
+    command
+        ->add_option("--topic", values,
+                     "Only this topic, given by the last part of its name, e.g. contacts; repeatable")
         ->type_name("NAME")
         ->allow_extra_args(false);
   };
@@ -44,7 +47,8 @@ int main(int argc, char** argv) {
   UpArguments up;
   CLI::App* command = app.add_subcommand(
       "up",
-      "Start the processes that a rig file names, in order of readiness; restart those that die; Ctrl-C stops all");
+      "Start the processes of a rig file in order, each when the previous one is ready; restart processes that die; "
+      "Ctrl-C stops all");
   command->add_option("rig", up.rig, "Rig file, e.g. config/rigs/demo.toml")->required()->type_name("FILE");
   command->add_option("--seconds", up.seconds, "Stop after this time; default: run until Ctrl-C")
       ->type_name("S")
@@ -68,18 +72,18 @@ int main(int argc, char** argv) {
   std::string file;
   command = app.add_subcommand(
       "check",
-      "Check a scene, rig (.toml) or hand (.json) file: says what it is, or what is wrong, with line, key or field");
+      "Check a scene, rig (.toml) or hand (.json) file: print what it contains, or the errors with line, key or field");
   command->add_option("file", file, "The file")->required()->type_name("FILE");
   command->callback([&] { run = [&file] { return run_check(file); }; });
 
   SendArguments send;
   command =
-      app.add_subcommand("send", "Send a named parameter to every running module and print what each did with it");
-  command->add_option("module", send.module, "Name of the addressed module as `softhand status` shows it, or * for all")
+      app.add_subcommand("send", "Send a named parameter to every running module and print the answer of each module");
+  command->add_option("module", send.module, "Name of the module as shown by `softhand status`, or * for all")
       ->required();
   command->add_option("key", send.key, "Name of the parameter, e.g. motors")->required();
-  command->add_option("value", send.value, "Its value")->required();
-  command->add_option("--seconds", send.seconds, "How long to wait for an answer, and for one more after the last")
+  command->add_option("value", send.value, "Value of the parameter")->required();
+  command->add_option("--seconds", send.seconds, "Time to wait for an answer; starts again after each answer")
       ->capture_default_str()
       ->type_name("S")
       ->check(CLI::PositiveNumber);
@@ -88,7 +92,7 @@ int main(int argc, char** argv) {
   RecordArguments record;
   command = app.add_subcommand(
       "record",
-      "Write all topics to an MCAP file, which other tools read too; survives a crash up to the last message");
+      "Write all topics to an MCAP file, which other tools can read too; after a crash every complete message is kept");
   command->add_option("file", record.path, "The file to write, e.g. run.mcap")->required()->type_name("FILE");
   command->add_option("--seconds", record.seconds, "Stop after this time; default: record until Ctrl-C")
       ->type_name("S")
@@ -97,9 +101,10 @@ int main(int argc, char** argv) {
   command->callback([&] { run = [&record] { return run_record(record); }; });
 
   ReplayArguments replay;
-  command = app.add_subcommand("replay", "Publish a recording again at its own pace, with times moved to now");
+  command =
+      app.add_subcommand("replay", "Publish a recording again at its recorded pace, with its times shifted to now");
   command->add_option("file", replay.path, "A recording of `softhand record`")->required()->type_name("FILE");
-  command->add_option("--speed", replay.speed, "Times the recorded pace")
+  command->add_option("--speed", replay.speed, "Factor on the recorded pace")
       ->capture_default_str()
       ->check(CLI::Range(0.001, 1000.0));
   topic_filter(command, replay.topics);
@@ -108,7 +113,7 @@ int main(int argc, char** argv) {
   SimulateArguments simulate;
   command = app.add_subcommand(
       "simulate",
-      "Run all loops of a scene in this process on a virtual clock: no DDS, and the same bits on every run");
+      "Run all loops of a scene in this process on a virtual clock, without DDS; every run gives the same bits");
   command->add_option("scene", simulate.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")
       ->required()
       ->type_name("FILE");
@@ -116,39 +121,41 @@ int main(int argc, char** argv) {
       ->type_name("FILE");
   command->add_option("--hand", simulate.hand, "Hand file instead of the scene's: a path, or a name in config/hands")
       ->type_name("FILE");
-  command->add_option("--seconds", simulate.seconds, "How long; default: the scene's")
+  command->add_option("--seconds", simulate.seconds, "Simulated time; default: the duration of the scene")
       ->type_name("S")
       ->check(CLI::NonNegativeNumber);
-  command->add_option("--json", simulate.json, "Where the summary goes (docs/outcome.md); default: to the terminal")
+  command->add_option("--json", simulate.json, "File for the summary (docs/outcome.md); default: the terminal")
       ->type_name("FILE");
-  command->add_option("--csv", simulate.csv, "Signals, a row a step of the hand")->type_name("FILE");
+  command->add_option("--csv", simulate.csv, "File for signals, one row per step of the hand")->type_name("FILE");
   overrides(command, simulate.overrides);
   command->callback([&] { run = [&simulate] { return run_simulate(simulate); }; });
 
   RenderArguments render;
   command = app.add_subcommand(
-      "render", "Make a picture of a scene, or a short animation, with the viewer's page (needs node and chromium)");
+      "render", "Draw a picture or a short animation of a scene with the viewer's page (needs node and chromium)");
   command->add_option("scene", render.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")
       ->required()
       ->type_name("FILE");
-  command->add_option("--at", render.at, "When, in the scene's time")
+  command->add_option("--at", render.at, "Scene time of the picture")
       ->capture_default_str()
       ->type_name("S")
       ->check(CLI::Range(0.0, 86400.0));
   command->add_option("--out", render.out, "The .png to write, or an .shv that the viewer's page opens")
       ->required()
       ->type_name("FILE");
-  command->add_option("--seconds", render.seconds, "An animation of so long, as an animated .png")
+  command->add_option("--seconds", render.seconds, "Duration of an animation, written as an animated .png")
       ->type_name("S")
       ->check(CLI::Range(0.0, 60.0));
-  command->add_option("--rate", render.pictures_per_second, "Pictures a second of an animation")
+  command->add_option("--rate", render.pictures_per_second, "Pictures per second of an animation")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 60.0));
-  command->add_option("--width", render.width, "Pixels")->capture_default_str()->check(CLI::Range(16, 7680));
-  command->add_option("--height", render.height, "Pixels")->capture_default_str()->check(CLI::Range(16, 7680));
+  command->add_option("--width", render.width, "Width in pixels")->capture_default_str()->check(CLI::Range(16, 7680));
+  command->add_option("--height", render.height, "Height in pixels")
+      ->capture_default_str()
+      ->check(CLI::Range(16, 7680));
   command->add_option(
       "--view", render.view,
-      "What is shown and from where, as in the page's address, e.g. \"theme=dark&colour=pressure\" (docs/viewer.md)");
+      "Content and camera, as in the address of the page, e.g. \"theme=dark&colour=pressure\" (docs/viewer.md)");
   command->add_option("--hand", render.hand, "Hand file instead of the scene's: a path, or a name in config/hands")
       ->type_name("FILE");
   overrides(command, render.overrides);
@@ -156,26 +163,26 @@ int main(int argc, char** argv) {
 
   CLI::App* report =
       app.add_subcommand("report",
-                         "Evidence, computed anew: known answers, the stress map, error against run time, fingertips "
-                         "beside people's; without a part: all of them, and the page that they make");
+                         "Recompute the evidence: known answers, the stress map, error against run time, fingertips "
+                         "compared with people's. Without a part: compute all parts and write their page");
   report->require_subcommand(0, 1);
   report::ReportArguments all_parts;
-  report->add_flag("--quick", all_parts.quick, "Under five minutes: each part's --quick");
+  report->add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than five minutes");
   report->add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
   report
       ->add_option("--motion", all_parts.motion,
                    "Recording for error-runtime's scene recorded_grasp (CSV); without it this scene is left out")
       ->type_name("FILE");
-  report->add_option("--out", all_parts.out, "Folder of report.md, images/ and report_data/")
+  report->add_option("--out", all_parts.out, "Folder for report.md, images/ and report_data/")
       ->capture_default_str()
       ->type_name("DIR");
   report->callback([&] {
     if (report->get_subcommands().empty()) run = [&all_parts] { return report::run_report(all_parts); };
   });
-  // Where a part's rows and page go; pictures where it makes some.
+  // Output files of a part. `pictures` is empty for a part without pictures.
   const auto outputs = [](CLI::App* part, auto& arguments, const std::string& row, const std::string& page,
                           [[maybe_unused]] const std::string& pictures = {}) {
-    part->add_option("--json", arguments.json, "A list of rows: " + row)->type_name("FILE");
+    part->add_option("--json", arguments.json, "File for a list of rows: " + row)->type_name("FILE");
     part->add_option("--csv", arguments.csv, "The same as CSV")->type_name("FILE");
     part->add_option("--markdown", arguments.markdown, page + ", with machine, compiler and commit")->type_name("FILE");
     if constexpr (requires { arguments.plot; })
@@ -184,15 +191,15 @@ int main(int argc, char** argv) {
   };
   verification::VerifyArguments verify;
   command = report->add_subcommand("verify",
-                                   "Known answers: measured value beside the formula's, with tolerance and observed "
-                                   "order; exit code 1 where one is missed");
-  command->add_flag("--quick", verify.quick, "Under a minute: the first rows of what takes long");
-  outputs(command, verify, "case, value, reference, tolerance, order, status", "The same as a table");
+                                   "Known answers: measured values compared with formulas, with tolerance and observed "
+                                   "order; exit code 1 if a value is outside its tolerance");
+  command->add_flag("--quick", verify.quick, "Only the first rows of long cases; takes less than a minute");
+  outputs(command, verify, "case, value, reference, tolerance, order, status", "File for the rows as a table");
   command->add_option("--case", verify.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
   command
       ->add_option("--set", verify.settings,
-                   "Another value of a case's parameter, e.g. --case friction_slide --set slope=0.8; repeatable; its "
-                   "reference is computed with it")
+                   "New value of a case's parameter, e.g. --case friction_slide --set slope=0.8; repeatable; the "
+                   "reference is recomputed with it")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->callback([&] { run = [&verify] { return verification::run_verify(verify); }; });
@@ -200,27 +207,28 @@ int main(int argc, char** argv) {
   stress::StressArguments stress;
   command = report->add_subcommand("stress",
                                    "Extreme inputs through the real loops, each classified by the invariants; exit "
-                                   "code 1 where a number that is not finite was "
-                                   "published, or fewer than 95 % outside the sweep pass or were rightly refused");
-  command->add_flag("--quick", stress.quick, "Under a minute and a half: marked rows and a small sweep");
-  outputs(command, stress, "case, parameter, class, figure, invariant", "Summary, what did not pass and why",
-          "stress_map.png and stress_sweep.png");
+                                   "code 1 if a number that is not finite was published, or if fewer than 95 % of the "
+                                   "rows outside the sweep pass or are refused correctly");
+  command->add_flag("--quick", stress.quick, "Only marked rows and a small sweep; takes less than a minute and a half");
+  outputs(command, stress, "case, parameter, class, figure, invariant",
+          "File for a summary, and the rows that did not pass with reasons", "stress_map.png and stress_sweep.png");
   command->add_option("--case", stress.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
   command
       ->add_option("--cache", stress.cache,
-                   "Keep computed rows there, and take those that the same programs computed before")
+                   "Folder of a cache: store computed rows and reuse rows that the same programs computed before")
       ->type_name("DIR");
   command->callback([&] { run = [&stress] { return stress::run_stress(stress); }; });
 
   error_runtime::ErrorRuntimeArguments error_runtime;
   command = report->add_subcommand("error-runtime",
-                                   "What a millisecond buys: every setting's CPU time and its error against converged "
-                                   "references; exit code 1 where the default is more than "
+                                   "Error against run time: CPU time of every setting and its error against converged "
+                                   "references; exit code 1 if the default is more than "
                                    "0.1 mm or 2 % off in a grasp");
-  command->add_flag("--quick", error_runtime.quick, "A minute and a half: the coarse hand, fewer settings");
+  command->add_flag("--quick", error_runtime.quick,
+                    "Only the coarse hand and fewer settings; takes a minute and a half");
   outputs(command, error_runtime,
           "scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and other norms",
-          "What the default costs, Pareto fronts, slopes and all rows",
+          "File for the cost of the default, Pareto fronts, slopes and all rows",
           "error_runtime.png and error_runtime_total.png");
   command->add_option("--scene", error_runtime.which, "Only this scene, or peer (Bullet's soft body); repeatable")
       ->type_name("NAME")
@@ -234,38 +242,39 @@ int main(int argc, char** argv) {
   human::HumanArguments human;
   command = report->add_subcommand(
       "human",
-      "The index fingertip of the hands pressed by a flat plate, beside people's; exit code 1 outside people's spread");
+      "The index fingertips of the hands pressed by a flat plate, compared with people's; exit code 1 if a force is "
+      "outside people's spread");
   command->add_option("--hand", human.hands, "Only this hand file; repeatable")
       ->type_name("FILE")
       ->allow_extra_args(false)
       ->check(CLI::ExistingFile);
   command
       ->add_option("--pulp", human.pulp,
-                   "Another value of youngs_modulus (Pa), limit_energy (J/m^3) or limit_ratio of the pulp; repeatable")
+                   "New value of youngs_modulus (Pa), limit_energy (J/m^3) or limit_ratio of the pulp; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->add_flag("--fit", human.fit,
-                    "Fit one pulp for all the hands to people's force; print and show that material instead");
-  outputs(command, human, "hand, indentation, force, area, their references, status", "A table", "human.png");
+                    "Fit one pulp material for all hands to people's force; print it and use it for the results");
+  outputs(command, human, "hand, indentation, force, area, their references, status", "File for a table", "human.png");
   command->callback([&] { run = [&human] { return human::run_human(human); }; });
 
   human::PostureArguments postures;
   command = report->add_subcommand(
       "postures",
-      "Strain of the hands' tissue and iterations of a step, flat, relaxed and in a fist; exit code 1 "
-      "where the skin is strained by more than 60 % or a tetrahedron is inside out");
+      "Strain of the hands' tissue and iterations per step for the flat hand, the relaxed hand and the fist; exit code "
+      "1 if the skin is strained by more than 60 % or a tetrahedron is inverted");
   command->add_option("--hand", postures.hands, "Only this hand file; repeatable")
       ->type_name("FILE")
       ->allow_extra_args(false)
       ->check(CLI::ExistingFile);
-  command->add_option("--markdown", postures.markdown, "The same table")->type_name("FILE");
+  command->add_option("--markdown", postures.markdown, "File for the same table")->type_name("FILE");
   command->callback([&] { run = [&postures] { return human::run_postures(postures); }; });
 
   std::string bench_json;
   command = app.add_subcommand("bench",
-                               "Measure what a step costs, against CHOLMOD and scalar kernels in the same run "
-                               "(docs/performance.md); about a minute");
-  command->add_option("--json", bench_json, "The figures by name")->type_name("FILE");
+                               "Measure the cost of a step, compared with CHOLMOD and scalar kernels in the same run "
+                               "(docs/performance.md); takes about a minute");
+  command->add_option("--json", bench_json, "File for the figures by name")->type_name("FILE");
   command->callback([&] { run = [&bench_json] { return run_bench(bench_json); }; });
 
   command = app.add_subcommand(

@@ -17,20 +17,20 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kPressingForce = 3.0;   // N, the most at which depths are compared
-constexpr double kClosedFist = 0.060;    // m, middle tip to middle metacarpal joint
+constexpr double kPressingForce = 3.0;   // N; depths are compared only up to this force of a finger
+constexpr double kClosedFist = 0.060;    // m, middle fingertip to middle metacarpal joint
 constexpr double kHeldMovement = 0.005;  // m in the palm's frame
 constexpr double kGripGap = 0.1;         // s
 constexpr double kAtRest = 0.005;        // m/s
-constexpr double kLargestShift = 0.030;  // s, over which a constant lag is looked for; searched to twice that
-constexpr double kGapPeriods = 4;        // median sample periods; a longer interval without tracked samples is a gap
+constexpr double kLargestShift = 0.030;  // s; a constant lag is searched from minus this to twice this
+constexpr double kGapPeriods = 4;        // in median sample periods; a longer interval without tracked samples is a gap
 
 double seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-// The sample at a time, linearly between neighbours (orientation: shortest arc). Nothing outside the samples, and
-// nothing between neighbours that are more than `longest_span` seconds apart.
+// Pose at a time, interpolated linearly between neighbours (orientation: shortest arc). Empty outside the range of the
+// samples, and between neighbours that are more than `longest_span` seconds apart.
 template <typename Sample, typename Get>
 std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get get,
                             double longest_span = std::numeric_limits<double>::infinity()) {
@@ -47,7 +47,7 @@ std::optional<Pose> pose_at(const std::vector<Sample>& samples, double time, Get
   return Pose{(1 - u) * a.position + u * b.position, a.orientation.slerp(u, b.orientation)};
 }
 
-// Seconds between successive samples, which are in order of time; duplicates left out.
+// Seconds between successive samples. The samples are in order of time. Duplicates are skipped.
 template <typename Sample>
 std::vector<double> intervals(const std::vector<Sample>& samples) {
   std::vector<double> out;
@@ -204,7 +204,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   std::array<double, 6> hold_force{};
   const auto hold = find(frame.phases, "hold");
   if (hold) {
-    // Slip: movement of the object in the frames of the two distal bones since the hold began, whichever is larger.
+    // Slip: the largest movement of the object in the frames of the two distal bones since the hold began. The larger
+    // of the two bones' values counts.
     std::array<Vector3, 2> reference{Vector3::Zero(), Vector3::Zero()};
     std::array<bool, 2> referred{};
     double force_sum = 0;
@@ -228,7 +229,7 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
         ++k;
       }
     }
-    // The mean is over all steps of the hold, also those without contact.
+    // The mean is over all steps of the hold, including steps without contact.
     std::size_t steps = 0;
     for (const ContactSample& c : contacts_) {
       const double t = seconds(c.time) - start;
@@ -255,11 +256,12 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
     if (from && to) turned = rotation_log(to->orientation * from->orientation.conjugate()).norm() * 180.0 / M_PI;
   }
   if (const auto shake = find(frame.phases, "shake"); shake && frame.shake_frequency > 0) {
-    // Position and force as c + s sin(wt) + k cos(wt), least squares over whole periods; a = -w^2 x; the ratio is the
-    // in-phase part.
+    // Fit position and force with c + s sin(wt) + k cos(wt) by least squares over whole periods. The acceleration is
+    // minus w^2 times the position. The ratio uses the part of the force that is in phase with the acceleration.
     const double w = 2 * M_PI * frame.shake_frequency;
     std::vector<const TwinSample*> window;
-    const double settle = shake->begin + 2.0 / frame.shake_frequency;  // transients die out first
+    const double settle = shake->begin + 2.0 / frame.shake_frequency;  // the first two periods are skipped, because
+                                                                       // transients die out in them
     const double periods = std::floor((shake->end - settle) * frame.shake_frequency + 1e-9);
     for (const TwinSample& twin : twins) {
       const double t = seconds(twin.time) - start;
@@ -294,8 +296,8 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  // Released: half a second after the motion's end (where a tracker begins again), or at the end of what was seen,
-  // nothing has touched the object for half a second, and it lay still.
+  // Released: for half a second nothing touched the object, and it lay still. This half second ends 0.5 s after the end
+  // of the motion (then the tracker starts again), or at the end of the run if that is earlier.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
     double end = seconds(contacts_.back().time);
@@ -306,7 +308,7 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
       for (std::size_t f = 0; f < c.finger_force.size(); ++f)
         touched = touched || (c.finger_contacts[f] > 0 && c.finger_object[f] == frame.object);
     }
-    // The median: a physics engine may jolt a standing object by some mm/s for a step.
+    // The median is used because a physics engine may give a standing object a speed of some mm/s for one step.
     std::vector<double> speeds;
     for (const ObjectSample& o : objects_) {
       if (o.object == frame.object && seconds(o.time) >= end - 0.5 && seconds(o.time) <= end)
@@ -337,7 +339,7 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   Json json;
   constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip,
                                       Joint::little_tip};
-  // Free motion: no finger touches anything, nor did within the last 0.3 s.
+  // Free motion: no finger touches anything now or touched anything within the last 0.3 s.
   std::vector<double> touching;
   for (const ContactSample& c : contacts_) {
     if (std::any_of(c.finger_contacts.begin(), c.finger_contacts.end(), [](std::uint32_t n) { return n > 0; }))
@@ -348,8 +350,8 @@ Json Outcome::following(const OutcomeFrame& frame) const {
     return later == touching.end() || *later > t;
   };
   const double longest = longest_tracked_interval();
-  const double first =
-      tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first comes to where the tracker is
+  const double first = tracked_.empty() ? 0 : seconds(tracked_.front().time) + 0.5;  // the hand first moves to the
+                                                                                     // place of the tracked hand
   const auto rms_at = [&](double shift) {
     double sum = 0;
     std::size_t count = 0;
@@ -379,12 +381,12 @@ Json Outcome::following(const OutcomeFrame& frame) const {
   json["lag_ms"] = number(std::isnan(best) ? best : best_shift * 1e3);
   json["fingertip_rms_unshifted_mm"] = number(rms_at(0));
 
-  // Held while closed.
+  // Part of the time with a closed fist in which the object is held.
   std::vector<TwinSample> twins;
   std::copy_if(twins_.begin(), twins_.end(), std::back_inserter(twins),
                [&frame](const TwinSample& t) { return t.object == frame.object; });
-  // In each grip (closed, with gaps of at most a tenth of a second) the object's place in the palm is its median place;
-  // held is who stays near it.
+  // A grip is a period with a closed fist, with gaps of at most 0.1 s. The place of the object in a grip is its median
+  // place in the frame of the palm. The object counts as held while it is near this place.
   std::size_t closed_samples = 0;
   std::size_t held_samples = 0;
   double largest_movement = 0;

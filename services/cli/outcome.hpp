@@ -1,5 +1,5 @@
-// Outcome: what a run showed, from the messages alone, so that `simulate` (virtual clock) and `up` (real processes)
-// judge by the same rule.
+// Outcome: judges a run from its messages alone. Therefore `simulate` (virtual clock) and `up` (real processes) use the
+// same rules.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -12,7 +12,7 @@
 
 namespace softhand {
 
-/// What to judge by. Times are seconds since `motion_start` on the messages' clock.
+/// The reference data of the judgement. Times are seconds since `motion_start` on the clock of the messages.
 struct OutcomeFrame {
   std::vector<MotionPhase> phases;
   Nanoseconds motion_start = 0;
@@ -20,10 +20,10 @@ struct OutcomeFrame {
   double object_mass = 0;      ///< kg
   double gravity = 9.81;       ///< m/s^2 along -Y
   double shake_frequency = 0;  ///< Hz; 0 = not shaken
-  bool recorded = false;       ///< judge following and holding of a recorded hand instead of the pinch
+  bool recorded = false;       ///< judge how a recorded hand is followed and holds, instead of the pinch
 };
 
-/// Collects copies of what it needs; not for real-time threads.
+/// Stores copies of what it needs. Not for real-time threads.
 class Outcome {
  public:
   void on_tracked(const Skeleton& skeleton);
@@ -34,7 +34,7 @@ class Outcome {
   void on_bone_wrench(const BoneWrench& wrench);
   void on_device(const DeviceState& state);
 
-  /// Keys and meaning: docs/outcome.md. A figure that cannot be told from what was seen is null, a largest force 0.
+  /// Keys and meaning: docs/outcome.md. A figure that the messages do not determine is null. A largest force is 0 then.
   nlohmann::ordered_json summary(const OutcomeFrame& frame) const;
 
  private:
@@ -48,7 +48,7 @@ class Outcome {
     std::array<std::uint32_t, 6> finger_object;
     std::array<std::uint32_t, 6> finger_contacts;
   };
-  // What phalanges of a finger press on an object with; all that is not a phalanx counts as palm.
+  // Forces with which the phalanges of a finger press on an object. All bodies that are not phalanges count as palm.
   struct Press {
     Nanoseconds time;
     std::uint32_t object;
@@ -78,7 +78,7 @@ class Outcome {
     std::array<double, 6> hops_ms;  // tracker, tracking, hand, wrench, device, total
   };
 
-  /// Seconds; a longer interval between tracked samples is a gap, in which nothing is judged by the tracker.
+  /// Seconds. A longer interval between tracked samples is a gap. Nothing is compared with the tracker inside a gap.
   double longest_tracked_interval() const;
   nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
   nlohmann::ordered_json following(const OutcomeFrame& frame) const;
@@ -86,7 +86,7 @@ class Outcome {
   std::vector<HandSample> tracked_;
   std::vector<HandSample> simulated_;
   std::vector<ContactSample> contacts_;
-  std::vector<Press> presses_;  // one for each object that is touched at a time
+  std::vector<Press> presses_;  // one entry per touched object and time
   std::vector<Penetration> penetrations_;
   std::vector<TwinSample> twins_;
   std::vector<ObjectSample> objects_;
@@ -96,7 +96,7 @@ class Outcome {
   double largest_hand_coupling_ = 0;    // N
 };
 
-/// Value at fraction q of the sorted values; NaN where there is none.
+/// Value at fraction q of the sorted values. NaN if `values` is empty.
 double percentile(std::vector<double> values, double q);
 
 }  // namespace softhand

@@ -18,7 +18,7 @@ int run_record(const RecordArguments& arguments) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   };
   fmt::print("recording to {}{}\n", arguments.path,
-             arguments.seconds > 0 ? fmt::format(" for {:g} s", arguments.seconds) : ", Ctrl-C ends it");
+             arguments.seconds > 0 ? fmt::format(" for {:g} s", arguments.seconds) : " until Ctrl-C");
   std::fflush(stdout);
   while (!stop.requested() && (arguments.seconds <= 0 || elapsed() < arguments.seconds)) {
     recorder.poll();
@@ -35,7 +35,7 @@ int run_record(const RecordArguments& arguments) {
                count.lost > 0 ? fmt::format(", {} lost", count.lost) : "",
                count.refused > 0 ? fmt::format(", {} malformed", count.refused) : "");
   }
-  if (total == 0) fmt::print(stderr, "softhand record: nothing was heard on this domain\n");
+  if (total == 0) fmt::print(stderr, "softhand record: no message was received on this domain\n");
   return total > 0 ? 0 : 1;
 }
 

@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Runs a program to its end; its exit code.
+// Runs a program until it ends and returns its exit code.
 int run_to_end(const std::vector<std::string>& command) {
   std::vector<char*> argv;
   for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
@@ -35,9 +35,10 @@ int run_to_end(const std::vector<std::string>& command) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 1;
 }
 
-// Runs the scene on the virtual clock and writes what a page would get of its last `kept` seconds.
+// Runs the scene on the virtual clock. Records the frames that the page would receive, from 0.2 s before `arguments.at`
+// on.
 void record(const RenderArguments& arguments, const std::string& path) {
-  constexpr double kBefore = 0.2;  // so that every stream has shown its newest at the first picture
+  constexpr double kBefore = 0.2;  // s, so that every stream has delivered a frame before the first picture
   std::vector<std::string> overrides = arguments.overrides;
   if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);
   const Scene scene = read_scene(arguments.scene, overrides);

@@ -43,13 +43,14 @@ RigOptions read_rig(const std::string& path) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
     const bool alone = std::count_if(rig.processes.begin(), rig.processes.end(), same_name) == 1;
     if (!known.insert({process.name, process.choice}).second || (!alone && process.choice.empty()))
-      throw ConfigError(path + ": process: several are called '" + process.name +
-                        "': expected a choice of its own for each");
+      throw ConfigError(path + ": process: several processes have the name '" + process.name +
+                        "'; expected a different choice for each");
   }
   for (const std::string& choice : words(rig.choose)) {
     const auto is_it = [&choice](const RigProcess& process) { return process.choice == choice; };
     if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it))
-      throw ConfigError(path + ": choose: expected the choice of a process, not '" + choice + "'");
+      throw ConfigError(path + ": choose: no process has the choice '" + choice +
+                        "'; expected the choice of a process");
   }
   return rig;
 }
@@ -69,7 +70,7 @@ std::vector<RigProcess> chosen_processes(const RigOptions& rig) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
     if (std::none_of(chosen.begin(), chosen.end(), same_name)) chosen.push_back(process);
   }
-  // The last choice of a name holds.
+  // If several choices have the same name, the last one applies.
   for (const std::string& choice : words(rig.choose)) {
     for (const RigProcess& process : rig.processes) {
       if (process.choice != choice) continue;

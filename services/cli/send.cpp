@@ -14,7 +14,7 @@ int run_send(const SendArguments& arguments) {
   Message message;
   if (arguments.module.size() >= message.module.size() || arguments.key.size() >= message.key.size() ||
       arguments.value.size() >= message.value.size()) {
-    fmt::print(stderr, "softhand send: module, key and value take at most {} characters each\n",
+    fmt::print(stderr, "softhand send: module, key and value may have at most {} characters each\n",
                message.key.size() - 1);
     return 1;
   }
@@ -25,8 +25,8 @@ int run_send(const SendArguments& arguments) {
   bus::Reader replies(participant, bus::topics::message_reply);
   bus::Writer writer(participant, bus::topics::message);
 
-  // Modules are found one after another, also after the message was written: it and the answers wait for whoever comes
-  // within their lifespan.
+  // Modules are discovered one after another, also after the message was written. DDS keeps the message and the answers
+  // for late readers during their lifespan.
   const auto found_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
   while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -57,7 +57,7 @@ int run_send(const SendArguments& arguments) {
       fmt::print("{:<18} {:<8} {}\n", get_text(reply.module), result, get_text(reply.text));
     });
   }
-  if (answers == 0) fmt::print(stderr, "softhand send: nobody answered within {} s\n", arguments.seconds);
+  if (answers == 0) fmt::print(stderr, "softhand send: no module answered within {} s\n", arguments.seconds);
   return applied > 0 ? 0 : 1;
 }
 

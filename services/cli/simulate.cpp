@@ -20,7 +20,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Chosen signals, a row a step of the hand. Columns: docs/outcome.md.
+// Selected signals, one row per step of the hand. Columns: docs/outcome.md.
 class SignalFile {
  public:
   explicit SignalFile(const std::string& path) : out_(path) {
@@ -163,7 +163,7 @@ int run_simulate(const SimulateArguments& arguments) {
                                  {"refused_order", input.refused_order},
                                  {"repositioned", input.repositioned}};
   }
-  // Wall-clock figures stand apart: they differ from run to run, everything above does not.
+  // Wall-clock figures are separate, because they differ from run to run. All figures above are the same in every run.
   json["wall"] = {{"elapsed_s", elapsed}, {"hand_step", timing_split(rig.hand_timings())}};
   const std::string text = json.dump(2) + "\n";
   if (arguments.json.empty()) {

@@ -27,7 +27,7 @@ int run_status(const StatusArguments& arguments) {
     std::this_thread::sleep_for(std::chrono::milliseconds(250));
     reader.take_all([&modules](const LoopStatus& status) { modules[std::string(get_text(status.module))] = status; });
     const bool snapshot = arguments.once || arguments.json;
-    // A snapshot waits long enough for every writer to be found and to have spoken.
+    // A snapshot waits long enough to discover every writer and to receive one message of each.
     if (snapshot && std::chrono::steady_clock::now() - started < std::chrono::milliseconds(1500)) continue;
     if (arguments.json) {
       nlohmann::ordered_json json = nlohmann::ordered_json::object();
@@ -35,7 +35,7 @@ int run_status(const StatusArguments& arguments) {
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
-      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module heard on this domain\n" : "");
+      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module found on this domain\n" : "");
     }
     std::fflush(stdout);
     if (snapshot) return modules.empty() ? 1 : 0;

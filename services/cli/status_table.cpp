@@ -17,7 +17,7 @@ void append_named(std::string& line, std::string_view title, const Items& items)
   for (const NamedValue& item : items) line += fmt::format(" {}={:.3g}", get_text(item.name), item.value);
 }
 
-// What a loop of physics knows beyond its times; nothing for the others.
+// The quantities of a loop that computes physics. Empty for other loops.
 std::string physics_line(const LoopStatus& status) {
   std::string line;
   if (status.iterations > 0)
@@ -34,7 +34,7 @@ std::string physics_line(const LoopStatus& status) {
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now) {
   std::string out = fmt::format("{:<18} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n",
                                 "module", "rate Hz", "nominal", "p50 ms", "p99 ms", "p99.9 ms", "missed", "input ms",
-                                "drops", "residual N", "iter", "contacts", "counted");
+                                "drops", "residual N", "iter", "contacts", "counters");
   for (const auto& [name, status] : modules) {
     const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
     std::string counted;

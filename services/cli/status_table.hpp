@@ -1,4 +1,4 @@
-// How loop_status is shown: to people as a table, to programs as JSON.
+// Shows loop_status as a table for people, or as JSON for programs.
 #pragma once
 
 #include <map>
@@ -9,13 +9,13 @@
 
 namespace softhand {
 
-/// A line a module, and below it what a loop of physics knows of its energies; one that has been silent for more than a
-/// second says so. `now` on the messages' clock.
+/// One line per module. A second line shows the energies of a loop that computes physics. A module that has been silent
+/// for more than one second is marked as SILENT. `now` is on the clock of the messages.
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now);
 /// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, ledger_j, counters.
 nlohmann::ordered_json status_json(const LoopStatus& status);
-/// `json` indented, whatever its texts hold: DDS says nothing of a string's encoding, and a name that is not UTF-8 gets
-/// U+FFFD where it is none.
+/// `json` as indented text. DDS does not define the encoding of a string, so invalid UTF-8 in a text is replaced by
+/// U+FFFD.
 std::string json_text(const nlohmann::ordered_json& json);
 
 }  // namespace softhand

@@ -54,13 +54,14 @@ void Supervisor::start(const ChildSpec& spec) {
 
 void Supervisor::launch(Child& child) {
   int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error(child.spec.name + ": no pipe: " + std::strerror(errno));
+  if (pipe2(ends, O_CLOEXEC) != 0)
+    throw std::runtime_error(child.spec.name + ": cannot create a pipe: " + std::strerror(errno));
   std::vector<char*> arguments;
   for (const std::string& word : child.spec.command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   const pid_t parent = getpid();
-  // Until it is another program the child has our handlers, which would take a stop that comes at once for one of ours:
-  // it waits until theirs is the default.
+  // Between fork and exec the child still runs our signal handlers, so a SIGINT or SIGTERM in that window would be
+  // lost. Both signals stay blocked until the child has the default handlers.
   sigset_t stops, before;
   sigemptyset(&stops);
   sigaddset(&stops, SIGINT);
@@ -73,13 +74,15 @@ void Supervisor::launch(Child& child) {
     signal(SIGINT, SIG_DFL);
     signal(SIGTERM, SIG_DFL);
     pthread_sigmask(SIG_SETMASK, &before, nullptr);
-    // The child dies with its supervisor, however that one ends; and it leaves Ctrl-C to the supervisor's ordered stop.
+    // The child dies when its supervisor dies for any reason. The child gets its own process group, so that Ctrl-C
+    // reaches only the supervisor, which stops the children in order.
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);
     setpgid(0, 0);
     dup2(ends[1], STDOUT_FILENO);
     dup2(ends[1], STDERR_FILENO);
-    // Sockets and lock files of the DDS layer would outlive the supervisor in its children, and keep its ports taken.
+    // Without this, the children would inherit sockets and lock files of DDS. If the supervisor dies, the children
+    // would then keep its ports busy.
     close_range(STDERR_FILENO + 1, ~0U, 0);
     execv(arguments[0], arguments.data());
     _exit(127);
@@ -130,8 +133,7 @@ void Supervisor::reap() {
                      : child->backoff.count() == 0       ? kFirstBackoff
                                                          : std::min(2 * child->backoff, kLongestBackoff);
     child->restart_at = now + child->backoff;
-    log_(child->spec.name,
-         how_it_ended(status) + "; starting again in " + std::to_string(child->backoff.count()) + " ms");
+    log_(child->spec.name, how_it_ended(status) + "; restarts in " + std::to_string(child->backoff.count()) + " ms");
   }
 }
 

@@ -1,5 +1,5 @@
-// Starts, watches, restarts and stops the processes of a rig. Knows nothing of DDS: the caller says when a process is
-// ready.
+// Starts, monitors, restarts and stops the processes of a rig. It does not use DDS: the caller decides when a process
+// is ready.
 #pragma once
 
 #include <sys/types.h>
@@ -26,17 +26,18 @@ class Supervisor {
   using LogLine = std::function<void(const std::string& name, const std::string& line)>;
 
   explicit Supervisor(LogLine log);
-  ~Supervisor();  ///< stops what still runs
+  ~Supervisor();  ///< stops all running children
   Supervisor(const Supervisor&) = delete;
   Supervisor& operator=(const Supervisor&) = delete;
 
-  /// Starts a child. Throws std::runtime_error where the program cannot be started at all.
+  /// Starts a child. Throws std::runtime_error if the program is not executable or the process cannot be created.
   void start(const ChildSpec& spec);
-  /// Forwards output, reaps the dead, restarts after a backoff: at once for the first death, then 0.25 s doubling to 8
-  /// s; a child that lived 10 s has a clean slate. Waits at most `timeout` for something to happen.
+  /// Forwards output, reaps dead children, and restarts them after a backoff. The first restart is immediate. The next
+  /// backoff is 0.25 s and then doubles up to 8 s. It is reset for a child that ran for at least 10 s. Waits at most
+  /// `timeout` for an event.
   void poll(std::chrono::milliseconds timeout);
-  /// SIGTERM to all, last started first; SIGKILL to those that live on after `grace`. Returns true when nobody had to
-  /// be killed.
+  /// Sends SIGTERM to all children, the last started first. Sends SIGKILL to those that still run after `grace`.
+  /// Returns true if no child had to be killed.
   bool stop(std::chrono::milliseconds grace = std::chrono::milliseconds(3000));
 
   std::uint64_t restarts(const std::string& name) const;

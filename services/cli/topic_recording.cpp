@@ -22,7 +22,7 @@ void refuse_unknown(const std::vector<std::string>& topics) {
     if (std::find(known.begin(), known.end(), topic) != known.end()) continue;
     std::string list;
     for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
-    throw std::invalid_argument("no topic is named '" + topic + "'; there are " + list);
+    throw std::invalid_argument("unknown topic '" + topic + "'; expected one of: " + list);
   }
 }
 
@@ -92,8 +92,8 @@ TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string&
                          const std::vector<std::string>& topics, double speed)
     : file_((refuse_unknown(topics), path)), speed_(speed), epoch_(make_epoch()), clock_id_(clock_id()) {
   if (!(speed > 0)) throw std::invalid_argument("speed must be above 0");
-  // A first reading finds the topics that are needed: writers take a moment to be found, so they are made before the
-  // first message is due.
+  // The first pass finds the topics of the file. Discovery of a writer takes time, so all writers are created before
+  // the first message is due.
   RecordReader survey(path);
   RecordedMessage message;
   std::map<std::string, RecordChannel> present;
@@ -131,7 +131,7 @@ TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string&
     };
     lanes_[std::string(topic.name)] = std::make_unique<LaneOf>(bus::Writer<T>(participant, topic));
   });
-  if (lanes_.empty()) throw std::invalid_argument(path + ": holds no message of the chosen topics");
+  if (lanes_.empty()) throw std::invalid_argument(path + ": contains no message of the chosen topics");
   at_end_ = !advance();
 }
 
@@ -145,7 +145,7 @@ bool TopicPlayer::advance() {
 }
 
 Nanoseconds TopicPlayer::moved(Nanoseconds recorded) const {
-  if (recorded == 0) return 0;  // unknown stays unknown
+  if (recorded == 0) return 0;  // 0 means unknown
   return start_ + static_cast<Nanoseconds>(std::llround(static_cast<double>(recorded - first_time_) / speed_));
 }
 

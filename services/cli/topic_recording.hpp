@@ -1,5 +1,5 @@
-// Topics to a file and back. A message's payload in the file is its CDR bytes as on the wire, its schema the IDL: any
-// MCAP tool can read it.
+// Records topics to a file and replays them. The payload of a message is its CDR encoding as on the wire, and the
+// schema is the IDL. Therefore any MCAP tool can read the file.
 #pragma once
 
 #include <functional>
@@ -13,8 +13,8 @@
 
 namespace softhand {
 
-/// A topic's row with a longer history for a reader that must not lose what comes between two looks: history is the
-/// reader's own affair in DDS.
+/// Returns the topic with a longer history, for a reader that must not lose messages between two polls. In DDS each
+/// reader chooses its own history depth.
 template <typename T>
 bus::Topic<T> with_history(bus::Topic<T> topic, int depth) {
   if (topic.rate_hz > 0 && topic.depth < depth) topic.depth = depth;
@@ -23,22 +23,22 @@ bus::Topic<T> with_history(bus::Topic<T> topic, int depth) {
 
 struct TopicCount {
   std::uint64_t messages = 0;
-  std::uint64_t lost = 0;     ///< as far as DDS knows
+  std::uint64_t lost = 0;     ///< as reported by DDS
   std::uint64_t refused = 0;  ///< malformed
 };
 
-/// Writes down every message of the chosen topics.
+/// Records every message of the chosen topics.
 class TopicRecorder {
  public:
-  /// `topics`: last parts of names, e.g. contacts; empty = all. Throws std::invalid_argument for a topic that does not
-  /// exist, std::runtime_error where the file cannot be written.
+  /// `topics`: last parts of topic names, e.g. contacts; empty = all. Throws std::invalid_argument for an unknown topic
+  /// and std::runtime_error if the file cannot be written.
   TopicRecorder(const bus::Participant& participant, const std::string& path, const std::vector<std::string>& topics);
   ~TopicRecorder();
 
-  /// Writes what has come since the last call; at most 50 ms may pass between calls at 1 kHz. Throws std::runtime_error
-  /// when the disk is full.
+  /// Writes the messages that arrived since the last call. At 1 kHz the calls must be at most 50 ms apart. Throws
+  /// std::runtime_error if the disk is full.
   void poll();
-  /// Ends the file in good order.
+  /// Writes the end of the file and closes it.
   void finish();
   std::map<std::string, TopicCount> counts() const;
 
@@ -48,20 +48,21 @@ class TopicRecorder {
   std::vector<std::unique_ptr<Lane>> lanes_;
 };
 
-/// Publishes a recording again. Times in stamps and chains move by one constant (and are stretched by the speed), so
-/// that ages and delays are those of the recording; clock id is this host's; each writer's epoch is a new one, so that
-/// receivers see a restarted writer and not old sequence numbers.
+/// Publishes a recording again. Times in stamps and chains are shifted by one constant and scaled by the speed. Ages
+/// and delays therefore equal those of the recording. The clock id is that of this host. Each writer gets a new epoch,
+/// so that receivers see a restarted writer instead of old sequence numbers.
 class TopicPlayer {
  public:
-  /// Reads through the file first. Throws std::runtime_error where it is not a recording of ours, std::invalid_argument
-  /// as TopicRecorder or when nothing in it is chosen.
+  /// Reads the whole file once. Throws std::runtime_error if it is not a recording of `softhand record`. Throws
+  /// std::invalid_argument like TopicRecorder, and if the file has no message of the chosen topics.
   TopicPlayer(const bus::Participant& participant, const std::string& path, const std::vector<std::string>& topics,
               double speed);
   ~TopicPlayer();
 
-  /// Publishes what is due at `now`, which counts from the first call. False when the file is at its end.
+  /// Publishes the messages that are due at `now`. The first call defines the start. Returns false at the end of the
+  /// file.
   bool play(Nanoseconds now);
-  /// When the next message is due; meaningful after the first `play`.
+  /// Time at which the next message is due. Valid after the first call of `play`.
   Nanoseconds next_due() const;
   bool truncated() const { return truncated_; }
   Nanoseconds duration() const { return last_time_ - first_time_; }

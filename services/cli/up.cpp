@@ -31,11 +31,11 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
-constexpr int kHistory = 64;  // of each stream, so that a look every 5 ms misses none
+constexpr int kHistory = 64;  // per stream, so that polling every 5 ms loses no message
 constexpr std::string_view kDeskModule = "rig";
 
-// Listens to what a summary needs, and to statuses alone when no summary is asked for: a topic that nobody reads is not
-// computed.
+// Subscribes to the topics that a summary needs. Without a summary it subscribes to loop_status only, because modules
+// do not compute topics without a subscriber.
 class Listener {
  public:
   Listener(const bus::Participant& participant, bool everything)
@@ -57,13 +57,13 @@ class Listener {
     streams_->device.take_all([this](const DeviceState& m) { outcome_.on_device(m); });
   }
   const std::map<std::string, LoopStatus>& modules() const { return modules_; }
-  /// After the processes of before have ended.
+  /// Call it after the processes have ended. Discards their last statuses too.
   void forget_modules() {
     poll();
     modules_.clear();
   }
   const Outcome& outcome() const { return outcome_; }
-  /// When the tracker's motion began, on the messages' clock; 0 = not heard.
+  /// Start of the tracker's motion on the clock of the messages; 0 = not received.
   Nanoseconds motion_start() const {
     for (const auto& [name, status] : modules_) {
       for (const NamedValue& counter : status.counters) {
@@ -97,8 +97,8 @@ class Listener {
   Outcome outcome_;
 };
 
-// Where wishes about the whole rig are heard: another scene, another of the processes that share a name. What there is
-// to choose from is in its status, as counters "WHAT CHOICE", 1 for what runs.
+// Answers messages that concern the whole rig: choose another scene, or another process among those that share a name.
+// Its status lists the choices as counters "WHAT CHOICE", with the value 1 for the running ones.
 class Desk {
  public:
   Desk(const bus::Participant& participant, const UpArguments& arguments)
@@ -122,14 +122,14 @@ class Desk {
   const RigOptions& rig() const { return rig_; }
   const Scene& scene() const { return scene_; }
   const std::vector<std::string>& overrides() const { return overrides_; }
-  /// True once after a wish that needs the processes started anew.
+  /// True once after a change that requires a restart of the processes.
   bool take_changed() { return std::exchange(changed_, false); }
   bool changed() const { return changed_; }
 
   void poll() {
     messages_.take_all([this](const Message& message) {
       const auto steered = time_control_.answer(message, kDeskModule, now());
-      // Whoever is started from now on inherits what the clock was commanded.
+      // Processes that start later inherit the commanded state of the clock.
       if (steered) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
       MessageReply reply = steered ? *steered : answer(message);
       stamp(reply.stamp, ++replied_);
@@ -176,11 +176,11 @@ class Desk {
     const std::string what(get_text(message.key)), choice(get_text(message.value));
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
     if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it))
-      return reply(kReplyIgnored, "unknown key; known: scene, and what the status counts");
-    if (!arguments_.json.empty()) return reply(kReplyRefused, "a run that is summed up (--json) stays as it is");
+      return reply(kReplyIgnored, "unknown key; known: scene, and the process names in the status");
+    if (!arguments_.json.empty()) return reply(kReplyRefused, "a run with a summary (--json) cannot be changed");
     if (what == "scene") {
       if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end())
-        return reply(kReplyRefused, "no scene beside the present one is called " + choice);
+        return reply(kReplyRefused, "no such scene in the folder of the present scene: " + choice);
       const std::string path = (fs::path(rig_.scene).parent_path() / (choice + ".toml")).string();
       try {
         scene_ = read_checked_scene(path, overrides_);
@@ -189,17 +189,17 @@ class Desk {
       }
       rig_.scene = path;
     } else if (!choose(rig_, what, choice)) {
-      return reply(kReplyRefused, "there is no such " + what + " in the rig");
+      return reply(kReplyRefused, "no such choice of " + what + " in the rig");
     }
     changed_ = true;
-    return reply(kReplyApplied, "starting again with " + what + " " + choice);
+    return reply(kReplyApplied, "restarting with " + what + " " + choice);
   }
 
   const UpArguments& arguments_;
   RigOptions rig_;
   std::vector<std::string> overrides_;
   Scene scene_;
-  std::vector<std::string> scenes_;  // stems of the files beside the rig's scene
+  std::vector<std::string> scenes_;  // file names without extension in the folder of the rig's scene
   bus::Reader<Message> messages_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> statuses_;
@@ -226,14 +226,14 @@ void say(std::string_view name, std::string_view text) {
   std::fflush(stdout);
 }
 
-// Starts the rig's processes in their order, each when the one before is ready. Ends early where somebody wishes
-// something else.
+// Starts the processes of the rig in order, each when the previous one is ready. Returns early after a stop or a change
+// of the rig.
 void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, const StopSignal& stop) {
   std::size_t started = 0;
   for (const RigProcess& process : chosen_processes(desk.rig())) {
     const std::vector<std::string> command = command_of(process, desk.rig().scene, desk.overrides());
     if (process.optional && !fs::exists(command[0])) {
-      say(process.name, "left out: " + process.program + " was not built");
+      say(process.name, "skipped: " + process.program + " was not built");
       continue;
     }
     supervisor.start({process.name, command});
@@ -247,7 +247,8 @@ void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, con
       desk.poll();
     }
     if (stop.requested() || desk.changed()) return;
-    if (!is_ready()) say(process.name, fmt::format("not ready after {:g} s, going on", process.ready_timeout));
+    if (!is_ready())
+      say(process.name, fmt::format("not ready after {:g} s; starting the next process", process.ready_timeout));
   }
   say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.",
                               desk.rig().name, started, desk.rig().scene));

@@ -52,12 +52,13 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop,
                                                      std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
 
-  // Phases are spread so that no two loops tick together; where they do, the order below decides.
+  // The phases differ so that no two loops tick at the same time. If two do, the loop that is added first runs first.
   const auto add = [this](RigLoop name, double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
     const Nanoseconds period = nanoseconds(1.0 / rate_hz);
     loops_.push_back({period, kStart + nanoseconds(phase / rate_hz), name, step});
   };
-  add(RigLoop::tracker, 1000, 0.0, &VirtualRig::step_tracker);  // polls; the source delivers at its own rate
+  add(RigLoop::tracker, 1000, 0.0, &VirtualRig::step_tracker);  // the loop only polls; the source delivers at its own
+                                                                // rate
   if (layered) add(RigLoop::tracking, options_.tracking.rate_hz, 0.31, &VirtualRig::step_tracking);
   add(RigLoop::hand, options_.hand.rate_hz, 0.47, &VirtualRig::step_hand);
   add(RigLoop::world, options_.world.rate_hz, 0.63, &VirtualRig::step_world);
@@ -130,7 +131,7 @@ void VirtualRig::step_hand(Nanoseconds now) {
   ++hand_steps_;
   hand_timings_.push_back(output.report.timing);
   add_state(hasher_, hand_->simulation().state());
-  // A step's results leave when it is done, most of a period after its inputs were read.
+  // The results of a step are published when the step is done. That is most of a period after its inputs were read.
   const Nanoseconds done = now + hand_compute_;
   output.simulated.stamp.publish_time = output.coupling.stamp.publish_time = output.contacts.stamp.publish_time = done;
   output.bone_wrench.stamp.publish_time = done;

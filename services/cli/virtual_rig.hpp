@@ -1,5 +1,5 @@
-// All loops of a rig in one process on a virtual clock: each at its own rate, phase and delay, so that every copy is as
-// stale as between real processes, and the same bits come out on every run.
+// All loops of a rig in one process on a virtual clock. Each loop has its own rate, phase and delay, so copies are as
+// stale as between real processes. Every run gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,8 @@
 
 namespace softhand {
 
-/// The newest message that has had time to arrive. One that would arrive after a newer one is lost, and so is the
-/// oldest where too many are under way.
+/// A channel with a delay that delivers only the newest message that has arrived. A message that would arrive after a
+/// newer one is dropped. If more than 256 messages are under way, the oldest is dropped.
 template <typename T>
 class Delayed {
  public:
@@ -37,8 +37,8 @@ class Delayed {
     entry.message = message;
     if (sent_ - received_ > ring_.size()) ++received_;
   }
-  /// The newest message that has arrived by `now` and was not received before, until the next call; null when there is
-  /// none.
+  /// Returns the newest message that has arrived by `now` and was not received before, or null. The pointer is valid
+  /// until the next call.
   const T* receive(Nanoseconds now) {
     const T* newest = nullptr;
     while (received_ < sent_ && at(received_).arrives <= now) newest = &at(received_++).message;
@@ -59,7 +59,7 @@ class Delayed {
 
 enum class RigLoop { tracker, tracking, hand, world, haptic };
 
-/// Hears all that the loops publish, and may disturb them.
+/// Receives every message that the loops publish, and may disturb the loops (for fault tests).
 class RigWitness {
  public:
   virtual ~RigWitness() = default;
@@ -67,15 +67,15 @@ class RigWitness {
   virtual void published(RigLoop /*from*/, const BoneWrench&) {}
   virtual void published(RigLoop /*from*/, const WorldObjects&) {}
   virtual void published(RigLoop /*from*/, const DeviceState&) {}
-  /// Everything that the hand publishes.
+  /// All outputs of one step of the hand.
   virtual void published(RigLoop /*from*/, const HandOutput&) {}
-  /// Whether the loop makes the step that is due; one that is left out is not made up for.
+  /// Returns false to skip the step that is due. A skipped step is not repeated later.
   virtual bool runs(RigLoop /*loop*/, Nanoseconds /*now*/) { return true; }
-  /// How much later than usual what the loop sends now arrives; negative: never.
+  /// Additional delay (ns) of messages that the loop sends now. Negative: the message is lost.
   virtual Nanoseconds delay(RigLoop /*from*/, Nanoseconds /*now*/) { return 0; }
 };
 
-/// What one step of the hand looked like, for signals in a CSV and for pictures.
+/// The result of one step of the hand, for the signals in a CSV file and for pictures.
 struct HandStepView {
   Nanoseconds time = 0;
   const HandOutput* output = nullptr;
@@ -86,20 +86,21 @@ struct HandStepView {
 
 class VirtualRig {
  public:
-  /// Time 0 of the virtual clock is one second, so that no stamp is 0.
+  /// Start of the virtual clock: one second, so that no stamp is 0.
   static constexpr Nanoseconds kStart = 1'000'000'000;
 
-  /// `witness`, where there is one, outlives the rig.
+  /// `witness` may be null. Otherwise it must outlive the rig.
   VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker,
              RigWitness* witness = nullptr);
   ~VirtualRig();
 
-  /// Runs for `seconds`; calls `after_hand_step` after each step of the hand.
+  /// Runs for `seconds`. Calls `after_hand_step` after each step of the hand.
   void run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step);
 
-  /// A message to every module, between steps: all that `after_hand_step` may do to the rig.
+  /// Sends a message to every module. Call it between steps only: `after_hand_step` may call it, and nothing else of
+  /// the rig.
   void send(const Message& message);
-  /// An object described anew to the hand, as another world than ours may do.
+  /// Sends the hand a new description of an object, as a third-party world could do.
   void describe_object(const ObjectDescription& description) { hand_->describe_object(description); }
 
   const Outcome& outcome() const { return outcome_; }
@@ -111,7 +112,7 @@ class VirtualRig {
   const WorldLoop& world() const { return *world_; }
   const DeviceLoop<BoneWrench>& haptic() const { return *haptic_; }
   std::uint64_t steps_of_hand() const { return hand_steps_; }
-  /// Seconds of computing that the hand's steps took, one each, and how they split.
+  /// Computing time (s) of each step of the hand, and its parts.
   const std::vector<StepTiming>& hand_timings() const { return hand_timings_; }
 
  private:
@@ -155,10 +156,10 @@ class VirtualRig {
   Delayed<WorldObjects> objects_to_hand_;
   Delayed<ObjectCoupling> coupling_to_world_;
   Delayed<BoneWrench> wrench_to_haptic_;
-  Skeleton tracked_;         // newest
-  ObjectCoupling coupling_;  // newest at the world
+  Skeleton tracked_;         // the newest one
+  ObjectCoupling coupling_;  // the newest one that the world has received
   bool coupling_heard_ = false;
-  std::uint64_t descriptions_heard_ = 0;  // version, at the hand
+  std::uint64_t descriptions_heard_ = 0;  // version of the descriptions that the hand has received
   Outcome outcome_;
   Sha256 hasher_;
   std::uint64_t hand_steps_ = 0;

@@ -23,8 +23,8 @@ bool usable(const JointSample& joint) {
          is_unit(to_quaternion(joint.orientation).norm());
 }
 
-// Metres, metres and radians a second, and so on: larger is no scene's, and would overflow the step in which it is
-// first touched.
+// Upper bound for positions, velocities and accelerations in SI units. No scene has larger values, and they would
+// overflow in the step in which the hand first touches the object.
 bool moderate(const Vec3& values) {
   return std::all_of(values.begin(), values.end(), [](double x) { return std::abs(x) <= 1e4; });
 }
@@ -39,19 +39,20 @@ bool usable(const ObjectState& object) {
          std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
 }
 
-// std::invalid_argument where a step that touches the object would fail, or throw.
+// Throws std::invalid_argument if a step that touches the object would fail or throw.
 void check(const ObjectDescription& description) {
   const auto demand = [](const char* what, double value, bool in_range, const char* expected) {
     if (!in_range)
       throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
   };
-  constexpr double kMost = 1e9;  // kg, kg m^2, 1: far more than a scene file may have, and far from overflowing
+  constexpr double kMost = 1e9;  // kg, kg m^2, 1: far above the range of a scene file, far below overflow
   demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
   if (description.is_static != 0) return;
   demand("mass", description.mass, description.mass > 0 && description.mass <= kMost,
-         "of what moves more than 0, to 1e9 kg");
+         "above 0 and at most 1e9 kg if the object can move");
   for (const double inertia : description.inertia)
-    demand("inertia", inertia, inertia > 0 && inertia <= kMost, "of what moves more than 0, to 1e9 kg m^2");
+    demand("inertia", inertia, inertia > 0 && inertia <= kMost,
+           "above 0 and at most 1e9 kg m^2 if the object can move");
 }
 
 bool is_same(const Shape& a, const Shape& b) {
@@ -70,17 +71,18 @@ Twist twist_of(const ObjectState& object) {
   return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)};
 }
 
-constexpr double kForgetDistance = 1.5;  // of the distance from which on an object is mirrored: there it loses its slot
-constexpr double kSkinDistance = 0.02;   // m, of skin from the bones
-constexpr double kSlotPreference = 0.005;  // m; an object must be nearer by this to take another's slot
+constexpr double kForgetDistance = 1.5;    // times `near`; an object loses its slot at this distance
+constexpr double kSkinDistance = 0.02;     // m, assumed distance of the skin from the bones
+constexpr double kSlotPreference = 0.005;  // m; an object takes another's slot only if nearer by more than this
 
-// The bones as segments from joint to joint, side by side: a hundred objects ask for their distances in each step.
+// The bones as line segments from joint to joint, stored in arrays: up to a hundred objects query distances in each
+// step.
 class BoneSegments {
  public:
   void set(std::size_t bone, const Vector3& start, const Vector3& end) {
     const Vector3 along = end - start;
     const double square = along.squaredNorm();
-    // An even number of rows fills the machine's vectors; the last bone stands twice.
+    // An even number of rows fills the SIMD vectors. The last row repeats the last bone.
     for (auto row = static_cast<Eigen::Index>(bone);
          row < (bone + 1 < kBodyCount ? static_cast<Eigen::Index>(bone) + 1 : kRows); ++row) {
       start_.row(row) = start.transpose().array();
@@ -96,7 +98,7 @@ class BoneSegments {
                       (z - part * along_.col(2)).square())
                          .minCoeff());
   }
-  /// Of their ends to a shape.
+  /// Smallest distance between a shape and the ends of the segments.
   double distance(const Pose& pose, const ShapeGeometry& shape) const {
     const Pose back = pose.inverse();
     double nearest = std::numeric_limits<double>::infinity();
@@ -104,7 +106,7 @@ class BoneSegments {
       nearest = std::min({nearest, shape.signed_distance(back * start(b)), shape.signed_distance(back * end(b))});
     return nearest;
   }
-  /// From `middle` to the farthest end.
+  /// Largest distance between `middle` and an end of a segment.
   double reach(const Vector3& middle) const {
     double farthest = 0;
     for (std::size_t b = 0; b < kBodyCount; ++b)
@@ -149,14 +151,14 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   if (description.removed != 0) {
     if (known == objects_.end()) return;
     objects_.erase(known);
-    // Indices behind the erased one have moved.
+    // The indices of the objects after the erased one have changed.
     for (std::size_t o = 0; o < objects_.size(); ++o) {
       if (objects_[o].slot >= 0) slot_object_[static_cast<std::size_t>(objects_[o].slot)] = static_cast<int>(o);
     }
     return;
   }
   check(description);
-  // A large hull takes longer to load than a step may.
+  // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
   const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
   auto shape = has_shape ? known->shape : std::make_shared<const ShapeGeometry>(description.shape);
   if (known == objects_.end()) {
@@ -167,7 +169,8 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   known->description = description;
   known->shape = std::move(shape);
   known->bounding_radius = known->shape->bounding_radius();
-  // A world that puts an object elsewhere describes it anew: where it was before says nothing of where it is.
+  // A world that moves an object to another place describes it again. The earlier state says nothing about the new
+  // place.
   known->owned = known->seen = false;
   known->last_touch = 0;
   known->mirrored = {
@@ -200,7 +203,7 @@ void HandLoop::clear_slot(KnownObject& object) {
 void HandLoop::reset(Nanoseconds time) {
   reset_time_ = time;
   tracked_ = TrackedInput(options_.tracked_input);
-  // Where a joint was last believed says nothing of where the hand comes back.
+  // The last valid joint poses say nothing about the place of the hand after the reset.
   skeleton_ = {};
   simulation_->clear_targets();
   any_skeleton_ = reposition_asked_ = false;
@@ -212,7 +215,7 @@ void HandLoop::reset(Nanoseconds time) {
 }
 
 void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
-  // A tracker of another clock does not tell what it took before the reset.
+  // The stamp of a tracker with another clock does not say whether a sample was taken before the reset.
   const bool timed = !options_.direct || is_plausible(skeleton.stamp.sample_time, now);
   if (timed && skeleton.stamp.sample_time <= reset_time_) return;
   if (options_.direct) {
@@ -230,7 +233,7 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
   for (std::size_t j = 0; j < kJointCount; ++j) {
     if (usable(skeleton.joints[j])) continue;
     if ((skeleton.joints[j].flags & kJointValid) != 0) ++counters_.refused_nonfinite;
-    skeleton_.joints[j] = before.joints[j];  // stays where it was last believed
+    skeleton_.joints[j] = before.joints[j];  // keeps its last valid pose
   }
   const JointSample& wrist = skeleton_.joints[index(Joint::wrist)];
   if ((wrist.flags & kJointValid) == 0) return;
@@ -239,7 +242,7 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     simulation_->reposition(to_pose(wrist));
     if (any_skeleton_) ++counters_.repositioned;
     reposition_asked_ = false;
-    // Nor does a joint stay behind that was not to be believed just now.
+    // Joints without a valid sample move rigidly with the wrist.
     const JointSample& wrist_before = before.joints[index(Joint::wrist)];
     const Pose leap =
         (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
@@ -302,7 +305,7 @@ void HandLoop::take_world(const WorldObjects& world) {
     known->seen = true;
     next = std::next(known);
   }
-  // Another world may have fewer objects, and the one that left told nobody so.
+  // Another world may have taken over with fewer objects. The previous world did not announce their removal.
   for (KnownObject& object : objects_) {
     if (object.listed || !object.seen) continue;
     clear_slot(object);
@@ -321,7 +324,7 @@ HandLoop::WorldStep HandLoop::world_step(Nanoseconds now) const {
   return {to_start, (extrapolation_of_world(now) - to_start) / time_step_};
 }
 
-// The twin moves in this step as the world's copy does, from where the copy was when the step began to where it is now.
+// Moves the twin in this step like the world's copy: from the copy's pose at the start of the step to its pose now.
 void HandLoop::follow_world(const KnownObject& object, Nanoseconds now) {
   const WorldStep step = world_step(now);
   const Pose pose = to_pose(object.state.position, object.state.orientation);
@@ -345,24 +348,25 @@ void HandLoop::measure_distances() {
   for (KnownObject& object : objects_) {
     if (!object.seen) continue;
     const Vector3 position = to_vector(object.state.position);
-    // It is swept from where it was in its slot: it has to have one a step before it can meet the skin.
+    // Contact detection sweeps an object from its previous pose in the slot. Therefore an object needs a slot one step
+    // before it can touch the skin.
     const double spin = to_vector(object.state.angular_velocity).norm();
     const double speed = fastest + to_vector(object.state.linear_velocity).norm() +
                          (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
     object.near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
-    // One distance tells of most objects that they are out of reach.
+    // This cheap lower bound already excludes most objects.
     if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * object.near) {
       object.distance = std::numeric_limits<double>::infinity();
     } else if (object.bounding_radius < 0.5) {
       object.distance = bones.distance(position) - object.bounding_radius;
-    } else {  // a table's bounding sphere would be near to everything
+    } else {  // the bounding sphere of a table would be near everything
       object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
     }
   }
 }
 
-// Slots go to the nearest objects. Who has one keeps it against an equal; the hand's own and the touched are never put
-// out.
+// The nearest objects get the slots. An object gives up its slot to another one only if that one is nearer by more than
+// kSlotPreference. Objects that the hand owns or touches keep their slots.
 void HandLoop::give_slots(Nanoseconds now) {
   waiting_.clear();
   for (std::size_t o = 0; o < objects_.size(); ++o) {
@@ -430,7 +434,7 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   const bool touched_lately =
       object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
   if (touched_lately && !object.owned) {
-    // First touch: from here on the twin carries mass, inertia and gravity.
+    // First touch: from now on the twin has mass, inertia and gravity.
     object.owned = true;
     follow_world(object, now);
   } else if (!touched_lately && object.owned) {
@@ -439,7 +443,7 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   }
   if (object.owned) {
     simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
-    // As they are at the step's start, like the copies: a sample may serve for several steps.
+    // The planes are extrapolated to the start of the step, like the copies: one sample may be used in several steps.
     const WorldStep step = world_step(now);
     auto planes = object.state.planes;
     for (NeighbourPlane& plane : planes) {
@@ -551,7 +555,7 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
       const Body body = static_cast<Body>(b);
       const Pose pose = simulation_->joint_pose(joint_of(body));
       const Wrench coupled = simulation_->coupling_wrench(body);
-      // What the coupling does to the simulated bone, the simulated bone does to the user's, turned round.
+      // The coupling acts on the user's bone with the opposite sign of its action on the simulated bone.
       wrench.bones[b] = {to_wire(targets[b].pose.position),
                          to_wire(targets[b].pose.orientation),
                          to_wire(targets[b].pose.position),

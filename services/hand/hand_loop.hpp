@@ -1,5 +1,5 @@
-// The hand's loop: takes the newest skeleton and world, makes one step, gives everything that others may want to know.
-// No clock, no DDS.
+// The loop of the hand. It takes the newest skeleton and world, makes one step, and returns the outputs for the topics.
+// It uses no clock and no DDS.
 #pragma once
 
 #include <array>
@@ -14,14 +14,14 @@
 
 namespace softhand {
 
-/// What came since the last step; null where nothing new did. The pointers are read during `step` only.
+/// Input since the last step. A pointer is null if there is nothing new. The pointers are read during `step` only.
 struct HandInput {
-  const Skeleton* skeleton = nullptr;  ///< intermediate; tracked when the layer is left out
-  const HeadPose* head = nullptr;      ///< only used without the intermediate layer
+  const Skeleton* skeleton = nullptr;  ///< intermediate skeleton; tracked skeleton if the layer is left out
+  const HeadPose* head = nullptr;      ///< used only without the intermediate layer
   const WorldObjects* world = nullptr;
 };
 
-/// Which outputs somebody reads: the others are not computed.
+/// The outputs that have a subscriber. Other outputs are not computed.
 struct HandWants {
   bool surface = true;
   bool contacts = true;
@@ -30,73 +30,73 @@ struct HandWants {
 };
 
 struct HandOutput {
-  bool valid = false;  ///< false before the first skeleton: the hand is nowhere yet, and nothing is to be published
+  bool valid = false;  ///< false before the first skeleton: the pose is unknown, and nothing must be published
   Skeleton simulated;
   ObjectCoupling coupling;
   Contacts contacts;
-  BoneWrench bone_wrench;  ///< written only when the intermediate layer is left out
+  BoneWrench bone_wrench;  ///< written only if the intermediate layer is left out
   TissueSurface surface;
   StepReport report;
 };
 
 struct HandCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
-  std::uint64_t refused_order = 0;      ///< samples that are not newer than the last
+  std::uint64_t refused_order = 0;      ///< samples that are not newer than the last one
   std::uint64_t repositioned = 0;
   std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
-  std::uint64_t failed_steps = 0;          ///< steps that the solver gave up, keeping the state
-  std::uint64_t budget_steps = 0;          ///< steps that ended for want of time before they had converged
+  std::uint64_t failed_steps = 0;          ///< steps in which the solver failed and kept the state
+  std::uint64_t budget_steps = 0;          ///< steps that reached the work budget before convergence
   std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::allow_chord_steps`)
-  std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs that were near the hand while all slots were taken
+  std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs near the hand while all slots were taken
 };
 
 class HandLoop {
  public:
-  /// A spring with stiffness selects mode symmetric for objects.
+  /// If the spring has a stiffness, objects use mode symmetric.
   HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {});
   ~HandLoop();
 
-  /// An object that the world announced, or removed, or put elsewhere: it is let go, and states sampled before the
-  /// description are not used. Between steps; builds a shape that it does not know, which allocates. Throws
-  /// std::invalid_argument on a bad shape, friction out of [0, 1e9], and, of what moves, mass (kg) or inertia (kg m^2)
-  /// out of (0, 1e9]; it is then described as before.
+  /// Takes an object that the world announced, removed or moved to another place. The hand releases the object. World
+  /// samples from before the description are not used for it. Call between steps. A new shape is built, which
+  /// allocates. Throws std::invalid_argument and keeps the previous description on a bad shape or friction outside [0,
+  /// 1e9]. For an object that can move, mass (kg) and inertia (kg m^2) must be in (0, 1e9].
   void describe_object(const ObjectDescription& description);
 
-  /// Becomes what `other` is: both then go on alike where their options allow it. `other` was made of the same hand
-  /// with as many slots, and heard of the same objects. Between steps; allocates.
+  /// Copies the state of `other`. Both loops then continue identically, as far as their options allow it. `other` must
+  /// have the same hand, the same number of slots and the same objects. Call between steps. Allocates.
   void take_state(const HandLoop& other);
 
-  /// One step, after which the state is that at `now`. Stamps of the outputs carry the input's chain; the rest of them
-  /// is the caller's to fill in, in place, before the next step.
+  /// Makes one step. The state afterwards is that at `now`. The stamps of the outputs contain the chain of the input.
+  /// The caller fills in the rest of each stamp in place before the next step.
   HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
 
-  /// As at the start: empty-handed, and nowhere until a skeleton comes that was sampled after `time`. What the world
-  /// said until then is not used.
+  /// Returns to the initial state: without objects, and with an unknown pose until a skeleton arrives that was sampled
+  /// after `time`. World samples up to `time` are ignored.
   void reset(Nanoseconds time);
 
   HandDescription description() const;
-  /// Answers `reposition` (any value: the hand goes to its target at once, and lets go of what it holds).
+  /// Answers `reposition` with any value: the hand moves to its target at once and releases what it holds.
   MessageReply answer(const Message& message, const std::string& module);
-  /// Adds input age, what the last step's solver and state show, energies and counters.
+  /// Adds input age, results of the last step's solver, state figures, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
   const HandSimulation& simulation() const { return *simulation_; }
   const HandCounters& counters() const { return counters_; }
   const HandOptions& options() const { return options_; }
-  /// Milliseconds since the newest skeleton was sampled; negative = none yet.
+  /// Milliseconds since the newest skeleton was sampled. Negative: no skeleton yet.
   double input_age_ms(Nanoseconds now) const;
 
  private:
   struct KnownObject {
     std::uint32_t id = 0;
     ObjectDescription description;
-    std::shared_ptr<const ShapeGeometry> shape;  // shared with a loop that took this one's state
+    std::shared_ptr<const ShapeGeometry> shape;  // shared with a loop that copied this loop's state
     MirroredObject mirrored;
     double bounding_radius = 0;
-    ObjectState state;    // newest from the world
-    bool seen = false;    // `state` holds something
-    bool listed = false;  // in the newest sample
-    double distance = 0;  // to the hand, m; infinity where it is surely beyond all reach
-    double near = 0;      // m; mirrored from this distance on
+    ObjectState state;    // newest state from the world
+    bool seen = false;    // `state` is valid
+    bool listed = false;  // is in the newest world sample
+    double distance = 0;  // m, to the hand; infinity if it is certainly out of reach
+    double near = 0;      // m; the object is mirrored at or below this distance
     int slot = -1;
     bool owned = false;
     Nanoseconds last_touch = 0;
@@ -111,9 +111,10 @@ class HandLoop {
   void measure_distances();
   void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const HandWants& wants);
-  /// By how much the world's sample is extrapolated to this time, s; negative where the sample is newer.
+  /// Time (s) by which the world's sample is extrapolated to `time`. Negative if the sample is newer.
   double extrapolation_of_world(Nanoseconds time) const;
-  /// The same to the start of the step that ends at `now`, and the part of the step in which the limit lets it go on.
+  /// The same for the start of the step that ends at `now`. `moving_part` is the part of the step in which the
+  /// extrapolation limit allows motion.
   struct WorldStep {
     double to_start = 0;
     double moving_part = 1;
@@ -126,11 +127,11 @@ class HandLoop {
   bool symmetric_;
   double time_step_;
   std::unique_ptr<HandSimulation> simulation_;
-  TrackedInput tracked_;  // used when the intermediate layer is left out
+  TrackedInput tracked_;  // used only if the intermediate layer is left out
   std::vector<KnownObject> objects_;
   std::vector<int> slot_object_;  // index into objects_, -1 = free
-  std::vector<int> waiting_;      // of them, those near the hand without a slot, nearest first
-  Skeleton skeleton_;             // newest intermediate
+  std::vector<int> waiting_;      // indices into objects_ of near objects without a slot, nearest first
+  Skeleton skeleton_;             // newest intermediate skeleton
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;
   Nanoseconds world_time_ = 0;

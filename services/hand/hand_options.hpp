@@ -26,32 +26,32 @@ struct HandOptions {
 };
 
 inline void describe(OptionVisitor& v, HandOptions& o) {
-  v.number("rate_hz", o.rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation; its step is the reciprocal.");
+  v.number("rate_hz", o.rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation. The time step is its reciprocal.");
   v.string("model", o.model,
            "Hand file: a path, or a name in config/hands. auto: softhand-hand takes the finest of right_400, 750, "
-           "1450, 3000 and 6000 of which two fast steps fit into its budget on this machine, at least right_400. "
-           "`softhand simulate` and other processes then use right_1450.");
-  v.choice("side", o.side, {"left", "right"}, "Side of the hand; a file of the other side is mirrored.");
+           "1450, 3000 and 6000 with at least two fast steps in its budget on this machine. If none has, it takes "
+           "right_400. `softhand simulate` and other processes then use right_1450.");
+  v.choice("side", o.side, {"left", "right"}, "Side of the hand. A file of the other side is mirrored.");
   v.flag("direct", o.direct,
-         "Leave the intermediate layer out: couple to the tracked skeleton (figure 2B), for matched rates.");
+         "Leave out the intermediate layer and couple to the tracked skeleton (figure 2B). For matched rates.");
   v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
-           "A target pose is extrapolated by its age, at most by this.");
+           "A target pose is extrapolated by its age, but at most by this time.");
   v.number("stale_after", o.stale_after, "s", {0.01, 10},
-           "Age of the newest skeleton after which the status says that the input is stale.");
+           "If the newest skeleton is older than this, the status counts the step as stale.");
   v.number("reposition_distance", o.reposition_distance, "m", {0.1, 100},
-           "Where the target's wrist is farther than this from the simulated one, the whole hand is moved there at "
-           "once. With hand.direct a leap beyond hand.tracked_input.reposition_distance does that.");
-  v.number(
-      "near_distance", o.near_distance, "m", {0.005, 1},
-      "Objects nearer to the hand than this are mirrored in its simulation, those that move fast from farther away.");
+           "If the target's wrist is farther than this from the simulated wrist, the whole hand is moved there at "
+           "once. With hand.direct, a jump beyond hand.tracked_input.reposition_distance does this instead.");
+  v.number("near_distance", o.near_distance, "m", {0.005, 1},
+           "Objects nearer to the hand than this are mirrored in its simulation. Fast objects are mirrored earlier.");
   v.number("release_time", o.release_time, "s", {0, 1},
-           "How long after the last contact the hand still owns an object.");
+           "Time after the last contact for which the hand still owns an object.");
   v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16},
-            "Slots for objects that can move, at most as many as the scene lists, where it lists any objects; the "
-            "nearest get them. Each widens the matrix by six columns.");
+            "Slots for objects that can move. The nearest objects get them. If the scene lists objects, never more "
+            "slots than movable objects in it. Each slot adds six columns to the matrix.");
   v.integer(
       "static_objects", o.static_objects, "1", {0, 16},
-      "Slots for objects that cannot move (a table), at most as many as the scene lists, where it lists any objects.");
+      "Slots for objects that cannot move (a table). If the scene lists objects, never more slots than fixed objects "
+      "in it.");
   describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);
   describe_section(v, "simulation", "Energies and solver.", o.simulation);
 }

@@ -7,9 +7,9 @@
 namespace softhand {
 namespace {
 
-constexpr double kLeastFastSteps = 2;  // a step that is cut off after less is far from converged
+constexpr double kLeastFastSteps = 2;  // a step that ends after less work is far from converged
 constexpr int kWarmUp = 2, kSamples = 9, kFewest = 3;
-constexpr double kShake = 2e-3;  // m, by which the targets go to and fro: at rest there would be nothing to solve
+constexpr double kShake = 2e-3;  // m, amplitude of the targets' motion; without motion there would be nothing to solve
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);

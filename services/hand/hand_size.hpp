@@ -1,4 +1,4 @@
-// `hand.model = "auto"`: which of several sizes of a hand this machine has time for.
+// `hand.model = "auto"`: chooses the finest hand that this machine can simulate in time.
 #pragma once
 
 #include <cstddef>
@@ -12,18 +12,19 @@ namespace softhand {
 
 struct HandSizeChoice {
   std::size_t size = 0;            ///< index of the chosen size
-  std::vector<double> fast_steps;  ///< s, of the sizes that were measured
-  /// Fast steps of the chosen size that fit into the budget.
+  std::vector<double> fast_steps;  ///< s, of the measured sizes
+  /// Number of fast steps of the chosen size in the budget.
   double budget_fast_steps = 0;
 };
 
-/// Chooses the finest of `count` sizes, ordered from coarse to fine, whose budget (s) is at least two fast steps, else
-/// the coarsest. `measure(size)` returns the seconds of a fast step. Sizes beyond the first one that is too fine are
-/// not measured.
+/// Chooses the finest of `count` sizes for which the budget (s) is at least two fast steps. If no size fits, chooses
+/// the coarsest. Sizes are ordered from coarse to fine. `measure(size)` returns the seconds of a fast step. The search
+/// stops at the first size that is too fine.
 HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::function<double(std::size_t)>& measure);
 
-/// Median time of a fast step of this hand in the air, seconds on `clock`: one evaluation, factorisation and solve.
-/// Makes up to nine such steps, and fewer where the first ones take longer than `enough`.
+/// Median time of a fast step of this hand in the air, in seconds of `clock`. A fast step is one evaluation,
+/// factorisation and solve. Makes up to nine steps. Stops after three or more steps if all of them took longer than
+/// `enough`.
 double measure_fast_step(const HandModel& hand, const HandOptions& options, double enough,
                          const std::function<double()>& clock);
 

@@ -1,5 +1,5 @@
-// softhand-hand: the simulation of one hand. Several hands are several of these, told apart by the key (user, side) of
-// every topic.
+// softhand-hand: the simulation of one hand. For several hands run several processes. The key (user, side) of every
+// topic distinguishes them.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -16,7 +16,7 @@ namespace {
 using namespace softhand;
 
 constexpr double kBudgetFraction =
-    0.6;  // of the period; the rest is for what a step does beyond its budget, the topics, and other processes
+    0.6;  // of the period; the rest is for work beyond the budget, for the topics and for other processes
 
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -39,7 +39,7 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
       "{:.2f} s",
       measured, kHandSizes[choice.size], 1e3 * budget, choice.budget_fast_steps, seconds_now() - start);
   if (choice.budget_fast_steps < 2)
-    spdlog::warn("this machine is too slow or too busy for the coarsest hand: steps will be cut off");
+    spdlog::warn("this machine is too slow or too busy for the coarsest hand: steps will end before convergence");
   return choice;
 }
 
@@ -62,8 +62,8 @@ void run(int argc, char** argv) {
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
 
-  // With the service's urgency, since that is what the loop will run with. A live step that ends late is worth less
-  // than one that is a little less exact: the period is turned into work, once.
+  // Measure with the urgency of the service, because the loop will run with it. A late step is worse than a slightly
+  // less exact step. Therefore the period is converted into an amount of work, once.
   const double budget_seconds = kBudgetFraction / options.rate_hz;
   HandSizeChoice choice;
   if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
@@ -76,8 +76,8 @@ void run(int argc, char** argv) {
   spdlog::info("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps",
                hand.node_count(), 1e3 * fast_step, work_budget);
 
-  // After DDS's threads are made, since a helper pins this thread to a core, and after the service asked for its
-  // urgency, which the helper shall have too.
+  // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
+  // service has set its urgency, because the helper inherits that urgency.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
   const auto description = std::make_unique<HandDescription>(loop.description());
   service.stamp(description->stamp);
@@ -132,7 +132,7 @@ void run(int argc, char** argv) {
     add_counter(status, "work_budget", options.simulation.solver.work_budget);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent",
-                static_cast<double>(surface_writer.counters().written));  // none while nobody reads them
+                static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
   service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status,
                [&](Nanoseconds time) { loop.reset(time); }});

@@ -17,22 +17,22 @@ constexpr double kReferenceBreadth = 0.085;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Joint joint_of_finger(int finger, int k) { return static_cast<Joint>(6 + 5 * (finger - 1) + k); }
 
-// One long finger. Lengths are fractions of hand length, palm positions fractions of breadth (x) and millimetres of the
-// reference hand (y).
+// One long finger. Lengths are fractions of the hand length. Palm positions are fractions of the breadth (x) and
+// millimetres of the reference hand (y).
 struct FingerRow {
   double palm_length;               // wrist to MCP, Buchholz
   std::array<double, 3> phalanges;  // Buchholz
   double mcp_x, mcp_y;              // head of the metacarpal
   double base_x, base_y, base_z;    // base of the metacarpal; z is a fraction of length
   double spread;                    // degrees about the dorsal axis, positive to the thumb
-  double roll;                      // degrees about the finger: the transverse arch turns the pads to the thumb
+  double roll;                      // degrees about the finger; the transverse arch turns the pads to the thumb
   std::array<double, 3> flexion;    // degrees at rest: MCP, PIP, DIP
   std::array<double, 5> radii;  // millimetres of the reference hand: metacarpal, proximal, intermediate, distal, tip
 };
 
-// Flexion is that of a relaxed hand, about 40, 35 and 15 degrees, more to the little finger (the natural cascade).
-// Tissue is strained from there both ways: a fist at MCP 82, PIP 100 and DIP 60 stretches the back half as much as it
-// would from the flat hand.
+// Flexion of a relaxed hand: about 40, 35 and 15 degrees, more towards the little finger (the natural cascade). In this
+// pose the tissue is unstrained, so it is strained in both directions from here. A fist at MCP 82, PIP 100 and DIP 60
+// stretches the back half as much as it would from the flat hand.
 constexpr std::array<FingerRow, 4> kFingers{{
     {0.447,
      {0.245, 0.143, 0.097},
@@ -80,22 +80,23 @@ constexpr std::array<FingerRow, 4> kFingers{{
      {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
 
-// The thumb, all angles in degrees. It rests half opposed: the joint model holds each bone's turn about its own axis,
-// so what opposition adds to it stands in the rest pose, and the flexion axes of MCP and IP turn with it. Cooney et al.
-// 1981: the trapezium's axes lie 80 degrees pronated against the third metacarpal's (48 flexed, 38 abducted), and
-// pronation goes with flexion (Li and Tang 2007); a recorded Quest 3 hand has 83 at the metacarpal and 104 at the
-// distal phalanx on average. The further turn of a full pinch, 26 + 20 + 8, is set so that the pads face each other
-// (docs/hand-builder.md).
+// The thumb, all angles in degrees. It rests half opposed. The joint model fixes the twist of each bone about its
+// own axis. Therefore the rest pose contains the rotation that opposition adds, and the flexion axes of MCP and IP
+// rotate with it.
+// Cooney et al. 1981: the axes of the trapezium are 80 degrees pronated against those of the third metacarpal (48
+// flexed, 38 abducted). Pronation goes with flexion (Li and Tang 2007). A recorded Quest 3 hand has 83 at the
+// metacarpal and 104 at the distal phalanx on average.
+// The further rotation of a full pinch, 26 + 20 + 8, is set so that the pads face each other (docs/hand-builder.md).
 struct ThumbRow {
   std::array<double, 3> lengths;    // fractions of hand length: metacarpal, proximal, distal; Buchholz
   std::array<double, 4> radii;      // millimetres of the reference hand: metacarpal, proximal, distal, tip
-  double radial, palmar;            // where the metacarpal points, from the middle one's direction
+  double radial, palmar;            // direction of the metacarpal relative to that of the middle metacarpal
   std::array<double, 3> pronation;  // about the bones' own axes: metacarpal against the palm, MCP, IP
   std::array<double, 2> flexion;    // MCP, IP
 };
 constexpr ThumbRow kThumb{{0.251, 0.196, 0.158}, {13.0, 11.3, 10.2, 8.2}, 34, 42, {106, 20, 8}, {10, 10}};
 
-// Frame with -Z along `along` and +Y as near `dorsal` as that leaves.
+// Frame with -Z along `along` and +Y as near to `dorsal` as possible.
 Quaternion frame(const Vector3& along, const Vector3& dorsal) {
   Matrix3 r;
   r.col(2) = -along.normalized();
@@ -110,8 +111,7 @@ Quaternion thumb_metacarpal_orientation() {
   return frame(along, Vector3::UnitY()) * about(Vector3::UnitZ(), kThumb.pronation[0]);
 }
 
-// Orientations of the natural pose, which do not depend on who the hand belongs to (metacarpals II-V are set by their
-// ends).
+// Orientations of the natural pose. They are the same for all hands. Those of metacarpals II-V follow from their ends.
 void natural_orientations(std::array<Pose, kJointCount>& joints) {
   for (int f = 1; f < kFingerCount; ++f) {
     const FingerRow& row = kFingers[static_cast<std::size_t>(f - 1)];
@@ -152,9 +152,9 @@ double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vecto
   const Vector3 axis = b - a;
   const double length = axis.norm();
   const double taper = radius_a - radius_b;
-  // One sphere holds the other: the hull is the larger one.
+  // One sphere contains the other. The hull is the larger sphere.
   if (length <= std::abs(taper)) return taper > 0 ? (point - a).norm() - radius_a : (point - b).norm() - radius_b;
-  // In the half plane of the axis: the cone touches both spheres where its normal leans by `sine` towards b.
+  // In the half plane of the axis: the cone touches both spheres where its normal has the slope `sine` towards b.
   const Vector3 direction = axis / length;
   const double along = (point - a).dot(direction);
   const double across = (point - a - along * direction).norm();
@@ -175,7 +175,7 @@ RestSkeleton natural_rest(const HandSize& size) {
   const double thickness = size.breadth / kReferenceBreadth;
   for (std::size_t j = 0; j < kJointCount; ++j) rest.radii[j] = thickness * reference_radius(static_cast<Joint>(j));
 
-  // Buchholz' lengths end at the fingertip's skin; the tip joint stands one radius before it.
+  // Buchholz' lengths end at the skin of the fingertip. The tip joint is one radius before it.
   const double tip_radius = rest.radii[at(Joint::middle_tip)];
   const FingerRow& middle = kFingers[1];
   const double sum = middle.palm_length + middle.phalanges[0] + middle.phalanges[1] + middle.phalanges[2];
@@ -222,7 +222,7 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
     rest.joints[at(joint)].position = frame_of_parent * to_right(user.offsets[at(joint)]);
   };
   for (int f = 1; f < kFingerCount; ++f) {
-    // Metacarpal frames differ among sources by convention: only where their ends lie is used.
+    // The convention of metacarpal frames differs between sources. Therefore only the positions of their ends are used.
     const Joint metacarpal = joint_of_finger(f, 0);
     const Joint proximal = joint_of_finger(f, 1);
     follow(metacarpal, Joint::wrist);
@@ -243,16 +243,17 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
     follow(joint, static_cast<Joint>(index_of(joint) - 1));
   }
   place_palm(rest.joints);
-  // Meshing what is no hand ends by want of memory or of a mesh, with no word about the recording.
+  // Without this check, meshing a skeleton that is not a hand runs out of memory or finds no mesh. The error then would
+  // not mention the recording.
   const double reach = rest.joints[at(Joint::middle_tip)].position.norm();
   if (!(reach > kShortestReach && reach < kLongestReach))
     throw std::invalid_argument(
-        "expected positions in metres, of a middle fingertip 0.05 to 0.4 m from the wrist, got " +
+        "expected positions in metres, with the middle fingertip 0.05 to 0.4 m from the wrist, got " +
         std::to_string(reach) + " m");
   if (!(rest.joints[at(Joint::thumb_metacarpal)].position.x() < rest.joints[at(Joint::little_proximal)].position.x()))
     throw std::invalid_argument(std::string("expected a ") + (side == Side::left ? "left" : "right") +
-                                " hand, got the other one's thumb; say so with --side");
-  // Where a source tells no radius: that of the reference hand, scaled by the middle finger's palm.
+                                " hand, got the thumb on the other side; set --side");
+  // If a source gives no radius, use that of the reference hand, scaled by the palm length of the middle finger.
   const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const double told = user.radii[j];
@@ -263,8 +264,8 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
 
 namespace {
 
-// Bone radii of the reference hand at start and end, millimetres. They leave a finger's pulp 2.5 to 3.4 mm thick on the
-// palmar side.
+// Bone radii of the reference hand at start and end, in millimetres. They leave a pulp of 2.5 to 3.4 mm on the palmar
+// side of a finger.
 struct BoneRow {
   double start, end;
 };
@@ -280,15 +281,15 @@ BoneRow bone_row(Body body) {
 }
 
 void set_mass(BodyModel& body) {
-  // Bone of 1,700 kg/m^3. The nodes carry the tissue's mass. The floor keeps the ratio of stiffness to mass within what
-  // one step resolves.
+  // Bone of 1,700 kg/m^3. The nodes have the mass of the tissue. The lower bound keeps the ratio of stiffness to mass
+  // within the resolution of one step.
   constexpr double kDensity = 1700.0, kLightest = 0.004, kThinnest = 0.006;
   const Vector3 axis = body.bone_end - body.bone_start;
   const double length = axis.norm();
   const double r = 0.5 * (body.bone_start_radius + body.bone_end_radius);
   const double volume = M_PI * r * r * length + 4.0 / 3.0 * M_PI * r * r * r;
   body.mass = std::max(kDensity * volume, kLightest);
-  // A solid cylinder as long as the rounded cone, no thinner than the soft tissue that turns with it.
+  // A solid cylinder as long as the rounded cone, and at least as thick as the soft tissue that rotates with it.
   const double gyration = std::max(r, kThinnest);
   const double full = length + 2 * r;
   const double across = body.mass * (3 * gyration * gyration + full * full) / 12.0;
@@ -298,8 +299,8 @@ void set_mass(BodyModel& body) {
   body.joint_from_body.position = 0.5 * (body.bone_start + body.bone_end);
 }
 
-// Ranges of motion, degrees: flexion, extension from the straight finger. The thumb root's 60 degrees of
-// abduction lie between the 42 of Cooney et al. 1981 and the 67 that CT of a whole circumduction shows (PMC3940763).
+// Ranges of motion in degrees: flexion and extension from the straight finger, abduction. The 60 degrees of abduction
+// at the thumb's root lie between 42 (Cooney et al. 1981) and 67 (CT of a whole circumduction, PMC3940763).
 struct MotionRow {
   double flexion, extension, abduction;
 };
@@ -323,8 +324,8 @@ MotionRow motion_row(Body body) {
 JointModel make_joint(const RestSkeleton& rest, Body body) {
   JointModel joint;
   if (body == Body::forearm) return joint;
-  // The thumb's and the index finger's roots give: trackers see them move by up to 16 and 9 mm against the wrist (the
-  // carpus is not one rigid bone).
+  // The roots of the thumb and of the index finger are compliant. Trackers see them move by up to 16 and 9 mm against
+  // the wrist, because the carpus is not one rigid bone.
   joint.position_stiffness = body == Body::thumb_metacarpal ? 2e3 : body == Body::index_metacarpal ? 2e4 : 1e5;
   joint.kind = JointKind::ball;
   if (body == Body::carpus) return joint;  // the wrist is free under the coupling
@@ -337,8 +338,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   joint.kind = saddle ? JointKind::saddle : JointKind::hinge;
   joint.orientation_stiffness = saddle ? 8 : 10;
   joint.limit_stiffness = body == Body::thumb_metacarpal ? 5 : 3;
-  // Published ranges count from the straight finger, the file's from the rest pose. The thumb's CMC has no straight
-  // pose: it counts from rest.
+  // Published ranges are measured from the straight finger, and those of the file from the rest pose. The thumb's CMC
+  // has no straight pose, so its range is measured from rest.
   double flexed = 0, abducted = 0;
   if (body != Body::thumb_metacarpal) {
     const Quaternion parent = rest.joints[at(joint_of(parent_of(body)))].orientation;
@@ -350,8 +351,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   joint.flexion_range = {std::min(0.0, -row.flexion * kDegree - flexed),
                          std::max(0.0, row.extension * kDegree - flexed)};
   if (saddle) {
-    // Abduction counts from half the rest spread: a resting hand is spread a little, and may close further than it may
-    // open.
+    // Abduction is measured from half the rest spread. A resting hand is slightly spread and may close further than it
+    // may open.
     joint.abduction_range = {std::min(-0.1, -row.abduction * kDegree - 0.5 * abducted),
                              std::max(0.1, row.abduction * kDegree - 0.5 * abducted)};
   }
@@ -364,7 +365,7 @@ void set_coupling(BodyModel& body, Body which) {
   const bool distal = which == distal_of(finger_of(which)) && !palm;
   body.coupling_linear_stiffness = wrist ? 4000 : palm ? 2000 : which == Body::thumb_metacarpal ? 1500 : 800;
   body.coupling_angular_stiffness = wrist ? 10 : palm ? 5 : which == Body::thumb_metacarpal ? 1.5 : distal ? 0.5 : 1;
-  // 15 N a finger, 75 N for five; the wrist's two bodies share what is left of the hand's 100 N.
+  // 15 N a finger, 75 N for five. The two bodies of the wrist share the rest of the hand's 100 N.
   const double bodies_of_finger = finger_of(which) == Finger::thumb ? 3 : 4;
   body.coupling_force_cap = wrist ? 12.0 : 15.0 / bodies_of_finger;
   body.coupling_torque_cap = palm ? 2.0 : 0.5;
@@ -387,11 +388,11 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     body.bone_start_radius = 1e-3 * row.start * skin_start * finger_scale;
     body.bone_end_radius = 1e-3 * row.end * skin_end * finger_scale;
     if (which == Body::forearm) {
-      // A scanned hand may be cut short behind the wrist.
+      // A scanned hand may end close behind the wrist.
       body.bone_start = Vector3(0, 0, rest.stump - 0.015);
       body.bone_end = Vector3(0, 0, std::max(rest.stump - 0.029, 0.002));
     } else {
-      // Gaps at the joints keep neighbouring bones from sharing tissue; the distal bone reaches its tip joint.
+      // Gaps at the joints prevent neighbouring bones from sharing tissue. The distal bone reaches to its tip joint.
       const Vector3 end = joint.inverse() * rest.joints[at(end_joint_of(which))].position;
       const double length = end.norm();
       const Vector3 along = end / length;
@@ -401,11 +402,11 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
                                : which == Body::carpus ? length - 0.6 * body.bone_end_radius
                                                        : length - 0.7 * body.bone_end_radius);
       if (which == Body::carpus) {
-        // The middle metacarpal's base is dorsal of the wrist's middle.
+        // The base of the middle metacarpal is dorsal of the middle of the wrist.
         body.bone_start = along * 0.002 - 0.002 * Vector3::UnitY();
         body.bone_end.y() -= 0.005;
       }
-      // The distal bone lies 1 mm nearer the nail, which leaves the pulp its thickness.
+      // The distal bone is 1 mm nearer to the nail, which leaves room for the pulp.
       if (distal) {
         body.bone_start.y() += 0.5e-3;
         body.bone_end.y() += 1.0e-3;
@@ -413,7 +414,8 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
     }
     set_mass(body);
     if (which == Body::forearm) {
-      // Light: the user's arm carries the forearm, and what the wrist's couplings must accelerate comes off their 24 N.
+      // Light, because the user's arm supports the forearm. The force that accelerates it is taken from the 24 N of the
+      // wrist's couplings.
       body.mass = 0.06;
       body.inertia = Vector3(6e-5, 6e-5, 3e-5).asDiagonal();
     }

@@ -1,5 +1,4 @@
-// Human proportions: where the 26 joints of a naturally resting hand are, how thick it is there, what bones lie inside
-// and how they may turn.
+// Human proportions of a naturally resting hand: its 26 joints, their radii, its bones and the ranges of its joints.
 #pragma once
 
 #include <array>
@@ -8,7 +7,7 @@
 
 namespace softhand::builder {
 
-/// The outer measure of a hand. Metres.
+/// The outer size of a hand. Metres.
 struct HandSize {
   double length = 0.189;   ///< wrist to middle fingertip, [0.10, 0.26]
   double breadth = 0.085;  ///< over the heads of metacarpals II-V, [0.05, 0.13]
@@ -19,23 +18,24 @@ struct HandSize {
 struct RestSkeleton {
   std::array<Pose, kJointCount> joints{};
   std::array<double, kJointCount> radii{};  ///< metres, distance joint to skin
-  double stump = 0.045;                     ///< z where the forearm is cut, metres
+  double stump = 0.045;                     ///< m, z of the cut through the forearm
 };
 
-/// Bone lengths of Buchholz et al. 1992 (fractions of the hand's length, scaled so that skin beyond the tip joint is
-/// included), joint breadths after Greiner 1991 (scaled by breadth). Relaxed: MCP 36-46, PIP 33-38, DIP 14-16 degrees
-/// flexed, fingers slightly spread, thumb opposed. Throws std::invalid_argument for a size out of range.
+/// The natural rest pose for a size. Bone lengths are those of Buchholz et al. 1992 (fractions of the hand length,
+/// scaled to include the skin beyond the tip joint). Joint breadths follow Greiner 1991 (scaled by breadth). The hand
+/// is relaxed: MCP 36-46, PIP 33-38, DIP 14-16 degrees flexed, fingers slightly spread, thumb opposed. Throws
+/// std::invalid_argument for a size out of range.
 RestSkeleton natural_rest(const HandSize& size);
 
-/// The same natural pose with a user's bone lengths, palm and radii. `user` as `measure_skeleton` tells it, of either
-/// side (`side`).
+/// The same natural pose with the bone lengths, palm and radii of a user. `user` is a result of `measure_skeleton`, and
+/// `side` is its side.
 RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side);
 
-/// The 21 bodies: bones (rounded cones, at least 1 mm inside the skin), masses, joints with ranges of motion counted
-/// from the rest pose, couplings.
+/// The 21 bodies: bones (rounded cones, at least 1 mm inside the skin), masses, joints and couplings. The ranges of
+/// motion are relative to the rest pose.
 std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest);
 
-/// Signed distance to a rounded cone: the convex hull of two spheres. Exact. Metres.
+/// Signed distance to a rounded cone, the convex hull of two spheres. Exact. Metres.
 double rounded_cone_distance(const Vector3& point, const Vector3& a, const Vector3& b, double radius_a,
                              double radius_b);
 

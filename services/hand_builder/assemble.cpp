@@ -10,18 +10,19 @@
 namespace softhand::builder {
 namespace {
 
-// N/m per cubic metre of bone inside a tetrahedron: a phalanx (0.4-2 cm^3) is held with 4e4 to 2e5 N/m in total, a
-// hundred times stiffer than the tissue around it and a hundred times softer than what would spoil the step's
-// conditioning.
+// N/m per cubic metre of bone inside a tetrahedron. A phalanx (0.4-2 cm^3) is attached with 4e4 to 2e5 N/m in total.
+// This is a hundred times stiffer than the surrounding tissue. A value a hundred times stiffer would spoil the
+// conditioning of the step.
 constexpr double kAttachmentStiffness = 1e11;
 
 enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
 std::vector<Material> make_materials() {
-  // W_max = E e^2 / 2 at the strain e where limiting starts; k_s = ratio * W_max (stiffness times 1 + 2 ratio at the
-  // kink). Only the pulp does not bend with a joint: it has the skin's stiffness, fitted to people's fingertips
-  // (docs/human-data.md). Elsewhere softer tetrahedra stand for skin that folds and slides. Limiting from 30 % hands
-  // the stretch over a knuckle on to its neighbours and keeps creases from turning over.
+  // The energy limit is W_max = E e^2 / 2 at the strain e at which limiting starts.
+  // The limiting stiffness is k_s = ratio * W_max, which multiplies the stiffness at the kink by 1 + 2 ratio.
+  // Only the pulp does not bend with a joint. It has the stiffness of skin, fitted to people's fingertips
+  // (docs/human-data.md). Elsewhere softer tetrahedra represent skin that folds and slides. Limiting from 30 % strain
+  // spreads the stretch over a knuckle to the neighbouring tissue and prevents inversion in creases.
   const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
     return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy};
@@ -63,7 +64,7 @@ std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3&
   const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
   if (digit && body == distal_of(finger_of(body)) && (palmar || local.z() < model.bone_end.z())) return pulp;
   if (palmar) return palm;
-  // Dorsal skin over MCP, PIP and DIP is bound tightly.
+  // The dorsal skin over MCP, PIP and DIP is attached tightly.
   for (std::size_t j = 3; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
     const bool knuckle_joint = joint_of(body_of(joint)) == joint && !is_metacarpal(body_of(joint));
@@ -72,7 +73,7 @@ std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3&
   return back;
 }
 
-// Finds the tetrahedron around a point through a uniform grid of their bounding boxes.
+// Finds the tetrahedron that contains a point with a uniform grid of bounding boxes.
 class Locator {
  public:
   Locator(const std::vector<Vector3>& nodes, const std::vector<std::array<std::int32_t, 4>>& tetrahedra)
@@ -94,8 +95,8 @@ class Locator {
     }
   }
 
-  /// The tetrahedron in which the point's smallest weight is largest: the one around it, or the nearest one. -1 when
-  /// none is near.
+  /// Returns the tetrahedron in which the smallest weight of the point is largest. This is the tetrahedron that
+  /// contains the point, or the nearest one. Returns -1 if none is near.
   std::int32_t find(const Vector3& point, std::array<double, 4>& weights) const {
     const auto found = cells_.find(cell_of(point));
     if (found == cells_.end()) return -1;
@@ -131,8 +132,9 @@ class Locator {
   std::map<std::array<int, 3>, std::vector<std::int32_t>> cells_;
 };
 
-// Around a joint that moves the tissue slides on the bones: bound to both of them it would be torn, and the stretch of
-// the skin over the knuckle could not spread. In this body's frame: centres, and radii within which it holds no tissue.
+// Around a moving joint the tissue slides on the bones. If it were attached to both bones, it would be torn, and the
+// stretch of the skin over the knuckle could not spread. Returns spheres (centre in this body's frame, radius) in which
+// the bone is not attached to tissue.
 std::vector<std::pair<Vector3, double>> free_of_bone(const HandModel& hand, const Bones& bones, std::size_t b) {
   constexpr double kBoneRadii = 1.6;
   std::vector<std::pair<Vector3, double>> spheres;
@@ -141,7 +143,7 @@ std::vector<std::pair<Vector3, double>> free_of_bone(const HandModel& hand, cons
     if (kind != JointKind::hinge && kind != JointKind::saddle) continue;
     const Body child = static_cast<Body>(c);
     if (c != b && static_cast<std::size_t>(index_of(parent_of(child))) != b) continue;
-    if (child == Body::thumb_metacarpal) continue;  // deep in the palm, and turned little
+    if (child == Body::thumb_metacarpal) continue;  // deep in the palm and with little rotation
     const double radius = c == b ? hand.bodies[b].bone_start_radius : hand.bodies[b].bone_end_radius;
     spheres.emplace_back(bones.joints[b].inverse() * bones.joints[c].position, kBoneRadii * radius);
   }
@@ -196,7 +198,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
   struct Piece {
     Vector3 a, b;
     double size;
-    double radius = 0.007;  // m around the line from a to b
+    double radius = 0.007;  // m, around the line from a to b
   };
   std::vector<Piece> pieces;
   const auto joint_at = [&rest](Joint joint) -> const Pose& {
@@ -211,8 +213,8 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : joint_at(joint).position;
     pieces.push_back({start, joint_at(end).position, size});
     if (!digit || to_tip > 1) continue;
-    // The pulp, whose contact area and stiffness count most: from the middle of the distal bone to the tip, between
-    // bone and skin.
+    // The pulp, from the middle of the distal bone to the tip, between bone and skin. Its contact area and stiffness
+    // matter most.
     const double depth = 0.6 * rest.radii[static_cast<std::size_t>(index_of(end))];
     const Vector3 palmar = -depth * (joint_at(joint).orientation * Vector3::UnitY());
     pieces.push_back(
@@ -230,7 +232,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
   return [pieces](const Vector3& point) {
     double least = 3.6;
     for (const Piece& piece : pieces) {
-      // In units of the common scale, about 4 mm: an edge may be half a scale longer every 10 mm.
+      // In units of the common scale (about 4 mm): an edge may be half a scale longer every 10 mm.
       const double distance = rounded_cone_distance(point, piece.a, piece.b, piece.radius, piece.radius);
       least = std::min(least, piece.size + 50 * std::max(distance, 0.0));
     }
@@ -244,7 +246,7 @@ std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin)
     const int tip = index_of(tip_of(static_cast<Finger>(f)));
     const Pose& end = rest.joints[static_cast<std::size_t>(tip)];
     seeds.push_back(skin.project(end * Vector3(0, 0, -rest.radii[static_cast<std::size_t>(tip)])));
-    // The pad's middle line, from the tip back: what touches first in a pinch.
+    // The middle line of the pad from the tip backwards. It touches first in a pinch.
     for (const double back : {-0.5, 0.5}) {
       const double radius = rest.radii[static_cast<std::size_t>(tip)];
       seeds.push_back(skin.project(end * Vector3(0, -radius * std::cos(std::max(-back, 0.0)), radius * back)));
@@ -288,7 +290,7 @@ HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, c
     SkinVertex embedded;
     std::array<double, 4> weights{};
     embedded.tetrahedron = locator.find(vertex, weights);
-    if (embedded.tetrahedron < 0) throw std::runtime_error("skin: a vertex lies more than 5 mm outside the tetrahedra");
+    if (embedded.tetrahedron < 0) throw std::runtime_error("skin: a vertex is more than 5 mm outside the tetrahedra");
     double sum = 0;
     for (double& w : weights) sum += w = std::clamp(w, -3.0, 4.0);
     for (std::size_t k = 0; k < 4; ++k) embedded.weights[k] = static_cast<float>(weights[k] / sum);

@@ -1,5 +1,5 @@
-// The only file that includes CGAL (GPL-3.0+ for Mesh_3): the program that links it takes that licence; the meshes it
-// writes do not.
+// The only file that includes CGAL (Mesh_3 is GPL-3.0+). A program that links it is under this licence. The meshes that
+// it writes are not.
 #include "hand_builder/cgal_mesh.hpp"
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>

@@ -1,4 +1,4 @@
-// softhand-build-hand: makes a hand file. Offline; see docs/hand-builder.md.
+// softhand-build-hand: makes a hand file offline. See docs/hand-builder.md.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <fstream>
@@ -13,7 +13,7 @@ namespace {
 
 using namespace softhand;
 
-// Skin (group "skin") and tetrahedral surface (group "surface") as an OBJ for any viewer.
+// Writes skin (group "skin") and tetrahedral surface (group "surface") as an OBJ file for any viewer.
 void write_preview(const HandModel& hand, const std::string& path) {
   std::ofstream out(path);
   for (const Vector3& n : hand.nodes) out << "v " << n.x() << ' ' << n.y() << ' ' << n.z() << '\n';
@@ -41,28 +41,28 @@ int main(int argc, char** argv) {
   builder::HandSize size;
   int nodes = 1450;
   std::string side_name = "right", output, preview, recording, gltf, notice, name;
-  app.add_option("--length", size.length, "hand length, wrist to middle fingertip, metres")
+  app.add_option("--length", size.length, "Hand length from wrist to middle fingertip, metres")
       ->capture_default_str()
       ->check(CLI::Range(0.10, 0.26));
-  app.add_option("--breadth", size.breadth, "hand breadth over the metacarpal heads, metres")
+  app.add_option("--breadth", size.breadth, "Hand breadth over the metacarpal heads, metres")
       ->capture_default_str()
       ->check(CLI::Range(0.05, 0.13));
-  CLI::Option* joints = app.add_option(
-      "--joints", recording, "CSV of recorded joint poses (one row is enough): bone lengths and radii of this user");
+  CLI::Option* joints =
+      app.add_option("--joints", recording,
+                     "CSV of recorded joint poses (one row is enough); use the bone lengths and radii of this user");
   joints->check(CLI::ExistingFile);
   app.add_option("--gltf", gltf,
-                 "GLB of a rigged hand with WebXR's 25 joint names, of either side: its skin and skeleton")
+                 "GLB of a rigged hand of either side with WebXR's 25 joint names; use its skin and skeleton")
       ->check(CLI::ExistingFile)
       ->excludes(joints);
-  app.add_option("--notice", notice,
-                 "licence notice that the hand file carries; default: the GLB's own copyright line");
-  app.add_option("--nodes", nodes, "tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
-  app.add_option("--side", side_name, "side of the hand that is written, and of the recording")
+  app.add_option("--notice", notice, "Licence notice in the hand file; default: the copyright line of the GLB");
+  app.add_option("--nodes", nodes, "Number of tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
+  app.add_option("--side", side_name, "Side of the written hand and of the recording")
       ->capture_default_str()
       ->check(CLI::IsMember({"left", "right"}));
-  app.add_option("--name", name, "the hand's name");
-  app.add_option("--output", output, "hand file to write")->required();
-  app.add_option("--preview", preview, "OBJ of skin and tetrahedral surface to write");
+  app.add_option("--name", name, "Name of the hand");
+  app.add_option("--output", output, "Hand file to write")->required();
+  app.add_option("--preview", preview, "OBJ file to write with skin and tetrahedral surface");
   CLI11_PARSE(app, argc, argv);
   try {
     const Side side = side_name == "left" ? Side::left : Side::right;

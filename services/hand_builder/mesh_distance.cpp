@@ -1,5 +1,5 @@
-// Signed distance to a triangle mesh: nearest triangle by a tree of boxes, sign by the pseudonormal of the feature that
-// is nearest (Baerentzen and Aanaes 2005).
+// Signed distance to a triangle mesh. The nearest triangle is found with a tree of boxes. The sign is that of the
+// pseudonormal of the nearest feature (Baerentzen and Aanaes 2005).
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,7 +13,7 @@ namespace {
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
-// Which part of a triangle a point is nearest to: 0-2 a corner, 3-5 the edge that starts there, 6 the inside.
+// The nearest part of a triangle to a point: 0-2 = a corner, 3-5 = the edge that starts there, 6 = the inside.
 struct Nearest {
   Vector3 point;
   int feature;
@@ -37,17 +37,17 @@ Nearest nearest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b
 struct MeshSkin::Tree {
   struct Box {
     Vector3 low, high;
-    std::size_t first, count;  // triangles of a leaf; count 0: an inner box
+    std::size_t first, count;  // triangles of a leaf; an inner box has count 0
     std::size_t left, right;
   };
   std::vector<Vector3> vertices;
-  std::vector<std::array<std::int32_t, 3>> triangles;  // in the leaves' order
+  std::vector<std::array<std::int32_t, 3>> triangles;  // in the order of the leaves
   std::vector<std::array<Vector3, 7>> normals;         // of corners, edges, face
   std::vector<Box> boxes;
 
   explicit Tree(const TriangleMesh& mesh) : vertices(mesh.vertices), triangles(mesh.triangles) {
     build(0, triangles.size());
-    // Corners weigh their triangles by angle, edges weigh both alike.
+    // Corner normals are weighted by the angles of their triangles. Edge normals weight both triangles equally.
     std::vector<Vector3> corner(vertices.size(), Vector3::Zero());
     std::map<std::array<std::int32_t, 2>, Vector3> edge;
     const auto key = [](std::int32_t a, std::int32_t b) {

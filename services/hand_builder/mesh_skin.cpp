@@ -1,4 +1,4 @@
-// The mesh of asked size: CGAL's refinement inside a search for the scale, a repair of what it bridged, then our own
+// A mesh of the requested size: CGAL's refinement inside a search for the scale, removal of wrong bridges, then our own
 // smoother.
 #include <algorithm>
 #include <cmath>
@@ -34,7 +34,7 @@ int shared_nodes(const std::array<std::int32_t, 4>& a, const std::array<std::int
       std::count_if(a.begin(), a.end(), [&b](std::int32_t n) { return std::find(b.begin(), b.end(), n) != b.end(); }));
 }
 
-// Of the tetrahedra around an edge or a node, those outside the largest group that hangs together by faces.
+// Collects tetrahedra around an edge or a node: those outside the largest group that is connected by faces.
 void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::int32_t>& around,
                           std::set<std::int32_t>& out) {
   DisjointSets groups(around.size());
@@ -54,9 +54,8 @@ void collect_minor_groups(const TetrahedralMesh& mesh, const std::vector<std::in
   }
 }
 
-// Coarse meshes touch themselves across a web in an edge or a node. The tetrahedra that touch there are bridges: take
-// the smaller side away until the boundary is a closed manifold, drop what hangs loose after that, and number the
-// remaining nodes.
+// A coarse mesh may touch itself across a web in an edge or a node. The tetrahedra that touch there are bridges. Remove
+// the smaller side until the boundary is a closed manifold. Then drop loose parts and number the remaining nodes.
 void open_bridges(TetrahedralMesh& mesh) {
   for (bool changed = true; changed;) {
     std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> edges;
@@ -111,7 +110,7 @@ void open_bridges(TetrahedralMesh& mesh) {
   mesh.surface = boundary(mesh.tetrahedra);
 }
 
-// Euler's number of a closed surface without handles is 2; its edges are 3/2 of its triangles.
+// The Euler characteristic of a closed surface without handles is 2. It has 3/2 as many edges as triangles.
 bool is_topological_ball(const TetrahedralMesh& mesh) {
   std::set<std::int32_t> outer;
   for (const auto& t : mesh.surface) outer.insert(t.begin(), t.end());
@@ -122,10 +121,10 @@ bool is_topological_ball(const TetrahedralMesh& mesh) {
 
 TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int node_count,
                           const std::vector<Vector3>& seeds) {
-  // Counts go with scale to a power between -2 (surface) and -3; start from a guess, then follow the measured counts.
+  // The node count is proportional to a power of the scale between -2 (surface) and -3. Start from a guess, then follow
+  // the measured counts.
   double scale = 0.0042 * std::pow(1450.0 / node_count, 0.45);
-  // A coarse mesh may leave a handle between two fingers: those tries count only while there is no better one, and
-  // never in the end.
+  // A coarse mesh may have a handle between two fingers. Only meshes without a handle are accepted.
   constexpr double kGoal = 1.02;
   double least_error = std::numeric_limits<double>::infinity();
   TetrahedralMesh best;
@@ -139,11 +138,11 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
       least_error = error;
       best = std::move(mesh);
     }
-    // Where the count is right and the topology is not, another scale nearby makes another mesh.
+    // If the count is right but the topology is wrong, a slightly different scale gives another mesh.
     scale *= error > 0.02 ? std::pow(ratio, 0.42) : trial % 2 == 0 ? 0.99 : 1.015;
   }
   if (!(least_error < 0.05))
-    throw std::runtime_error("mesh: no sound mesh of " + std::to_string(node_count) + " nodes or up to 7 % more");
+    throw std::runtime_error("mesh: no valid mesh of " + std::to_string(node_count) + " nodes or up to 7 % more");
   improve(best, skin, sizing, seeds, skin_volume(skin, 0.001));
   return best;
 }

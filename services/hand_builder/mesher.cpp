@@ -13,7 +13,7 @@ namespace {
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
-// The largest cosine over the six dihedral angles; 1 of a flat or turned tetrahedron.
+// The largest cosine of the six dihedral angles. It is 1 for a flat or inverted tetrahedron.
 double worst_cosine(const std::vector<Vector3>& nodes, const std::array<std::int32_t, 4>& t) {
   const Vector3 &a = nodes[at(t[0])], &b = nodes[at(t[1])], &c = nodes[at(t[2])], &d = nodes[at(t[3])];
   const Vector3 ab = b - a, ac = c - a, ad = d - a, bc = c - b, bd = d - b;
@@ -81,8 +81,8 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
     return worst;
   };
 
-  // Each seed's node comes back to it as far as its tetrahedra bear it, and stays once it is there. So fingertips and
-  // pads of a coarse mesh lie where those of a fine one do.
+  // Moves the node nearest to each seed back to the seed, as far as the shape of its tetrahedra allows. The node stays
+  // there once it has arrived. So fingertips and pads have the same place in coarse and fine meshes.
   std::vector<bool> pinned(count, false);
   const auto recall_seeds = [&] {
     constexpr double kThere = 0.1e-3, kFar = 0.008;  // m
@@ -107,16 +107,16 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
     }
   };
 
-  // Hill climbing. The generator is ours (the standard one's numbers are fixed by the language, its distributions are
-  // not).
+  // Hill climbing with our own random distribution. The language fixes the numbers of the standard generator, but not
+  // those of its distributions.
   std::minstd_rand generator(7);
   const auto uniform = [&generator] {
     return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0;
   };
-  // How far outside the skin a surface node lies: a facet of edge h over a radius r cuts off a cap of h^2/(8 r), and
-  // the skin is finely meshed where r is small, so the cap's height goes as h. Thus the pulps, which must touch where
-  // the skin is, move little for what the palm lacks.
-  double height = 0;  // m, where the sizing is 1
+  // Height of a surface node outside the skin. A facet of edge h over a radius r cuts off a cap of h^2/(8 r). The skin
+  // is finely meshed where r is small, so the height of the cap is proportional to h. Therefore the pulps, which must
+  // touch at the true skin, move little for the volume that the palm lacks.
+  double height = 0;  // m, height where the sizing is 1
   std::vector<double> share(count, 0);
   for (std::size_t n = 0; n < count; ++n) share[n] = sizing(mesh.nodes[n]);
   const auto level_of = [&](std::size_t n) { return std::clamp(height * share[n], -0.001, 0.0025); };
@@ -135,7 +135,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
       }
       centroid /= 3.0 * static_cast<double>(around[n].size());
       double best = worst_around(n);
-      if (best < std::cos(40.0 * M_PI / 180.0)) continue;  // good enough: spend the effort where it counts
+      if (best < std::cos(40.0 * M_PI / 180.0)) continue;  // good enough; spend the effort on worse nodes
       for (int trial = 0; trial < 10; ++trial) {
         const Vector3 old = mesh.nodes[n];
         Vector3 moved = trial == 0 ? Vector3(old + 0.5 * reach * (centroid - old))
@@ -156,7 +156,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
     sweep(i < 6 ? 1.0 : 0.5);
   }
 
-  // Move the surface out until the volume is right; the step of each node shrinks where it would turn something over.
+  // Move the surface outwards until the volume is right. The step of a node shrinks if it would invert a tetrahedron.
   double shared_area = 0;
   for (const auto& f : mesh.surface) {
     const double area =
@@ -188,7 +188,7 @@ double skin_volume(const SkinShape& skin, double cell) {
     for (int j = 0; j < extent.y(); ++j) {
       for (int k = 0; k < extent.z(); ++k) {
         const double d = skin.distance(box[0] + cell * Vector3(i + 0.5, j + 0.5, k + 0.5));
-        sum += std::clamp(0.5 - d / cell, 0.0, 1.0);  // a cell that the surface crosses counts in part
+        sum += std::clamp(0.5 - d / cell, 0.0, 1.0);  // a cell that the surface crosses counts partly
       }
     }
   }
@@ -208,7 +208,7 @@ TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
       for (int k = 0; k < size[2]; ++k) value[number(i, j, k)] = skin.distance(box[0] + cell * Vector3(i, j, k));
     }
   }
-  // One vertex in each crossed cell, at the mean of its edges' crossings.
+  // One vertex in each crossed cell, at the mean of the crossings of its edges.
   TriangleMesh mesh;
   std::vector<std::int32_t> vertex(value.size(), -1);
   for (int i = 0; i + 1 < size[0]; ++i) {
@@ -253,7 +253,7 @@ TriangleMesh triangulate_skin(const SkinShape& skin, double cell) {
           };
           std::array<std::int32_t, 4> quad{corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)};
           if (!inside) std::swap(quad[1], quad[3]);
-          // The shorter diagonal.
+          // Split along the shorter diagonal.
           const auto length = [&](std::size_t a, std::size_t b) {
             return (mesh.vertices[at(quad[a])] - mesh.vertices[at(quad[b])]).norm();
           };

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Pictures of a hand from softhand-build-hand's OBJ: preview.py hand.obj out.png [surface|skin]. Software z-buffer, numpy and matplotlib only."""
+"""Draws pictures of a hand from the OBJ file of softhand-build-hand: preview.py hand.obj out.png [surface|skin].
+
+Software z-buffer. Needs only numpy and matplotlib."""
 import sys
 import numpy as np
 import matplotlib.image
@@ -52,7 +54,8 @@ def render(v, f, right, up, flat, size=520):
         inside = (u >= -1e-9) & (w >= -1e-9) & (u + w <= 1 + 1e-9)
         block = (slice(lo[1], hi[1] + 1), slice(lo[0], hi[0] + 1))
         front = inside & (z > depth[block])
-        n = vertex_normal[t[0]] * (1 - u - w)[..., None] + vertex_normal[t[1]] * u[..., None] + vertex_normal[t[2]] * w[..., None]
+        n = (vertex_normal[t[0]] * (1 - u - w)[..., None] + vertex_normal[t[1]] * u[..., None]
+             + vertex_normal[t[2]] * w[..., None])
         if flat:
             n = np.broadcast_to(normal[i], n.shape)
         n = n / (np.linalg.norm(n, axis=-1, keepdims=True) + 1e-30)

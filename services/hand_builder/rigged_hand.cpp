@@ -20,7 +20,7 @@ using nlohmann::json;
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The part of glTF 2.0 that a rigged hand needs. Everything is checked against the file's size before it is read.
+// The part of glTF 2.0 that a rigged hand needs. Every access is checked against the size of the file.
 class Glb {
  public:
   Glb(std::istream& in, std::string name) : name_(std::move(name)) {
@@ -57,15 +57,15 @@ class Glb {
     return found->get<std::size_t>();
   }
 
-  /// The accessor's numbers, row by row; normalised integers as fractions.
+  /// The numbers of an accessor, row by row. Normalised integers are returned as fractions.
   std::vector<double> numbers(std::size_t accessor_index, const std::string& type, const std::string& what) const {
     const std::string where = "accessors[" + std::to_string(accessor_index) + "] (" + what + ")";
     const json& accessor = element("accessors", accessor_index);
     check(accessor.value("type", std::string()) == type, where + ".type", type);
-    check(!accessor.contains("sparse"), where + ".sparse", "nothing");
+    check(!accessor.contains("sparse"), where + ".sparse", "no sparse data");
     const json& view = element("bufferViews", index(accessor, "bufferView", where));
     check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"),
-          where + ".bufferView.buffer", "the file's own binary chunk");
+          where + ".bufferView.buffer", "the binary chunk of the file");
     const std::size_t columns = type == "SCALAR" ? 1 : type == "VEC3" ? 3 : type == "VEC4" ? 4 : 16;
     const std::size_t component = index(accessor, "componentType", where), count = index(accessor, "count", where);
     check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType",
@@ -109,7 +109,7 @@ class Glb {
   std::string binary_;
 };
 
-// All primitives of the skinned mesh in one, in the file's frame, corners that share a place welded.
+// Merges all primitives of the skinned mesh, in the file's frame. Corners at the same place are welded.
 TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_count) {
   TriangleMesh out;
   std::map<std::array<long long, 3>, std::int32_t> places;
@@ -133,7 +133,7 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
     for (std::size_t v = 0; v < count; ++v) {
       double sum = 0;
       for (std::size_t k = 4 * v; k < 4 * v + 4; ++k) {
-        file.check(joints[k] < static_cast<double>(joint_count), "JOINTS_0", "places in the skin's joints");
+        file.check(joints[k] < static_cast<double>(joint_count), "JOINTS_0", "indices into the joints of the skin");
         sum += weights[k];
       }
       file.check(std::abs(sum - 1) < 0.02, "WEIGHTS_0", "weights that sum to 1 at every vertex");
@@ -148,7 +148,7 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
     for (std::size_t i = 0; i < indices.size(); i += 3) {
       std::array<std::int32_t, 3> triangle{};
       for (std::size_t k = 0; k < 3; ++k) {
-        file.check(indices[i + k] < static_cast<double>(count), "indices", "places of vertices");
+        file.check(indices[i + k] < static_cast<double>(count), "indices", "indices of vertices");
         triangle[k] = welded[static_cast<std::size_t>(indices[i + k])];
       }
       out.triangles.push_back(triangle);
@@ -169,17 +169,17 @@ void check_closed(const Glb& file, const TriangleMesh& mesh) {
     for (std::size_t k = 0; k < 3; ++k) {
       used[static_cast<std::size_t>(t[k])] = true;
       file.check(++edges[{t[k], t[(k + 1) % 3]}] == 1, "indices",
-                 "a 2-manifold: an edge has more than two triangles, or two that turn against each other");
+                 "a 2-manifold, but an edge has more than two triangles, or two of opposite orientation");
     }
   }
   for (const auto& [edge, count] : edges)
-    file.check(edges.count({edge[1], edge[0]}) == 1, "indices", "a closed surface: an edge has only one triangle");
+    file.check(edges.count({edge[1], edge[0]}) == 1, "indices", "a closed surface, but an edge has only one triangle");
   const auto vertices = std::count(used.begin(), used.end(), true);
   file.check(vertices == static_cast<std::ptrdiff_t>(mesh.vertices.size()), "POSITION",
-             "vertices that all belong to triangles");
+             "every vertex to belong to a triangle");
   file.check(2 * static_cast<std::size_t>(vertices) == 4 + mesh.triangles.size(), "indices",
              "one closed surface without handles");
-  file.check(volume > 0, "indices", "triangles that look outward");
+  file.check(volume > 0, "indices", "triangles with outward orientation");
 }
 
 }  // namespace
@@ -206,7 +206,7 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
     const std::string where = "skins[0].joints[" + std::to_string(j) + "]";
     file.check(joints[j].is_number_unsigned(), where, "an index");
     const std::string joint_name = file.element("nodes", joints[j].get<std::size_t>()).value("name", std::string());
-    // Column by column, as glTF stores it.
+    // glTF stores matrices column by column.
     const Eigen::Matrix4d frame = Eigen::Map<const Eigen::Matrix4d>(matrices.data() + 16 * j).inverse();
     const Matrix3 turn = frame.topLeftCorner<3, 3>();
     file.check(
@@ -228,7 +228,7 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   hand.skin = read_mesh(
       file, file.element("meshes", file.index(skinned, "mesh", "nodes[" + std::to_string(node) + "]")), joints.size());
 
-  // Into the wrist's frame, and to the right side. A mirrored frame is S R S.
+  // Transform to the wrist's frame and mirror to the right side. A mirrored frame is S R S.
   const Pose to_wrist = hand.rest.joints[at(Joint::wrist)].inverse();
   for (Pose& joint : hand.rest.joints) joint = to_wrist * joint;
   for (Vector3& vertex : hand.skin.vertices) vertex = to_wrist * vertex;
@@ -264,7 +264,7 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
                "skins[0].inverseBindMatrices (" + std::string(kJointNames[j]) + ")",
                "a joint 2 to 50 mm inside the skin");
   }
-  // Deep in the palm the skin says nothing about one bone's thickness.
+  // Deep in the palm the distance to the skin does not give the thickness of one bone.
   for (int f = 1; f < kFingerCount; ++f) {
     const std::size_t proximal = static_cast<std::size_t>(index_of(tip_of(static_cast<Finger>(f)))) - 3;
     hand.rest.radii[proximal - 1] = std::min(hand.rest.radii[proximal - 1], 1.25 * hand.rest.radii[proximal]);
@@ -274,7 +274,7 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
   if (document.contains("asset") && document["asset"].is_object())
     hand.copyright = document["asset"].value("copyright", std::string());
   return hand;
-} catch (const json::exception& error) {  // text where a number is expected, and the like
+} catch (const json::exception& error) {  // for example text instead of a number
   throw std::runtime_error(name + ": " + error.what());
 }
 

@@ -1,4 +1,4 @@
-// A rigged hand from a binary glTF file (GLB): WebXR's generic hand, or a user's own with the same 25 joint names.
+// A rigged hand from a binary glTF file (GLB): WebXR's generic hand, or a user's own hand with the same 25 joint names.
 #pragma once
 
 #include <iosfwd>
@@ -9,23 +9,23 @@
 
 namespace softhand::builder {
 
-/// What a rigged hand's file tells, as a right hand in its wrist's frame. Metres.
+/// The content of the file as a right hand in its wrist's frame. Metres.
 struct RiggedHand {
-  RestSkeleton rest;        ///< the bind pose; the palm is placed, radii are the skin's distance from each joint
+  RestSkeleton rest;        ///< bind pose with an added palm; radii are the distances from the joints to the skin
   TriangleMesh skin;        ///< welded, closed, outward
-  Side side = Side::right;  ///< what the file holds; a left hand was mirrored
-  std::string copyright;    ///< of the file's asset, empty where it tells none
+  Side side = Side::right;  ///< side in the file; a left hand was mirrored
+  std::string copyright;    ///< copyright of the file's asset; may be empty
 };
 
-/// Reads the file's only skin and the mesh that it moves: positions, triangles, joints, weights, inverse bind matrices
-/// (each the inverse of its joint's frame in OpenXR's sense: -Z along the bone, +Y dorsal). Everything must lie in the
-/// file's own binary chunk. Checks that the 25 WebXR joints are there and point along their bones, that weights sum to
-/// 1, and that the mesh is one closed 2-manifold once vertices nearer than a micrometre are welded. Throws
-/// std::runtime_error naming file and field.
+/// Reads the only skin of the file and the mesh that it moves: positions, triangles, joints, weights, inverse bind
+/// matrices. An inverse bind matrix is the inverse of its joint's frame in OpenXR's sense: -Z along the bone, +Y
+/// dorsal. All data must be in the binary chunk of the file. The 25 WebXR joints must exist and point along their
+/// bones. The weights must sum to 1. The mesh must be one closed 2-manifold after welding of vertices nearer than a
+/// micrometre. Throws std::runtime_error with file and field.
 RiggedHand load_rigged_hand(const std::string& path);
 RiggedHand parse_rigged_hand(std::istream& in, const std::string& name);
 
-/// The exact signed distance to a closed, outward triangle mesh.
+/// The exact signed distance to a closed triangle mesh with outward orientation.
 class MeshSkin : public SkinShape {
  public:
   explicit MeshSkin(const TriangleMesh& mesh);

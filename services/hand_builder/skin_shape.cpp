@@ -7,7 +7,7 @@
 namespace softhand::builder {
 namespace {
 
-// Cubic smooth minimum: equals min(a, b) where they differ by more than `blend`, bulges by blend/6 where they are
+// Cubic smooth minimum. It equals min(a, b) if they differ by more than `blend`, and bulges by blend/6 if they are
 // equal.
 double smooth_minimum(double a, double b, double blend) {
   const double h = std::max(blend - std::abs(a - b), 0.0) / blend;
@@ -59,7 +59,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
     palm_.push_back({position(metacarpal) - 1.0 * mm * Vector3::UnitY(), head - 1.5 * mm * Vector3::UnitY(),
                      radius(metacarpal), radius(proximal)});
     if (f < 4) {
-      // The web: its edge lies a good third along the proximal phalanges, nearer the palm than the back.
+      // The web. Its edge is a good third along the proximal phalanges, nearer to the palm than to the back.
       const Joint next = static_cast<Joint>(index_of(proximal) + 5);
       const Vector3 middle = 0.5 * (head + position(next));
       const Vector3 along = -(axis(proximal, 2) + axis(next, 2)).normalized();
@@ -88,7 +88,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
            5.0 * mm * Vector3::UnitY(),
        10.5 * mm, 9.5 * mm});
 
-  // Thenar: from the thumb's base along its metacarpal, bulging to the palm; and the web of muscle to the index
+  // Thenar: from the thumb's base along its metacarpal, bulging to the palm, and the muscle web to the index
   // metacarpal.
   const Vector3 cmc = position(Joint::thumb_metacarpal);
   const Vector3 thumb_mcp = position(Joint::thumb_proximal);
@@ -102,7 +102,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
                    9.0 * mm});
   palm_.push_back({cmc + 0.50 * (thumb_mcp - cmc), index_base + 0.50 * (index_head - index_base), 9.5 * mm, 9.5 * mm});
   palm_.push_back({cmc + 0.82 * (thumb_mcp - cmc), index_base + 0.72 * (index_head - index_base), 5.5 * mm, 6.5 * mm});
-  // Hypothenar: the cushion of the palm's ulnar edge.
+  // Hypothenar: the cushion at the ulnar edge of the palm.
   const Vector3 little_base = position(Joint::little_metacarpal);
   const Vector3 little_head = position(Joint::little_proximal);
   palm_.push_back({little_base + Vector3(3, -7, 2) * mm,
@@ -118,7 +118,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
       const Joint b = static_cast<Joint>(j + 1);
       digit.push_back({position(a), position(b), j == first && f > 0 ? radius(a) - 0.6 * mm : radius(a), radius(b)});
     }
-    // The pulp's cushion under the distal bone.
+    // The cushion of the pulp under the distal bone.
     const Joint distal = static_cast<Joint>(last - 1);
     const Joint tip = static_cast<Joint>(last);
     const Vector3 palmar = -axis(distal, 1);
@@ -128,7 +128,7 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
                      0.5 * (radius(distal) + radius(tip)) - 0.2 * mm, radius(tip) - 0.1 * mm});
   }
 
-  // Forearm stump: two parallel cones make its oval section.
+  // Forearm stump: two parallel cones give its oval section.
   stump_ = rest.stump;
   for (const double side : {-1.0, 1.0}) {
     forearm_.push_back({wrist + Vector3(side * 9.5 * mm, -1.0 * mm, -4.0 * mm),
@@ -154,8 +154,8 @@ double ParametricSkin::distance(const Vector3& point) const {
   palm = smooth_minimum(palm, forearm, 2 * palm_blend_);
   // Cut with a rounded edge.
   palm = -smooth_minimum(-palm, -(point.z() - stump_), palm_blend_);
-  // Fingers melt into each other near the palm only, where that rounds the web; further out those that touch stay
-  // apart.
+  // Fingers blend with each other only near the palm, which rounds the web. Farther out, touching fingers stay
+  // separate.
   const double web_blend = std::clamp(web_blend_ - 0.6 * palm, chain_blend_ / 5, web_blend_);
   double fingers = std::numeric_limits<double>::infinity();
   for (const Digit& digit : digits_) {

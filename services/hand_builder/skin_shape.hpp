@@ -7,13 +7,14 @@
 
 namespace softhand::builder {
 
-/// A closed surface as the zero set of a function that is negative inside, |gradient| about 1 at most (1.3 is tested).
+/// A closed surface as the zero set of a function that is negative inside. |gradient| is about 1 at most (1.3 is
+/// tested).
 class SkinShape {
  public:
   virtual ~SkinShape() = default;
-  /// Metres, negative inside; near the surface the distance to it.
+  /// Metres, negative inside. Near the surface this is the distance to it.
   virtual double distance(const Vector3& point) const = 0;
-  /// A box that holds the surface: low, high corner.
+  /// A box that contains the surface: low and high corner.
   virtual std::array<Vector3, 2> bounds() const = 0;
 
   /// Unit outward normal of the level set through `point`.
@@ -39,7 +40,7 @@ class ParametricSkin : public SkinShape {
   std::vector<Cone> forearm_;
   std::array<Digit, kFingerCount> digits_;
   double palm_blend_ = 0, chain_blend_ = 0, web_blend_ = 0, root_blend_ = 0;  // metres
-  double stump_ = 0;                                                          // z of the cut through the forearm
+  double stump_ = 0;                                                          // m, z of the cut through the forearm
   Vector3 low_, high_;
 };
 

@@ -9,16 +9,17 @@
 
 namespace softhand {
 
-/// `kind` 0 haptic, 1 tactile. `options` takes from a scene what has `.loop` (the safety around the driver) and
-/// `.driver` (the device).
+/// `kind`: 0 = haptic, 1 = tactile. `options` returns a part of the scene with `.loop` (the safety around the driver)
+/// and `.driver` (the device).
 template <typename Driver, typename Input, typename OptionsOf>
 int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module,
                OptionsOf options_of) {
   return guarded_main("softhand-" + module, [&] {
     std::uint32_t device = 0;
-    const ServiceArguments arguments = parse_arguments(argc, argv, module, "Drives a device", [&](CLI::App& app) {
-      app.add_option("--device", device, "Id of this device, the key of device_state")->capture_default_str();
-    });
+    const ServiceArguments arguments =
+        parse_arguments(argc, argv, module, "Driver of a haptic or tactile device", [&](CLI::App& app) {
+          app.add_option("--device", device, "Id of this device (key of device_state)")->capture_default_str();
+        });
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     const HandKey hand = hand_key(scene);
     const auto& options = options_of(scene.options);

@@ -15,10 +15,10 @@ namespace {
 
 constexpr Nanoseconds kStatusPeriod = 100'000'000;
 
-// Rate-monotonic: a millisecond loop must not wait for the end of a hand's step.
+// Rate-monotonic priorities: a loop at 1 kHz must not wait for the end of a step of the hand.
 int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 25 : 20; }
 
-// Comes before the participant in the list of members, whose threads inherit the priority.
+// The member module_ is initialised before participant_, because the DDS threads inherit the priority that is set here.
 std::string with_urgency(const std::string& module, double rate_hz, Urgency urgency) {
   if (urgency == Urgency::ordinary) return module;
   for (const std::string& warning : request_real_time(priority_of(rate_hz)))
@@ -39,7 +39,7 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   app.add_option("--set", arguments.overrides, "Override one key of the scene; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
-  app.add_option("--module", arguments.module, "Name under which messages reach this process and its status is shown")
+  app.add_option("--module", arguments.module, "Module name of this process for messages and status")
       ->capture_default_str();
   if (extend) extend(app);
   try {
@@ -53,7 +53,8 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
   TrackerArguments arguments;
   static_cast<ServiceArguments&>(arguments) = parse_arguments(argc, argv, "tracker", about, [&](CLI::App& app) {
-    app.add_option("--strength", arguments.strength, "Of several trackers of one hand the strongest owns it")
+    app.add_option("--strength", arguments.strength,
+                   "Priority among several trackers of one hand: the strongest one owns the hand")
         ->capture_default_str()
         ->check(CLI::NonNegativeNumber);
     app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
@@ -97,7 +98,7 @@ void Service::run(const Callbacks& callbacks) {
     if (pacing_ == Pacing::simulated && callbacks.reset) {
       if (const auto reset = time_control_.take_reset(now())) callbacks.reset(*reset);
     }
-    // A command that came too late for its time would take the clock back.
+    // A command that arrived after its effective time could move the clock backwards.
     newest = std::max(newest, start);
     callbacks.step(newest);
   };

@@ -8,10 +8,10 @@
 namespace softhand {
 namespace {
 
-constexpr double kSlowest = 0.01;       // other than standing
+constexpr double kSlowest = 0.01;       // smallest pace except 0
 constexpr double kLongestAdvance = 60;  // s
-constexpr Nanoseconds kOldestCommand =
-    2'000'000'000;  // the sender's clock is another one, or the message waited too long to be acted on
+// An older command comes from another clock, or it waited too long for its execution.
+constexpr Nanoseconds kOldestCommand = 2'000'000'000;
 constexpr Nanoseconds kNewestCommand = 1'000'000;
 
 }  // namespace
@@ -24,29 +24,29 @@ std::optional<MessageReply> TimeControl::answer(const Message& message, std::str
   const std::string_view key = get_text(message.key);
   if (key != "pace" && key != "advance" && key != "reset") return std::nullopt;
   if (get_text(message.module) != "*")
-    return reply_to(message, module, kReplyRefused, "one clock for all: send it to *");
+    return reply_to(message, module, kReplyRefused, "this concerns all modules: send it to *");
   const Nanoseconds sent = message.stamp.publish_time;
   if (sent < now - kOldestCommand || sent > now + kNewestCommand)
-    return reply_to(message, module, kReplyRefused, "sent by another clock than this host's");
+    return reply_to(message, module, kReplyRefused, "the stamp is too old or not from this host's clock");
   const Nanoseconds from = sent + kNotice;
   if (key == "reset") {
     reset_ = std::max(reset_.value_or(from), from);
-    return reply_to(message, module, kReplyApplied, "starts over");
+    return reply_to(message, module, kReplyApplied, "starting over");
   }
   const std::optional<double> value = parse_number(get_text(message.value));
   if (key == "pace") {
     if (!value || (*value != 0 && !(*value >= kSlowest && *value <= 1)))
-      return reply_to(message, module, kReplyRefused, "pace: expected 0 to stand, or 0.01 to 1");
+      return reply_to(message, module, kReplyRefused, "pace: expected 0 to halt, or 0.01 to 1");
     clock_.command(from, *value);
     return reply_to(message, module, kReplyApplied,
-                    *value == 0   ? "stands"
-                    : *value == 1 ? "goes on in real time"
-                                  : "goes on, slowed down");
+                    *value == 0   ? "halted"
+                    : *value == 1 ? "running in real time"
+                                  : "running slowed down");
   }
   if (!value || !(*value > 0 && *value <= kLongestAdvance))
-    return reply_to(message, module, kReplyRefused, "advance: expected seconds, up to 60");
+    return reply_to(message, module, kReplyRefused, "advance: expected seconds above 0, up to 60");
   clock_.command(from, 1, from + static_cast<Nanoseconds>(*value * 1e9));
-  return reply_to(message, module, kReplyApplied, "goes on for so long, then stands");
+  return reply_to(message, module, kReplyApplied, "running for this time, then halted");
 }
 
 std::optional<Nanoseconds> TimeControl::take_reset(Nanoseconds now) {

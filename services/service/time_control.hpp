@@ -1,6 +1,6 @@
-// Pausing, slowing down and starting over a whole rig. The commands are messages to all modules. Each takes effect a
-// moment after it was sent, at a time told by its own stamp, so that all processes of a host do the same at the same
-// time though they hear of it one after another.
+// Pause, slow down and restart of a whole rig. The commands are messages to all modules. Each command takes effect a
+// fixed time after it was sent, computed from its own stamp. So all processes of a host act at the same time, although
+// they receive the message one after another.
 #pragma once
 
 #include <optional>
@@ -12,22 +12,21 @@ namespace softhand {
 
 class TimeControl {
  public:
-  /// From a command's sending to its effect: more than a message takes, less than a person notices.
+  /// Delay from the sending of a command to its effect: longer than a message takes, too short for a person to notice.
   static constexpr Nanoseconds kNotice = 100'000'000;
-  /// Environment variable by which `softhand up` tells processes that it starts later what the clock was commanded
-  /// before.
+  /// Environment variable with the commanded state of the clock. `softhand up` sets it for processes that start later.
   static constexpr const char* kVariable = "SOFTHAND_CLOCK";
 
-  /// Reads SOFTHAND_CLOCK; throws std::invalid_argument where it holds no clock.
+  /// Reads SOFTHAND_CLOCK. Throws std::invalid_argument if its value is not a clock.
   TimeControl();
 
-  /// Answers `pace` (0 = stand, 1 = real time), `advance` (simulated seconds at real time, then stand) and `reset` (any
-  /// value); none to other messages. `now`: real time. Real-time.
+  /// Answers `pace` (0 = halt, 1 = real time), `advance` (simulated seconds in real time, then halt) and `reset` (any
+  /// value). Returns nothing for other messages. `now` is real time. Real-time safe.
   std::optional<MessageReply> answer(const Message& message, std::string_view module, Nanoseconds now);
 
   const SimulatedClock& clock() const { return clock_; }
-  /// Once for the newest `reset` that is in effect at real time `now`: the simulated time at which it came. What was
-  /// sampled until then belongs to before.
+  /// Returns the simulated time of the newest `reset` that is in effect at real time `now`, once. Samples up to that
+  /// time are from before the reset.
   std::optional<Nanoseconds> take_reset(Nanoseconds now);
 
  private:

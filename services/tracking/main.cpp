@@ -1,4 +1,4 @@
-// softhand-tracking: owner of the intermediate skeleton.
+// softhand-tracking: owns the intermediate skeleton.
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "tracking/tracking_loop.hpp"
@@ -7,7 +7,8 @@ namespace {
 using namespace softhand;
 
 void run(int argc, char** argv) {
-  const ServiceArguments arguments = parse_arguments(argc, argv, "tracking", "Owner of the intermediate skeleton");
+  const ServiceArguments arguments =
+      parse_arguments(argc, argv, "tracking", "Tracking loop; owns the intermediate skeleton");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey hand = hand_key(scene);
   TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, load_scene_hand(scene), hand);

@@ -14,14 +14,14 @@ namespace softhand {
 namespace {
 
 constexpr double kSecondsPerNanosecond = 1e-9;
-// A bone that the hand file leaves uncoupled follows its tracker all the same, with at least this bandwidth.
+// Even a bone without coupling in the hand file follows its tracker, with at least this bandwidth.
 constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
 constexpr int kRotationIterations = 4;
-constexpr double kBeyondBelief = 1e4;  // m, m/s, rad/s, of the simulated skeleton
+constexpr double kBeyondBelief = 1e4;  // m, m/s, rad/s; larger values of the simulated skeleton are refused
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// Secant of a capped spring: the force k_eff |stretch| never exceeds cap.
+// Secant stiffness of a capped spring: the force k_eff |stretch| never exceeds `cap`.
 double capped(double stiffness, double stretch, double cap) {
   return stiffness * stretch > cap ? cap / stretch : stiffness;
 }
@@ -35,8 +35,8 @@ double tracked_stiffness(double ratio, double coupling, double inertia) {
   return std::max(ratio * coupling, inertia * kMinimumBandwidth * kMinimumBandwidth);
 }
 
-// Growth per hand period of one degree of freedom: intermediate (x, v), simulated bone (y, w), tracker at rest at zero.
-// `old_periods` = how many hand periods the copies are old.
+// Growth per hand period of one degree of freedom. The intermediate bone is (x, v), the simulated bone is (y, w), and
+// the tracker rests at zero. `old_periods` is the age of the copies in hand periods.
 double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, double coupling, int old_periods) {
   const double m1 = o.mass_fraction * mass;
   const double k1 = tracked_stiffness(o.stiffness_ratio, coupling, m1);
@@ -67,7 +67,7 @@ double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, dou
     }
     y += dy;
     w = dy / H;
-    // Renormalised, so that growth is measured over many periods without overflow; everything is linear.
+    // Renormalise, so that the growth over many periods is measured without overflow. All equations are linear.
     const double size = norm();
     if (!(size > 0)) return 0;
     if (period >= kSettle) log_growth += std::log(size);
@@ -97,8 +97,8 @@ double chain_growth(const TrackingOptions& options, double hand_rate_hz, const H
 void check_stability(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand) {
   const double growth = chain_growth(options, hand_rate_hz, hand);
   if (growth < 1) return;
-  // The nearest values that pass: less feedback first, since it costs least; then a stiffer, lighter intermediate
-  // layer.
+  // Search the nearest values that pass. Reduce the feedback first, because it costs least. Then make the intermediate
+  // layer stiffer and lighter.
   TrackingOptions better = options;
   for (int attempt = 0; attempt < 40 && chain_growth(better, hand_rate_hz, hand) >= 1; ++attempt) {
     if (better.feedback_ratio > 0.1) {
@@ -111,9 +111,8 @@ void check_stability(const TrackingOptions& options, double hand_rate_hz, const 
   char text[320];
   std::snprintf(text, sizeof text,
                 "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: "
-                "small deviations grow "
-                "%.4f times a hand "
-                "period; expected less than 1, e.g. stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
+                "small deviations grow by a factor of %.4f per hand period; expected less than 1, e.g. "
+                "stiffness_ratio %g, feedback_ratio %g, mass_fraction %g",
                 options.stiffness_ratio, options.feedback_ratio, options.mass_fraction, options.rate_hz, hand_rate_hz,
                 growth, better.stiffness_ratio, better.feedback_ratio, better.mass_fraction);
   throw std::invalid_argument(text);
@@ -204,7 +203,8 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   const Pose start = bone.pose;
   const Twist start_velocity = bone.velocity;
 
-  // Translation: quadratic up to the caps, whose secants are taken at the start of the step.
+  // Translation: the potential is quadratic, so one linear solve is exact. If a spring exceeds its cap, its secant
+  // stiffness at the start of the step is used.
   const Vector3 to_tracked = target.pose.position - bone.pose.position;
   const Vector3 to_copy = feedback ? Vector3(copy.position - bone.pose.position) : Vector3::Zero();
   const double k1 = capped(tracked.stiffness, to_tracked.norm(), tracked.cap);
@@ -212,9 +212,9 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   const Vector3 step = (bone.mass / h * bone.velocity.linear + k1 * to_tracked + k2 * to_copy) /
                        (bone.mass / (h * h) + bone.damping_linear / h + k1 + k2);
 
-  // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm (the Jacobian of log
-  // leaves its own argument fixed), and its Hessian is at most k: Newton with that bound descends monotonically and
-  // needs one division.
+  // Rotation: the gradient of 1/2 k |log(exp(theta) R R_target^T)|^2 is k times that logarithm. (The Jacobian of log
+  // maps its own argument to itself.) The Hessian is at most k. Newton's method with this bound descends monotonically
+  // and needs one division.
   const Vector3 stretch = rotation_log(bone.pose.orientation * target.pose.orientation.conjugate());
   const Vector3 stretch_copy =
       feedback ? rotation_log(bone.pose.orientation * copy.orientation.conjugate()) : Vector3::Zero();
@@ -241,15 +241,16 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
 
   const double kinetic =
       0.5 * (bone.mass * start_velocity.linear.squaredNorm() + bone.inertia * start_velocity.angular.squaredNorm());
-  flow->work += kinetic - bone.kinetic;  // where it was set from outside
+  flow->work += kinetic - bone.kinetic;  // work on a bone that was moved from outside since the last step
   bone.kinetic =
       0.5 * (bone.mass * bone.velocity.linear.squaredNorm() + bone.inertia * bone.velocity.angular.squaredNorm());
   flow->stored += bone.kinetic;
   flow->integrator += 0.5 * (bone.mass * (bone.velocity.linear - start_velocity.linear).squaredNorm() +
                              bone.inertia * (bone.velocity.angular - start_velocity.angular).squaredNorm());
   flow->damping += (bone.damping_linear * step.squaredNorm() + bone.damping_angular * theta.squaredNorm()) / h;
-  // The force of the step's end does work at both ends of a spring: the bone's moves by `step`, the other by what its
-  // skeleton did since the last step. One that did not pull then is hung on as it is stretched at the start.
+  // The force at the end of the step does work at both ends of a spring. The bone's end moves by `step`. The other end
+  // moves as its skeleton did since the last step. A spring that was inactive in the last step enters the ledger with
+  // its stretch at the start of this step.
   const auto pull = [&](const Spring& spring, double k, double a, bool hung, Pose& end_before, const Pose& end,
                         double& energy) {
     if (!hung) {
@@ -278,7 +279,8 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   bone.entered = true;
 }
 
-// Whoever puts a bone elsewhere takes what it and its springs held; what they hold there is entered in the next step.
+// Takes the energy of a bone and of its springs out of the ledger before the bone is set to another pose. The next step
+// enters their energy at the new pose.
 void TrackingLoop::release(Bone& bone, EnergyFlow& flow) {
   flow.work -= bone.kinetic + bone.tracked_energy + bone.feedback_energy;
   bone.kinetic = bone.tracked_energy = bone.feedback_energy = 0;
@@ -298,7 +300,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const auto is_usable = [this](const auto* sample) {
     return sample != nullptr && sample->stamp.sample_time > reset_time_;
   };
-  // A tracker of another clock does not tell what it took before the reset.
+  // The stamp of a tracker with another clock does not say whether a sample was taken before the reset.
   const bool is_timed = input.tracked != nullptr && is_plausible(input.tracked->stamp.sample_time, now);
   if (input.tracked != nullptr && (!is_timed || is_usable(input.tracked))) input_.add_sample(*input.tracked, now);
   if (is_usable(input.simulated)) take_simulated(*input.simulated, now);
@@ -316,7 +318,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   reposition_asked_ = false;
   const double since_arrival = static_cast<double>(now - simulated_arrival_) * kSecondsPerNanosecond;
   const bool fresh = simulated_any_ && since_arrival <= options_.simulated_stale_after;
-  // The copy's age by its own stamp where that is believable, else since it arrived.
+  // The age of the copy is that of its own stamp if plausible, otherwise the time since its arrival.
   const double by_stamp = static_cast<double>(now - simulated_stamp_.sample_time) * kSecondsPerNanosecond;
   const double age =
       std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
@@ -397,7 +399,8 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
     sample.tracked_orientation = to_wire(targets[b].pose.orientation);
     sample.intermediate_position = to_wire(bone.pose.position);
     sample.intermediate_orientation = to_wire(bone.pose.orientation);
-    // The forearm's frame is not on the wire: it follows the wrist, whose coupling the carpus reports.
+    // The forearm's frame is not in the message. The forearm follows the wrist, and the carpus reports the wrist's
+    // coupling.
     if (!simulated_fresh || !bone.simulated_seen) continue;
     const Pose copy = simulated_at(bone, simulated_age);
     sample.simulated_position = to_wire(copy.position);

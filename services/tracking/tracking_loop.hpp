@@ -1,11 +1,11 @@
 // The loop that owns the intermediate skeleton (figure 2A): tracked skeleton --U_crb-- intermediate --U_crb-- copy of
 // the simulated skeleton.
 //
-// Each step minimises, bone by bone, the incremental potential (eqs. 10-11) of the intermediate bone's inertia, its
-// absolute damping and two couplings of eq. 18. The unknowns of one bone are its joint frame's position and
-// orientation. The bone's mass is lumped at the joint with an isotropic inertia: the layer's inertia is a regulariser
-// of ours, not anatomy, and lumped it has no lever arm, so that translation and rotation separate: translation has a
-// closed form, rotation takes a few Newton iterations. The coupling to the tracker is capped like the hand's own,
+// Each step minimises the incremental potential (eqs. 10-11) bone by bone. It has the inertia of the intermediate bone,
+// its absolute damping and two couplings of eq. 18. The unknowns of a bone are the position and orientation of its
+// joint frame. The mass of the bone is lumped at the joint with an isotropic inertia. This inertia is our regulariser,
+// not anatomy. It has no lever arm, so translation and rotation separate. Translation has a closed form, and rotation
+// takes a few Newton iterations. The coupling to the tracker is capped like the hand's own coupling, with caps that are
 // `stiffness_ratio` times higher.
 #pragma once
 
@@ -21,48 +21,49 @@
 
 namespace softhand {
 
-/// What arrived since the last step; null = nothing new. Pointers need to live during the call only.
+/// Input since the last step. A null pointer means nothing new. The pointers must be valid during the call only.
 struct TrackingInput {
   const Skeleton* tracked = nullptr;
   const Skeleton* simulated = nullptr;
   const HeadPose* head = nullptr;
   const Contacts* contacts = nullptr;
-  bool wrench_wanted = true;  ///< false where nobody reads bone_wrench: it is left as it was
-  bool ledger_wanted = true;  ///< false where nobody reads the status: no energies are computed
+  bool wrench_wanted = true;  ///< false without a subscriber of bone_wrench: it is not updated
+  bool ledger_wanted = true;  ///< false without a subscriber of the status: no energies are computed
 };
 
 struct TrackingOutput {
   Skeleton intermediate;
   BoneWrench wrench;
-  bool valid = false;  ///< false before the first tracked sample: nothing is to be published
+  bool valid = false;  ///< false before the first tracked sample: nothing must be published
 };
 
-/// Growth per hand period of small deviations of the worst bone, by running the linear chain of intermediate and
-/// simulated bone with states that are up to one hand period, 1/hand_rate_hz, old. Stable below 1.
+/// Growth per hand period of small deviations, for the worst bone. It is computed by running the linear chain of
+/// intermediate and simulated bone. The copied states are up to one hand period, 1/hand_rate_hz, old. Stable if below
+/// 1.
 double chain_growth(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand);
 
-/// Throws std::invalid_argument with the growth and the nearest stable values where `chain_growth` is not below 1.
+/// Throws std::invalid_argument with the growth and the nearest stable values unless `chain_growth` is below 1.
 void check_stability(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand);
 
 class TrackingLoop {
  public:
-  /// Checks stability against a hand simulation of `hand_rate_hz`. Of `hand` only the skeleton is used: rest joints,
+  /// Checks the stability with a hand simulation of `hand_rate_hz`. Uses only the skeleton of `hand`: rest joints,
   /// masses, couplings.
   TrackingLoop(const TrackingOptions& options, double hand_rate_hz, const HandModel& hand, HandKey key);
 
-  /// One step of 1/rate_hz that ends at `now`. The result is valid until the next call.
+  /// Makes one step of 1/rate_hz that ends at `now`. The result is valid until the next call.
   const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);
-  /// As at the start: nothing is valid until a sample of the tracker comes that was taken after `time`.
+  /// Returns to the initial state. Nothing is valid until a tracker sample arrives that was taken after `time`.
   void reset(Nanoseconds time);
-  /// Answers `reposition` (any value: the intermediate jumps to the tracked skeleton) and `feedback_ratio` (0 to the
-  /// configured one).
+  /// Answers `reposition` (any value: the intermediate skeleton jumps to the tracked one) and `feedback_ratio` (0 to
+  /// the configured value).
   MessageReply answer(const Message& message, const std::string& module);
 
   const TrackedInput& input() const { return input_; }
-  /// Of the intermediate skeleton: stored in its springs and its motion, worked by the two skeletons that pull at it,
-  /// damped against the world.
+  /// Energy ledger of the intermediate skeleton. The energy is stored in its springs and its motion. The two skeletons
+  /// that pull at it do work on it, and its damping against the world dissipates energy.
   const EnergyLedger& ledger() const { return ledger_; }
-  /// Adds the input age, the longest stretch to the tracked skeleton and the counters of what was refused.
+  /// Adds the input age, the longest stretch to the tracked skeleton and the counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
 
  private:
@@ -77,19 +78,19 @@ class TrackingLoop {
     double tracked_angular = 0;
     double damping_linear = 0;   // N s/m
     double damping_angular = 0;  // N m s/rad
-    Pose pose;                   // of the joint frame, world
+    Pose pose;                   // joint frame in the world
     Twist velocity;
-    Pose simulated;  // copy, at its own time
+    Pose simulated;  // copy, at its own sample time
     Twist simulated_velocity;
     bool placed = false;
     bool simulated_seen = false;
-    // For the energy ledger: as the last step left it.
+    // For the energy ledger: values after the last step.
     bool entered = false;
-    Pose tracked_end, copy_end;  // where the springs' other ends were
+    Pose tracked_end, copy_end;  // other ends of the springs
     bool fed_back = false;
     double kinetic = 0;          // J
-    double tracked_energy = 0;   // J, of the spring to the tracked skeleton
-    double feedback_energy = 0;  // J, of that to the copy of the simulated one
+    double tracked_energy = 0;   // J, spring to the tracked skeleton
+    double feedback_energy = 0;  // J, spring to the copy of the simulated skeleton
   };
 
   void take_simulated(const Skeleton& simulated, Nanoseconds now);
@@ -112,7 +113,7 @@ class TrackingLoop {
   HandKey key_;
   TrackedInput input_;
   std::array<Bone, kBodyCount> bones_{};
-  std::array<Pose, kJointCount> joint_in_body_{};  // constant place of each joint in its body's joint frame
+  std::array<Pose, kJointCount> joint_in_body_{};  // constant pose of each joint in its body's joint frame
   std::array<double, kJointCount> radii_{};
   std::array<Vector3, kBodyCount> contact_forces_{};
   Nanoseconds simulated_arrival_ = 0;
@@ -121,10 +122,10 @@ class TrackingLoop {
   bool simulated_any_ = false;
   bool reposition_asked_ = false;
   EnergyLedger ledger_;
-  double coupling_stretch_ = 0;                                       // m, longest now, to the tracked skeleton
-  Nanoseconds reset_time_ = std::numeric_limits<Nanoseconds>::min();  // what was sampled until then is not used
+  double coupling_stretch_ = 0;                                       // m, largest stretch to the tracked skeleton now
+  Nanoseconds reset_time_ = std::numeric_limits<Nanoseconds>::min();  // samples up to this time are ignored
   std::uint64_t sequence_ = 0;
-  std::uint64_t simulated_refused_ = 0;  // joints of the simulated copy with non-finite or absurd values
+  std::uint64_t simulated_refused_ = 0;  // joints of the simulated skeleton with non-finite or absurd values
   TrackingOutput output_;
 };
 

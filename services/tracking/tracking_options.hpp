@@ -17,20 +17,20 @@ struct TrackingOptions {
 };
 
 inline void describe(OptionVisitor& v, TrackingOptions& o) {
-  v.number("rate_hz", o.rate_hz, "Hz", {50, 10000}, "Rate of the tracking loop; its step is the reciprocal.");
+  v.number("rate_hz", o.rate_hz, "Hz", {50, 10000}, "Rate of the tracking loop. The time step is its reciprocal.");
   v.number("stiffness_ratio", o.stiffness_ratio, "1", {1, 1000},
-           "Stiffness from the tracked to the intermediate skeleton, over that from the intermediate to the simulated "
-           "one (hand file).");
+           "Stiffness of the spring from the tracked to the intermediate skeleton, divided by the stiffness from the "
+           "intermediate to the simulated skeleton (hand file).");
   v.number("feedback_ratio", o.feedback_ratio, "1", {0, 1},
-           "Stiffness of the spring from the simulated skeleton back to the intermediate one, over the same.");
+           "Stiffness of the spring from the simulated skeleton back to the intermediate one, divided by the same.");
   v.number("mass_fraction", o.mass_fraction, "1", {0.001, 1},
-           "Mass and inertia of an intermediate bone, over those of the bone in the hand file.");
+           "Mass and inertia of an intermediate bone, divided by those of the bone in the hand file.");
   v.number("damping_ratio", o.damping_ratio, "1", {0.1, 3},
-           "Damping of the intermediate bones against the world; 1 = critical.");
+           "Damping ratio of the intermediate bones against the world. 1 = critical.");
   v.number("simulated_stale_after", o.simulated_stale_after, "s", {0.005, 1},
-           "Age of the newest simulated skeleton after which its spring and all coupling forces are zero; on the "
-           "simulated clock, at a slower pace that much later.");
-  describe_section(v, "input", "What is done with a tracker's samples.", o.input);
+           "If the newest simulated skeleton is older than this, its spring and all coupling forces are zero. The age "
+           "is on the simulated clock, so at a slower pace this takes longer.");
+  describe_section(v, "input", "Processing of tracker samples.", o.input);
 }
 
 }  // namespace softhand

@@ -11,9 +11,9 @@
 namespace softhand::viewer {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "frames are written as they lie in memory");
+static_assert(std::endian::native == std::endian::little, "frames are written with the byte order of the memory");
 
-// Appends plain values after a header; remembers whether a number was none.
+// Appends plain values after a header. Remembers whether a value was not finite.
 class Packer {
  public:
   Packer(FrameType type, std::uint32_t instance, std::size_t expected_bytes) {
@@ -46,7 +46,7 @@ class Packer {
     bytes_.insert(bytes_.end(), used.begin(), used.end());
     bytes_.resize(bytes_.size() + n - used.size());
   }
-  // Times as float64 seconds: a microsecond after 200 years of uptime.
+  // Times are float64 seconds. The resolution is a microsecond even after 200 years of uptime.
   void stamp(const Stamp& stamp) {
     put(static_cast<double>(stamp.sample_time) * 1e-9);
     put(static_cast<double>(stamp.publish_time) * 1e-9);
@@ -76,7 +76,7 @@ void put_named(Packer& out, const Items& items) {
   }
 }
 
-// Reads what a page sent; knows nothing where the bytes end too soon.
+// Reads a value from a page's frame. Empty if the bytes end too early.
 template <typename T>
 std::optional<T> read(std::span<const std::uint8_t> bytes, std::size_t at) {
   if (at + sizeof(T) > bytes.size()) return std::nullopt;
@@ -85,7 +85,7 @@ std::optional<T> read(std::span<const std::uint8_t> bytes, std::size_t at) {
   return value;
 }
 
-// A text of a message: printable ASCII up to its zero.
+// A text of a message: printable ASCII up to the terminating zero.
 bool read_text(std::span<const std::uint8_t> bytes, ShortText& out) {
   std::memcpy(out.data(), bytes.data(), out.size());
   const std::string_view text = get_text(out);
@@ -152,7 +152,7 @@ Frame encode(FrameType which, const Skeleton& skeleton) {
   out.integer(skeleton.source);
   out.integer(skeleton.frame);
   for (const JointSample& joint : skeleton.joints) {
-    // A joint that is not valid may hold anything; the page does not look at it.
+    // An invalid joint may have any values. The page ignores them.
     const bool valid = (joint.flags & kJointValid) != 0;
     out.reals(valid ? joint.position : Vec3{});
     out.reals(valid ? joint.orientation : Vec4{0, 0, 0, 1});

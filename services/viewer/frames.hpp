@@ -1,11 +1,11 @@
-// The binary frames between gateway and page; docs/viewer.md has every layout. Little-endian, SI units, world frame as
+// The binary frames between gateway and page. docs/viewer.md has every layout. Little-endian, SI units, world frame as
 // on the topics.
 //
-// A frame is a header of 16 bytes and a payload, both multiples of 4 long:
+// A frame is a header of 16 bytes and a payload. Both lengths are multiples of 4. The header:
 //   u32 magic "SHVF", u16 version, u16 type, u32 payload bytes, u32 instance
-// A WebSocket message from the gateway is one or more frames, one to the gateway is exactly one. `instance` tells hands
-// (2 * user + side), objects (id) and modules (slot) apart; a newer frame of a type and instance replaces an older one,
-// but of message_reply.
+// A WebSocket message from the gateway is one or more frames. A message to the gateway is exactly one frame. `instance`
+// distinguishes hands (2 * user + side), objects (id) and modules (slot). A newer frame replaces an older one of the
+// same type and instance, except for message_reply.
 #pragma once
 
 #include <array>
@@ -43,61 +43,62 @@ enum class FrameType : std::uint16_t {
   message = 33,
 };
 
-/// What a page shows, as a set of frame types.
+/// The set of frame types that a page shows.
 using TypeSet = std::uint32_t;
 constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsigned>(type); }
-/// The types that a page can ask for; `gateway` comes unasked.
+/// The types that a page can request. `gateway` is sent without a request.
 inline constexpr TypeSet kShowable = (set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description);
 
-/// An encoded frame; empty where the content must not be shown (a number that is none). Shared, for it goes to several
-/// pages.
+/// An encoded frame. Null if the content must not be shown (NaN or infinity). It is shared because several pages get
+/// it.
 using Frame = std::shared_ptr<const std::vector<std::uint8_t>>;
 
 constexpr std::uint32_t instance_of(const HandKey& hand) { return 2 * hand.user + hand.side; }
 
-/// `rest_nodes` (metres, rest frame) let the page tell how far the skin is strained; empty = unknown.
+/// `rest_nodes` (m, rest frame) let the page compute the strain of the skin. Empty = unknown.
 Frame encode(const HandDescription& description, std::span<const Vector3> rest_nodes);
-/// `quantised`: int16 of the largest coordinate, some 5 um on a hand, instead of float32.
+/// `quantised`: int16 fractions of the largest coordinate (about 5 um on a hand) instead of float32.
 Frame encode(const TissueSurface& surface, bool quantised);
 Frame encode(FrameType which, const Skeleton& skeleton);
 Frame encode(const Contacts& contacts);
 Frame encode(const WorldObjects& objects);
 Frame encode(const ObjectDescription& description);
 Frame encode(const BoneWrench& wrench);
-/// `slot`: the instance that stands for the module.
+/// `slot`: the instance number of the module.
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);
 
-/// An object that a hand carries is drawn where that hand's twin is: the world's copy trails it
+/// Draws an object that a hand owns at the pose of the hand's twin, because the world's copy lags behind it
 /// (docs/coupling-objects.md).
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling);
 
-/// Why a frame from a page was not believed.
+/// Reason why a frame from a page was refused.
 enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood };
 inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size",    "magic",  "version",
                                                                "type", "content", "origin", "flood"};
 using RefusalCounts = std::array<std::uint64_t, kRefusalNames.size()>;
 
-/// What the gateway says of itself, every half second.
+/// State of the gateway, sent every half second.
 struct GatewayState {
-  Nanoseconds clock = 0;  ///< monotonic, so that the page can tell ages
+  Nanoseconds clock = 0;  ///< monotonic; with it the page computes ages
   std::uint32_t pages = 0;
   std::uint32_t rate_hz = 0;
   std::uint64_t bytes_sent = 0;
   std::uint64_t frames_sent = 0;
   std::uint64_t frames_passed_over = 0;  ///< replaced by newer ones before a slow page took them
-  std::uint64_t refused_content = 0;     ///< samples of topics that were no numbers
+  std::uint64_t refused_content = 0;     ///< samples of topics with values that are not finite
   RefusalCounts refused{};
 };
 Frame encode(const GatewayState& state);
 
-/// A page tells what it shows, and how often it wants it.
+/// A request of a page: the types that it shows, and their rate.
 struct ShowRequest {
   TypeSet types = 0;
-  float rate_hz = 0;  ///< of frames of a stream, at most; 0 = `viewer.rate_hz`
+  float rate_hz = 0;  ///< Hz, upper limit for the frames of a stream; 0 = `viewer.rate_hz`
 };
 using PageRequest = std::variant<ShowRequest, Message>;
-/// `out` is written only where the answer is `none`. Anything goes in: sizes, versions, numbers and texts are checked.
+/// Decodes a frame from a page. Sizes, versions, numbers and texts are checked, so any input is safe. `out` is written
+/// only if the result is `none`.
 Refusal decode(std::span<const std::uint8_t> bytes, PageRequest& out);
 
 }  // namespace softhand::viewer

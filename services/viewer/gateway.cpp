@@ -13,14 +13,14 @@ namespace {
 
 constexpr Nanoseconds kStatePeriod = 500'000'000;
 
-// A topic that is read while it is shown.
+// A reader that exists only while its topic is shown.
 template <typename T>
 class Feed {
  public:
   Feed(const bus::Participant& participant, const bus::Topic<T>& topic, FrameType type)
       : participant_(participant), topic_(topic), type_(type) {}
 
-  // Calls f(const T&) for each new sample; on topics of state only the newest of each instance comes.
+  // Calls f(const T&) for each new sample. On topics of state only the newest sample of each instance arrives.
   template <typename F>
   void take(TypeSet shown, F&& f) {
     const bool wanted = (shown & set_of(type_)) != 0;
@@ -42,7 +42,7 @@ class Feed {
   std::optional<bus::Reader<T>> reader_;
 };
 
-// A small number for each name, in the order of their coming.
+// Numbers for names, in the order of their first appearance.
 class Slots {
  public:
   std::uint32_t of(std::string_view name) {
@@ -71,7 +71,7 @@ class Gateway::Impl {
 
   void step(Nanoseconds at) {
     const TypeSet shown = server_.shown();
-    // Descriptions are kept for later pages: once asked for, they are followed, and not told anew to each.
+    // Descriptions are kept for later pages. After the first request their topics stay subscribed.
     described_ |= shown;
     pass(hand_descriptions_, described_, Keep::yes,
          [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
@@ -169,7 +169,7 @@ class Gateway::Impl {
   Feed<LoopStatus> statuses_{participant_, bus::topics::loop_status, FrameType::loop_status};
   Feed<MessageReply> replies_{participant_, bus::topics::message_reply, FrameType::message_reply};
   bus::Writer<Message> messages_;
-  std::map<std::uint32_t, ObjectCoupling> held_;  // newest of each hand
+  std::map<std::uint32_t, ObjectCoupling> held_;  // newest coupling of each hand
   std::unique_ptr<WorldObjects> drawn_ = std::make_unique<WorldObjects>();
   Slots modules_;
   TypeSet described_ = 0;

@@ -1,4 +1,5 @@
-// From topics to pages and back. A topic is read only while some open page shows it, so that its writer is spared too.
+// Passes samples from topics to pages, and messages back. A topic is read only while a page shows it. This also saves
+// work for its writer.
 #pragma once
 
 #include <memory>
@@ -12,13 +13,13 @@ namespace softhand::viewer {
 
 class Gateway {
  public:
-  /// `hands`, of different sizes, are those that the scene may simulate: their rest nodes let pages tell strain. Where
-  /// another hand announces itself, strain stays unknown.
+  /// `hands` are the hands that the scene may simulate, of different sizes. Pages compute strain from their rest nodes.
+  /// For any other hand the strain stays unknown.
   Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
           bool quantised, double rate_hz);
   ~Gateway();
 
-  /// Passes on what is new, and what pages ask of modules.
+  /// Passes on new samples, and messages of pages to modules.
   void step(Nanoseconds now);
   void fill_status(LoopStatus& status) const;
 

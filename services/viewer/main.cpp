@@ -1,4 +1,4 @@
-// softhand-viewer: shows what is on the topics in a browser.
+// softhand-viewer: shows the content of the topics in a browser.
 #include <cstdio>
 #include <filesystem>
 #include <string>
@@ -10,9 +10,9 @@
 namespace {
 using namespace softhand;
 
-// How often in a period of `viewer.rate_hz` new samples are looked for. Once is too seldom for streams of the same
-// rate: where samples come at about the time of the look, now two come between two looks, of which the first is lost,
-// and now none.
+// Polls per period of `viewer.rate_hz`. One poll is too few for a stream of the same rate whose samples arrive at about
+// the time of a poll. Then two samples sometimes arrive between two polls, and the first of them is lost. The next poll
+// finds no sample.
 constexpr double kLooks = 4;
 
 std::string built_page() {

@@ -1,4 +1,4 @@
-// A file that the page plays (its Open button): what Save writes there.
+// Writes a file that the page can play (button Open). The format is that of the page's button Save.
 #pragma once
 
 #include <fstream>
@@ -10,11 +10,11 @@ namespace softhand::viewer {
 
 class Recording {
  public:
-  /// Throws std::runtime_error where the file cannot be written.
+  /// Throws std::runtime_error if the file cannot be written.
   explicit Recording(const std::string& path);
-  /// `seconds` since the recording's start, not falling. Empty frames are passed over.
+  /// `seconds` since the start of the recording, not decreasing. Null frames are skipped.
   void add(double seconds, const Frame& frame);
-  /// Throws std::runtime_error where something could not be written.
+  /// Throws std::runtime_error if something could not be written.
   void close();
 
  private:

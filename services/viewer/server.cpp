@@ -16,11 +16,11 @@
 namespace softhand::viewer {
 namespace {
 
-constexpr std::size_t kLargestRequest = 4096;      // bytes of a message from a page
-constexpr std::size_t kWaitingMessages = 64;       // not yet taken by the gateway's loop
-constexpr std::uint64_t kRefusalsOfOnePage = 100;  // until it is closed
-constexpr double kSlowest = 0.01;                  // Hz, that a page may ask for
-constexpr int kPorts = 11;                         // that are tried
+constexpr std::size_t kLargestRequest = 4096;      // bytes, message from a page
+constexpr std::size_t kWaitingMessages = 64;       // limit of messages that the gateway's loop has not taken yet
+constexpr std::uint64_t kRefusalsOfOnePage = 100;  // then the page is closed
+constexpr double kSlowest = 0.01;                  // Hz, lowest rate that a page may request
+constexpr int kPorts = 11;                         // number of ports that are tried
 
 struct File {
   std::string body;
@@ -40,7 +40,7 @@ std::string_view media_type(const std::filesystem::path& path) {
   return found == types.end() ? "application/octet-stream" : found->second;
 }
 
-// All files, read once: no request can name a path outside.
+// Reads all files once. Therefore no request can reach a path outside the folder.
 std::map<std::string, File> read_files(const std::string& folder) {
   std::map<std::string, File> files;
   std::error_code error;
@@ -56,7 +56,7 @@ std::map<std::string, File> read_files(const std::string& folder) {
   return files;
 }
 
-// What is known to all pages. Only the server's thread touches it, but for the atomics and what the mutex guards.
+// State that all pages share. Only the server's thread uses it, except the atomics and the members behind the mutex.
 struct Shared {
   std::map<std::string, File> files;
   std::map<std::pair<FrameType, std::uint32_t>, Frame> kept;
@@ -87,7 +87,7 @@ class Page : public web::Session {
     if (socket_ == nullptr || (outgoing.type != FrameType::gateway && (show_.types & set_of(outgoing.type)) == 0))
       return;
     if (outgoing.type == FrameType::message_reply) {
-      // Answers are no state: none replaces another. A page that does not take them loses the oldest.
+      // Replies are not state, so they do not replace each other. A page that does not take them loses the oldest.
       replies_.push_back(outgoing.frame);
       if (replies_.size() > kWaitingMessages) replies_.pop_front();
       return;
@@ -105,8 +105,8 @@ class Page : public web::Session {
     for (auto& [key, stream] : streams_) {
       if (stream.waiting == nullptr || at < stream.due) continue;
       frames.push_back(std::exchange(stream.waiting, nullptr));
-      // A sample that came late, by up to a period, does not make the next one wait: a stream of just this rate loses
-      // none to the unevenness of its times.
+      // A sample that is late by up to a period does not delay the next one. So a stream of exactly this rate loses no
+      // sample although its times are uneven.
       stream.due = std::max(stream.due, at - period) + period;
     }
     frames.insert(frames.end(), replies_.begin(), replies_.end());
@@ -168,18 +168,18 @@ class Page : public web::Session {
   }
 
   struct Stream {
-    Frame waiting;  // the newest, until it is sent
+    Frame waiting;  // the newest frame, until it is sent
     Nanoseconds due = 0;
   };
 
   Shared& shared_;
   double rate_hz_;
   std::function<void()> show_changed_;
-  web::Socket* socket_ = nullptr;  // while it is open
+  web::Socket* socket_ = nullptr;  // null unless it is open
   ShowRequest show_;
   std::map<std::pair<FrameType, std::uint32_t>, Stream> streams_;  // by type and instance
   std::deque<Frame> replies_;
-  std::size_t sending_ = 0;  // frames on their way
+  std::size_t sending_ = 0;  // number of frames on their way
   std::uint64_t refusals_ = 0;
   bool gone_ = false;
   bool closing_ = false;
@@ -242,7 +242,7 @@ class Server::Impl {
   std::vector<std::shared_ptr<Page>> pages_;
   std::size_t max_pages_;
   double rate_hz_;
-  web::WebServer web_;  // last: its thread uses the others
+  web::WebServer web_;  // last member, because its thread uses the others
 };
 
 Server::Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz)

@@ -1,4 +1,4 @@
-// The pages that are open, and what each of them is sent.
+// The open pages, and the frames that each of them gets.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 namespace softhand::viewer {
 
 enum class Keep : bool {
-  no,   ///< for whoever shows it now
-  yes,  ///< and, the newest of each instance, for pages that come later: descriptions
+  no,   ///< only for pages that show it now
+  yes,  ///< the newest of each instance is also sent to later pages (descriptions)
 };
 
 struct Outgoing {
@@ -31,24 +31,24 @@ struct ServerCounters {
   RefusalCounts refused{};
 };
 
-/// Each page gets what it shows, of each type and instance at most at the server's rate and at that which it asked for,
-/// and never more than it takes: newer frames of a type and instance replace those that wait for their time or for a
-/// message that is on its way. Who is let in: web/web_server.hpp. Thread-safe.
+/// Each page gets the types that it shows. The rate per type and instance is limited by the server's rate and by the
+/// requested rate. A page never gets more than it can take. If a frame waits for its time or for a message on its way,
+/// a newer frame of its type and instance replaces it. Rules of access: web/web_server.hpp. Thread-safe.
 class Server {
  public:
-  /// Listens from here on, and serves the files of `folder`; a page gets at most `rate_hz` frames of a type and
-  /// instance a second. Throws std::runtime_error naming address and port where that is refused.
+  /// Starts listening and serves the files of `folder`. A page gets at most `rate_hz` frames per second of a type and
+  /// instance. Throws std::runtime_error with address and port if listening fails.
   Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz);
   ~Server();
 
-  /// Where it is reached, e.g. http://127.0.0.1:8080
+  /// URL for this machine, e.g. http://127.0.0.1:8080
   const std::string& url() const;
-  /// Where other machines reach it.
+  /// URLs for other machines.
   const std::vector<std::string>& urls_elsewhere() const;
-  /// Union of what the open pages show.
+  /// Union of the types that the open pages show.
   TypeSet shown() const;
   void publish(std::vector<Outgoing> frames);
-  /// Messages that pages sent since the last call, in order.
+  /// Messages from pages since the last call, in order.
   std::vector<Message> take_messages();
   ServerCounters counters() const;
 

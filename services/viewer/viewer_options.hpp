@@ -18,14 +18,14 @@ struct ViewerOptions {
 };
 
 inline void describe(OptionVisitor& v, ViewerOptions& o) {
-  v.number("rate_hz", o.rate_hz, "Hz", {1, 240},
-           "Most samples of a stream that a page gets a second; the newest ones.");
+  v.number("rate_hz", o.rate_hz, "Hz", {1, 240}, "Largest rate at which a page gets the newest samples of a stream.");
   describe(v, o.listening,
-           "Port; where it is taken, the next free one of the ten that follow. 0 = any, printed at the start.");
-  v.string("page", o.page, "Folder of the built page; empty = ../share/softhand/viewer beside the program's folder.");
+           "Port. If it is in use, the next free one of the following ten. 0 = any free port, printed at the start.");
+  v.string("page", o.page,
+           "Folder of the built page. Empty = ../share/softhand/viewer relative to the program's folder.");
   v.choice("node_encoding", o.node_encoding, {"int16", "float32"},
-           "Tissue nodes on the way to the page: int16 takes half the bytes and errs by 5 um.");
-  v.integer("max_pages", o.max_pages, "1", {1, 1000}, "Pages that may be open at a time.");
+           "Encoding of tissue nodes for the page. int16 needs half the bytes and has an error of 5 um.");
+  v.integer("max_pages", o.max_pages, "1", {1, 1000}, "Largest number of open pages.");
 }
 
 }  // namespace softhand

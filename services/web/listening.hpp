@@ -1,4 +1,4 @@
-// Where a server listens, and under which names: part of [viewer], [tracker_webxr] and [tracker_landmarks].
+// Address, port and host names of a server: part of [viewer], [tracker_webxr] and [tracker_landmarks].
 #pragma once
 
 #include <cstdint>
@@ -18,16 +18,17 @@ struct Listening {
 };
 
 inline void describe(OptionVisitor& v, Listening& o,
-                     std::string_view port_text = "Port; 0 = any, printed at the start.") {
+                     std::string_view port_text = "Port. 0 = any free port, printed at the start.") {
   v.string("address", o.address,
-           "Address to listen on. 127.0.0.1 reaches this machine alone; 0.0.0.0 every network it is in.");
+           "Address to listen on. 127.0.0.1: only this machine can connect. 0.0.0.0: every network of this machine "
+           "can connect.");
   v.integer("port", o.port, "1", {0, 65535}, port_text);
   v.string("hosts", o.hosts,
-           "Names, separated by blanks, under which pages may reach it, besides localhost and its address.");
+           "Host names under which pages may connect, separated by spaces, in addition to localhost and the address.");
   v.string("certificate", o.certificate,
-           "PEM file of a certificate (deploy/certificate makes one): https and wss for all, http and ws for this "
-           "machine. Empty = http and ws alone.");
-  v.string("key", o.key, "PEM file of the certificate's private key.");
+           "PEM file of a certificate (deploy/certificate makes one). With it all machines use https and wss, and "
+           "this machine may also use http and ws. Empty = only http and ws.");
+  v.string("key", o.key, "PEM file of the private key of the certificate.");
 }
 
 }  // namespace softhand::web

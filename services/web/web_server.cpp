@@ -32,22 +32,22 @@ using Plain = beast::tcp_stream;
 using Encrypted = beast::ssl_stream<beast::tcp_stream>;
 using Request = http::request<http::string_body>;
 
-constexpr int kSendBuffer =
-    256 * 1024;  // bytes that the kernel may hold back from us: bounds how old a slow page's picture is
+// bytes that the kernel may buffer for a connection. It bounds the age of the picture on a slow page.
+constexpr int kSendBuffer = 256 * 1024;
 constexpr std::size_t kLargestRequest = 16384;          // bytes, HTTP
-constexpr std::chrono::seconds kPatience{30};           // with a request or a handshake that does not come
-constexpr std::chrono::milliseconds kAcceptPause{100};  // after a visitor who could not be let in
+constexpr std::chrono::seconds kPatience{30};           // timeout of a request or a handshake
+constexpr std::chrono::milliseconds kAcceptPause{100};  // pause after a connection that could not be accepted
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
-// Names do not tell capitals apart, and browsers send none.
+// Host names are case-insensitive. Browsers send them in lower case.
 std::string lower_case(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return text;
 }
 
-// Of "name:port" or "[::1]:port".
+// Host name of "name:port" or "[::1]:port".
 std::string host_name(std::string_view authority) {
   const std::size_t colon = authority.rfind(':');
   const std::size_t bracket = authority.rfind(']');
@@ -56,7 +56,7 @@ std::string host_name(std::string_view authority) {
   return lower_case(std::string(authority));
 }
 
-// A name or an address as it stands in URLs: an IPv6 address in brackets, for it has colons of its own.
+// A name or an address as in URLs. An IPv6 address is in brackets, because it contains colons.
 std::string in_url(const std::string& host) {
   beast::error_code error;
   const auto address = asio::ip::make_address_v6(host, error);
@@ -74,7 +74,7 @@ struct Shared {
 
   bool believes(const Request& request) const {
     const std::string_view origin = view(request[http::field::origin]);
-    if (origin.empty()) return true;  // no browser leaves it out
+    if (origin.empty()) return true;  // every browser sends an Origin
     const std::string_view host = view(request[http::field::host]);
     for (const std::string_view scheme : {"http://", "https://"}) {
       if (origin.substr(0, scheme.size()) != scheme) continue;
@@ -154,7 +154,7 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
   bool gone_ = false;
 };
 
-// One HTTP connection: is answered, or becomes a WebSocket.
+// One HTTP connection. It is answered, or it becomes a WebSocket.
 template <typename Stream>
 class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
  public:
@@ -189,15 +189,15 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
     const std::string host(view(request_[http::field::host]));
     if (!shared_.knows(request_)) {
       shared_.site.refused();
-      return respond({403, "text/plain", "This server does not answer to that name (option `hosts`).\n"});
+      return respond({403, "text/plain", "This server does not accept this host name (option `hosts`).\n"});
     }
     const std::string target(view(request_.target()));
     if (std::is_same_v<Stream, Plain> && shared_.tls && !is_local(host_name(host)))
-      return respond({301, "text/plain", "https is spoken here.\n"}, "https://" + host + target);
+      return respond({301, "text/plain", "Use https.\n"}, "https://" + host + target);
     const std::string path = target.substr(0, target.find('?'));
     if (upgrade) return connect(path);
     if (request_.method() != http::verb::get && request_.method() != http::verb::head)
-      return respond({405, "text/plain", "GET or HEAD.\n"});
+      return respond({405, "text/plain", "Use GET or HEAD.\n"});
     respond(shared_.site.get(path));
   }
 
@@ -207,9 +207,9 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
       return respond({403, "text/plain", "Pages of other sites may not connect.\n"});
     }
     if (!shared_.site.socket_path.empty() && path != shared_.site.socket_path)
-      return respond({404, "text/plain", "The WebSocket is elsewhere.\n"});
+      return respond({404, "text/plain", "There is no WebSocket at this path.\n"});
     std::shared_ptr<Session> session = shared_.site.connect();
-    if (!session) return respond({503, "text/plain", "Too many are connected.\n"});
+    if (!session) return respond({503, "text/plain", "Too many connections.\n"});
     std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))
         ->accept(request_, shared_.site.largest_message);
   }
@@ -232,7 +232,8 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
       response->body() = answer.body;
       response->prepare_payload();
     }
-    // Its own time: that of the request began when the one before was answered, and may be as good as over.
+    // Start a new timeout for the answer. The timeout of the request began at the previous answer and may be almost
+    // over.
     beast::get_lowest_layer(stream_).expires_after(kPatience);
     http::async_write(stream_, *response,
                       [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
@@ -253,7 +254,7 @@ void welcome(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
   std::make_shared<Visitor<Stream>>(std::move(stream), std::move(buffer), shared)->start();
 }
 
-// Finds out which of both a visitor speaks.
+// Detects whether a visitor uses TLS.
 class Door : public std::enable_shared_from_this<Door> {
  public:
   Door(Plain&& stream, Shared& shared) : stream_(std::move(stream)), shared_(shared) {}
@@ -343,8 +344,8 @@ class WebServer::Impl {
     acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
       if (error == asio::error::operation_aborted) return;
       if (error) {
-        // No file descriptor is left, say. The visitor still waits, so that without a pause the next try fails at once,
-        // and so on, on a whole core.
+        // For example no file descriptor is free. The connection still waits, so an immediate retry would fail again
+        // and again and use a whole core. Therefore pause.
         pause_.expires_after(kAcceptPause);
         return pause_.async_wait([this](beast::error_code) { accept(); });
       }
@@ -360,7 +361,7 @@ class WebServer::Impl {
     });
   }
 
-  Shared shared_;  // outlives the connections, which die with the context
+  Shared shared_;  // outlives the connections, which end with the context
   asio::io_context context_{1};
   tcp::acceptor acceptor_;
   asio::steady_timer pause_{context_};

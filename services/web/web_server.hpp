@@ -1,5 +1,5 @@
-// HTTP and WebSocket, with or without TLS, in a thread of its own: what browsers meet. Boost.Beast is seen by
-// web_server.cpp alone.
+// HTTP and WebSocket server for browsers, with or without TLS, in its own thread. Only web_server.cpp includes
+// Boost.Beast.
 #pragma once
 
 #include <cstdint>
@@ -13,34 +13,34 @@
 
 namespace softhand::web {
 
-/// Whose pages may open a WebSocket. Programs, which send no Origin, may anyway.
+/// The pages that may open a WebSocket. Programs without Origin always may.
 enum class Origin {
-  here,       ///< served by this very server
-  this_host,  ///< served under the host name by which the server is reached, from whatever port
+  here,       ///< pages of this server
+  this_host,  ///< pages from the host name under which this server is reached, with any port
 };
 
 using Bytes = std::shared_ptr<const std::vector<std::uint8_t>>;
 
-/// The server's end of a WebSocket. Of the server's thread, as all of `Session`.
+/// The server's end of a WebSocket. Use it in the server's thread only, like `Session`.
 class Socket {
  public:
   virtual ~Socket() = default;
-  /// One binary message made of `parts`. The next one waits for `Session::sent`.
+  /// Sends one binary message made of `parts`. Wait for `Session::sent` before the next one.
   virtual void send(std::vector<Bytes> parts) = 0;
-  /// Ends the connection, after what is on its way, because the other end misbehaved.
+  /// Closes the connection after the message in progress, because the other end misbehaved.
   virtual void close() = 0;
 };
 
-/// What becomes of one WebSocket.
+/// Callbacks of one WebSocket.
 class Session {
  public:
   virtual ~Session() = default;
-  /// First of all; `socket` lives until `closed` returns.
+  /// The first call. `socket` is valid until `closed` returns.
   virtual void opened(Socket& socket) = 0;
   virtual void received(std::string_view bytes, bool binary) = 0;
-  /// The message that was sent last has left; its size.
+  /// The last message has been sent. `bytes` is its size.
   virtual void sent(std::size_t bytes) = 0;
-  /// Last of all. `too_large`: because of a message beyond `Site::largest_message`.
+  /// The last call. `too_large`: closed because of a message above `Site::largest_message`.
   virtual void closed(bool too_large) = 0;
 };
 
@@ -50,32 +50,33 @@ struct Answer {
   std::string_view body = "There is no such file.\n";
 };
 
-/// What is served. Functions are called by the server's thread.
+/// The content of a server. The server's thread calls the functions.
 struct Site {
-  std::function<Answer(const std::string& path)> get;  ///< what the views show outlives the server
-  std::string socket_path;                             ///< where WebSockets are opened; empty = anywhere
+  std::function<Answer(const std::string& path)> get;  ///< the texts behind the views must outlive the server
+  std::string socket_path;                             ///< path of the WebSocket; empty = any path
   Origin origin = Origin::here;
   std::size_t largest_message = 4096;                 ///< bytes
-  std::function<std::shared_ptr<Session>()> connect;  ///< null = too many are open
-  std::function<void()> refused;                      ///< a request for another host, or a WebSocket of another origin
+  std::function<std::shared_ptr<Session>()> connect;  ///< null = too many connections
+  std::function<void()> refused;                      ///< called for a request with an unknown host, or a WebSocket of
+                                                      ///< a refused origin
 };
 
-/// Believes a request only where its Host is localhost, the address or one of `hosts`, and a WebSocket only where its
-/// Origin fits, too: so neither other sites nor other names that lead here get in. With a certificate the one port
-/// speaks https to all, and http to localhost; who asks it for http under another name is sent to https.
+/// Accepts a request only if its Host is localhost, the address or one of `hosts`. Accepts a WebSocket only if its
+/// Origin fits, too. This keeps out other sites, and other names that resolve to this machine. With a certificate the
+/// same port serves https to all and http to localhost. An http request under another name is redirected to https.
 class WebServer {
  public:
-  /// Listens from here on. `ports`: so many are tried, one after another, while they are taken. Throws
-  /// std::runtime_error naming address and port, or the file, where that is refused.
+  /// Starts listening. `ports`: number of ports to try, one after another, while they are in use. Throws
+  /// std::runtime_error with address and port, or with the file, if this fails.
   WebServer(const Listening& listening, Site site, int ports = 1);
   ~WebServer();
 
   std::uint16_t port() const;
-  /// Where it is reached, e.g. http://127.0.0.1:8080
+  /// URL for this machine, e.g. http://127.0.0.1:8080
   const std::string& url() const;
-  /// Where other machines reach it: one a name of `hosts` where it listens on 0.0.0.0 or ::, else none.
+  /// URLs for other machines: one for each name of `hosts` if the server listens on 0.0.0.0 or ::. Otherwise empty.
   const std::vector<std::string>& urls_elsewhere() const;
-  /// Has the server's thread do something.
+  /// Runs `work` in the server's thread.
   void post(std::function<void()> work);
 
  private:

@@ -10,7 +10,7 @@ namespace softhand {
 namespace {
 
 constexpr double kTorqueCap = 10;    // N m
-constexpr double kFollowSpeed = 2;   // m/s at which a far twin is approached
+constexpr double kFollowSpeed = 2;   // m/s, approach speed to a twin that is far away
 constexpr double kFollowTurn = 20;   // rad/s
 constexpr double kFarthest = 0.1;    // m
 constexpr double kFarthestTurn = 1;  // rad
@@ -23,7 +23,7 @@ Vector3 clamped(const Vector3& v, double limit) {
 }  // namespace
 
 Wrench owner_wrench(const Follower& b, const Leader& a, double kappa, double step) {
-  // With k = kappa m/T^2 and b = 2 sqrt(k m) = beta m/T the mass drops out of every bracket.
+  // Let k = kappa m/T^2 and b = 2 sqrt(k m) = beta m/T. The mass then cancels in every bracket.
   const double beta = 2 * std::sqrt(kappa);
   const double share = 1 / (1 + beta + kappa);
   const double reach = 2 * step / std::sqrt(kappa);  // 2 zeta sqrt(m/k), zeta = 1
@@ -48,7 +48,7 @@ Wrench symmetric_wrench(const Follower& b, const Leader& a, double stiffness, do
   const double z = (step * damping + step * step * stiffness) / b.mass;
   const Vector3 e = a.pose.position - b.pose.position;
   const Vector3 turn = rotation_log(a.pose.orientation * b.pose.orientation.conjugate());
-  // One scalar inertia for the damping (the mean), the whole tensor in the implicit solve.
+  // The damping uses one scalar inertia (the mean). The implicit solve uses the whole tensor.
   const double angular_damping = 2 * damping_ratio * std::sqrt(angular_stiffness * b.inertia.trace() / 3);
   const double angular_z = step * angular_damping + step * step * angular_stiffness;
   Wrench result;

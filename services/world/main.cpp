@@ -27,7 +27,7 @@ void run(int argc, char** argv) {
     const std::uint64_t before = std::exchange(described, loop.descriptions_version());
     if (described == before) return;
     for (const ObjectDescription& each : loop.descriptions()) {
-      if (each.stamp.sequence <= before) continue;  // a hand lets go of what is described anew
+      if (each.stamp.sequence <= before) continue;  // unchanged; a hand releases every object that is described again
       ObjectDescription description = each;
       service.stamp(description.stamp);
       description.stamp.sample_time = now;

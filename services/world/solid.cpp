@@ -67,7 +67,7 @@ Solid make_solid(const ObjectOptions& object) {
     return solid;
   }
   if (object.vertices.size() < 4 || object.vertices.size() > kMaxHullVertices)
-    throw std::invalid_argument("a convex hull has 4 to 256 vertices, not " + std::to_string(object.vertices.size()));
+    throw std::invalid_argument("a convex hull needs 4 to 256 vertices, not " + std::to_string(object.vertices.size()));
   std::vector<Vector3> points;
   for (const VertexOptions& vertex : object.vertices) points.push_back(to_vector(vertex.at));
   const HullSolid hull = hull_solid(points);
@@ -86,8 +86,8 @@ Solid make_solid(const ObjectOptions& object) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  // The hull is computed on a grid of 1/10,000 of its length, by which vertices of a plane that is askew to its axes
-  // enclose something.
+  // The hull is computed on a grid of 1/10,000 of its length. Rounding to the grid gives coplanar vertices a small
+  // volume if their plane is oblique to the axes.
   if (!((high - low).minCoeff() > 5e-4 * (high - low).maxCoeff()))
     throw std::invalid_argument("the vertices of the convex hull span no volume");
   return solid;
@@ -139,14 +139,15 @@ SeparatingPlane separating_plane(const Shape& object, const Pose& object_pose, c
   if (neighbour.kind == static_cast<std::uint32_t>(ShapeKind::plane))
     return along(neighbour_pose.orientation * Vector3::UnitY());
   SeparatingPlane best = along(direction);
-  // Flat faces near the direction: exact where the engine's direction is not; the neighbour's first, so that a box on a
-  // table has the table's face. And any face that separates better: then the direction is wrong, as one in some
-  // thousand is of cubes and cylinders that tip on a table; by its plane the object would lie centimetres deep in the
-  // table and be hurled.
+  // Try the flat faces of both shapes. A face near the engine's direction replaces it, because the normal of the face
+  // is exact. The neighbour's faces come first, so that a box on a table gets the table's face. A face with a larger
+  // gap also replaces the direction, because then the direction is wrong. This happens for one in several thousand
+  // directions between cubes or cylinders that tip and their table. With the wrong plane the object would lie
+  // centimetres deep in the table and would be thrown away.
   constexpr double kNear = 0.999;  // 2.6 degrees
-  constexpr double kNoise = 1e-5;  // m that a single-precision direction may win by
-  constexpr double kOverlap =
-      1e-4;  // m; what the engine keeps apart seldom overlaps by more: then normals around the best are asked too
+  constexpr double kNoise = 1e-5;  // m, advantage that a single-precision direction may have by its noise
+  // m. Bodies that the engine keeps apart seldom overlap by more. Above it, normals around the best one are tried too.
+  constexpr double kOverlap = 1e-4;
   constexpr double kWidestTurn = 0.1, kNarrowestTurn = 1e-3;  // rad
   constexpr int kMostRounds = 40;
   bool has_face = false;

@@ -13,16 +13,17 @@ namespace softhand {
 namespace {
 
 constexpr double kSeconds = 1e-9;
-constexpr double kForceStall = 0.030;   // s: older contact forces are not believed
-constexpr double kMotionStall = 0.100;  // s: nor velocities
-constexpr double kVanished = 0.500;     // s: nor the owner
-constexpr double kLetsGo = 0.200;  // s: by then a hand has heard that the object was put elsewhere, or takes it anew
+constexpr double kForceStall = 0.030;   // s; older contact forces are ignored
+constexpr double kMotionStall = 0.100;  // s; older velocities are ignored
+constexpr double kVanished = 0.500;     // s; an older owner has vanished
+constexpr double kLetsGo = 0.200;  // s after a move; until then, claims by hands that may not know the new place are
+                                   // ignored
 constexpr double kNearestPlane = 0.005;  // m
 constexpr double kFarthestPlane = 0.050;
-constexpr double kTouching = 0.001;  // m: nearer neighbours take part of the hand's force
-constexpr double kSeating =
-    0.0001;  // m a step that an object may be driven into what stops it, so that the engine sees the contact
-constexpr double kAbsurd = 1e4;  // m
+constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the hand's force
+// m a step. An object may be pushed this far into a neighbour that stops it, so that the engine detects the contact.
+constexpr double kSeating = 0.0001;
+constexpr double kAbsurd = 1e4;  // m; positions beyond it are refused
 
 bool believable(const ObjectTwin& twin) {
   const auto near = [](double x) { return std::abs(x) < kAbsurd; };
@@ -78,7 +79,7 @@ Vector3 WorldLoop::gravity_of(const Object& object) const {
   return object.weightless || !object.dynamic ? Vector3(Vector3::Zero()) : gravity_;
 }
 
-/// Puts an object into the engine at its start, at rest.
+/// Adds an object to the engine at its start pose, at rest.
 void WorldLoop::insert(std::size_t slot) {
   Object& object = objects_[slot];
   object.weightless = object.options.floating;
@@ -92,7 +93,7 @@ void WorldLoop::insert(std::size_t slot) {
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
-/// The same in the place of whatever became of the object.
+/// Removes the object in its present state and inserts it at its start pose.
 void WorldLoop::restore(std::size_t slot) {
   engine_->remove(slot);
   insert(slot);
@@ -121,7 +122,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const auto id = static_cast<std::uint32_t>(slot + 1);
   const bool symmetric = options_.mode == "symmetric";
   object.near_hand = false;
-  bool still_held = false;  // by who has not heard that it was put elsewhere
+  bool still_held = false;  // by a hand that has not received the new place
   if (object.put && object.put_at == 0) object.put_at = now;
   const ObjectCoupling* owner = nullptr;
   const ObjectTwin* owner_twin = nullptr;
@@ -131,7 +132,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const Matrix3 axes = object.pose.orientation.toRotationMatrix();
   follower.inertia = axes * object.solid.inertia.asDiagonal() * axes.transpose();
 
-  // Hands in the order of their keys, so that the sum of two springs is the same whatever the order of the samples.
+  // Process the hands in the order of their keys, so that the sum of two springs does not depend on the order of
+  // samples.
   const HandKey* last = nullptr;
   for (std::size_t n = 0; n < input.couplings.size(); ++n) {
     const ObjectCoupling* coupling = nullptr;
@@ -159,16 +161,16 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     }
     object.near_hand = true;
     if (!symmetric) {
-      // The present owner keeps the object until it lets go; a free one goes to the first key that claims it.
+      // The present owner keeps the object until it releases it. A free object goes to the first key that claims it.
       const bool present_owner = object.owned && object.owner == coupling->hand;
       if (twin->owned != 0 && (present_owner || owner == nullptr)) owner = coupling, owner_twin = twin;
       continue;
     }
-    if (age > kMotionStall) continue;  // a spring to a place that is no longer true
+    if (age > kMotionStall) continue;  // the pose is too old for a spring
     const Leader leader{{to_vector(twin->position), to_quaternion(twin->orientation).normalized()},
                         {to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)},
                         {}};
-    // Touched: the text's coupling has no flag of its own.
+    // A contact force shows that the object is touched: mode symmetric has no owned flag.
     if (to_vector(twin->contact_force).norm() > 0 && object.weightless) {
       object.weightless = false;
       engine_->set_gravity(slot, gravity_of(object));
@@ -187,7 +189,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   }
 
   if (object.owned && (owner == nullptr || owner->hand != object.owner)) {
-    // Let go, or gone: the copy goes on with its present velocity, or after another hand that waited.
+    // The owner released the object or vanished. The copy continues with its velocity, or follows another hand that
+    // waited.
     for (const ObjectCoupling& coupling : input.couplings)
       if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished)
         ++counters_.vanished;
@@ -210,7 +213,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
                 {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
                 {to_vector(owner_twin->contact_force), to_vector(owner_twin->contact_torque)}};
-  // `age` runs to `now`, the end of this step; what is stale is judged by the age at its start.
+  // `age` is that at `now`, the end of this step. Staleness is judged by the age at the start of the step.
   const bool force_stale = age - step_ > std::max(3 * object.owner_step + 1.5 * step_, kForceStall);
   if (force_stale) leader.wrench = {-follower.mass * follower.gravity, Vector3::Zero()};
   if (age - step_ > kMotionStall) leader.velocity = {};
@@ -224,10 +227,10 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   engine_->apply(slot, wanted);
 }
 
-/// The hand's wrench is what the copy needs in free flight. Against a neighbour the twin also feels a reaction, which
-/// the hand does not publish and which balances the hand's push: the copy, fed with the push alone, would be thrown at
-/// the neighbour (5 N on 1 g for one step of 17 ms is 83 m/s). So the push is left out along and into what cannot move,
-/// and kept where it moves a neighbour.
+/// In free flight the copy needs the hand's wrench. In contact with a neighbour the twin also feels a reaction that
+/// balances the hand's push. The hand does not publish this reaction. With the push alone the copy would be thrown at
+/// the neighbour: 5 N on 1 g for one step of 17 ms is 83 m/s. Therefore the push along and into a static neighbour is
+/// left out. The part that pushes a movable neighbour stays.
 Wrench WorldLoop::without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const {
   const Vector3 net = hand.force + follower.mass * follower.gravity;
   Vector3 into_dynamic = Vector3::Zero();
@@ -243,12 +246,12 @@ Wrench WorldLoop::without_reaction(const Object& object, const Follower& followe
           touches ? Vector3(Vector3::Zero()) : hand.torque};
 }
 
-/// Keeps the coupling from driving the copy through a neighbour within one step: engines find contacts only where
-/// bodies already are.
+/// Prevents the coupling from driving the copy through a neighbour within one step. Engines detect contacts only at the
+/// present places of the bodies.
 void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const {
   for (int pass = 0; pass < 3; ++pass) {
     for (const NeighbourPlane& plane : object.planes) {
-      if (plane.kind == kNeighbourDynamic && plane.gap <= kSeating) continue;  // a touched neighbour is pushed
+      if (plane.kind == kNeighbourDynamic && plane.gap <= kSeating) continue;  // a touched neighbour may be pushed
       const Vector3 n = to_vector(plane.normal);
       const Vector3 next = follower.velocity.linear + step_ * (wrench.force / follower.mass + follower.gravity);
       const double closing = n.dot(next - to_vector(plane.velocity));
@@ -273,7 +276,7 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
     const Twist velocity = engine_->velocity(slot);
     if (!pose.position.allFinite() || !pose.orientation.coeffs().allFinite() || !velocity.linear.allFinite() ||
         !velocity.angular.allFinite()) {
-      // Nothing that is not finite leaves the world: the object stays where it last was.
+      // Never publish NaN or infinity: the object stays at its last valid pose.
       ++counters_.repaired;
       engine_->remove(slot);
       engine_->add(
@@ -322,7 +325,7 @@ void WorldLoop::publish(Nanoseconds now) {
 void WorldLoop::find_planes(std::size_t slot) {
   Object& object = objects_[slot];
   const double delay = (1 + options_.staleness) * (step_ + (object.owned ? object.owner_step : 1.0 / 90));
-  // Corners of a turning object are faster than its centre.
+  // The corners of a rotating object are faster than its centre.
   const double speed = object.velocity.linear.norm() + object.velocity.angular.norm() * object.solid.radius;
   const double range = std::max(kNearestPlane, std::min(kFarthestPlane, speed * delay));
   for (std::size_t other = 0; other < objects_.size(); ++other) {
@@ -344,7 +347,7 @@ void WorldLoop::find_planes(std::size_t slot) {
     plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
     plane.mass = neighbour.options.mass;
     if (object.planes.push_back(plane)) continue;
-    // More neighbours than room: the nearest stay.
+    // If there are more neighbours than places in the list, the nearest ones stay.
     auto farthest = std::max_element(object.planes.begin(), object.planes.end(),
                                      [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
     if (farthest->gap > plane.gap) *farthest = plane;
@@ -375,7 +378,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   if (!known) return result_of(kReplyIgnored, "unknown key; known: object.reset, object.remove, object.teleport");
   std::string_view name = value;
   if (key == "object.teleport") {
-    // Names may have blanks: the longest that the numbers can stand behind.
+    // Names may contain spaces. Take the longest object name that a space follows.
     name = value.substr(0, value.find(' '));
     for (const Object& each : objects_)
       if (each.options.name.size() > name.size() && value.starts_with(each.options.name + " "))
@@ -392,7 +395,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     restore(slot);
     return result_of(kReplyApplied, "reset");
   }
-  if (!object->present) return result_of(kReplyRefused, "removed before; object.reset brings it back");
+  if (!object->present) return result_of(kReplyRefused, "the object was removed; object.reset restores it");
   if (key == "object.remove") {
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
@@ -406,7 +409,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 ||
       static_cast<std::size_t>(read) != numbers.size() || !to.allFinite() || to.norm() > 1000)
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
-  // A place is that of the shape's frame, as in the scene file, and the pose that of the body's.
+  // The message gives the place of the shape's frame, as in the scene file. The pose is that of the body frame.
   const Pose& body_frame = object->solid.body_frame;
   object->pose.position = to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
   object->velocity = object->previous_velocity = {};

@@ -1,4 +1,4 @@
-// The physics world behind plain values: no clock, no DDS, no I/O. docs/coupling-objects.md tells the scheme.
+// The physics world with plain values as input and output: no clock, no DDS, no I/O. Scheme: docs/coupling-objects.md.
 #pragma once
 
 #include <array>
@@ -17,78 +17,79 @@
 namespace softhand {
 
 struct WorldInput {
-  /// The newest ObjectCoupling of each hand that was ever heard, in any order; old ones stay in the list and age.
+  /// The newest ObjectCoupling of each known hand, in any order. Old ones stay in the list and become stale.
   std::span<const ObjectCoupling> couplings;
 };
 
 struct WorldOutput {
-  /// Every object that has not been removed, the static ones too (their pose is nowhere else). The caller fills epoch,
-  /// clock and publish time.
+  /// All objects that have not been removed, including static ones (their pose is published only here). The caller
+  /// fills in epoch, clock and publish time.
   WorldObjects objects;
 };
 
 struct WorldCounters {
-  std::uint64_t refused_nonfinite =
-      0;  ///< twins that were not finite or absurd (farther than 10 km), each sample once a step
+  /// Twins with values that are not finite or absurd (farther than 10 km). Each sample counts once a step.
+  std::uint64_t refused_nonfinite = 0;
   std::uint64_t refused_mode = 0;  ///< couplings of the other mode
-  std::uint64_t stalls = 0;        ///< times an owner's data went stale while it owned an object
-  std::uint64_t vanished = 0;      ///< times an owner was given up
-  std::uint64_t repaired = 0;      ///< objects that the engine lost (not finite) and that were put back
+  std::uint64_t stalls = 0;        ///< times an owner's data became stale while it owned an object
+  std::uint64_t vanished = 0;      ///< times an owner vanished
+  std::uint64_t repaired = 0;      ///< objects that became non-finite in the engine and were restored
 };
 
 class WorldLoop {
  public:
-  /// Throws std::invalid_argument with all that check_world says.
+  /// Throws std::invalid_argument with all messages of check_world.
   WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90);
   ~WorldLoop();
 
-  /// Advances the world by its own period T, from `now` - T to `now`, whatever time went by since the last call: a
-  /// stall is not caught up. The state is stamped `now`. The result holds until the next call.
+  /// Advances the world by its own period T, from `now` - T to `now`, independent of the time since the last call. A
+  /// stall is not caught up. The state has the stamp `now`. The result is valid until the next call.
   const WorldOutput& step(Nanoseconds now, const WorldInput& input);
 
-  /// As the last step left them.
+  /// State after the last step.
   const WorldObjects& objects() const { return output_->objects; }
-  /// One a scene object, removed ones flagged. Those whose `stamp.sequence` is beyond an earlier `descriptions_version`
-  /// have changed since: publish them again.
+  /// One description per object of the scene. Removed objects have a flag. Publish those again whose `stamp.sequence`
+  /// is larger than an earlier `descriptions_version`: they have changed since.
   const std::vector<ObjectDescription>& descriptions() const { return descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
-  /// Between steps: all objects to their start. What hands published until `time` holds nothing any more.
+  /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored.
   void reset(Nanoseconds time);
 
-  /// Between steps. Keys: `object.reset` NAME or * (back to its place of the scene, at rest; a removed one returns),
-  /// `object.remove` NAME, `object.teleport` NAME X Y Z (m, of the shape's frame, at rest, orientation kept). Whoever
-  /// holds the object lets go of it. Any other key is ignored, and so is what is addressed to another module than
-  /// `module`.
+  /// Answers messages. Call between steps. The hand that holds the object releases it. Other keys, and messages to
+  /// another module than `module`, are ignored. Keys:
+  /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns.
+  /// - `object.remove` NAME
+  /// - `object.teleport` NAME X Y Z: place of the shape's frame in m, at rest, orientation unchanged.
   MessageReply answer(const Message& message, std::string_view module = "world");
 
-  /// Age of the newest coupling, energy of the objects, counters.
+  /// Adds the age of the newest coupling, the energy of the objects and the counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
 
   const WorldCounters& counters() const { return counters_; }
   double step_period() const { return step_; }
-  /// Kinetic and potential energy of the objects that move, J.
+  /// Kinetic and potential energy of the movable objects, J.
   double energy() const;
 
  private:
   struct Object {
     ObjectOptions options;
     Solid solid;
-    Pose start;  ///< body frame
+    Pose start;  ///< of the body frame
     bool dynamic = false;
     bool present = true;
     bool weightless = false;
     bool near_hand = false;
     bool owned = false;
     bool stalled = false;
-    bool put = false;        ///< somewhere else by a message, of which a hand that held it has not heard yet
-    Nanoseconds put_at = 0;  ///< the first step since; 0: there was none
+    bool put = false;        ///< moved by a message that the hand which held it may not have received
+    Nanoseconds put_at = 0;  ///< time of the first step after the move; 0: no step yet
     HandKey owner;
     double owner_step = 0;
     Pose pose;
     Twist velocity;
     Twist previous_velocity;
-    BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< after the last step, while near_hand
+    BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< of the last step, only while near_hand
   };
 
   void insert(std::size_t slot);

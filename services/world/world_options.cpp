@@ -13,11 +13,12 @@
 namespace softhand {
 namespace {
 
-// Rows: A's position and velocity 0 1, B's 2 3; the four a period ago 4..7, and two periods ago 8..11.
+// Rows: position and velocity of A are 0 and 1, those of B are 2 and 3. Rows 4..7 are the same four one period ago, and
+// rows 8..11 two periods ago.
 using Matrix12 = Eigen::Matrix<double, 12, 12>;
 
-/// The body of rows `own`, `own` + 1 takes `steps` implicit steps towards the copy in rows `copy`, `copy` + 1, per unit
-/// of mass.
+/// Moves the body in rows `own`, `own` + 1 by `steps` implicit steps towards the copy in rows `copy`, `copy` + 1. All
+/// constants are per unit of mass.
 Matrix12 implicit_steps(int own, int copy, int steps, double k, double b, double step) {
   // v' (1 + T b + T^2 k) = v + T k (x_c - x) + T b v_c, x' = x + T v'.
   Matrix12 one = Matrix12::Identity();
@@ -37,9 +38,9 @@ bool symmetric_is_stable(double stiffness_per_mass, double damping_ratio, double
   return symmetric_growth(stiffness_per_mass, damping_ratio, world_step, hand_step) <= 1 + 1e-5;
 }
 
-/// `stiffness_per_mass` where that and every softer symmetric spring is stable, else the stiffest of which this is so;
-/// 0 when there is none. Ever stiffer springs come back to a growth of one from above, so slowly growing that the test
-/// would pass; under contact they are thrown about (`softhand report stress`).
+/// Returns the largest stiffness k, up to `stiffness_per_mass`, such that every symmetric spring up to k is stable.
+/// Returns 0 if there is none. Much stiffer springs would pass the test too, because their growth approaches one from
+/// above. Under contact their objects are thrown about (`softhand report stress`).
 double stiffest_stable(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
   const auto is_stable = [&](double candidate) {
     return symmetric_is_stable(candidate, damping_ratio, world_step, hand_step);
@@ -87,27 +88,27 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     const double growth = symmetric_growth(stiffness_per_mass, world.damping_ratio, step, hand_step);
     std::ostringstream text;
     if (growth > 1 + 1e-5) {
-      text << "grows " << growth << " times a period";
+      text << "small deviations grow by a factor of " << growth << " per period";
     } else {
-      text << "stiffer than what grows";
+      text << "above the largest stable stiffness";
     }
     return text.str();
   };
   if (world.mode == "owner" && world.follow_stiffness > 1)
     refuse("world.follow_stiffness = ", world.follow_stiffness,
-           ": above m/T^2 the world's copy overshoots stale twins; nearest value that works: 1");
-  if (objects.size() > kMaxObjects) refuse("objects: ", objects.size(), " objects, room for ", kMaxObjects);
+           ": above 1 (m/T^2) the world's copy overshoots stale twins; nearest value that works: 1");
+  if (objects.size() > kMaxObjects) refuse("objects: ", objects.size(), " objects, expected at most ", kMaxObjects);
   std::set<std::string> names;
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const ObjectOptions& object = objects[i];
     const std::string where = "objects." + object.name;
     if (object.name.empty() || object.name.size() > 63) refuse("objects[", i, "].name: expected 1 to 63 characters");
-    if (!names.insert(object.name).second) refuse(where, ": the name stands twice");
+    if (!names.insert(object.name).second) refuse(where, ": the name is used twice");
     if (object.shape == "plane" && object.mass != 0)
       refuse(where, ".mass = ", object.mass, ": a plane is static; expected 0");
     if (object.mass != 0 && !(object.mass >= 1e-4))
       refuse(where, ".mass = ", object.mass,
-             ": expected 0 (static) or at least 0.0001 kg, below which single precision loses it");
+             ": expected 0 (static) or at least 0.0001 kg, because of single precision");
     if (object.floating && object.mass == 0) refuse(where, ".floating: a static object cannot float; give it a mass");
     const auto& q = object.orientation;
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);

@@ -41,54 +41,59 @@ struct ObjectOptions {
 };
 
 inline void describe(OptionVisitor& v, VertexOptions& o) {
-  v.numbers("at", o.at.data(), 3, "m", {-10, 10}, "A vertex, in the shape's frame.");
+  v.numbers("at", o.at.data(), 3, "m", {-10, 10}, "A vertex in the shape's frame.");
 }
 
 inline void describe(OptionVisitor& v, WorldOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {30, 2000},
-           "Rate of the world; its step T is the reciprocal. 250 Hz has a step of whole nanoseconds, keeps a followed "
-           "object's lag (about 4 T^2 a) "
-           "under a millimetre for what hands do, and costs about 3 % of a core for a table with ten objects.");
+           "Rate of the world. Its step T is the reciprocal. 250 Hz gives a step of whole nanoseconds. It keeps the "
+           "lag of a followed object (about 4 T^2 a) under a millimetre for motions of a hand. It costs about 3 % of "
+           "a core for a table with ten objects.");
   v.choice("engine", o.engine, {"bullet"}, "The physics engine.");
-  v.numbers("gravity", o.gravity.data(), 3, "m/s^2", {-100, 100}, "Acceleration on every object that does not float.");
+  v.numbers("gravity", o.gravity.data(), 3, "m/s^2", {-100, 100},
+            "Gravitational acceleration of every object that does not float.");
   v.choice("mode", o.mode, {"owner", "symmetric"},
-           "owner: a touched object belongs to the hand's simulation and the world's follows it. symmetric: a spring "
+           "owner: the hand simulation owns a touched object, and the world's copy follows it. symmetric: a spring "
            "on both sides (ES2725128A1, U'_crb).");
-  v.number("follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3},
-           "Mode owner: stiffness of the world's copy to the twin over m/T^2; above 1 is refused.");
+  v.number(
+      "follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3},
+      "Mode owner: stiffness between the world's copy and the twin, divided by m/T^2. Values above 1 are refused.");
   v.number("staleness", o.staleness, "periods", {0, 2},
-           "How many periods old a copy may be in normal running; bounds the extrapolation of the twin.");
+           "Largest normal age of a copy in periods. It bounds the extrapolation of the twin.");
   v.number("stiffness", o.stiffness, "N/m", {1e-3, 1e7},
            "Mode symmetric: stiffness of the spring to the twin's position.");
   v.number("angular_stiffness", o.angular_stiffness, "N m/rad", {1e-9, 1e5},
            "Mode symmetric: stiffness of the spring to the twin's orientation.");
   v.number("damping_ratio", o.damping_ratio, "1", {0, 10},
-           "Mode symmetric: damping to the twin's velocity over the critical one; the text has 0.");
+           "Mode symmetric: damping towards the twin's velocity, divided by critical damping. ES2725128A1 has 0.");
 }
 
 inline void describe(OptionVisitor& v, ObjectOptions& o) {
-  v.string("name", o.name, "Name of the object, unique in the scene, at most 63 characters.");
+  v.string("name", o.name, "Name of the object. Unique in the scene, at most 63 characters.");
   v.choice("shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull"},
-           "Its shape. A plane is the half-space below y = 0 of its frame, and static.");
-  v.number("radius", o.radius, "m", {1e-4, 10}, "Of a sphere, capsule or cylinder.");
-  v.number("half_length", o.half_length, "m", {1e-4, 10}, "Of a capsule (without its caps) or cylinder, along y.");
-  v.numbers("half_extents", o.half_extents.data(), 3, "m", {1e-4, 10}, "Of a box.");
-  describe_list(v, "vertices", "Of a convex hull: vertices = [{at = [x, y, z]}, ...], 4 to 256.", o.vertices);
-  v.number("mass", o.mass, "kg", {0, 1e4}, "Mass, spread evenly over the volume; 0 = static.");
-  v.number("friction", o.friction, "1", {0, 1000}, "Coulomb; between two objects the geometric mean holds.");
-  v.numbers("position", o.position.data(), 3, "m", {-1000, 1000}, "Of the shape's frame, world.");
-  v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1}, "Of the shape's frame, world; unit quaternion xyzw.");
-  v.flag("floating", o.floating, "Gravity does not act before a hand first touches the object.");
+           "Shape. A plane is the half-space below y = 0 of its frame and must be static.");
+  v.number("radius", o.radius, "m", {1e-4, 10}, "Radius of a sphere, capsule or cylinder.");
+  v.number("half_length", o.half_length, "m", {1e-4, 10},
+           "Half length along y of a cylinder, or of a capsule without its caps.");
+  v.numbers("half_extents", o.half_extents.data(), 3, "m", {1e-4, 10}, "Half lengths of the edges of a box.");
+  describe_list(v, "vertices", "Vertices of a convex hull: vertices = [{at = [x, y, z]}, ...], 4 to 256.", o.vertices);
+  v.number("mass", o.mass, "kg", {0, 1e4}, "Mass, distributed uniformly over the volume. 0 = static.");
+  v.number("friction", o.friction, "1", {0, 1000},
+           "Coulomb friction coefficient. A pair of objects uses the geometric mean.");
+  v.numbers("position", o.position.data(), 3, "m", {-1000, 1000}, "Position of the shape's frame in the world.");
+  v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1},
+            "Orientation of the shape's frame in the world, a unit quaternion xyzw.");
+  v.flag("floating", o.floating, "Gravity acts only after a hand has touched the object for the first time.");
 }
 
-/// Everything that is wrong with a world, one sentence each with the value, the reason and the nearest value that
-/// works; empty when it can be run. `hand_step` (s) is the period of the hand simulation that it will be coupled to.
+/// Returns every reason why a world cannot run, one sentence each with the value, the reason and the nearest value that
+/// works. Empty if the world can run. `hand_step` (s) is the period of the coupled hand simulation.
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
                                      double hand_step = 1.0 / 90);
 
-/// Growth factor, per period of the slower side, of two equal bodies joined by an implicit spring on both sides whose
-/// copies are two periods old: the text's symmetric coupling. Above 1 it is unstable. `stiffness_per_mass` in 1/s^2,
-/// `damping_ratio` over critical.
+/// Growth factor of the symmetric coupling of ES2725128A1, per period of the slower side. Two equal bodies are joined
+/// by an implicit spring on both sides, with copies that are two periods old. Unstable above 1. `stiffness_per_mass` is
+/// in 1/s^2. `damping_ratio` is relative to critical damping.
 double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step);
 
 }  // namespace softhand

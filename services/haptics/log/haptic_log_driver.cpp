@@ -22,7 +22,7 @@ void append(std::string& text, const char* key, const std::array<double, n>& val
   text += "\":[";
   for (std::size_t i = 0; i < n; ++i) {
     if (i > 0) text += ',';
-    // JSON has no word for what is not a number.
+    // JSON has no NaN and no infinity.
     if (std::isfinite(values[i])) {
       append(text, values[i]);
     } else {
@@ -51,7 +51,7 @@ void HapticLogDriver::command(const BoneWrench& input, std::span<double> wanted)
 
 void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {
   if (log_ == nullptr) return;
-  // That all forces are gone stands in the file at once: nothing may follow it, as on exit.
+  // Log the release of all forces at once: it may be the last record, for example at exit.
   const auto pulls = [](double command) { return command != 0; };
   const bool lets_go = std::any_of(record_.commands.begin(), record_.commands.end(), pulls) &&
                        std::none_of(commands.begin(), commands.end(), pulls);

@@ -1,4 +1,4 @@
-// A simulated force-feedback glove that writes down what it receives: one force a finger, against closing.
+// A simulated force-feedback glove that logs its input. It has one force per finger, against closing.
 #pragma once
 
 #include <memory>
@@ -16,21 +16,21 @@ struct HapticLogOptions {
   double log_rate_hz = 100;
 };
 inline void describe(OptionVisitor& v, HapticLogOptions& o) {
-  v.number("maximum_force", o.maximum_force, "N", {0.1, 20}, "Force that one actuator can make.");
-  v.number("slew", o.slew, "N/s", {1, 100000}, "Fastest change of a force.");
-  v.string("file", o.file, "JSON lines of all that was received and commanded; empty = none.");
-  v.number("log_rate_hz", o.log_rate_hz, "Hz", {0.1, 1000}, "Lines a second.");
+  v.number("maximum_force", o.maximum_force, "N", {0.1, 20}, "Largest force of one actuator.");
+  v.number("slew", o.slew, "N/s", {1, 100000}, "Largest rate of change of a force.");
+  v.string("file", o.file, "Log file (JSON lines) of received messages and commands; empty = no log.");
+  v.number("log_rate_hz", o.log_rate_hz, "Hz", {0.1, 1000}, "Log lines per second.");
 }
 
 class HapticLogDriver : public HapticDriver {
  public:
   using Options = HapticLogOptions;
-  /// Throws std::runtime_error where the file cannot be written.
+  /// Throws std::runtime_error if the file cannot be written.
   explicit HapticLogDriver(const Options& options);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.maximum_force, options_.slew}; }
-  /// Coupling force on the finger's bones along the back of its distal bone: what holds the finger off closing. Pulls
-  /// are not rendered.
+  /// Commands the sum of the coupling forces on the finger's bones, projected on the dorsal axis of the distal bone.
+  /// This force resists closing. A negative force (a pull) is not rendered.
   void command(const BoneWrench& input, std::span<double> wanted) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
 

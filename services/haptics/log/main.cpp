@@ -1,4 +1,4 @@
-// softhand-haptic-log: a simulated force-feedback glove that writes down what it receives.
+// softhand-haptic-log: a simulated force-feedback glove that logs its input.
 #include "haptics/log/haptic_log_driver.hpp"
 #include "service/device_service.hpp"
 

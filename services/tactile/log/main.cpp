@@ -1,4 +1,4 @@
-// softhand-tactile-log: a simulated tactile glove that writes down its contact events.
+// softhand-tactile-log: a simulated tactile glove that logs its contact events.
 #include "service/device_service.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 

@@ -24,7 +24,7 @@ void TactileLogDriver::command(const Contacts& input, std::span<double> wanted) 
     const FingerContact& contact = input.fingers[f];
     const double force = to_vector(contact.force).norm();
     wanted[f] = force / options_.full_scale_force;
-    // A begin and an end apart, so that noise at the threshold makes no events.
+    // Begin and end have different thresholds (hysteresis), so that noise near the threshold makes no events.
     const bool touches = touching_[f] ? force > 0.5 * options_.threshold_force : force > options_.threshold_force;
     const bool due =
         touches && static_cast<double>(input.stamp.sample_time - last_logged_[f]) * 1e-9 * options_.log_rate_hz >= 1;

@@ -1,4 +1,4 @@
-// A simulated tactile glove that writes down its contact events: one actuator a finger, 0 to 1.
+// A simulated tactile glove that logs its contact events. It has one actuator per finger, with commands from 0 to 1.
 #pragma once
 
 #include <memory>
@@ -18,34 +18,34 @@ struct TactileLogOptions {
 };
 inline void describe(OptionVisitor& v, TactileLogOptions& o) {
   v.number("full_scale_force", o.full_scale_force, "N", {0.1, 100},
-           "Contact force on a finger at which its actuator is at 1.");
+           "Contact force on a finger at which the command of its actuator is 1.");
   v.number("threshold_force", o.threshold_force, "N", {0, 10},
            "A contact event begins above this force and ends below half of it.");
-  v.number("slew", o.slew, "1/s", {1, 100000}, "Fastest change of a command.");
-  v.string("file", o.file, "CSV of contact events; empty = none.");
+  v.number("slew", o.slew, "1/s", {1, 100000}, "Largest rate of change of a command.");
+  v.string("file", o.file, "Log file (CSV) of contact events; empty = no log.");
   v.number("log_rate_hz", o.log_rate_hz, "Hz", {0.1, 1000},
-           "Lines a second of a contact that lasts, beside its begin and end.");
+           "Log lines per second during a contact, in addition to its begin and end.");
 }
 
 class TactileLogDriver : public TactileDriver {
  public:
   using Options = TactileLogOptions;
-  /// Throws std::runtime_error where the file cannot be written.
+  /// Throws std::runtime_error if the file cannot be written.
   explicit TactileLogDriver(const Options& options);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, 1, options_.slew}; }
-  /// Contact force over full scale.
+  /// Commands the contact force divided by the full-scale force.
   void command(const Contacts& input, std::span<double> wanted) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
 
  private:
   enum class Event : std::uint32_t { begin, update, end };
   struct Record {
-    Nanoseconds time = 0;  // of the simulation's sample
+    Nanoseconds time = 0;  // time of the simulation's sample
     std::uint32_t finger = 0;
     Event event = Event::begin;
     FingerContact contact;
-    double command = 0;  // last written
+    double command = 0;  // the last command that was written to the device
   };
   static void format(const Record& record, std::string& text);
 

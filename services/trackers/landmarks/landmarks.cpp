@@ -10,14 +10,14 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr double kFarthest = 100;       // metres or picture widths
-constexpr double kLatestTime = 9e12;    // ms: Unix time fits, and so do its nanoseconds in a stamp
-constexpr double kShortestBone = 1e-4;  // m between landmarks: below, there is no direction
+constexpr double kLatestTime = 9e12;    // ms; Unix time fits, and its nanoseconds fit into a stamp
+constexpr double kShortestBone = 1e-4;  // m between landmarks; a shorter bone has no direction
 constexpr std::array<std::size_t, 5> kPalm{0, 5, 9, 13, 17};
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// Of three points in the palm: the longest side of the triangle of wrist, index and little knuckle, which a view from
-// the edge shortens least.
+// Size of the palm from three points: the longest side of the triangle of wrist, index knuckle and little knuckle. A
+// view onto the edge of the palm shortens this side least.
 double palm_size(const Vector3& wrist, const Vector3& index, const Vector3& little) {
   return std::max({(index - wrist).norm(), (little - wrist).norm(), (index - little).norm()});
 }
@@ -30,8 +30,7 @@ std::optional<double> number(const Json& json, const char* key, double minimum, 
   return value;
 }
 
-// The turn that takes `from` (rest, about their means) to `to` in the least squares. None where the points lie on a
-// line.
+// Least-squares rotation of `from` (rest pose) to `to`, each about its mean. Empty if the points lie on a line.
 std::optional<Quaternion> turn_between(const std::array<Vector3, kPalm.size()>& from,
                                        const std::array<Vector3, kPalm.size()>& to) {
   Vector3 from_mean = Vector3::Zero(), to_mean = Vector3::Zero();
@@ -84,7 +83,7 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
   if (json.contains("sample_time_ms") || json.contains("sent_time_ms")) {
     message.sample_time = number(json, "sample_time_ms", 0, kLatestTime);
     message.sent_time = number(json, "sent_time_ms", 0, kLatestTime);
-    // A picture is taken before it is sent, and not long before.
+    // A picture is taken before it is sent, and at most 1 s before.
     if (!message.sample_time || !message.sent_time || *message.sample_time > *message.sent_time ||
         *message.sample_time < *message.sent_time - 1000)
       return LandmarksRefusal::content;
@@ -124,7 +123,7 @@ std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message
   std::optional<double>& sampled = sampled_[side];
   if (sampled && *message.sample_time <= *sampled) return std::nullopt;
   sampled = message.sample_time;
-  // Ascending, even where a better estimate of the offset takes them back.
+  // Keep the times ascending, even if a better estimate of the offset would move them back.
   return last = std::max(last + 1, std::min(mapping_.map(nanoseconds(*message.sample_time)), arrival));
 }
 
@@ -139,8 +138,8 @@ std::optional<Landmarks> LandmarkLifter::place(const LandmarksMessage& message, 
   Vector3 origin(0, 0, options.distance);
   if (message.coordinates == Coordinates::image) {
     for (Vector3& point : points) point = Vector3(point.x() - 0.5, (point.y() - 0.5) / message.aspect, point.z());
-    // A weak perspective: the whole hand at the scale of its palm, at the depth at which a camera sees a palm that
-    // large.
+    // Weak perspective: the whole hand has the scale of its palm. Its depth is that at which a camera sees a palm of
+    // this size.
     const double size = palm_size(points[0], points[5], points[17]);
     if (!(size > 1e-3)) return std::nullopt;
     scale = palm_size_ / size;
@@ -168,20 +167,20 @@ std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) cons
   if (!turn) return std::nullopt;
 
   JointFrames out;
-  // Rest frame to the landmarks'.
+  // From the rest frame to the frame of the landmarks.
   const Pose hand{landmarks[0] - *turn * rest_[at(Joint::wrist)].position, *turn};
   out[at(Joint::wrist)] = hand * rest_[at(Joint::wrist)];
   for (int finger = 0; finger < kFingerCount; ++finger) {
     const std::size_t tip = at(tip_of(static_cast<Finger>(finger)));
     const std::size_t base = finger == 0 ? tip - 3 : tip - 4;  // metacarpal
-    // Metacarpals start where the palm has them. Each bone turns against its parent by the least turn that points it to
-    // the next landmark: what a joint does that flexes and abducts and does not twist.
+    // Metacarpals start at their place in the palm. Each bone turns against its parent by the smallest rotation that
+    // points it to the next landmark. This is the motion of a joint that flexes and abducts without twist.
     out[base] = hand * rest_[base];
     for (std::size_t joint = base; joint < tip; ++joint) {
       const std::size_t landmark =
           static_cast<std::size_t>(4 * finger) + (joint - base) + (finger == 0 ? 1 : 0);  // of this joint
       const Pose bone = rest_[joint].inverse() * rest_[joint + 1];
-      // No landmark marks a metacarpal's start, but the thumb's.
+      // Only the thumb has a landmark at the start of its metacarpal.
       const Vector3 from = joint == base && finger > 0 ? out[base].position : landmarks[landmark];
       const Vector3 towards = landmarks[landmark + 1] - from;
       if (!(towards.norm() > kShortestBone)) return std::nullopt;
@@ -190,7 +189,7 @@ std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) cons
       out[joint + 1] = out[joint] * bone;
     }
   }
-  // The palm rides on the middle metacarpal.
+  // The palm moves with the middle metacarpal.
   const std::size_t metacarpal = at(Joint::middle_metacarpal);
   out[at(Joint::palm)] = out[metacarpal] * (rest_[metacarpal].inverse() * rest_[at(Joint::palm)]);
   return out;

@@ -19,17 +19,20 @@ struct LandmarksOptions {
 
 inline void describe(OptionVisitor& v, LandmarksOptions& o) {
   describe(v, o.listening);
-  v.numbers("camera_position", o.camera_position.data(), 3, "m", {-1000, 1000}, "Where the camera is, world.");
+  v.numbers("camera_position", o.camera_position.data(), 3, "m", {-1000, 1000}, "Position of the camera in the world.");
   v.numbers(
       "camera_orientation", o.camera_orientation.data(), 4, "1", {-1, 1},
-      "Turn of the camera, xyzw: it looks along its -Z, +Y up; the default looks along the world's +Z, at the user.");
+      "Orientation of the camera, xyzw. It looks along its -Z with +Y up. The default looks along the world's +Z, "
+      "towards the user.");
   v.number("field_of_view", o.field_of_view, "rad", {0.1, 3},
-           "Horizontal, of the whole picture: with the user's palm it tells how far away the hand is.");
+           "Horizontal field of view of the whole picture. Together with the size of the palm it gives the distance "
+           "of the hand.");
   v.number("distance", o.distance, "m", {0.05, 10},
-           "World landmarks say nothing of where the hand is: their origin is put this far in front of the camera.");
-  v.flag("mirrored", o.mirrored, "The picture is mirrored left to right, as video calls show it.");
+           "World landmarks do not contain the place of the hand. Their origin is put at this distance in front of "
+           "the camera.");
+  v.flag("mirrored", o.mirrored, "The picture is mirrored left to right, as in video calls.");
   v.number("least_score", o.least_score, "1", {0, 1},
-           "Messages with a lower score are told as a hand that is not seen.");
+           "A message with a lower score counts as a hand that is not seen.");
 }
 
 }  // namespace softhand

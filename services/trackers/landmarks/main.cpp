@@ -1,4 +1,4 @@
-// softhand-tracker-landmarks: hands from the 21 landmarks of whatever model a user runs on a camera.
+// softhand-tracker-landmarks: hands from the 21 landmarks of any model that a user runs on a camera.
 #include <cstdio>
 
 #include "messages/convert.hpp"
@@ -10,10 +10,10 @@
 namespace {
 using namespace softhand;
 
-constexpr double kPollRate = 1000;      // Hz at which messages are looked for
-constexpr std::size_t kLargest = 8192;  // bytes; 21 landmarks with 17 digits each are 1,400
+constexpr double kPollRate = 1000;      // Hz, polling of messages
+constexpr std::size_t kLargest = 8192;  // bytes; 21 landmarks with 17 digits each need 1,400
 
-// The hands of one user, from one sender at a time: who connects anew has a clock of its own.
+// The hands of one user, from one sender at a time. A new connection has a new clock.
 class LandmarkTracker {
  public:
   LandmarkTracker(const HandModel& hand, const LandmarksOptions& options)
@@ -50,7 +50,7 @@ class LandmarkTracker {
 
  private:
   static HandModel of_side(const HandModel& hand, Side side) { return hand.side == side ? hand : mirrored(hand); }
-  // Joints that no landmark marks.
+  // Joints without a landmark.
   static bool is_inferred(Joint joint) {
     return joint == Joint::palm || (is_metacarpal(body_of(joint)) && joint != Joint::thumb_metacarpal);
   }
@@ -64,7 +64,7 @@ class LandmarkTracker {
 
 void run(int argc, char** argv) {
   const TrackerArguments arguments =
-      parse_tracker_arguments(argc, argv, "Takes 21 landmarks a hand over WebSocket or UDP");
+      parse_tracker_arguments(argc, argv, "Tracker that receives 21 landmarks per hand over WebSocket or UDP");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const LandmarksOptions& options = scene.options.tracker_landmarks;
   const HandKey user = hand_key(scene);

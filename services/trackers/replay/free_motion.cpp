@@ -13,7 +13,7 @@ namespace {
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// How far each finger flexes before it meets the palm, and the thumb that then lies across the fingers.
+// Each finger flexes until it almost meets the palm. The thumb then lies across the fingers.
 JointAngles solve_fist(const HandModel& model) {
   const GripHand hand(model);
   JointAngles fist = hand.open();
@@ -49,8 +49,8 @@ JointAngles solve_fist(const HandModel& model) {
   return solver.angles(0);
 }
 
-// Opens and closes, or wanders about with every joint in motion; no object. Starts and ends in the hand's rest pose,
-// and opens to the open hand in between.
+// A fist that opens and closes, or a wandering hand with every joint in motion, without an object. The motion starts
+// and ends in the hand's rest pose. In between it opens to the open hand.
 class FreeMotion : public Motion {
  public:
   FreeMotion(const HandModel& hand, const GeneratorOptions& options)
@@ -59,7 +59,7 @@ class FreeMotion : public Motion {
   const std::array<double, kJointCount>& radii() const override { return hand_.joint_radii; }
   JointFrames at(double time) const override {
     const double t = std::clamp(time, 0.0, options_.free_time);
-    const double window = minimum_jerk(t) * minimum_jerk(options_.free_time - t);  // swells and fades over a second
+    const double window = minimum_jerk(t) * minimum_jerk(options_.free_time - t);  // ramps up and down over 1 s
     const bool fist = options_.motion == "fist";
     Pose wrist{to_vector(options_.object_position), Quaternion::Identity()};
     if (!fist) {
@@ -70,7 +70,7 @@ class FreeMotion : public Motion {
     JointAngles angles = fist_;
     for (int f = 0; f < kFingerCount; ++f) {
       const bool thumb = f == 0;
-      // A wave through the fingers; the thumb closes over them last and opens first.
+      // The fingers move in a wave. The thumb closes over them last and opens first.
       const double beat = 0.5 - 0.5 * std::cos(2 * M_PI * t / 4);
       const double share = fist ? (thumb ? minimum_jerk(2 * beat - 1) : minimum_jerk(beat / 0.8))
                                 : (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));

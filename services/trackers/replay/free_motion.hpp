@@ -1,4 +1,4 @@
-// Motions without an object: a fist that opens and closes, and wandering with every joint in motion.
+// Motions without an object: a fist that opens and closes, and a wandering hand with every joint in motion.
 #pragma once
 
 #include <memory>
@@ -7,7 +7,7 @@
 
 namespace softhand {
 
-/// "fist" or, for any other name, "free_motion" of the options.
+/// Makes the motion "fist". For any other name in the options it makes "free_motion".
 std::unique_ptr<Motion> make_free_motion(const HandModel& hand, const GeneratorOptions& options);
 
 }  // namespace softhand

@@ -12,8 +12,8 @@
 namespace softhand {
 namespace {
 
-// Comes, grips, lifts, holds, shakes, turns, puts down, lets go, leaves: a grip moved through the phases of the
-// options.
+// A grip that is moved through the phases of the options: approach, close, lift, hold, shake, turn, put down, release,
+// retreat.
 class GraspMotion : public Motion {
  public:
   GraspMotion(const HandModel& hand, const GeneratorOptions& options)
@@ -54,7 +54,7 @@ class GraspMotion : public Motion {
     const Vector3 centre = to_vector(o.object_position);
     const Vector3 turn = o.turn_angle * progress("turn", time) * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
-    // The hand leaves the object on the way that it came, as seen from the object.
+    // In the frame of the object the hand leaves on the path on which it came.
     wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);
     wrist.position += Vector3(0, height, 0) + shake(time);
 
@@ -79,7 +79,7 @@ class GraspMotion : public Motion {
   Vector3 shake(double time) const {
     for (const MotionPhase& p : phases_) {
       if (p.name != "shake" || time <= p.begin || time >= p.end) continue;
-      // Swells and fades over a period, so that the hand starts and ends at rest.
+      // Ramps up and down over one period, so that the hand starts and ends at rest.
       const double ramp = 1 / options_.shake_frequency;
       const double window = minimum_jerk((time - p.begin) / ramp) * minimum_jerk((p.end - time) / ramp);
       return options_.shake_amplitude * window * std::sin(2 * M_PI * options_.shake_frequency * (time - p.begin)) *

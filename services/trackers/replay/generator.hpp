@@ -1,4 +1,5 @@
-// Made motions of a given hand: pinch or grasp an object, lift, hold, turn, put down, let go; or move without one.
+// Generated motions of a given hand: pinch or grasp an object, lift, hold, turn, put down and release it, or move
+// without an object.
 #pragma once
 
 #include <memory>
@@ -42,29 +43,28 @@ struct GeneratorOptions {
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.choice("motion", o.motion, {"pinch", "power_grasp", "fist", "free_motion"},
-           "pinch: thumb against index on a cube that stands on a table; power_grasp: all fingers around an upright "
-           "cylinder; fist: opens and closes in the air; "
-           "free_motion: no object.");
+           "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
+           "fist: the hand opens and closes in the air. free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
-            "Middle of the grip, world; of the whole motion where there is no object.");
+            "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
-           "Distance of the two faces that are gripped; the cylinder's diameter.");
+           "Distance between the two gripped faces, or diameter of the cylinder.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
-           "How far each tracked pad goes past the surface: the coupling turns it into grip force.");
-  v.number("opening", o.opening, "m", {0, 0.05}, "Room between each open finger and the surface.");
+           "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
+  v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
   v.number("yaw", o.yaw, "rad", {-10, 10},
-           "Direction of the grip about the vertical; 0 = from thumb to index along -Z.");
+           "Direction of the grip about the vertical. 0 = from thumb to index along -Z.");
   v.number(
       "tilt", o.tilt, "rad", {-1.6, 1.6},
-      "Lean of the hand about the grip's axis where clearance leaves the choice; 0 = wrist above the axis (pinch).");
+      "Lean of the hand about the axis of the grip, as far as clearance allows. 0 = wrist above the axis (pinch).");
   v.number("approach_distance", o.approach_distance, "m", {0, 1},
-           "Distance from which the hand comes and to which it goes.");
+           "Distance at which the hand starts its approach and ends its retreat.");
   v.number("lift_height", o.lift_height, "m", {0, 1}, "Lift along +Y.");
   v.number("turn_angle", o.turn_angle, "rad", {-3.2, 3.2}, "Turn about the middle of the grip.");
   v.numbers("turn_axis", o.turn_axis.data(), 3, "1", {-1, 1},
-            "Axis of the turn, world; upright by default, so that the object can be put down flat.");
+            "Axis of the turn in the world. The default is upright, so that the object can be put down flat.");
   v.number("lower_depth", o.lower_depth, "m", {0, 0.02},
-           "How far below its first place the hand puts the object down, so that it is seated.");
+           "The hand puts the object down this far below its first place, so that it sits firmly.");
   const auto time = [&v](std::string_view key, double& value, std::string_view text) {
     v.number(key, value, "s", {0, 3600}, text);
   };
@@ -73,19 +73,19 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   time("settle_time", o.settle_time, "Pause between closing and lifting.");
   time("lift_time", o.lift_time, "Duration of the lift.");
   time("hold_time", o.hold_time, "Duration of the hold.");
-  time("shake_time", o.shake_time, "Duration of the shaking after the hold; 0 = none.");
+  time("shake_time", o.shake_time, "Duration of the shaking after the hold. 0 = no shaking.");
   v.number("shake_frequency", o.shake_frequency, "Hz", {0.1, 20}, "Frequency of the shaking.");
   v.number("shake_amplitude", o.shake_amplitude, "m", {0, 0.2}, "Amplitude of the shaking.");
-  v.numbers("shake_axis", o.shake_axis.data(), 3, "1", {-1, 1}, "Direction of the shaking, world.");
+  v.numbers("shake_axis", o.shake_axis.data(), 3, "1", {-1, 1}, "Direction of the shaking in the world.");
   time("turn_time", o.turn_time, "Duration of the turn.");
   time("lower_time", o.lower_time, "Duration of putting down.");
-  time("place_time", o.place_time, "Pause between putting down and letting go.");
+  time("place_time", o.place_time, "Pause between putting down and release.");
   time("release_time", o.release_time, "Duration of the opening.");
   time("retreat_time", o.retreat_time, "Duration of the retreat.");
   time("free_time", o.free_time, "Duration of fist and free_motion.");
 }
 
-/// Throws std::invalid_argument where the hand cannot reach the asked grip: the message gives what it reaches.
+/// Throws std::invalid_argument if the hand cannot reach the requested grip. The message says what it reaches.
 std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOptions& options);
 
 }  // namespace softhand

@@ -1,4 +1,4 @@
-// How a hand takes an object: solved for a hand and an object before the motion starts.
+// The grip of a hand on an object. It is solved for a hand and an object before the motion starts.
 #pragma once
 
 #include <vector>
@@ -10,25 +10,25 @@
 namespace softhand {
 
 struct Grip {
-  std::vector<JointAngles> apertures;     ///< from closed (first) to open (last), linear in between
-  Pose wrist;                             ///< world, at the object in its first place, closed
-  Vector3 open_offset = Vector3::Zero();  ///< of the wrist when the hand is open, world
-  Vector3 approach_offset;                ///< from the open hand's wrist to where the hand comes from, world
+  std::vector<JointAngles> apertures;     ///< from closed (first) to open (last); interpolate linearly
+  Pose wrist;                             ///< world; closed, with the object in its first place
+  Vector3 open_offset = Vector3::Zero();  ///< offset of the wrist when the hand is open, world
+  Vector3 approach_offset;                ///< from the wrist of the open hand to the start of the approach, world
 };
 inline constexpr std::size_t kApertures = 17;
 
-/// Thumb against index on opposite faces of a cube that stands on a table, nothing else touching cube or table. Both
-/// throw std::invalid_argument where the hand cannot reach the grip: the message gives what it reaches.
+/// Thumb and index finger on opposite faces of a cube that stands on a table. Nothing else touches cube or table. Both
+/// functions throw std::invalid_argument if the hand cannot reach the grip. The message says what it reaches.
 Grip solve_pinch(const HandModel& hand, const GeneratorOptions& options);
 
-/// All fingers around an upright cylinder in the palm, the thumb on its other side.
+/// All fingers around an upright cylinder in the palm, with the thumb on its other side.
 Grip solve_power_grasp(const HandModel& hand, const GeneratorOptions& options);
 
-/// Share of `open_offset` at an openness: the palm leaves the object after the fingers, and comes to it before them.
+/// Fraction of `open_offset` at an openness. The palm leaves the object after the fingers and arrives before them.
 inline double palm_back(double openness) { return minimum_jerk(2 * openness - 1); }
 
-/// From the frame in which grips are solved (origin at the grip's middle, +Y up, -Z along the grip's direction) to the
-/// world; the hand comes along -`approach`.
+/// Transforms a grip to the world from the frame in which it was solved. That frame has its origin at the middle of the
+/// grip, +Y up and -Z along the grip's direction. The hand approaches along -`approach`.
 void place_in_world(Grip& grip, const GeneratorOptions& options, const Vector3& approach);
 
 }  // namespace softhand

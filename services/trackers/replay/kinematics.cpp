@@ -9,15 +9,15 @@ namespace softhand {
 namespace {
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// Flexion of the open hand's joints from the straight finger, radians: proximal, intermediate, distal; the thumb's
-// proximal and distal.
+// Flexion of the open hand's joints from the straight finger, in radians: proximal, intermediate, distal. For the
+// thumb: proximal, distal.
 constexpr std::array<std::array<double, 3>, kFingerCount> kOpenFlexion{{{0, -0.163909, -0.172817},
                                                                         {-0.17784, -0.261799, -0.139626},
                                                                         {-0.234995, -0.296706, -0.15708},
                                                                         {-0.277638, -0.331613, -0.174533},
                                                                         {-0.314827, -0.331613, -0.174533}}};
 
-// How far a bone is flexed against its parent at rest, radians (negative = flexed).
+// Flexion of a bone against its parent at rest, radians (negative = flexed).
 double rest_flexion(const HandModel& hand, Body body) {
   const Quaternion parent = hand.rest_joints[index(joint_of(parent_of(body)))].orientation;
   const Vector3 along = parent.conjugate() * (hand.rest_joints[index(joint_of(body))].orientation * Vector3(0, 0, -1));
@@ -33,7 +33,7 @@ JointAngles open_hand(const HandModel& hand) {
     const int last = index_of(distal_of(static_cast<Finger>(f)));
     for (int k = 0; k < 3; ++k) {
       const Body body = static_cast<Body>(last - 2 + k);
-      if (is_metacarpal(body)) continue;  // the thumb's: a saddle across the palm, which has no straight pose
+      if (is_metacarpal(body)) continue;  // the thumb's saddle joint lies across the palm and has no straight pose
       const double straight = -rest_flexion(hand, body);
       angles[static_cast<std::size_t>(last - 2 + k)].x() =
           straight + kOpenFlexion[static_cast<std::size_t>(f)][static_cast<std::size_t>(k)];
@@ -76,7 +76,7 @@ Vector3 pad_in_distal(const HandModel& hand, Finger finger) {
     if (x.z() < -0.9 * length || x.z() > -0.3 * length || std::abs(x.x()) > 0.6 * radius || x.y() >= lowest) continue;
     lowest = x.y();
   }
-  // A mesh that is no likeness (a test's block) must not move the pad away from the finger.
+  // A mesh that does not resemble a hand (a test's block) must not move the pad away from the finger.
   if (lowest < -0.5 * radius && lowest > -1.5 * radius) pad.y() = lowest;
   return pad;
 }

@@ -6,19 +6,19 @@
 
 namespace softhand {
 
-/// Rotation vectors of the bodies against their rest-aligned parents, as in `JointModel`: x flexion (negative =
-/// flexed), y abduction, z twist; radians. Zero is the rest pose.
+/// Rotation vectors of the bodies against their rest-aligned parents, as in `JointModel`, in radians: x flexion
+/// (negative = flexed), y abduction, z twist. Zero is the rest pose.
 using JointAngles = std::array<Vector3, kBodyCount>;
 
-/// An open hand: fingers nearly straight (joints flexed by 8 to 19 degrees), the same posture however flexed the rest
-/// pose is. Made motions count flexion from here.
+/// An open hand with nearly straight fingers (joints flexed by 8 to 19 degrees). The posture does not depend on the
+/// flexion of the rest pose. Generated motions measure flexion from here.
 JointAngles open_hand(const HandModel& hand);
 
-/// Joint frames in the frame of `wrist`'s parent. Tips and palm ride on their bodies.
+/// Joint frames in the parent frame of `wrist`. Tips and palm move with their bodies.
 JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const JointAngles& angles);
 
-/// Where the pad of a finger touches: the most palmar skin over the middle of the distal bone, in that bone's joint
-/// frame. From the mesh where the hand has one, else from the joint radii.
+/// The contact point of a finger pad: the most palmar skin over the middle of the distal bone, in that bone's joint
+/// frame. It is computed from the mesh, or from the joint radii if the hand has no mesh.
 Vector3 pad_in_distal(const HandModel& hand, Finger finger);
 
 }  // namespace softhand

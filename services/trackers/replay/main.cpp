@@ -1,4 +1,4 @@
-// softhand-tracker-replay: plays a recorded or made hand as a tracker would.
+// softhand-tracker-replay: plays a recorded or generated hand like a tracker.
 #include "device/answer.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -7,10 +7,11 @@
 namespace {
 using namespace softhand;
 
-constexpr double kPollRate = 1000;  // Hz at which due samples are looked for
+constexpr double kPollRate = 1000;  // Hz, polling for due samples
 
 void run(int argc, char** argv) {
-  const TrackerArguments arguments = parse_tracker_arguments(argc, argv, "Plays a recorded or made hand as a tracker");
+  const TrackerArguments arguments =
+      parse_tracker_arguments(argc, argv, "Tracker that plays a recorded or generated hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const ReplayOptions& options = scene.options.tracker;
   const HandModel hand = load_scene_hand(scene);
@@ -22,20 +23,20 @@ void run(int argc, char** argv) {
   Skeleton sample;
   std::uint64_t published = 0;
   Nanoseconds newest = 0;
-  Nanoseconds motion_start = 0;  // when the motion's time was 0
+  Nanoseconds motion_start = 0;  // time at which the motion's time was 0
   std::uint64_t restarts = 0;
   const auto step = [&](Nanoseconds now) {
     const bool starts = motion_start == 0;
     if (starts) motion_start = now - static_cast<Nanoseconds>(options.start_time * 1e9);
-    // The motion runs on while nobody reads; samples are made for readers only.
+    // The motion continues without subscribers. Samples are made only for subscribers.
     const bool is_read = writer.has_readers();
     if (!is_read && !starts) return;
     if (!tracker.sample(now, sample) || !is_read) return;
     newest = sample.stamp.sample_time;
     ++published;
     service.stamp(sample.stamp);
-    sample.stamp.epoch +=
-        restarts;  // sequences begin anew: to whoever hears them, as of a process that was started again
+    // The sequence starts again after a restart. Subscribers must see a new epoch, as after a restart of the process.
+    sample.stamp.epoch += restarts;
     sample.stamp.chain.tracker_sample = service.clock().when(sample.stamp.sample_time);
     sample.stamp.chain.tracked_published = sample.stamp.publish_time;
     writer.write(sample);
@@ -50,15 +51,15 @@ void run(int argc, char** argv) {
       return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
     if (get_text(message.key) == "restart") {
       restart();
-      return reply_to(message, arguments.module, kReplyApplied, "motion starts again");
+      return reply_to(message, arguments.module, kReplyApplied, "the motion starts again");
     }
     return reply_to(message, arguments.module, kReplyIgnored, "unknown key; known: restart");
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
     add_counter(status, "published", static_cast<double>(published));
-    add_counter(status, "motion_start_s",
-                static_cast<double>(motion_start) * 1e-9);  // by which `softhand up` judges the run
+    // `softhand up` reads this counter to judge the run.
+    add_counter(status, "motion_start_s", static_cast<double>(motion_start) * 1e-9);
   };
   service.run({step, answer, fill_status, [&](Nanoseconds) { restart(); }});
 }

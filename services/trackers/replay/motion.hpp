@@ -1,4 +1,4 @@
-// A motion of one hand over time, recorded or made: joint frames in the world, no imperfections.
+// A motion of one hand over time, recorded or generated: joint frames in the world, without imperfections.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace softhand {
 
 using JointFrames = std::array<Pose, kJointCount>;
 
-/// The palm of a source that has none (WebXR), halfway along the middle metacarpal.
+/// Palm joint for a source without one (WebXR): halfway along the middle metacarpal.
 inline Pose palm_between(const Pose& middle_metacarpal, const Pose& middle_proximal) {
   return {0.5 * (middle_metacarpal.position + middle_proximal.position), middle_metacarpal.orientation};
 }
@@ -26,7 +26,7 @@ struct MotionPhase {
   double end = 0;
 };
 
-/// 0 to 1 with `share` from 0 to 1, clamped; zero velocity and acceleration at both ends.
+/// Rises from 0 to 1 while `share` rises from 0 to 1, clamped. Velocity and acceleration are zero at both ends.
 inline double minimum_jerk(double share) {
   const double s = std::clamp(share, 0.0, 1.0);
   return s * s * s * (10 + s * (6 * s - 15));
@@ -38,12 +38,12 @@ class Motion {
   virtual double duration() const = 0;  ///< seconds
   /// Joint frames at `time`, clamped to [0, duration].
   virtual JointFrames at(double time) const = 0;
-  /// When a recording's samples were taken, ascending from 0; empty for a motion that exists at every time.
+  /// Sample times of a recording, ascending from 0. Empty for a motion that is defined at every time.
   virtual std::span<const double> times() const { return {}; }
-  /// Empty where the motion has no named parts.
+  /// Empty if the motion has no named parts.
   virtual std::vector<MotionPhase> phases() const { return {}; }
   virtual const std::array<double, kJointCount>& radii() const = 0;  ///< metres
-  /// True where the source has no palm joint and it was placed between the middle metacarpal and proximal joints.
+  /// True if the source has no palm joint. The palm is then placed between the middle metacarpal and proximal joints.
   virtual bool palm_inferred() const { return false; }
 };
 

@@ -9,15 +9,15 @@
 namespace softhand {
 namespace {
 
-constexpr double kClear = 4.5e-3;  // room of all that does not grip
-constexpr double kAbove = 2e-3;    // pads a little above the middle: room for the fingertips
+constexpr double kClear = 4.5e-3;  // m, clearance of everything that does not grip
+constexpr double kAbove = 2e-3;    // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
 struct Distance {
   double value;
   Vector3 gradient;
 };
-// To a cube about the origin, negative inside.
+// Signed distance to a cube about the origin, negative inside.
 Distance outside_cube(const Vector3& point, double half) {
   const Vector3 q = point.cwiseAbs() - Vector3::Constant(half);
   Eigen::Index face;
@@ -33,7 +33,8 @@ Distance outside_cube(const Vector3& point, double half) {
   return {outside + std::min(deepest, 0.0), gradient};
 }
 
-// Thumb and index with pads `distance` apart that face each other as well as they can, whatever else is there.
+// Posture of thumb and index finger with pads `distance` apart that face each other as well as possible. Ignores all
+// other goals.
 JointAngles facing_pads(const GripHand& hand, double distance) {
   JointAngles start = hand.open();
   hand.flex(start, Finger::index, -0.6, -0.5, -0.3);
@@ -49,7 +50,7 @@ JointAngles facing_pads(const GripHand& hand, double distance) {
            {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
     for (int i = 0; i < 3; ++i) {
       const Vector3 unit = Vector3::Unit(i),
-                    across = (unit - axis * axis[i]) / length;  // gradient of axis[i] by `between`
+                    across = (unit - axis * axis[i]) / length;  // gradient of axis[i] with respect to `between`
       const Change by_index = by_point(0, index.body, index.position, across),
                    by_thumb = by_point(0, thumb.body, thumb.position, across);
       const auto negative = [](const Change& c) { return Change{c.posture, c.body, -c.force, -c.torque}; };
@@ -65,7 +66,7 @@ JointAngles facing_pads(const GripHand& hand, double distance) {
   return solver.angles(0);
 }
 
-// The wrist that brings these pads to the grip's axis, itself above it.
+// The wrist pose that brings these pads to the grip's axis, with the wrist above the axis.
 Pose wrist_above(const GripHand& hand, const JointAngles& facing) {
   const JointFrames frames = forward_kinematics(hand.model(), Pose{}, facing);
   const Vector3 thumb = hand.pad(Finger::thumb, frames).position, index = hand.pad(Finger::index, frames).position;
@@ -79,12 +80,12 @@ Pose wrist_above(const GripHand& hand, const JointAngles& facing) {
   return wrist;
 }
 
-// What the grip and the widest opening should be, with one wrist for both.
+// Goals for the grip and the widest opening. Both use the same wrist pose.
 struct PinchGoals {
-  double half;          // of the cube
-  double closed, open;  // of the pads from the middle
+  double half;          // m, half width of the cube
+  double closed, open;  // m, distance of the pads from the middle
   double closing_depth, lower_depth, tilt;
-  double exact = 0, clear = 0;  // weights of the pads' places and of clearance
+  double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
     for (const std::size_t posture : {kShut, kWide}) {
@@ -122,7 +123,7 @@ struct PinchGoals {
     const double flat = gripping ? 9 : 1.0;
     s.want_direction(flat, posture, thumb.body, thumb.normal, -z);
     s.want_direction(flat, posture, index.body, index.normal, z);
-    // Fingertips down, or they would cross.
+    // The fingertips point down. Otherwise they would cross.
     const Vector3 down(-std::sin(tilt), -std::cos(tilt), 0);
     s.want_direction(gripping ? 2 : 1, posture, thumb.body, thumb.along, down);
     s.want_direction(gripping ? 3 : 1, posture, index.body, index.along, down);
@@ -134,8 +135,8 @@ struct PinchGoals {
       const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
       if (table < kClear)
         s.want(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
-      // The tracked pads are as deep in the cube as they would press; so is what lies behind them, and a flat pad takes
-      // its joint along.
+      // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
+      // takes the joint of its bone into the cube. Skip both.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
       if (grips && (sphere.body == distal_of(whose) ||
                     (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
@@ -154,7 +155,7 @@ struct Postures {
   double cost = std::numeric_limits<double>::infinity();
 };
 
-// Rising weights: from far away, clearance first lets pass.
+// The weights rise from pass to pass. The low first weights of clearance let bones pass obstacles from a distant start.
 Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
                   std::initializer_list<std::array<double, 2>> weights) {
   PostureSolver solver(hand, start.wrist, {start.shut, start.wide});
@@ -172,7 +173,8 @@ Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
   return {solver.wrist(), solver.angles(kShut), solver.angles(kWide), cost};
 }
 
-// Fingers that take no part are either curled or stretched out, and the hand may lean: what clears best.
+// Solves from several starts and returns the best result. The unused fingers start curled or stretched, and the hand
+// starts with different leans.
 Postures sought(const GripHand& hand, const JointAngles& facing, const PinchGoals& goals) {
   const Pose above = wrist_above(hand, facing);
   Postures best;
@@ -199,10 +201,10 @@ Postures sought(const GripHand& hand, const JointAngles& facing, const PinchGoal
   return improved(hand, best, goals, {{30, 2}});
 }
 
-// Where the pads come, and whether that is a pinch.
+// Contact points of the pads, and whether they make a pinch.
 struct Touches {
   Vector3 thumb, index;
-  bool face;  // the pads look at their faces, within 60 degrees
+  bool face;  // the pads look towards their faces within 60 degrees
 
   Touches(const GripHand& hand, const Pose& wrist, const JointAngles& angles) {
     const JointFrames frames = forward_kinematics(hand.model(), wrist, angles);
@@ -216,8 +218,8 @@ struct Touches {
 
 }  // namespace
 
-// Wrist, grip and widest opening are sought together, so that one place of the wrist serves both; then the way between
-// them with the wrist at rest.
+// Wrist, grip and widest opening are solved together, so that one wrist pose serves both. Then the motion between them
+// is solved with a fixed wrist.
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
@@ -227,7 +229,8 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
                      half + 1e-3 - wide.thumb.z(), half + 1e-3 + wide.index.z()});
   };
-  // Only the way open may fall short: a smaller opening still grips, and asking for too much would spoil the grip.
+  // Only the opening may be smaller than requested. A smaller opening still grips, but an impossible one would spoil
+  // the grip.
   Postures best;
   for (const double share : {1.0, 0.75, 0.5, 0.25}) {
     goals.open = half + share * o.opening;

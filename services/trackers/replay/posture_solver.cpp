@@ -11,8 +11,8 @@ namespace softhand {
 namespace {
 
 constexpr int kIterations = 120;
-constexpr double kEnough = 1e-7;      // relative decrease of the cost at which a solve ends
-constexpr double kLargestStep = 0.3;  // of each value: the goals bend
+constexpr double kEnough = 1e-7;      // relative decrease of the cost at which the solver stops
+constexpr double kLargestStep = 0.3;  // per value, because the goals are nonlinear
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
@@ -114,7 +114,7 @@ void PostureSolver::free_finger(Finger finger, std::initializer_list<std::size_t
     upper_[at] = hand_.limited(axis, 10);
     values_[at] = std::clamp(start, lower_[at], upper_[at]);
     for (const std::size_t p : postures) {
-      // It moves its own body and all beyond, to the tip.
+      // The axis moves its own body and all bodies up to the tip.
       for (int b = index_of(axis.body); b <= index_of(distal_of(finger)); ++b)
         posed_[p].moved_by[static_cast<std::size_t>(b)].push_back(static_cast<int>(at));
     }
@@ -143,7 +143,7 @@ void PostureSolver::pose(const VectorX& values) {
     for (const std::size_t p : free_[i].postures) {
       Posed& posed = posed_[p];
       const Pose& joint = posed.frames[index(joint_of(free_[i].axis.body))];
-      // Right Jacobian of the exponential: the turn in the body's own frame.
+      // Right Jacobian of the exponential map: the rotation in the body's own frame.
       posed.turn_axis[at] =
           joint.orientation *
           Vector3(left_jacobian_inverse(posed.angles[body]).transpose().inverse().col(free_[i].axis.axis));
@@ -226,7 +226,7 @@ void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger
     if (is_metacarpal(s.body)) continue;
     const Finger finger = finger_of(s.body);
     if (std::find(fingers.begin(), fingers.end(), finger) != fingers.end()) keep(s, Finger::thumb, margin);
-    // Neighbours lie side by side; only beyond the knuckles can they cross.
+    // Neighbouring fingers lie side by side. They can cross only beyond the proximal phalanges.
     if (finger == Finger::index && s.body != Body::index_proximal) keep(s, Finger::middle, -1.5e-3);
   }
 }
@@ -264,7 +264,7 @@ double PostureSolver::evaluate(const VectorX& values, const Goals& goals, Vector
   return cost_;
 }
 
-// Damped Gauss-Newton inside the bounds.
+// Damped Gauss-Newton method within the bounds.
 double PostureSolver::solve(const Goals& goals) {
   evaluate(values_, goals);
   double cost = cost_, damping = 1e-2;
@@ -274,7 +274,7 @@ double PostureSolver::solve(const Goals& goals) {
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     gradient = gradient_;
     normal = normal_;
-    // Values that rest on a bound and would leave it take no part in the step.
+    // A value on a bound that would leave the bound takes no part in the step.
     for (Eigen::Index c = 0; c < values_.size(); ++c) {
       if ((gradient[c] > 0 && values_[c] <= lower_[c]) || (gradient[c] < 0 && values_[c] >= upper_[c])) {
         normal.row(c).setZero();

@@ -1,6 +1,6 @@
-// Finds postures of a hand: wrist and joint angles that meet goals (pads on faces, bones clear of things) as well as
-// they can, inside the joints' ranges. A small bounded least-squares solver with exact derivatives. Runs at load;
-// deterministic.
+// Finds postures of a hand: wrist and joint angles that meet goals as well as possible within the ranges of the joints.
+// Goals are pads on faces, or bones clear of obstacles. It is a small bounded least-squares solver with exact
+// derivatives. It runs at load and is deterministic.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,19 +15,19 @@
 
 namespace softhand {
 
-inline constexpr double kPerMetre = 1e3;  ///< weight by which a millimetre counts like a radian
+inline constexpr double kPerMetre = 1e3;  ///< weight with which 1 mm counts like 1 rad
 inline constexpr std::array<Finger, 4> kFourFingers{Finger::index, Finger::middle, Finger::ring, Finger::little};
 
-/// A joint angle that a solve may choose: `axis` 0 flexion, 1 abduction.
+/// A joint angle that the solver may change. `axis`: 0 = flexion, 1 = abduction.
 struct JointAxis {
   Body body;
   int axis;
 };
-/// What moves a finger: flexion and abduction of its first moving joint, flexion of the other two.
+/// The axes of a finger: flexion and abduction of its first moving joint, flexion of the other two.
 std::array<JointAxis, 4> axes_of(Finger finger);
 
-/// A hand as solves see it: pads, joint ranges, and round bones that must keep clear of things. `model` must outlive
-/// it.
+/// The hand model of the solver: pads, joint ranges, and round bones that must keep clear of obstacles. `model` must
+/// outlive it.
 class GripHand {
  public:
   explicit GripHand(const HandModel& model);
@@ -36,51 +36,53 @@ class GripHand {
   struct Pad {
     Body body;
     Vector3 position;
-    Vector3 normal;  ///< the direction it presses in
-    Vector3 along;   ///< from its joint to its tip
-    Vector3 centre;  ///< in the finger, `radius` behind the skin
+    Vector3 normal;  ///< direction in which the pad presses
+    Vector3 along;   ///< from the joint to the tip of the bone
+    Vector3 centre;  ///< in the finger, `radius` below the skin
     double radius;
-    /// Where the round finger touches a face that looks along -`towards`: the pad itself where it is flat on the face.
+    /// Contact point of the round finger with a face that looks along -`towards`. A flat pad touches with the pad
+    /// itself.
     Vector3 touch(const Vector3& towards) const { return centre + radius * towards; }
   };
   Pad pad(Finger finger, const JointFrames& frames) const;
 
   const JointAngles& open() const { return open_; }
-  /// Sets a finger's flexion from the open hand, radians (negative = flexed), from its first moving joint to its last.
+  /// Sets the flexion of a finger relative to the open hand, radians (negative = flexed), from its first moving joint
+  /// to its last.
   void flex(JointAngles& angles, Finger finger, double first, double second, double distal) const;
-  /// From the open hand (0) to `angles` (1).
+  /// Interpolates from the open hand (0) to `angles` (1).
   JointAngles from_open(double share, const JointAngles& angles) const;
 
-  /// The allowed angle nearest to `angle`, radians.
+  /// The allowed angle nearest to `angle`, in radians.
   double limited(const JointAxis& which, double angle) const;
   JointAngles limited(JointAngles angles) const;
 
   struct Sphere {
     Body body;
-    double along;  ///< of the bone, 0 at its own joint, 1 at its end
+    double along;  ///< position along the bone: 0 at its own joint, 1 at its end
     double radius;
     Vector3 centre;
   };
   static constexpr int kSpheresPerBone = 4;
-  /// Along every bone from metacarpals to tips, in the order of bodies, `kSpheresPerBone` each.
+  /// Spheres along every bone from metacarpals to tips, in the order of bodies, `kSpheresPerBone` each.
   std::vector<Sphere> spheres(const JointFrames& frames) const;
-  /// The same where `spheres` came from before, without allocation.
+  /// Updates `spheres` from an earlier call, without allocation.
   void move(std::vector<Sphere>& spheres, const JointFrames& frames) const;
 
  private:
   const HandModel& model_;
   JointAngles open_;
-  std::array<Vector3, kFingerCount> pads_;  // in the distal joints' frames
+  std::array<Vector3, kFingerCount> pads_;  // in the frames of the distal joints
 };
 
-/// How a number changes when a body of a posture moves: its virtual work, as a wrench about the origin.
+/// Derivative of a number when a body of a posture moves, as a wrench about the origin (virtual work).
 struct Change {
   std::size_t posture;
   Body body;
   Vector3 force;
   Vector3 torque;
 };
-/// Of a number with `gradient` by a point that is fixed to the body, or by a direction that is.
+/// The change of a number that has `gradient` with respect to a body-fixed point or a body-fixed direction.
 inline Change by_point(std::size_t posture, Body body, const Vector3& point, const Vector3& gradient) {
   return {posture, body, gradient, point.cross(gradient)};
 }
@@ -88,19 +90,19 @@ inline Change by_direction(std::size_t posture, Body body, const Vector3& direct
   return {posture, body, Vector3::Zero(), direction.cross(gradient)};
 }
 
-/// One or more postures with a common wrist that are sought together. First say what is free, then solve.
+/// Solves one or more postures with a common wrist together. First declare the free values, then solve.
 class PostureSolver {
  public:
   PostureSolver(const GripHand& hand, const Pose& wrist, std::vector<JointAngles> postures);
 
-  /// The wrist may move by half a metre along each axis and turn about the origin.
+  /// The wrist may move by 0.5 m along each axis and rotate about the origin.
   void free_wrist();
-  /// The finger may move, by the same angles in each of `postures`, which start at those of the first.
+  /// The finger may move. It has the same angles in all `postures`, and they start at the angles of the first one.
   void free_finger(Finger finger, std::initializer_list<std::size_t> postures);
 
-  /// States its goals by the functions below, as squares that add up; called anew for every posture tried.
+  /// States the goals with the functions below. Their squares add up. Called again for every posture that is tried.
   using Goals = std::function<void(PostureSolver&)>;
-  /// From where it is to the nearest minimum. Returns the sum of squares there.
+  /// Descends from the present values to the nearest minimum. Returns the sum of squares there.
   double solve(const Goals& goals);
 
   const Pose& wrist() const { return wrist_; }
@@ -109,19 +111,20 @@ class PostureSolver {
   GripHand::Pad pad(Finger finger, std::size_t posture) const { return hand_.pad(finger, posed_[posture].frames); }
   std::span<const GripHand::Sphere> spheres(std::size_t posture) const { return posed_[posture].spheres; }
 
-  /// weight * value should be zero.
+  /// Goal: weight * value is zero.
   void want(double weight, double value, std::initializer_list<Change> changes);
-  /// A point that is fixed to a body should be at `goal`; a direction should be `goal`.
+  /// Goal: a point fixed to a body is at `goal`, or a direction fixed to a body equals `goal`.
   void want_point(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal);
   void want_direction(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal);
-  /// Thumb against the phalanges of `fingers`, and index against middle finger: nothing closer than `margin`, metres.
+  /// Goal: at least `margin` (m) between thumb and the phalanges of `fingers`. Also keeps index and middle finger
+  /// apart.
   void want_apart(std::size_t posture, std::initializer_list<Finger> fingers, double margin);
-  /// Every free angle should stay where it started.
+  /// Goal: every free angle keeps its start value.
   void want_start(double weight);
-  /// The wrist should not turn from where it started.
+  /// Goal: the wrist keeps its start orientation.
   void want_wrist_turned_little(double weight);
 
-  /// The sum of squares at values of what is free, and its gradient; for tests of the derivatives.
+  /// The sum of squares at given free values, and its gradient. For tests of the derivatives.
   double evaluate(const VectorX& values, const Goals& goals, VectorX& gradient);
   const VectorX& values() const { return values_; }
 
@@ -135,8 +138,8 @@ class PostureSolver {
     JointAngles angles;
     JointFrames frames;
     std::vector<GripHand::Sphere> spheres;
-    std::array<std::vector<int>, kBodyCount> moved_by;  // indices into `values_`, without the wrist's
-    std::vector<Vector3> turn_axis, turn_about;         // of each such value, world
+    std::array<std::vector<int>, kBodyCount> moved_by;  // indices into `values_`, without those of the wrist
+    std::vector<Vector3> turn_axis, turn_about;         // per value, world
   };
   void pose(const VectorX& values);
   void evaluate(const VectorX& values, const Goals& goals);
@@ -147,17 +150,17 @@ class PostureSolver {
   const GripHand& hand_;
   Pose wrist_start_, wrist_;
   bool wrist_is_free_ = false;
-  Matrix3 turn_jacobian_ = Matrix3::Identity();  // world turn by the wrist's rotation vector
+  Matrix3 turn_jacobian_ = Matrix3::Identity();  // derivative of the world rotation by the wrist's rotation vector
   std::vector<Posed> posed_;
   std::vector<Free> free_;
   VectorX values_, lower_, upper_;
   VectorX values_under_test_;
-  // Of the posture under evaluation: cost, half its gradient, half its Gauss-Newton matrix.
+  // For the posture under evaluation: cost, half its gradient, half its Gauss-Newton matrix.
   double cost_ = 0;
   VectorX gradient_;
   Eigen::MatrixXd normal_;
   VectorX row_;
-  std::vector<int> entries_;  // that are not zero in `row_`
+  std::vector<int> entries_;  // indices of nonzero entries of `row_`
   std::vector<char> entered_;
 };
 

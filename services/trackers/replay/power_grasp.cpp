@@ -8,24 +8,24 @@
 namespace softhand {
 namespace {
 
-constexpr double kPalmGap = 1e-3;  // between the palm's round bones and the cylinder: the skin of the palm presses
-constexpr double kPlace = 30 * kPerMetre;  // of pads, against all wishes
+constexpr double kPalmGap = 1e-3;  // m, between the palm's round bones and the cylinder; the skin of the palm presses
+constexpr double kPlace = 30 * kPerMetre;  // weight of the pad positions, above all other goals
 constexpr double kLevel = 0.1 * kPerMetre;
-constexpr double kBack = 5e-3;     // of the open hand's palm from its place in the grasp
-constexpr double kOpposed = 2;     // of the thumb being on the other side than the knuckles
-constexpr double kBeyond = 10e-3;  // of the knuckles past the axis, so that the fingers reach around
-// Of the pads' depth, at which the other phalanges lie. What intermediate and distal phalanges press towards the palm
-// the proximal ones take: with less depth a thin cylinder moves into the hand until thumb and little finger hardly
-// touch it.
+constexpr double kBack = 5e-3;     // m, distance of the open hand's palm from its place in the grasp
+constexpr double kOpposed = 2;     // weight of the goal that the thumb is opposite to the knuckles
+constexpr double kBeyond = 10e-3;  // m, knuckles past the axis, so that the fingers reach around
+// Depth of the other phalanges, relative to the depth of the pads. The proximal phalanges take the force with which the
+// intermediate and distal phalanges press towards the palm. With a smaller depth a thin cylinder moves into the hand
+// until thumb and little finger hardly touch it.
 constexpr double kProximalShare = 1.0, kIntermediateShare = 0.5;
 
-// From the cylinder's axis, which is Y.
+// Component perpendicular to the cylinder's axis, which is Y.
 Vector3 radial(const Vector3& p) { return {p.x(), 0, p.z()}; }
 
-// How deep the surface of the bone may be in the cylinder while the pads press.
+// Smallest distance (m, negative = inside) of a bone's surface from the cylinder while the pads press.
 double deepest(const GeneratorOptions& o) { return -o.closing_depth - 1e-3; }
 
-// A finger goes around at the height of its own knuckle.
+// Goal: a finger goes around the cylinder at the height of its own knuckle.
 void keep_level(PostureSolver& s, Finger finger, double weight = kLevel) {
   const Body knuckle = static_cast<Body>(index_of(distal_of(finger)) - 2);
   const Vector3& at = s.frames(0)[static_cast<std::size_t>(index_of(joint_of(knuckle)))].position;
@@ -34,10 +34,10 @@ void keep_level(PostureSolver& s, Finger finger, double weight = kLevel) {
          {by_point(0, pad.body, pad.position, Vector3::UnitY()), by_point(0, knuckle, at, -Vector3::UnitY())});
 }
 
-// Every phalanx lies on the cylinder and the palm behind it, so that each finger presses it into the palm.
+// Goals: every phalanx lies on the cylinder, and the palm lies behind it, so that each finger presses it into the palm.
 struct GraspGoals {
-  double radius;  // of the cylinder
-  double depth;   // of the pads in it
+  double radius;  // m, of the cylinder
+  double depth;   // m, of the pads below the surface
   double deepest;
 
   void operator()(PostureSolver& s) const {
@@ -63,12 +63,12 @@ struct GraspGoals {
   }
 
  private:
-  // Gradient of component i of the direction of `out` (without height) by the point.
+  // Gradient, with respect to the point, of component i of the direction of `out` (without height).
   static Vector3 of_direction(const Vector3& out, int i) {
     const Vector3 direction = out.normalized();
     return (radial(Vector3::Unit(i)) - direction * direction[i]) / out.norm();
   }
-  // Room between the cylinder and the sphere of `body` that is nearest to it should be `room`.
+  // Goal: the distance between the cylinder and the nearest sphere of `body` is `room`.
   void want_room(PostureSolver& s, Body body, double weight, double room) const {
     const GripHand::Sphere* nearest = nullptr;
     double least = 1;
@@ -97,7 +97,7 @@ struct GraspGoals {
         s.want(2 * kPerMetre, distance - margin, {by_point(0, sphere.body, sphere.centre, out.normalized())});
     }
   }
-  // Each finger goes around at the height of its own knuckle, the thumb between index and middle finger.
+  // Each finger goes around at the height of its own knuckle. The thumb is between index and middle finger.
   void level(PostureSolver& s) const {
     const JointFrames& frames = s.frames(0);
     const Vector3 up = Vector3::UnitY();
@@ -114,7 +114,7 @@ struct GraspGoals {
   }
 };
 
-// First guess: palm along -Z, the thumb's side up, the cylinder below the knuckles.
+// First guess: palm along -Z, thumb side up, cylinder below the knuckles.
 Pose first_wrist(const HandModel& model, double radius) {
   const Vector3 thumb_side = model.side == Side::right ? Vector3(-1, 0, 0) : Vector3(1, 0, 0);
   Matrix3 in_hand;
@@ -132,36 +132,37 @@ void free_all_fingers(PostureSolver& solver) {
   for (int f = 0; f < kFingerCount; ++f) solver.free_finger(static_cast<Finger>(f), {0});
 }
 
-// Fingers nearly straight, everything clear of the cylinder and of the way that it comes into the hand.
+// Fingers nearly straight. Everything is clear of the cylinder and of its path into the hand.
 JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& shut, double radius, double opening) {
   PostureSolver solver(hand, wrist, {hand.limited(hand.from_open(0.15, shut))});
   free_all_fingers(solver);
   solver.solve([&](PostureSolver& s) {
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
       Vector3 from = radial(sphere.centre);
-      if (from.z() < 0) from.z() = 0;  // the cylinder comes along +Z, as the hand sees it
+      if (from.z() < 0) from.z() = 0;  // in the frame of the hand the cylinder arrives along +Z
       const double margin = is_metacarpal(sphere.body) ? kBack : 0.5 * opening;
       const double room = from.norm() - radius - sphere.radius;
       if (room < margin)
         s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
-    // Firmly: an open little finger would else clear the cylinder by hanging below it, through the table.
+    // Use a large weight. Otherwise an open little finger would clear the cylinder by hanging below it, through the
+    // table.
     for (const Finger finger : kFourFingers) keep_level(s, finger, 10 * kLevel);
     s.want_start(1);
   });
   return solver.angles(0);
 }
 
-constexpr double kOpen = 0.25;  // rad, about what the open hand's joints are flexed by
+constexpr double kOpen = 0.25;  // rad, approximate flexion of the open hand's joints
 
-// First guess: phalanges that touch a cylinder in their middles.
+// First guess: the middle of each phalanx touches the cylinder.
 JointAngles around(const GripHand& hand, double radius) {
   const HandModel& model = hand.model();
   const JointFrames& rest = model.rest_joints;
   JointAngles angles = hand.open();
   for (const Finger finger : kFourFingers) {
     const auto knuckle = static_cast<std::size_t>(index_of(tip_of(finger))) - 3;
-    std::array<double, 4> half;  // of the turn about the cylinder along each bone; the palm turns as much as the next
+    std::array<double, 4> half;  // half of the angle around the cylinder along each bone; index 0 is the palm
     for (std::size_t k = 1; k < 4; ++k) {
       const double length = (rest[knuckle + k].position - rest[knuckle + k - 1].position).norm();
       half[k] = std::atan(0.5 * length / (radius + model.joint_radii[knuckle + k - 1]));
@@ -181,8 +182,8 @@ struct Grasp {
   JointAngles shut;
 };
 
-// First around a cylinder that fits the hand, then step by step around thinner or thicker ones: from far away the thumb
-// would be caught on the wrong side.
+// Start with a cylinder that fits the hand. Then change its radius in small steps to the requested one. From a distant
+// start the thumb would be caught on the wrong side.
 Grasp closed(const GripHand& hand, const GeneratorOptions& o) {
   constexpr double kFitting = 25e-3, kStep = 2.5e-3;  // m, radii
   const double radius = 0.5 * o.object_width;
@@ -228,7 +229,7 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
     const double share = static_cast<double>(k) / (kApertures - 1);
     JointAngles straight = shut;
     for (std::size_t b = 2; b < kBodyCount; ++b) straight[b] = (1 - share) * shut[b] + share * wide[b];
-    // On the way no finger may cut through more of the cylinder than it does in the end.
+    // During the motion no finger may be deeper in the cylinder than in the closed grasp.
     PostureSolver between(hand, wrist_at(share), {straight});
     free_all_fingers(between);
     between.solve([&](PostureSolver& s) {

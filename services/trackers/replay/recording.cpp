@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kValuesPerJoint = 8;
 constexpr std::array<std::string_view, kValuesPerJoint> kSuffixes{"px", "py", "pz", "qx", "qy", "qz", "qw", "r"};
-// WebXR's names in OpenXR's order without the palm.
+// WebXR's names in OpenXR's order, without the palm.
 constexpr std::array<std::string_view, kJointCount - 1> kWebXrNames{"wrist",
                                                                     "thumb-metacarpal",
                                                                     "thumb-phalanx-proximal",
@@ -80,16 +80,16 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
   std::string line;
   if (!std::getline(in, line))
     throw std::runtime_error(name + ":1: expected a header that starts with t_s, got an empty file");
-  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // with which spreadsheets save UTF-8
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // spreadsheets save UTF-8 with it
   if (line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
-  std::vector<std::size_t> place(kColumns, kColumns);  // of each known column in a row
+  std::vector<std::size_t> place(kColumns, kColumns);  // index of each known column in a row
   const std::vector<std::string_view> header = split(line);
   for (std::size_t cell = 0; cell < header.size(); ++cell) {
     std::size_t column = 0;
     while (column < kColumns && column_name(column) != header[cell]) ++column;
     if (column == kColumns)
       fail(1, std::string(header[cell]), "expected t_s or a WebXR joint with .px .py .pz .qx .qy .qz .qw .r");
-    if (place[column] != kColumns) fail(1, std::string(header[cell]), "expected once, stands twice");
+    if (place[column] != kColumns) fail(1, std::string(header[cell]), "expected once, found twice");
     place[column] = cell;
   }
   for (std::size_t column = 0; column < kColumns; ++column) {
@@ -115,7 +115,7 @@ Recording Recording::parse(std::istream& in, const std::string& name) {
     if (out.times_.empty()) out.start_ = values[0];
     const double time = values[0] - out.start_;
     if (!out.times_.empty() && time <= out.times_.back())
-      fail(number, "t_s", "expected more than the row before, got " + std::to_string(values[0]));
+      fail(number, "t_s", "expected a time after the previous row, got " + std::to_string(values[0]));
     JointFrames frame;
     for (std::size_t j = 0; j < kWebXrNames.size(); ++j) {
       const double* v = values.data() + 1 + kValuesPerJoint * j;

@@ -13,7 +13,7 @@ std::string_view webxr_name(Joint joint);
 
 class Recording : public Motion {
  public:
-  /// Throws std::runtime_error naming file, line, column and what was expected. Columns may stand in any order. Times
+  /// Throws std::runtime_error with file, line, column and the expected value. The columns may be in any order. Times
   /// must ascend.
   static Recording load(const std::string& path);
   static Recording parse(std::istream& in, const std::string& name);
@@ -25,7 +25,7 @@ class Recording : public Motion {
   bool palm_inferred() const override { return true; }
   /// Every recorded frame, for `measure_skeleton`.
   std::span<const JointFrames> frames() const { return frames_; }
-  /// The file's time of the first sample, which is time 0 here.
+  /// Time of the first sample in the file. It is time 0 here.
   double start() const { return start_; }
 
  private:

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kDefaultRate = 90;
 
-// SplitMix64: the n-th number of a stream, so that noise belongs to a sample and not to the order of calls.
+// SplitMix64: the n-th number of a stream. The noise belongs to a sample and does not depend on the order of calls.
 std::uint64_t mix(std::uint64_t x) {
   x += 0x9e3779b97f4a7c15ULL;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -22,7 +22,7 @@ std::uint64_t mix(std::uint64_t x) {
 }
 double uniform(std::uint64_t x) { return (static_cast<double>(mix(x) >> 11) + 0.5) * 0x1.0p-53; }
 
-// Normal, by Box and Muller.
+// Normal distribution (Box and Muller).
 double normal(std::uint64_t stream, std::uint64_t n) {
   const std::uint64_t base = mix(stream) + 2 * n;
   return std::sqrt(-2 * std::log(uniform(base))) * std::cos(2 * M_PI * uniform(base + 1));
@@ -57,7 +57,7 @@ double ReplayTracker::sample_time(std::int64_t i) const {
   const std::span<const double> times = motion_->times();
   const auto played = static_cast<std::int64_t>(times.size() - first_);
   const std::int64_t at = i + static_cast<std::int64_t>(first_);
-  // A repeated recording goes on after a gap of its own mean period; a finished one holds its last frame at that
+  // A repeated recording continues after a gap of its mean period. A finished recording repeats its last frame at that
   // period.
   const double gap = times.size() > 1 ? times.back() / static_cast<double>(times.size() - 1) : 1 / kDefaultRate;
   if (i < played) return times[static_cast<std::size_t>(at)] - times[first_];

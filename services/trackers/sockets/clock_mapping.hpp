@@ -1,4 +1,4 @@
-// Times of a sender's clock on ours: the least delayed of the recent messages tells the offset of the clocks.
+// Maps times of a sender's clock to our clock. The recent message with the least delay gives the offset of the clocks.
 #pragma once
 
 #include <algorithm>
@@ -8,18 +8,18 @@
 
 namespace softhand {
 
-/// arrival = sent + offset + delay with delay >= 0, so the least difference of the recent messages is the offset plus
-/// the shortest delay: mapped times are late by that (a cable's or a radio's, 0.1 to 3 ms). Two windows of 10 s each,
-/// so that drift is followed.
+/// Every message satisfies arrival = sent + offset + delay with delay >= 0.
+/// The least difference of the recent messages is the offset plus the shortest delay. Mapped times are late by this
+/// delay (0.1 to 3 ms on a cable or by radio). Two windows of 10 s each let the offset follow the drift.
 class ClockMapping {
  public:
-  /// `sent` on the sender's clock, `arrival` on ours. Whether that clock started anew.
+  /// `sent` is on the sender's clock, `arrival` on ours. Returns true if the sender's clock was restarted.
   bool add(Nanoseconds sent, Nanoseconds arrival) {
-    // No delay is that long.
+    // The difference grew by more than any delay, so the sender's clock was restarted.
     const bool anew = least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay;
     if (anew) *this = {};
     if (window_start_ == 0 || arrival - window_start_ > kWindow) {
-      // After a silence the window before is none of the recent past: clocks have drifted meanwhile.
+      // After a pause the previous window is too old, because the clocks have drifted since.
       before_ = arrival - window_start_ > 2 * kWindow ? kNone : least_;
       least_ = kNone;
       window_start_ = arrival;
@@ -27,7 +27,7 @@ class ClockMapping {
     least_ = std::min(least_, arrival - sent);
     return anew;
   }
-  /// After one `add` or more.
+  /// Call `add` at least once before.
   Nanoseconds map(Nanoseconds time) const { return time + std::min(least_, before_); }
 
  private:

@@ -27,7 +27,7 @@ constexpr std::uint64_t kMaxConnections = 16;
 
 struct Shared {
   std::atomic<std::uint64_t> connections{0}, refused_origin{0}, refused_size{0}, passed_over{0};
-  std::uint64_t next_connection = 1;  // the server's thread alone
+  std::uint64_t next_connection = 1;  // used only by the server's thread
   std::mutex mutex;
   std::deque<Arrival> arrivals;
 
@@ -56,7 +56,7 @@ class Sender : public web::Session {
   std::uint64_t id_;
 };
 
-// Receives datagrams in a thread of its own.
+// Receives datagrams in its own thread.
 class Datagrams {
  public:
   Datagrams(const std::string& address, std::uint16_t port, std::size_t largest, Shared& shared)
@@ -104,7 +104,7 @@ class Datagrams {
       if (files[0].revents == 0) continue;
       const ssize_t size = recv(socket_, buffer_.data(), buffer_.size(), MSG_DONTWAIT);
       if (size < 0) continue;
-      // A datagram that fills the buffer is longer than allowed: the buffer has a byte to spare.
+      // The buffer has one spare byte. A datagram that fills it is longer than allowed.
       if (static_cast<std::size_t>(size) == buffer_.size()) {
         ++shared_.refused_size;
       } else {
@@ -133,7 +133,9 @@ class Inbox::Impl {
  private:
   web::Site site(std::size_t largest) {
     web::Site site;
-    site.get = [](const std::string&) { return web::Answer{426, "text/plain", "A WebSocket is spoken here.\n"}; };
+    site.get = [](const std::string&) {
+      return web::Answer{426, "text/plain", "This port accepts only WebSocket connections.\n"};
+    };
     site.origin = web::Origin::this_host;
     site.largest_message = largest;
     site.connect = [this] {

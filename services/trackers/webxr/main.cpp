@@ -1,4 +1,4 @@
-// softhand-tracker-webxr: both hands and the head of whoever wears a headset whose browser shows the viewer's page.
+// softhand-tracker-webxr: both hands and the head of the wearer of a headset, whose browser shows the viewer's page.
 #include <cstdio>
 
 #include "messages/convert.hpp"
@@ -10,11 +10,11 @@
 namespace {
 using namespace softhand;
 
-constexpr double kPollRate = 1000;  // Hz at which frames are looked for
+constexpr double kPollRate = 1000;  // Hz, polling of frames
 
 void run(int argc, char** argv) {
   const TrackerArguments arguments =
-      parse_tracker_arguments(argc, argv, "Takes hands and head from a headset's browser");
+      parse_tracker_arguments(argc, argv, "Tracker that receives hands and head from a headset's browser");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey user = hand_key(scene);
 
@@ -48,7 +48,7 @@ void run(int argc, char** argv) {
         head.write(sample.head);
       }
       for (Skeleton& hand : sample.hands) {
-        // A hand that is not seen is not written: a weaker tracker may have it.
+        // A hand that is not seen is not published, so that a weaker tracker can take over.
         if (hand.confidence == 0) continue;
         hand.hand.user = user.user;
         hand.source = arguments.source;
@@ -68,8 +68,8 @@ void run(int argc, char** argv) {
     add_counter(status, "refused_origin", static_cast<double>(counters.refused_origin));
     add_counter(status, "passed_over", static_cast<double>(counters.passed_over));
     for (std::size_t i = 1; i < refused.size(); ++i) {
-      const auto larger = static_cast<WebXrRefusal>(i) == WebXrRefusal::size ? counters.refused_size
-                                                                             : 0;  // than a frame: closed by the inbox
+      // The inbox refuses a frame that is too large and closes its connection.
+      const auto larger = static_cast<WebXrRefusal>(i) == WebXrRefusal::size ? counters.refused_size : 0;
       add_counter(status, "refused_" + std::string(kWebXrRefusalNames[i]), static_cast<double>(refused[i] + larger));
     }
   };

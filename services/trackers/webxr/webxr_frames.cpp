@@ -13,8 +13,8 @@ namespace {
 constexpr double kNanosecondsPerMillisecond = 1e6;
 constexpr double kFarthest = 1000;              // m
 constexpr double kLargestRadius = 0.1;          // m
-constexpr double kLatestSend = 1e12;            // ms: thirty years
-constexpr double kOldest = 1000, kAhead = 200;  // ms of the sample before and after it was sent
+constexpr double kLatestSend = 1e12;            // ms, thirty years
+constexpr double kOldest = 1000, kAhead = 200;  // ms, limits of the sample time before and after the sending
 
 class Reader {
  public:
@@ -26,7 +26,8 @@ class Reader {
     bytes_.remove_prefix(sizeof(T));
     return value;
   }
-  // False where the numbers are no pose. A unit quaternion of floats is one to 1e-6; 1 % lets sloppy senders in.
+  // Returns false if the numbers are not a pose. A unit quaternion of floats is exact to 1e-6. The limit of 1 % also
+  // accepts imprecise senders.
   bool read_pose(Vec3& position, Vec4& orientation) {
     for (double& value : position) value = static_cast<double>(read<float>());
     for (double& value : orientation) value = static_cast<double>(read<float>());
@@ -59,7 +60,7 @@ WebXrRefusal decode_webxr(std::string_view bytes, WebXrSample& out) {
   sample.sent = static_cast<Nanoseconds>(sent * kNanosecondsPerMillisecond);
   sample.head.valid = reader.read<std::uint32_t>();
   if (sample.head.valid > 1) return WebXrRefusal::content;
-  // The pose of what is not seen may be anything.
+  // The pose of an unseen head may have any values.
   if (!reader.read_pose(sample.head.position, sample.head.orientation)) {
     if (sample.head.valid != 0) return WebXrRefusal::content;
     sample.head.position = {};
@@ -103,7 +104,7 @@ WebXrRefusal WebXrClock::stamp(WebXrSample& sample, std::uint64_t connection, Na
   if (last_ != 0 && sample.sample_time <= last_) return WebXrRefusal::order;
   last_ = sample.sample_time;
   mapping_.add(sample.sent, arrival);
-  // Ascending, even where a better estimate of the offset takes them back.
+  // Keep the times ascending, even if a better estimate of the offset would move them back.
   last_mapped_ = std::max(last_mapped_ + 1, std::min(mapping_.map(sample.sample_time), arrival));
   ++sequence_;
   for (Stamp* stamp : {&sample.head.stamp, &sample.hands[0].stamp, &sample.hands[1].stamp}) {

@@ -1,4 +1,4 @@
-// What a headset's page sends (docs/tracker-webxr.md), checked and turned into messages of the topics.
+// Frames that a headset's page sends (docs/tracker-webxr.md): checked and converted to messages of the topics.
 #pragma once
 
 #include <array>
@@ -21,18 +21,18 @@ inline constexpr std::array<std::string_view, 7> kWebXrRefusalNames{"none",    "
 struct WebXrSample {
   Nanoseconds sample_time = 0;    ///< the page's clock
   Nanoseconds sent = 0;           ///< the page's clock
-  HeadPose head;                  ///< `valid` says whether
-  std::array<Skeleton, 2> hands;  ///< left, right; confidence 0 = not seen; user, source and stamps are not filled
+  HeadPose head;                  ///< its `valid` says whether it was seen
+  std::array<Skeleton, 2> hands;  ///< left, right; confidence 0 = not seen; user, source and stamps are not set
 };
 
-/// All or nothing: `out` is untouched where the frame is refused.
+/// Decodes a frame. `out` is unchanged if the frame is refused.
 WebXrRefusal decode_webxr(std::string_view bytes, WebXrSample& out);
 
-/// Puts decoded samples on our clock. A connection is a clock of its own.
+/// Converts the times of decoded samples to our clock. Each connection has its own clock.
 class WebXrClock {
  public:
-  /// Stamps both hands and the head; `order` where it is not newer than the one before of this connection. No sample
-  /// lies ahead of `arrival`, although browsers predict to the time of display.
+  /// Stamps both hands and the head. Returns `order` if the sample is not newer than the previous one of this
+  /// connection. No stamp is later than `arrival`, although browsers predict poses for the time of display.
   WebXrRefusal stamp(WebXrSample& sample, std::uint64_t connection, Nanoseconds arrival);
 
  private:

@@ -1,5 +1,6 @@
-// node render.mjs RECORDING OUT WIDTH HEIGHT SECONDS RATE VIEW: pictures of a page's recording, for `softhand render`. The recording's first
-// fifth of a second only fills the page. SECONDS = 0: one PNG; else an animated PNG whose pictures hold what changed.
+// node render.mjs RECORDING OUT WIDTH HEIGHT SECONDS RATE VIEW: draws pictures of a page's recording for `softhand
+// render`. The first 0.2 s of the recording only fill the page. SECONDS = 0 gives one PNG. Otherwise it is an animated
+// PNG whose pictures contain only the changes.
 import { createServer } from "node:http";
 import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, extname, join } from "node:path";
@@ -36,7 +37,7 @@ const words = (...values) => {
   values.forEach((value, i) => buffer.writeUInt32BE(value, 4 * i));
   return buffer;
 };
-/** RGBA rows, each with PNG's filter "Sub" or none, whichever looks smaller. */
+/** Rows of RGBA, each with PNG's filter "Sub" or none, whichever probably compresses better. */
 function compress(pixels) {
   const rows = Buffer.alloc((4 * w + 1) * h);
   for (let y = 0; y < h; ++y) {
@@ -58,9 +59,9 @@ function animation(pictures) {
   ];
   let sequence = 0;
   pictures.forEach((picture, i) => {
-    // Dispose 0 leaves the picture, blend 1 draws over it: what did not change is sent as transparent.
+    // Dispose 0 keeps the picture, and blend 1 draws over it. Unchanged pixels are sent as transparent.
     const control = Buffer.concat([words(sequence++, w, h, 0, 0), Buffer.alloc(4), Buffer.from([0, i === 0 ? 0 : 1])]);
-    // A picture stands for so many of so many parts of a second, integers; pictures a second need not be one.
+    // The delay of a picture is a fraction of two integers, so the rate need not be an integer.
     control.writeUInt16BE(1000, 20);
     control.writeUInt16BE(Math.round(1000 * rate), 22);
     parts.push(chunk("fcTL", control));
@@ -70,7 +71,11 @@ function animation(pictures) {
       for (let p = 0; p < pixels.length; p += 4)
         if (picture.readUInt32LE(p) === pictures[i - 1].readUInt32LE(p)) pixels.writeUInt32LE(0, p);
     }
-    parts.push(i === 0 ? chunk("IDAT", compress(pixels)) : chunk("fdAT", Buffer.concat([words(sequence++), compress(pixels)])));
+    parts.push(
+      i === 0
+        ? chunk("IDAT", compress(pixels))
+        : chunk("fdAT", Buffer.concat([words(sequence++), compress(pixels)])),
+    );
   });
   return Buffer.concat([...parts, chunk("IEND", Buffer.alloc(0))]);
 }
@@ -83,11 +88,14 @@ const server = createServer((request, response) => {
   const name = new URL(request.url, "http://x").pathname;
   const file = join(folder, name === "/" ? "index.html" : name);
   if (!existsSync(file)) return response.writeHead(404).end();
-  response.writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" }).end(readFileSync(file));
+  response
+    .writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" })
+    .end(readFileSync(file));
 });
 await new Promise((listening) => server.listen(0, "127.0.0.1", listening));
 
-const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync) ?? fail("no chromium: apt-get install chromium");
+const executablePath =
+  ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync) ?? fail("no chromium: apt-get install chromium");
 const browser = await chromium.launch({
   executablePath,
   args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
@@ -108,7 +116,7 @@ try {
   };
   await at(0, 6);
   if (Number(seconds) === 0) {
-    // Colours settle within the repaints of half a second.
+    // The colours settle after half a second of repaints.
     await page.waitForTimeout(600);
     await drawn(2);
     await page.screenshot({ path: out });
@@ -125,7 +133,8 @@ try {
               context.drawImage(document.getElementById("stage"), 0, 0, wide, high);
               const bytes = context.getImageData(0, 0, wide, high).data;
               let text = "";
-              for (let k = 0; k < bytes.length; k += 32768) text += String.fromCharCode(...bytes.subarray(k, k + 32768));
+              for (let k = 0; k < bytes.length; k += 32768)
+                text += String.fromCharCode(...bytes.subarray(k, k + 32768));
               done(btoa(text));
             }),
           ),

@@ -1,4 +1,4 @@
-// The engines that can be chosen: one line each.
+// List of the available engines, one line each.
 #include <stdexcept>
 #include <string>
 
@@ -8,7 +8,7 @@ namespace softhand {
 
 std::unique_ptr<PhysicsEngine> make_physics_engine(std::string_view name) {
   if (name == "bullet") return make_bullet_engine();
-  throw std::invalid_argument("physics engine '" + std::string(name) + "' is not built in; there is: bullet");
+  throw std::invalid_argument("physics engine '" + std::string(name) + "' is unknown; expected: bullet");
 }
 
 }  // namespace softhand

@@ -1,4 +1,4 @@
-// The WebSocket to the gateway, which comes back by itself.
+// The WebSocket to the gateway. It reconnects automatically.
 import { type Frame, split } from "./protocol";
 
 type ConnectionState = "open" | "lost";
@@ -18,15 +18,18 @@ export class Connection {
     },
   ) {
     this.connect();
-    // A gateway that hangs says nothing, though its state comes twice a second, and does not answer a farewell.
+    // The state of the gateway comes twice a second. A gateway that hangs sends nothing and does not answer a close.
     setInterval(() => {
       if (this.socket?.readyState === WebSocket.OPEN && performance.now() - this.heard > 3000) this.lose(this.socket);
       if (this.lostAt > 0)
-        on.state("lost", `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, trying again …`);
+        on.state(
+          "lost",
+          `connection lost for ${((performance.now() - this.lostAt) / 1000).toFixed(0)} s, reconnecting …`,
+        );
     }, 500);
   }
 
-  /** Nothing while the connection is lost. */
+  /** Sends nothing while the connection is lost. */
   send(bytes: ArrayBuffer): void {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(bytes);
   }
@@ -54,12 +57,12 @@ export class Connection {
   }
 
   private lose(socket: WebSocket): void {
-    if (socket !== this.socket) return; // given up before
+    if (socket !== this.socket) return; // already replaced
     this.socket = null;
     socket.close();
     if (this.lostAt === 0) {
       this.lostAt = performance.now();
-      this.on.state("lost", "connection lost, trying again …");
+      this.on.state("lost", "connection lost, reconnecting …");
     }
     window.setTimeout(() => this.connect(), this.wait);
     this.wait = Math.min(2000, 1.6 * this.wait);

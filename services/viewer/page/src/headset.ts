@@ -1,38 +1,43 @@
-// Immersive sessions: the scene in a headset, and the headset's hands on their way to the tracker (xr.ts). docs/tracker-webxr.md.
+// Immersive sessions: shows the scene in a headset and sends the headset's hands to the tracker (xr.ts).
+// See docs/tracker-webxr.md.
 /// <reference types="webxr" />
 import * as THREE from "three";
 import { HandSender } from "./xr";
 
 export type Mode = "immersive-vr" | "immersive-ar";
 
-// Where the world's origin is put as seen from the head at the start, m: scenes have their table there, and a table is about there.
+// Place of the world's origin relative to the head at the start, m. Scenes have their table at the origin, and a real
+// table has about this place.
 const ORIGIN_AHEAD = 0.4;
 const ORIGIN_BELOW = 0.45;
 
-/** Whether this browser offers `mode`; never rejects. */
+/** Returns whether this browser offers `mode`. Never rejects. */
 export async function offers(mode: Mode): Promise<boolean> {
   try {
     return (await navigator.xr?.isSessionSupported(mode)) ?? false;
   } catch {
-    return false; // A permissions policy forbids it.
+    return false; // a permissions policy forbids it
   }
 }
 
-/** One session at a time. */
+/** At most one session at a time. */
 export class Headset {
   private base: XRReferenceSpace | null = null;
   private world: XRReferenceSpace | null = null;
   private sender: HandSender | null = null;
   private busy = false;
 
-  /** `tracker`: WebSocket address of softhand-tracker-webxr. `changed`: told the mode of a session that begins, null at its end. */
+  /**
+   * `tracker`: WebSocket address of softhand-tracker-webxr. `changed` gets the mode when a session begins, null when it
+   * ends.
+   */
   constructor(
     private readonly renderer: THREE.WebGLRenderer,
     private readonly tracker: string,
     private readonly changed: (mode: Mode | null) => void,
   ) {}
 
-  /** Of a user's click, as browsers demand. Rejects when the session is refused. */
+  /** Call it in the handler of a user's click, as browsers demand. Rejects if the session is refused. */
   async enter(mode: Mode): Promise<void> {
     if (this.busy) return;
     this.busy = true;
@@ -40,7 +45,8 @@ export class Headset {
     try {
       session = await navigator.xr!.requestSession(mode, { optionalFeatures: ["hand-tracking"] });
       session.addEventListener("end", () => this.leave(), { once: true });
-      // Every immersive session grants `local`; the floor's height is not needed, for the world is placed by the head.
+      // Every immersive session grants `local`. The height of the floor is not needed, because the head determines the
+      // place of the world.
       const base = await session.requestReferenceSpace("local");
       base.addEventListener("reset", () => (this.world = null));
       this.base = base;
@@ -56,7 +62,10 @@ export class Headset {
     }
   }
 
-  /** Of every frame of a session: places the world where the head is first seen, then sends the hands in the world's frame. */
+  /**
+   * Call it for every frame of a session. Places the world relative to the first head pose, then sends the hands in the
+   * world's frame.
+   */
   frame(time: number, frame: XRFrame): void {
     if (!this.base) return;
     if (!this.world) {
@@ -76,13 +85,19 @@ export class Headset {
   }
 }
 
-/** The world's origin in front of and below `head`, upright, its -Z the way the head looks; a head that looks up or down keeps its heading. */
+/**
+ * The world's origin in front of and below `head`, upright, with -Z in the direction of view. Up and down are ignored.
+ */
 function originBefore({ position, orientation: { x, y, z, w } }: XRRigidTransform): XRRigidTransform {
-  // Heading from the head's right-hand side, which stays level when it nods.
+  // Take the heading from the head's right axis, which stays level when the head nods.
   const right = new THREE.Vector3(1, 0, 0).applyQuaternion(new THREE.Quaternion(x, y, z, w));
   const heading = Math.atan2(-right.z, right.x);
   return new XRRigidTransform(
-    { x: position.x - ORIGIN_AHEAD * Math.sin(heading), y: position.y - ORIGIN_BELOW, z: position.z - ORIGIN_AHEAD * Math.cos(heading) },
+    {
+      x: position.x - ORIGIN_AHEAD * Math.sin(heading),
+      y: position.y - ORIGIN_BELOW,
+      z: position.z - ORIGIN_AHEAD * Math.cos(heading),
+    },
     { x: 0, y: Math.sin(heading / 2), z: 0, w: Math.cos(heading / 2) },
   );
 }

@@ -1,5 +1,11 @@
-// Wires connection, timeline, stage and panel to the page's controls. Address: ?plain hides all but the picture; ?theme=dark|light;
-// ?tracker=8091 port of softhand-tracker-webxr on this page's host; ?show=hand,objects,... what is shown at first; ?colour=skin|pressure|strain; ?quality=high|low; ?camera=x,y,z,x,y,z position and target in metres.
+// Connects connection, timeline, stage and panel with the controls of the page. Parameters of the address:
+// - ?plain: hides everything but the picture.
+// - ?theme=dark|light
+// - ?tracker=8091: port of softhand-tracker-webxr on this page's host.
+// - ?show=hand,objects,...: content at the start.
+// - ?colour=skin|pressure|strain
+// - ?quality=high|low
+// - ?camera=x,y,z,x,y,z: position and target in metres.
 import { Connection } from "./connection";
 import { type Mode, Headset, offers } from "./headset";
 import { Panel, element, swatch } from "./panel";
@@ -26,7 +32,8 @@ const shown: Shown = {
   beside: false,
 };
 const asked = query.get("show");
-if (asked !== null) for (const name of Object.keys(shown) as (keyof Shown)[]) shown[name] = asked.split(",").includes(name);
+if (asked !== null)
+  for (const name of Object.keys(shown) as (keyof Shown)[]) shown[name] = asked.split(",").includes(name);
 let colouring: Colouring = (["pressure", "strain"] as const).find((each) => each === query.get("colour")) ?? "skin";
 const isWide = (): boolean => window.innerWidth > 760; // as in style.css
 let panelOpen = !query.has("plain") && isWide();
@@ -41,7 +48,7 @@ function openStage(): Stage {
     return new Stage(element<HTMLCanvasElement>("stage"), shown, quality);
   } catch (error) {
     element("connection").dataset.state = "lost";
-    element("connection").textContent = "this browser cannot draw: it offers no WebGL 2";
+    element("connection").textContent = "this browser cannot draw: WebGL 2 is not available";
     throw error;
   }
 }
@@ -55,7 +62,7 @@ const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
 // ---- frames ----
 
-let sent = 0; // bytes, by the gateway
+let sent = 0; // bytes, total of the gateway
 const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.handDescription(payload)),
   [Type.nodes]: (payload, instance) => {
@@ -85,8 +92,8 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.gateway]: (payload) => {
     const state = protocol.gateway(payload);
     panel.gateway(state);
-    // A sum that begins anew is another gateway's, perhaps of another scene, whose hands and objects may not be those of before. Those that it has told
-    // by now come again where they are asked for again.
+    // A smaller total means another gateway, perhaps with another scene, hands and objects. Request everything again,
+    // so that the descriptions that it has already sent come again.
     if (state.bytes < sent) {
       timeline.forget();
       connection.send(protocol.show([], 0));
@@ -98,7 +105,7 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
 function applyFrame(frame: Frame): void {
   checked(() => apply[frame.type]?.(frame.payload, frame.instance));
 }
-/** Plots have every sample, however seldom the picture is drawn. */
+/** Plots get every sample, even if the picture is drawn rarely. */
 function passFrame(frame: Frame): void {
   if (frame.type === Type.contacts && panelOpen) checked(() => panel.plot(protocol.contacts(frame.payload)));
 }
@@ -115,7 +122,7 @@ function bad(why: string): void {
 }
 
 const timeline = new Timeline(applyFrame, passFrame, () => stage.clear());
-// A page that came by https may open no other sockets.
+// A page from https may open only wss sockets.
 const socketScheme = location.protocol === "https:" ? "wss" : "ws";
 const connection = new Connection(`${socketScheme}://${location.host}/stream`, {
   frame: (frame) => {
@@ -133,7 +140,7 @@ const connection = new Connection(`${socketScheme}://${location.host}/stream`, {
   bad,
 });
 
-/** Tells the gateway what this page shows: nothing else is read or sent. */
+/** Tells the gateway which types this page shows. The gateway reads and sends nothing else. */
 function subscribe(): void {
   const types: Type[] = [];
   if (!document.hidden) {
@@ -144,7 +151,7 @@ function subscribe(): void {
     if (shown.simulated) types.push(Type.simulated);
     if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
     if (shown.coupling) types.push(Type.wrench);
-    // The head line shows the pace, and the keys of the simulation go by it, whatever else is shown.
+    // The head line and the keys of the simulation need the pace, whatever is shown.
     types.push(Type.status);
     if (panelOpen) types.push(Type.reply);
   }
@@ -215,7 +222,8 @@ function setColouring(to: Colouring): void {
   colouring = stage.colouring = to;
   for (const name of ["pressure", "strain"]) press(element(`colour-${name}`), to === name);
   element("legend").hidden = to === "skin";
-  element("legend-title").textContent = to === "pressure" ? "Contact pressure" : "Strain of the skin, largest principal";
+  element("legend-title").textContent =
+    to === "pressure" ? "Contact pressure" : "Largest principal strain of the skin";
   stage.repaint();
   drawLegend();
   subscribe();
@@ -244,14 +252,15 @@ function setPanel(open: boolean): void {
   layOut();
   subscribe();
 }
-/** Tells the stage what the page's parts leave free of it. */
+/** Tells the stage which part of the window is not covered by controls. */
 function layOut(): void {
   if (query.has("plain")) return;
   const rectangle = (id: string): DOMRect => element(id).getBoundingClientRect();
   const wide = isWide();
   const [nav, side, time] = [rectangle("toggles"), rectangle("panel"), rectangle("time")];
   const bottom = panelOpen && !wide ? side.top : time.top;
-  if (wide) stage.setFree(nav.right, nav.top, panelOpen ? window.innerWidth - side.left : 0, window.innerHeight - bottom);
+  if (wide)
+    stage.setFree(nav.right, nav.top, panelOpen ? window.innerWidth - side.left : 0, window.innerHeight - bottom);
   else stage.setFree(0, nav.bottom, 0, window.innerHeight - bottom);
 }
 window.addEventListener("resize", layOut);
@@ -271,29 +280,29 @@ function click(id: string, key: string | null, text: string, run: () => void): v
 }
 const simulation = new Simulation(send);
 
-click("pause", " ", "Pause and go on, the picture alone", () => (timeline.paused = !timeline.paused));
+click("pause", " ", "Pause or continue the picture only", () => (timeline.paused = !timeline.paused));
 click("back", ",", "One sample back", () => timeline.step(-1));
-click("forward", ".", "One sample on", () => timeline.step(1));
+click("forward", ".", "One sample forward", () => timeline.step(1));
 click("slow", "s", "Slow motion of the picture", () => {
   timeline.speed = timeline.speed === 1 ? 0.25 : 1;
   timeline.paused = false;
 });
-click("live", "l", "Back to what happens now", () => timeline.goLive());
-click("halt", "x", "Halt the simulation, let it go on", () => simulation.halt());
+click("live", "l", "Back to the present", () => timeline.goLive());
+click("halt", "x", "Halt or continue the simulation", () => simulation.halt());
 click("sim-step", "z", "One step of the simulation", () => simulation.step());
-controls.push({ key: "m", text: "Simulation slower, and back to real time", run: () => simulation.slower() });
-click("reset", "r", "Start over: objects, hand, recorded motion", () => simulation.startOver());
+controls.push({ key: "m", text: "Slow down the simulation, then back to real time", run: () => simulation.slower() });
+click("reset", "r", "Start over with objects, hand and recorded motion", () => simulation.startOver());
 click("reposition", null, "", () => send("*", "reposition", "now"));
 click("panel-button", "p", "Panel", () => setPanel(!panelOpen));
-click("theme-button", "t", "Light or dark", () => {
+click("theme-button", "t", "Light or dark theme", () => {
   themeChosen = true;
   setTheme(!dark);
 });
 systemTheme.addEventListener("change", ({ matches }) => {
   if (!themeChosen) setTheme(matches);
 });
-click("help-button", "?", "This list", () => element<HTMLDialogElement>("help").showModal());
-controls.push({ key: "v", text: "View from where it began", run: () => stage.lookAtDefault() });
+click("help-button", "?", "Show this list", () => element<HTMLDialogElement>("help").showModal());
+controls.push({ key: "v", text: "Initial view", run: () => stage.lookAtDefault() });
 click("save", null, "", () => {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(timeline.save());
@@ -304,7 +313,7 @@ click("save", null, "", () => {
 element<HTMLInputElement>("open").onchange = async ({ target }) => {
   const input = target as HTMLInputElement;
   const file = input.files?.[0];
-  input.value = ""; // so that the same one can be opened again
+  input.value = ""; // so that the same file can be opened again
   if (!file) return;
   refused("");
   try {
@@ -313,7 +322,7 @@ element<HTMLInputElement>("open").onchange = async ({ target }) => {
     refused(`${file.name} was not opened: ${error instanceof Error ? error.message : error}`);
   }
 };
-/** Tells what was asked of the page and could not be; nothing of what could. */
+/** Shows the reason why a request of the user failed. An empty text hides it. */
 function refused(text: string): void {
   element("refused").textContent = text;
   element("refused").hidden = text === "";
@@ -332,7 +341,7 @@ element("key-list").replaceChildren(
   ]),
 );
 const STEPS = new Set([",", ".", "z"]);
-const TURN = 0.08; // rad a key
+const TURN = 0.08; // rad per key press
 const NEARER = 0.93;
 const views: Record<string, [number, number, number]> = {
   ArrowLeft: [-TURN, 0, 1],
@@ -340,14 +349,20 @@ const views: Record<string, [number, number, number]> = {
   ArrowUp: [0, TURN, 1],
   ArrowDown: [0, -TURN, 1],
   "+": [0, 0, NEARER],
-  "=": [0, 0, NEARER], // the same key of many keyboards, without shift
+  "=": [0, 0, NEARER], // the same key without shift on many keyboards
   "-": [0, 0, 1 / NEARER],
 };
 window.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
-  if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input:not([type=range], [type=file]), select, dialog")) return;
+  if (
+    event.ctrlKey ||
+    event.metaKey ||
+    event.altKey ||
+    target.closest("input:not([type=range], [type=file]), select, dialog")
+  )
+    return;
   const view = views[event.key];
-  // Arrows move the slider and scroll the panel where these have the focus.
+  // Arrow keys move the slider and scroll the panel if these have the focus.
   if (view && !target.closest("input, #panel")) {
     event.preventDefault();
     stage.orbit(...view);
@@ -357,7 +372,7 @@ window.addEventListener("keydown", (event) => {
   const control = controls.find(({ key }) => key === event.key.toLowerCase());
   if (!control) return;
   event.preventDefault();
-  // Held, a key only steps: what it switches would be on or off as chance has it.
+  // A held key only steps. Repeated switching would end in a random state.
   if (!event.repeat || STEPS.has(control.key)) control.run();
 });
 
@@ -410,16 +425,17 @@ function draw(now: number, frame?: XRFrame): void {
     press(element("pause"), timeline.paused);
     press(element("slow"), timeline.speed !== 1);
     element<HTMLButtonElement>("live").disabled = timeline.live;
-    if (document.activeElement !== scrub || timeline.live) scrub.value = String(timeline.live ? 1000 : Math.round(1000 * timeline.part));
+    if (document.activeElement !== scrub || timeline.live)
+      scrub.value = String(timeline.live ? 1000 : Math.round(1000 * timeline.part));
     scrub.title = `${timeline.seconds.toFixed(0)} s kept`;
   }
 }
-// Of the window or, in a session, of the headset.
+// The animation loop of the window or, in a session, of the headset.
 stage.renderer.setAnimationLoop(draw);
 
 declare global {
   interface Window {
-    /** What tests and `softhand render` ask of the page. */
+    /** Access for tests and `softhand render`. */
     softhand: { counts: typeof counts; handCount: () => number; seek: (seconds: number) => void };
   }
 }

@@ -1,8 +1,8 @@
-// Figures beside the picture: one row a module, the hand's solver, plots over the last seconds.
+// Figures beside the picture: one row per module, the hand's solver, and plots of the last seconds.
 import { type Contacts, type GatewayState, type Reply, type Status, FINGERS } from "./protocol";
 
 const PLOT_SECONDS = 10;
-/** Okabe and Ito's, told apart by most eyes. */
+/** Colours of Okabe and Ito, which most people can distinguish. */
 const FINGER_COLOURS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#7f7f7f"];
 
 export const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
@@ -12,28 +12,29 @@ const energy = (joules: number): string =>
   Math.abs(joules) >= 1
     ? `${joules.toFixed(2)} J`
     : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
-/** Of a field of the books, which may be small beside the others. */
-const booked = (joules: number): string => (joules !== 0 && Math.abs(joules) < 5e-6 ? `${joules.toExponential(0)} J` : energy(joules));
+/** An entry of the energy ledger. It may be small compared with the others. */
+const booked = (joules: number): string =>
+  joules !== 0 && Math.abs(joules) < 5e-6 ? `${joules.toExponential(0)} J` : energy(joules);
 const millimetres = (metres: number, digits: number): string => `${fixed(1000 * metres, digits)} mm`;
-/** Of an input, ms: what has stopped coming is told in seconds. */
+/** Age of an input in ms. Ages from 1 s on are shown in seconds. */
 const age = (ms: number): string => (ms < 0 ? "–" : ms < 1000 ? fixed(ms, 1) : `${(ms / 1000).toFixed(0)} s`);
 const words = (name: string): string => name.replaceAll("_", " ");
 
-/** A tag with a text, and the name of what it shows where it is a figure of a status. */
+/** A tag with a text. `field` is the name of the figure of a status. */
 function tag(name: string, text: string, field?: string): HTMLElement {
   const made = Object.assign(document.createElement(name), { textContent: text });
   if (field !== undefined) made.dataset.field = field;
   return made;
 }
 
-/** A dot of a colour, before the name of what has it: not every colour can be read as text. */
+/** A coloured dot before a name, because not every colour is readable as text colour. */
 export function swatch(colour: string): HTMLElement {
   const dot = Object.assign(document.createElement("span"), { className: "swatch" });
   dot.style.background = colour;
   return dot;
 }
 
-/** What a loop of physics knows beyond its times: `softhand status` shows the same. Folded out where it solves. */
+/** The quantities of a loop that computes physics, as in `softhand status`. Unfolded if the loop has a solver. */
 class Physics {
   private readonly figures = document.createElement("dl");
   private readonly energies = document.createElement("div");
@@ -68,9 +69,10 @@ class Physics {
       );
     if (status.couplingStretch > 0) figures.push(["coupling stretch", millimetres(status.couplingStretch, 2)]);
     if (status.passivity !== 0) figures.push(["passivity", energy(status.passivity)]);
-    // Those that tell something: none is zero.
+    // Counters other than zero.
     for (const { name, value } of status.counters)
-      if (value !== 0 && !(name === "pace" && value === 1)) figures.push([words(name), String(Number(value.toPrecision(10)))]);
+      if (value !== 0 && !(name === "pace" && value === 1))
+        figures.push([words(name), String(Number(value.toPrecision(10)))]);
     this.figures.replaceChildren(...figures.flatMap(([name, text]) => [tag("dt", name), tag("dd", text, name)]));
 
     this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...status.energies.map(({ value }) => Math.abs(value)));
@@ -78,18 +80,24 @@ class Physics {
       ...status.energies.map(({ name, value }) => {
         const bar = Object.assign(document.createElement("div"), { className: "bar", title: words(name) });
         const fill = document.createElement("i");
-        // Square root: the small terms show beside the large.
+        // The square root makes small terms visible beside large ones.
         fill.style.width = `${100 * Math.sqrt(Math.min(1, Math.abs(value) / this.energyTop))}%`;
         bar.append(tag("span", words(name)), fill, tag("span", energy(value), name));
         return bar;
       }),
     );
     this.books.hidden = status.ledger.length === 0;
-    this.ledger.replaceChildren(...status.ledger.flatMap(({ name, value }) => [tag("dt", words(name)), tag("dd", booked(value), `ledger ${name}`)]));
+    this.ledger.replaceChildren(
+      ...status.ledger.flatMap(({ name, value }) => [
+        tag("dt", words(name)),
+        tag("dd", booked(value), `ledger ${name}`),
+      ]),
+    );
   }
 }
 
-const forcesOf = (fingers: Contacts["fingers"]): number[] => fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
+const forcesOf = (fingers: Contacts["fingers"]): number[] =>
+  fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
 
 class Plot {
   private readonly samples: { time: number; values: number[] }[] = [];
@@ -100,7 +108,7 @@ class Plot {
   ) {}
 
   add(time: number, values: number[]): void {
-    // A file that plays again, or another one, goes back in time.
+    // A file that plays again, or another file, goes back in time.
     while (this.samples.length > 0 && this.samples.at(-1)!.time >= time) this.samples.pop();
     this.samples.push({ time, values });
     while (this.samples.length > 0 && this.samples[0]!.time < time - PLOT_SECONDS) this.samples.shift();
@@ -152,19 +160,24 @@ export class Panel {
     element("fingers").replaceChildren(
       ...FINGERS.map((finger, i) => {
         const key = document.createElement("span");
-        key.append(swatch(FINGER_COLOURS[i]!), `${finger} `, Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }));
+        key.append(
+          swatch(FINGER_COLOURS[i]!),
+          `${finger} `,
+          Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }),
+        );
         return key;
       }),
     );
   }
 
   status(status: Status, now: number): void {
-    if (status.nominalRate === 0) return; // No loop: `softhand up`, which tells what it offers.
+    if (status.nominalRate === 0) return; // `softhand up` has no loop; its status only lists choices
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
       row.dataset.module = status.module;
-      for (const field of ["module", "rate", "p50", "p99", "p999", "misses", "drops", "age"]) row.insertCell().dataset.field = field;
+      for (const field of ["module", "rate", "p50", "p99", "p999", "misses", "drops", "age"])
+        row.insertCell().dataset.field = field;
       known = { row, seen: now };
       this.modules.set(status.module, known);
       const option = document.createElement("option");
@@ -189,21 +202,24 @@ export class Panel {
     known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * pace * status.nominalRate);
     const { iterations, couplingStretch, passivity, energies, ledger } = status;
     if (!this.physics.has(status.module)) {
-      if (iterations === 0 && couplingStretch === 0 && passivity === 0 && energies.length === 0 && ledger.length === 0) return;
+      if (iterations === 0 && couplingStretch === 0 && passivity === 0 && energies.length === 0 && ledger.length === 0)
+        return;
       this.physics.set(status.module, new Physics(status));
     }
     this.physics.get(status.module)!.show(status);
   }
 
-  /** Of the picture that is shown. */
+  /** Forces at the time of the shown picture. */
   forces({ fingers }: Contacts): void {
     forcesOf(fingers).forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
   }
 
-  /** Of each sample, in the order of their times. */
+  /** Adds a sample to the plots. Call it for every sample in the order of time. */
   plot({ stamp, fingers, contacts }: Contacts): void {
     this.force.add(stamp.sample, forcesOf(fingers));
-    this.penetration.add(stamp.sample, [1000 * contacts.reduce((deepest, { penetration }) => Math.max(deepest, penetration), 0)]);
+    this.penetration.add(stamp.sample, [
+      1000 * contacts.reduce((deepest, { penetration }) => Math.max(deepest, penetration), 0),
+    ]);
   }
 
   reply(reply: Reply): void {

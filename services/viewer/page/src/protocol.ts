@@ -1,4 +1,5 @@
-// The binary frames of softhand-viewer; layouts as in ../../frames.hpp and docs/viewer.md. Anything that does not fit is refused with a reason.
+// The binary frames of softhand-viewer. The layouts are those of ../../frames.hpp and docs/viewer.md.
+// A frame that does not match is refused with a reason.
 
 const MAGIC = 0x46564853;
 const VERSION = 2;
@@ -35,7 +36,7 @@ export interface Stamp {
   sequence: number;
 }
 
-/** Splits a message into frames; throws where a header or a length is wrong. */
+/** Splits a message into frames. Throws if a header or a length is wrong. */
 export function split(message: ArrayBuffer): Frame[] {
   const view = new DataView(message);
   const frames: Frame[] = [];
@@ -43,7 +44,7 @@ export function split(message: ArrayBuffer): Frame[] {
     if (at + HEADER > view.byteLength) throw new Error("short header");
     if (view.getUint32(at, true) !== MAGIC) throw new Error("not a softhand frame");
     const version = view.getUint16(at + 4, true);
-    if (version !== VERSION) throw new Error(`frame version ${version}, this page knows ${VERSION}`);
+    if (version !== VERSION) throw new Error(`frame version ${version}, expected ${VERSION}`);
     const length = view.getUint32(at + 8, true);
     if (at + HEADER + length > view.byteLength) throw new Error("short frame");
     frames.push({
@@ -56,7 +57,7 @@ export function split(message: ArrayBuffer): Frame[] {
   return frames;
 }
 
-/** Reads a payload from front to back; DataView throws beyond its end. */
+/** Reads a payload from front to back. DataView throws beyond its end. */
 class Reader {
   at = 0;
   constructor(readonly view: DataView) {}
@@ -97,16 +98,16 @@ class Reader {
 }
 
 function finite(value: number): number {
-  if (!Number.isFinite(value)) throw new Error("a number that is none");
+  if (!Number.isFinite(value)) throw new Error("a number is not finite");
   return value;
 }
 
 export interface HandDescription {
   nodeCount: number;
-  restNodes: Float32Array; // 3 N, or empty
-  weights: Float32Array; // 4 V
-  nodes: Uint16Array; // 4 V
-  triangles: Uint16Array; // 3 T
+  restNodes: Float32Array; // 3 N values, or empty
+  weights: Float32Array; // 4 V values
+  nodes: Uint16Array; // 4 V values
+  triangles: Uint16Array; // 3 T values
 }
 export function handDescription(payload: DataView): HandDescription {
   const r = new Reader(payload);
@@ -122,14 +123,14 @@ export function handDescription(payload: DataView): HandDescription {
     triangles: r.u16s(3 * triangles),
   };
   if (description.nodes.some((node) => node >= nodeCount) || description.triangles.some((vertex) => vertex >= vertices))
-    throw new Error("an index beyond its end");
+    throw new Error("an index is out of range");
   return description;
 }
 
 export interface Nodes {
   stamp: Stamp;
   wrist: Float32Array;
-  positions: Float32Array; // 3 N, relative to the wrist
+  positions: Float32Array; // 3 N values, relative to the wrist
 }
 export function nodes(payload: DataView): Nodes {
   const r = new Reader(payload);
@@ -154,7 +155,7 @@ export interface Joint {
 export interface Skeleton {
   stamp: Stamp;
   source: number;
-  frame: number; // 0 world; else relative to a device
+  frame: number; // 0 = world, otherwise relative to a device
   joints: Joint[];
 }
 export function skeleton(payload: DataView): Skeleton {
@@ -290,7 +291,7 @@ export interface Status {
   p50: number; // ms
   p99: number;
   p999: number;
-  inputAge: number; // ms; negative: none yet
+  inputAge: number; // ms; negative: no input yet
   inputDrops: number;
   steps: number;
   misses: number;
@@ -315,7 +316,7 @@ export function status(payload: DataView): Status {
     r.at += 4;
     return Array.from({ length: count }, () => ({ name: r.text(32), value: r.f64() }));
   };
-  // In the order of the frame.
+  // In the order of the frame's fields.
   const head = {
     stamp: r.stamp(),
     rate: r.f64(),
@@ -390,7 +391,7 @@ function build(type: Type, payloadBytes: number): { bytes: ArrayBuffer; payload:
   return { bytes, payload: new DataView(bytes, HEADER) };
 }
 
-/** Asks for these types, each at most `rate` times a second (0: `viewer.rate_hz`). */
+/** Requests these types, each at most `rate` times a second (0 = `viewer.rate_hz`). */
 export function show(types: Type[], rate: number): ArrayBuffer {
   const { bytes, payload } = build(Type.show, 8);
   payload.setUint32(
@@ -402,7 +403,7 @@ export function show(types: Type[], rate: number): ArrayBuffer {
   return bytes;
 }
 
-/** A message to a module, or to all with "*". Texts are cut at 63 bytes. */
+/** A message to a module, or to all modules with "*". Texts are truncated to 63 bytes. */
 export function message(id: bigint, module: string, key: string, value: string): ArrayBuffer {
   const { bytes, payload } = build(Type.message, 8 + 3 * 64);
   payload.setBigUint64(0, id, true);

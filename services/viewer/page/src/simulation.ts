@@ -1,5 +1,6 @@
-// The simulation itself, for all who watch it: halt, single steps, slow motion, start over; scene and tracker; the devices' motors. What it shows comes
-// from the modules' status, so that every page, and `softhand send`, sees and steers the same.
+// Controls of the simulation itself, with effect for all viewers: halt, single steps, slow motion, start over, scene,
+// tracker, and the motors of the devices. The shown state comes from the status of the modules. Therefore all pages and
+// `softhand send` show and control the same state.
 import { element } from "./panel";
 import type { Status } from "./protocol";
 
@@ -13,7 +14,7 @@ const PACES: [number, string][] = [
 
 export class Simulation {
   private pace = 1;
-  private running = 1; // to which a halted simulation goes back
+  private running = 1; // pace to which a halted simulation returns
   private handRate = 90; // Hz
 
   constructor(private readonly send: (module: string, key: string, value: string) => void) {
@@ -37,19 +38,22 @@ export class Simulation {
     element("halt").setAttribute("aria-pressed", String(pace === 0));
     const badge = element("pace-badge");
     badge.hidden = pace === 1;
-    badge.textContent = pace === 0 ? "simulation halted" : `simulation at ${PACES.find(([known]) => known === pace)?.[1] ?? pace.toPrecision(2)}`;
+    badge.textContent =
+      pace === 0
+        ? "simulation halted"
+        : `simulation at ${PACES.find(([known]) => known === pace)?.[1] ?? pace.toPrecision(2)}`;
   }
 
   halt(): void {
     this.send("*", "pace", String(this.pace === 0 ? this.running : 0));
   }
 
-  /** One step of the hand, then halted. */
+  /** Makes one step of the hand and halts. */
   step(): void {
     this.send("*", "advance", (1 / this.handRate).toPrecision(9));
   }
 
-  /** To the next slower pace; from the slowest back to real time. */
+  /** Selects the next slower pace. After the slowest it returns to real time. */
   slower(): void {
     const [pace] = PACES.find(([pace]) => pace < this.running) ?? PACES[0]!;
     this.send("*", "pace", String(pace));
@@ -59,11 +63,15 @@ export class Simulation {
     this.send("*", "reset", "now");
   }
 
-  /** What `softhand up` has to choose from: counters "scene pinch_lift", "tracker webxr", 1 for what runs. A choice starts the rig's processes anew. */
+  /**
+   * The choices that `softhand up` offers as counters: "scene pinch_lift", "tracker webxr", 1 for the running ones. A
+   * choice restarts the processes of the rig.
+   */
   private offer({ counters }: Status): void {
     const offers = new Map<string, string[]>();
     for (const { name } of counters) {
-      const [what, choice] = [name.slice(0, name.indexOf(" ")), name.slice(name.indexOf(" ") + 1)]; // files may have blanks in their names
+      // The choice may contain spaces, because file names may.
+      const [what, choice] = [name.slice(0, name.indexOf(" ")), name.slice(name.indexOf(" ") + 1)];
       offers.set(what, [...(offers.get(what) ?? []), choice]);
     }
     const running = new Set(counters.filter(({ value }) => value !== 0).map(({ name }) => name));
@@ -71,7 +79,10 @@ export class Simulation {
     for (const [what, choices] of offers) {
       let select = document.getElementById(`offer-${what}`) as HTMLSelectElement | null;
       if (!select) {
-        const created = Object.assign(document.createElement("select"), { id: `offer-${what}`, title: `Starts the processes anew with this ${what}` });
+        const created = Object.assign(document.createElement("select"), {
+          id: `offer-${what}`,
+          title: `Restart the processes with this ${what}`,
+        });
         created.onchange = () => {
           this.send("rig", what, created.value);
           created.blur();
@@ -81,8 +92,10 @@ export class Simulation {
         element("offers").append(label);
         select = created;
       }
-      if ([...select.options].map(({ value }) => value).join("\n") !== choices.join("\n")) select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
-      if (document.activeElement !== select) select.value = choices.find((choice) => running.has(`${what} ${choice}`)) ?? "";
+      if ([...select.options].map(({ value }) => value).join("\n") !== choices.join("\n"))
+        select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
+      if (document.activeElement !== select)
+        select.value = choices.find((choice) => running.has(`${what} ${choice}`)) ?? "";
     }
   }
 
@@ -90,8 +103,17 @@ export class Simulation {
     const id = `motors-${module}`;
     let button = document.getElementById(id);
     if (!button) {
-      button = Object.assign(document.createElement("button"), { id, textContent: `${module} motors`, title: "Whether this device gets commands" });
-      button.onclick = () => this.send(module, "motors", document.getElementById(id)!.getAttribute("aria-pressed") === "true" ? "off" : "on");
+      button = Object.assign(document.createElement("button"), {
+        id,
+        textContent: `${module} motors`,
+        title: "Send commands to this device",
+      });
+      button.onclick = () =>
+        this.send(
+          module,
+          "motors",
+          document.getElementById(id)!.getAttribute("aria-pressed") === "true" ? "off" : "on",
+        );
       element("devices").append(button);
       element("devices").hidden = false;
     }

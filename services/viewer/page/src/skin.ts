@@ -1,4 +1,5 @@
-// A hand's skin: deformed here from the tissue's nodes by the weights that the description gives, so that a smooth hand costs a coarse one's bytes.
+// The skin of a hand. It is deformed here from the tissue's nodes with the weights of the description. So a smooth hand
+// needs only the bytes of a coarse one.
 import * as THREE from "three";
 import type { Quality } from "./stage";
 import type { Contacts, HandDescription, Nodes } from "./protocol";
@@ -6,10 +7,10 @@ import type { Contacts, HandDescription, Nodes } from "./protocol";
 export type Colouring = "skin" | "pressure" | "strain";
 const SKIN = new THREE.Color(0xd3a488);
 
-// From pale skin by orange and red to violet, ever darker: after magma, turned round.
+// From pale skin over orange and red to violet, darker and darker. It resembles magma in reverse order.
 const MAP = [0xf1dcc4, 0xfdc58b, 0xfb9b62, 0xf0645c, 0xcf4070, 0x9c2e7f, 0x5f187f].map((hex) => new THREE.Color(hex));
 
-/** Colour of a value, t in 0..1 of the map's end. */
+/** Colour of a value. `t` is 0..1 of the map's range. */
 export function colourMap(t: number, out: THREE.Color): THREE.Color {
   const at = Math.min(1, Math.max(0, t)) * (MAP.length - 1);
   const low = Math.min(MAP.length - 2, Math.floor(at));
@@ -23,13 +24,14 @@ function largeOf(values: Float32Array): number {
 
 export class Skin {
   readonly mesh: THREE.Mesh<THREE.BufferGeometry, THREE.MeshStandardMaterial>;
-  /** Of the values on the skin that are above zero 98 % are no larger now: Pa or 1. A few stand far out. */
+  /** 98 % of the positive values on the skin are not larger than this now: Pa or 1. The others may be far larger. */
   large = 0;
   private readonly positions: Float32Array;
   private readonly colours: Float32Array;
   private readonly values: Float32Array;
   private readonly nodePressure: Float32Array;
-  private readonly restEdges: Float32Array | null; // per triangle: inverse of the rest shape's 2x2 edge matrix, and its area
+  // per triangle: inverse of the rest shape's 2x2 edge matrix, and its area
+  private readonly restEdges: Float32Array | null;
 
   constructor(
     private readonly description: HandDescription,
@@ -57,7 +59,7 @@ export class Skin {
             envMapIntensity: 0.75,
           })
         : new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.6 });
-    // Light that enters flesh comes out red, most where the surface turns away.
+    // Light that enters flesh comes out red, most where the surface turns away from the viewer.
     material.onBeforeCompile = (shader) => {
       shader.fragmentShader = shader.fragmentShader.replace(
         "#include <emissivemap_fragment>",
@@ -91,11 +93,12 @@ export class Skin {
   press(contacts: Contacts): void {
     this.nodePressure.fill(0);
     for (const { node, force, area } of contacts.contacts) {
-      if (node < this.nodePressure.length && area > 0) this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!) / area;
+      if (node < this.nodePressure.length && area > 0)
+        this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!) / area;
     }
   }
 
-  /** What is shown as colour, at every vertex: Pa or 1; nothing of plain skin. Sets `large`. */
+  /** Computes the coloured quantity at every vertex: Pa or 1, and 0 for plain skin. Sets `large`. */
   measure(colouring: Colouring): void {
     if (colouring === "pressure") this.spreadPressure();
     else if (colouring === "strain" && this.restEdges) this.measureStrain(this.restEdges);
@@ -103,7 +106,7 @@ export class Skin {
     this.large = largeOf(this.values);
   }
 
-  /** Colours the skin by what was measured; values from `full` on get the map's last colour. */
+  /** Colours the skin by the measured values. Values from `full` on get the last colour of the map. */
   paint(colouring: Colouring, full: number): void {
     const colour = new THREE.Color().copy(SKIN);
     for (let v = 0; v < this.values.length; ++v) {
@@ -169,7 +172,8 @@ export class Skin {
     return out;
   }
 
-  // Largest principal strain of the skin's surface, tension or compression: |stretch - 1|, averaged over a vertex's triangles by area.
+  // Largest principal strain of the skin's surface, tension or compression: |stretch - 1|. It is averaged over the
+  // triangles of a vertex, weighted by area.
   private measureStrain(rest: Float32Array): void {
     const { triangles } = this.description;
     const x = this.positions;

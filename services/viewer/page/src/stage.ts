@@ -1,4 +1,5 @@
-// The three.js scene: light, floor, camera, and everything that the topics describe. World frame as on the topics: metres, +Y up.
+// The three.js scene: light, floor, camera, and everything that the topics describe.
+// World frame as on the topics: metres, +Y up.
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
@@ -18,19 +19,25 @@ import {
 import { type Colouring, Skin } from "./skin";
 
 export type SkeletonKind = "tracked" | "intermediate" | "simulated";
-export const SKELETON_COLOURS: Record<SkeletonKind, number> = { tracked: 0xe69f00, intermediate: 0x009e9e, simulated: 0x8456d6 };
+export const SKELETON_COLOURS: Record<SkeletonKind, number> = {
+  tracked: 0xe69f00,
+  intermediate: 0x009e9e,
+  simulated: 0x8456d6,
+};
 export const FORCE_COLOUR = 0xe0402a;
 export const COUPLING_COLOUR = 0x2f7de1;
 const OBJECT_COLOURS = [0x4f86c6, 0xe0a030, 0x5aa469, 0xb565a7, 0xd1603d, 0x3fa7a0];
-const STATIC_COLOURS = { light: 0x9aa7b4, dark: 0x39424d }; // cool, that the hand stands out
+const STATIC_COLOURS = { light: 0x9aa7b4, dark: 0x39424d }; // cool colours, so that the hand stands out
 const METRES_PER_NEWTON = 0.025;
 const LONGEST_ARROW = 0.15;
 
-/** The joint on a joint's proximal side, OpenXR's order; -1 for the wrist. */
-const PARENT = Array.from({ length: JOINTS }, (_, j) => (j === 1 ? -1 : j === 0 || j === 2 || (j >= 6 && (j - 6) % 5 === 0) ? 1 : j - 1));
+/** The parent (proximal) joint of each joint in OpenXR's order. -1 for the wrist. */
+const PARENT = Array.from({ length: JOINTS }, (_, j) =>
+  j === 1 ? -1 : j === 0 || j === 2 || (j >= 6 && (j - 6) % 5 === 0) ? 1 : j - 1,
+);
 const UP = new THREE.Vector3(0, 1, 0);
 
-/** Up to `capacity` rods with a head, drawn in two calls. */
+/** Up to `capacity` arrows, drawn in two calls. */
 class Arrows {
   readonly group = new THREE.Group();
   private readonly shafts: THREE.InstancedMesh;
@@ -56,7 +63,11 @@ class Arrows {
       transparent: true,
       opacity: 0.92,
     });
-    this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, sides).translate(0, 0.5, 0), material, capacity);
+    this.shafts = new THREE.InstancedMesh(
+      new THREE.CylinderGeometry(1, 1, 1, sides).translate(0, 0.5, 0),
+      material,
+      capacity,
+    );
     this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, sides).translate(0, 0.5, 0), material, capacity);
     for (const mesh of [this.shafts, this.heads]) {
       mesh.count = 0;
@@ -70,7 +81,7 @@ class Arrows {
     this.shafts.count = this.heads.count = 0;
   }
 
-  /** An arrow that ends at `tip` when `into`, else starts there. */
+  /** Adds an arrow that ends at `tip` if `into`, otherwise starts at `tip`. */
   add(tip: Float32Array, force: Float32Array, into: boolean): void {
     const n = this.shafts.count;
     if (n >= this.shafts.instanceMatrix.count) return;
@@ -82,9 +93,15 @@ class Arrows {
     this.turn.setFromUnitVectors(UP, this.direction);
     this.from.fromArray(tip);
     if (into) this.from.addScaledVector(this.direction, -length);
-    this.shafts.setMatrixAt(n, this.matrix.compose(this.from, this.turn, this.scale.set(this.radius, length - head, this.radius)));
+    this.shafts.setMatrixAt(
+      n,
+      this.matrix.compose(this.from, this.turn, this.scale.set(this.radius, length - head, this.radius)),
+    );
     this.from.addScaledVector(this.direction, length - head);
-    this.heads.setMatrixAt(n, this.matrix.compose(this.from, this.turn, this.scale.set(2.2 * this.radius, head, 2.2 * this.radius)));
+    this.heads.setMatrixAt(
+      n,
+      this.matrix.compose(this.from, this.turn, this.scale.set(2.2 * this.radius, head, 2.2 * this.radius)),
+    );
     this.shafts.count = this.heads.count = n + 1;
   }
 
@@ -128,7 +145,12 @@ class Bones {
     const none = new THREE.Matrix4().makeScale(0, 0, 0);
     skeleton.joints.forEach((joint, j) => {
       const parent = skeleton.joints[PARENT[j]!];
-      this.joints.setMatrixAt(j, joint.valid ? matrix.compose(a.fromArray(joint.position), turn.identity(), size.setScalar(0.0036)) : none);
+      this.joints.setMatrixAt(
+        j,
+        joint.valid
+          ? matrix.compose(a.fromArray(joint.position), turn.identity(), size.setScalar(0.0036))
+          : none,
+      );
       if (!joint.valid || !parent?.valid) {
         this.links.setMatrixAt(j, none);
         return;
@@ -155,10 +177,10 @@ interface Hand {
   couplingArrows: Arrows;
 }
 
-/** low: for processors that draw without a graphics card, and small ones. */
+/** low: for computers without a graphics card, and for slow ones. */
 export type Quality = "high" | "low";
 
-/** high where a graphics card draws. */
+/** Returns high if a graphics card draws. */
 export function bestQuality(): Quality {
   const context = document.createElement("canvas").getContext("webgl2");
   const info = context?.getExtension("WEBGL_debug_renderer_info");
@@ -182,7 +204,7 @@ export interface Shown {
 export class Stage {
   readonly renderer: THREE.WebGLRenderer;
   private readonly camera = new THREE.PerspectiveCamera(38, 1, 0.01, 20);
-  // Its own, so that the page's view is afterwards what it was.
+  // A camera of its own, so that the page's view does not change during a session.
   private readonly headset = new THREE.PerspectiveCamera(50, 1, 0.02, 20);
   private dark = false;
   private seeThrough = false;
@@ -194,13 +216,13 @@ export class Stage {
   private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
   private readonly sky = new THREE.HemisphereLight(0xffffff, 0xb8a898, 1);
   private shown: Shown;
-  private readonly beside = new THREE.Vector3(1, 0, 0); // to the right on the screen, level
+  private readonly beside = new THREE.Vector3(1, 0, 0); // horizontal, to the right on the screen
   private framed = false;
   private free = { left: 0, top: 0, right: 0, bottom: 0 };
-  private scale = 1; // of the resolution, less where drawing takes too long
+  private scale = 1; // of the resolution; smaller if drawing takes too long
   private drawTime = 16; // ms, smoothed
   colouring: Colouring = "skin";
-  /** End of the colour map now: Pa or 1. */
+  /** Present end of the colour map: Pa or 1. */
   full = 1;
 
   constructor(
@@ -262,7 +284,7 @@ export class Stage {
       if (description.isStatic) (mesh.material as THREE.MeshStandardMaterial).color.set(this.staticColour);
   }
 
-  /** Without background and floor, for a headset that shows the room. */
+  /** Removes background and floor for a headset that shows the room. */
   setSeeThrough(seeThrough: boolean): void {
     this.seeThrough = seeThrough;
     this.setTheme(this.dark);
@@ -292,7 +314,10 @@ export class Stage {
     this.findBeside();
   }
 
-  /** What dragging and the wheel do: the camera goes to the right and up around what it looks at, by angles, and its distance is multiplied. */
+  /**
+   * Moves the camera as dragging and the wheel do: to the right and up around its target by angles (rad). Its distance
+   * is multiplied by `distance`.
+   */
   orbit(right: number, up: number, distance: number): void {
     const { target } = this.controls;
     const seat = new THREE.Spherical().setFromVector3(this.camera.position.clone().sub(target));
@@ -300,12 +325,20 @@ export class Stage {
     this.camera.position.setFromSpherical(seat).add(target);
   }
 
-  /** Takes out all that was described and shown. */
+  /** Removes all hands and objects. */
   clear(): void {
     for (const hand of this.hands.values()) {
-      const groups = [...Object.values(hand.bones), hand.contactArrows, hand.fingerArrows, hand.couplingArrows].map(({ group }) => group);
+      const groups = [
+        ...Object.values(hand.bones),
+        hand.contactArrows,
+        hand.fingerArrows,
+        hand.couplingArrows,
+      ].map(({ group }) => group);
       this.scene.remove(hand.points, ...groups);
-      for (const mesh of [hand.points, ...groups.flatMap(({ children }) => children as THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>[])]) {
+      for (const mesh of [
+        hand.points,
+        ...groups.flatMap(({ children }) => children as THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>[]),
+      ]) {
         mesh.geometry.dispose();
         mesh.material.dispose();
         mesh.dispose();
@@ -348,7 +381,7 @@ export class Stage {
   }
 
   pose(instance: number, kind: SkeletonKind, skeleton: Skeleton): void {
-    // Joints relative to a headset or desk have no place here before `tracking` composes them.
+    // Joints relative to a headset or desk have no world pose until `tracking` composes them.
     if (skeleton.frame === 0) this.hand(instance).bones[kind].pose(skeleton);
   }
 
@@ -369,7 +402,8 @@ export class Stage {
     }
     hand.points.count = n;
     hand.points.instanceMatrix.needsUpdate = true;
-    for (const finger of contacts.fingers) if (finger.count > 0) hand.fingerArrows.add(finger.centre, finger.force, false);
+    for (const finger of contacts.fingers)
+      if (finger.count > 0) hand.fingerArrows.add(finger.centre, finger.force, false);
     hand.contactArrows.finish();
     hand.fingerArrows.finish();
   }
@@ -411,8 +445,8 @@ export class Stage {
   }
 
   /**
-   * Where the objects of a world are, all of them: one that is not listed is gone, though nobody removed it. Static ones are listed, too: nothing is drawn
-   * where nobody says it is.
+   * Places all objects of a world. An object that is not listed is hidden, even if nobody removed it. Static objects
+   * are listed too. An object without a known place is not drawn.
    */
   place(world: number, states: ObjectState[]): void {
     let changed = false;
@@ -438,7 +472,7 @@ export class Stage {
     }
   }
 
-  /** Paints all hands; the map's end follows the large values in steps 1, 2, 5. */
+  /** Colours all hands. The end of the map follows the large values in steps 1, 2, 5. */
   repaint(): void {
     const skins = [...this.hands.values()].flatMap(({ skin }) => skin ?? []);
     for (const skin of skins) skin.measure(this.colouring);
@@ -460,7 +494,10 @@ export class Stage {
     return [...this.hands.values()].some((hand) => hand.skin?.knowsStrain);
   }
 
-  /** So far from the canvas's edges (CSS pixels) other things cover it: what the camera looks at is put in the middle of the rest. */
+  /**
+   * Widths (CSS pixels) along the canvas's edges that controls cover. The camera's target is put in the middle of the
+   * rest.
+   */
   setFree(left: number, top: number, right: number, bottom: number): void {
     this.free = { left, top, right, bottom };
     this.fit();
@@ -484,24 +521,29 @@ export class Stage {
     this.renderer.render(this.scene, this.camera);
   }
 
-  // The frustum is that of the part which nothing covers; the picture goes on around it.
+  // The frustum is that of the uncovered part. The picture continues around it.
   private fit(): void {
     const { left, top, right, bottom } = this.free;
     const { clientWidth, clientHeight } = this.canvas;
     const width = Math.max(1, clientWidth - left - right);
     const height = Math.max(1, clientHeight - top - bottom);
     this.camera.aspect = width / height;
-    // A narrow screen sees as much from side to side as a wide one.
+    // A narrow screen shows the same width as a wide one.
     this.camera.fov =
       this.camera.aspect >= 1
         ? 38
-        : 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)));
-    // Side by side needs its width.
+        : 2 *
+          THREE.MathUtils.radToDeg(
+            Math.atan(Math.tan(THREE.MathUtils.degToRad(19)) / Math.sqrt(this.camera.aspect)),
+          );
+    // The view side by side needs more width.
     this.camera.zoom = this.shown.beside ? 0.55 * Math.min(1, Math.sqrt(this.camera.aspect)) : 1;
     this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
-  /** Draws coarser where `elapsed` (ms between two pictures) stays long, finer again where there is time. */
+  /**
+   * Reduces the resolution if `elapsed` (ms between two pictures) stays long, and increases it again if there is time.
+   */
   adapt(elapsed: number): void {
     if (this.quality === "high" || this.renderer.xr.isPresenting) return;
     this.drawTime += 0.1 * (Math.min(elapsed, 500) - this.drawTime);
@@ -517,8 +559,12 @@ export class Stage {
     hand = {
       skin: null,
       nodes: null,
-      bones: { tracked: new Bones("tracked"), intermediate: new Bones("intermediate"), simulated: new Bones("simulated") },
-      // Some pixels thick and perhaps hundreds: of few triangles.
+      bones: {
+        tracked: new Bones("tracked"),
+        intermediate: new Bones("intermediate"),
+        simulated: new Bones("simulated"),
+      },
+      // These arrows are a few pixels thick, and there may be hundreds of them. So each has few triangles.
       contactArrows: new Arrows(512, FORCE_COLOUR, 0.0006, 5),
       fingerArrows: new Arrows(6, FORCE_COLOUR, 0.0022, 14),
       points: new THREE.InstancedMesh(
@@ -547,22 +593,24 @@ export class Stage {
       if (hand.skin) hand.skin.mesh.visible = this.shown.hand && hand.nodes !== null;
       for (const kind of ["tracked", "intermediate", "simulated"] as const) {
         hand.bones[kind].group.visible = this.shown[kind];
-        // Side by side: what the user did, to the left and right of what the simulated hand made of it.
+        // Side by side: the tracked skeleton to the left and the intermediate one to the right of the simulated hand.
         const away = kind === "simulated" || !this.shown.beside ? 0 : kind === "tracked" ? -0.17 : 0.17;
         hand.bones[kind].group.position.copy(this.beside).multiplyScalar(away);
       }
       hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
       hand.couplingArrows.group.visible = this.shown.coupling;
     }
-    for (const { mesh } of this.objects.values()) mesh.visible = this.shown.objects && mesh.userData.world !== undefined;
+    for (const { mesh } of this.objects.values())
+      mesh.visible = this.shown.objects && mesh.userData.world !== undefined;
     this.floor.visible = this.shown.floor && !this.seeThrough;
   }
 
-  // Under everything that stands still.
+  // The floor lies below all static objects.
   private layFloor(): void {
     const box = new THREE.Box3();
     for (const { mesh, description } of this.objects.values())
-      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.world !== undefined) box.expandByObject(mesh);
+      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.world !== undefined)
+        box.expandByObject(mesh);
     this.floor.position.y = box.isEmpty() ? -0.001 : Math.min(-0.001, box.min.y - 0.0005);
   }
 
@@ -582,7 +630,7 @@ export class Stage {
   }
 }
 
-/** Least of 1, 2, 5 times a power of ten that is not below. */
+/** The smallest of 1, 2 and 5 times a power of ten that is at least `value`. */
 function niceCeiling(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
   return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.9999)!;
@@ -601,7 +649,8 @@ function shapeOf({ shape, size, vertices }: ObjectDescription): THREE.BufferGeom
       return new THREE.CylinderGeometry(x, x, 2 * y, 56);
     case Shape.hull: {
       const points = [];
-      for (let i = 0; i + 2 < vertices.length; i += 3) points.push(new THREE.Vector3(vertices[i]!, vertices[i + 1]!, vertices[i + 2]!));
+      for (let i = 0; i + 2 < vertices.length; i += 3)
+        points.push(new THREE.Vector3(vertices[i]!, vertices[i + 1]!, vertices[i + 2]!));
       return new ConvexGeometry(points);
     }
     default:

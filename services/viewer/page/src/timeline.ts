@@ -1,12 +1,12 @@
-// The last seconds of frames, kept in the page: what is shown can be paused, stepped, slowed down, saved and opened again, while the
-// simulation goes on undisturbed.
+// The frames of the last seconds, kept in the page. The picture can be paused, stepped, slowed down, saved and opened
+// again, while the simulation continues.
 import { type Frame, Type, split } from "./protocol";
 
 const KEPT_SECONDS = 15;
-const LOOK_BACK = 600; // frames within which every stream has shown its newest
+const LOOK_BACK = 600; // frames; within them every stream has a frame
 
 interface Entry {
-  time: number; // ms of arrival
+  time: number; // ms, arrival
   frame: Frame;
 }
 
@@ -15,18 +15,19 @@ const key = (frame: Frame): number => frame.type * 65536 + frame.instance;
 export class Timeline {
   private entries: Entry[] = [];
   private descriptions = new Map<number, Frame>();
-  private newest = new Map<number, Entry>(); // of each stream, whatever is shown
-  private missed = new Map<number, Entry>(); // the newest of each stream since entries are not kept
-  private cursor = 0; // entries before it are shown
-  private clock = 0; // ms, what is shown; runs behind the newest in slow motion
+  private newest = new Map<number, Entry>(); // newest entry of each stream, whatever is shown
+  private missed = new Map<number, Entry>(); // newest entry of each stream that was not kept during a long pause
+  private cursor = 0; // the entries before it are shown
+  private clock = 0; // ms, time of the picture; lags behind the newest entry in slow motion
   paused = false;
   speed = 1;
-  private stale = false; // what is shown is none of the present stream's,
-  private past = new Map<number, Frame>(); // but described by these
-  private opened: Frame[] | null = null; // descriptions of the file that is shown instead of the stream
+  private stale = false; // the picture belongs to an earlier stream,
+  private past = new Map<number, Frame>(); // and these are its descriptions
+  private opened: Frame[] | null = null; // descriptions of the opened file that is shown instead of the stream
 
   /**
-   * `apply` shows a frame, of each stream the newest; `pass` is told of every frame that time passes by, in their order; `clear` empties the picture.
+   * `apply` shows a frame; it gets the newest frame of each stream. `pass` gets every frame in order when time passes
+   * it. `clear` empties the picture.
    */
   constructor(
     private readonly apply: (frame: Frame) => void,
@@ -37,12 +38,13 @@ export class Timeline {
   add(time: number, frame: Frame): void {
     const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
     if (description) this.descriptions.set(key(frame), frame);
-    // Modules, which the page's buttons act on, are told of as they are now, whatever the picture shows.
+    // The page's buttons act on modules. Therefore their present state is always applied, whatever the picture shows.
     if (frame.type >= Type.status || (description && !this.opened && !this.stale)) this.apply(frame);
     if (description || frame.type >= Type.status) return;
     this.newest.set(key(frame), { time, frame });
     if (this.opened || this.stale) return;
-    // A paused picture may stand for hours: of what comes long after it only the newest is kept, for when it goes on.
+    // A picture may be paused for hours. Of the frames long after it only the newest are kept, for the time when it
+    // continues.
     if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
       this.missed.set(key(frame), { time, frame });
       return;
@@ -55,7 +57,7 @@ export class Timeline {
     return !this.paused && this.speed === 1 && !this.opened;
   }
 
-  /** Shows what is due. `elapsed` in ms since the last call. */
+  /** Shows the frames that are due. `elapsed` is in ms since the last call. */
   advance(now: number, elapsed: number): void {
     if (!this.opened && !this.paused) {
       if (this.stale) this.begin(now);
@@ -74,7 +76,7 @@ export class Timeline {
     if (this.opened) return;
     let old = 0;
     while (old < this.entries.length && this.entries[old]!.time < now - KEPT_SECONDS * 1000) ++old;
-    // A paused picture stays though its frames grow old.
+    // A paused picture keeps its frames although they become old.
     if (this.paused) old = Math.min(old, Math.max(0, this.cursor - LOOK_BACK));
     if (old < 200) return;
     this.entries.splice(0, old);
@@ -83,7 +85,10 @@ export class Timeline {
     if (first && this.clock < first.time) this.clock = first.time;
   }
 
-  /** One sample on (+1) or back (-1) of the first of the streams that are kept, with what came between it and the next; pauses. */
+  /**
+   * Moves by one sample, forward (+1) or back (-1), of the first of the kept streams. Other frames up to the next
+   * sample are included. Pauses.
+   */
   step(direction: 1 | -1): void {
     this.paused = true;
     const first = this.entries.reduce((least, { frame }) => Math.min(least, key(frame)), Infinity);
@@ -95,13 +100,13 @@ export class Timeline {
     if (at >= 0 && at < this.entries.length) this.show(find(at + 1, 1));
   }
 
-  /** 0..1 of what is kept; pauses where the stream would run on. */
+  /** Moves to a fraction 0..1 of the kept entries. Pauses the stream. */
   seek(part: number): void {
     if (!this.opened) this.paused = true;
     this.show(Math.round(part * this.entries.length));
   }
 
-  /** To a time of an opened file, in seconds of it. */
+  /** Moves to a time (s) of an opened file. */
   seekTime(seconds: number): void {
     this.paused = true;
     const end = this.entries.findIndex(({ time }) => time > 1000 * seconds);
@@ -126,7 +131,7 @@ export class Timeline {
     this.speed = 1;
   }
 
-  /** Another stream comes from now on. A paused picture stays. */
+  /** Another stream starts now. A paused picture stays. */
   forget(): void {
     if (!this.stale) this.past = this.descriptions;
     this.descriptions = new Map();
@@ -134,7 +139,10 @@ export class Timeline {
     this.stale = true;
   }
 
-  /** What is kept, as a file: for each frame its time (f64 ms), its length (u32) and itself, after "SHVR" and the version. */
+  /**
+   * Returns the kept frames as a file. After "SHVR" and the version it has for each frame the time (f64 ms), the length
+   * (u32) and the frame.
+   */
   save(): Blob {
     const parts: BlobPart[] = [new Uint8Array([0x53, 0x48, 0x56, 0x52, 1, 0, 0, 0])];
     const first = this.entries[0]?.time ?? 0;
@@ -150,7 +158,7 @@ export class Timeline {
     return new Blob(parts, { type: "application/octet-stream" });
   }
 
-  /** Plays a saved file, over and over. Throws where it is none. */
+  /** Plays a saved file repeatedly. Throws if the file is not a recording. */
   open(file: ArrayBuffer): void {
     const view = new DataView(file);
     if (file.byteLength < 8 || view.getUint32(0, true) !== 0x52564853 || view.getUint32(4, true) !== 1)
@@ -161,7 +169,8 @@ export class Timeline {
       const length = at + 12 <= file.byteLength ? view.getUint32(at + 8, true) : Infinity;
       if (at + 12 + length > file.byteLength) throw new Error("the recording is cut off");
       const time = view.getFloat64(at, true);
-      if (!Number.isFinite(time)) throw new Error("a time of the recording is no number"); // which would never come
+      // A frame with such a time would never be shown.
+      if (!Number.isFinite(time)) throw new Error("a time of the recording is not a number");
       for (const frame of split(file.slice(at + 12, at + 12 + length))) {
         if (frame.type === Type.handDescription || frame.type === Type.objectDescription) descriptions.push(frame);
         else entries.push({ time, frame });
@@ -183,7 +192,7 @@ export class Timeline {
     this.entries = [];
     this.cursor = 0;
     this.clock = now;
-    // A simulation that is halted sends nothing more.
+    // A halted simulation sends no new frames, so show the newest ones.
     this.missed = new Map(this.newest);
     this.clear();
     for (const frame of this.descriptions.values()) this.apply(frame);

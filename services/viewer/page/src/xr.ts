@@ -1,11 +1,11 @@
-// A headset's hands and head on their way to softhand-tracker-webxr: docs/tracker-webxr.md.
+// Sends a headset's hands and head to softhand-tracker-webxr: docs/tracker-webxr.md.
 /// <reference types="webxr" />
 const FRAME_BYTES = 1664;
 const MAGIC = 0x52584853;
 const HAND_BYTES = 804;
 const RETRY_MS = 1000;
 
-/** Sends every frame of a session in which something is seen; a lost connection comes back by itself until `stop`. */
+/** Sends every frame of a session with a visible head or hand. Reconnects automatically until `stop`. */
 export class HandSender {
   private socket: WebSocket | null = null;
   private stopped = false;
@@ -21,9 +21,9 @@ export class HandSender {
     this.socket?.close();
   }
 
-  /** Of XRSession.requestAnimationFrame: its time and frame. */
+  /** `time` and `frame` are those of XRSession.requestAnimationFrame. */
   send(time: number, frame: XRFrame, space: XRReferenceSpace): void {
-    // What waits in the socket is late already: newer frames are worth more.
+    // Frames that wait in the socket are already late. A newer frame is better.
     if (this.socket?.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > 0) return;
     const view = this.view;
     new Uint8Array(this.bytes).fill(0);

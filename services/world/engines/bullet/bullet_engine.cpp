@@ -14,13 +14,13 @@
 namespace softhand {
 namespace {
 
-// Bullet's thresholds (contact breaking 20 mm, penetration slop, margins) are made for bodies of about a metre. Hands
-// move bodies of 5-100 mm: we compute in units of 50 mm. Lengths, velocities, accelerations and forces scale by s,
-// inertias and torques by s^2; masses and times stay.
+// Bullet's thresholds (contact breaking 20 mm, penetration slop, margins) suit bodies of about one metre. Hands move
+// bodies of 5-100 mm, so the engine computes in units of 50 mm. Lengths, velocities, accelerations and forces are
+// multiplied by s. Inertias and torques are multiplied by s^2. Masses and times are unchanged.
 constexpr double kScale = 20;
 constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
-// Slower than this for Bullet's two seconds, an object sleeps. A creep of 0.1 mm/s must not.
+// An object that is slower than this for two seconds (Bullet's time) sleeps. A creep of 0.1 mm/s must not sleep.
 constexpr double kSleepingSpeed = 2e-5;  // m/s
 
 btVector3 to_bullet(const Vector3& v, double scale) {
@@ -34,8 +34,8 @@ btTransform to_bullet(const Pose& pose) {
   return btTransform(orientation.normalized(), to_bullet(pose.position, kScale));
 }
 
-/// All shapes are true on the outside: Bullet keeps the margin of boxes and cylinders inside, but adds it around hulls,
-/// which are shrunk by it first.
+/// All shapes have their true outer size. Bullet keeps the margin of boxes and cylinders inside the shape, but adds it
+/// around hulls. Therefore hulls are first shrunk by the margin.
 std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
   const btVector3 size = to_bullet(to_vector(shape.size), kScale);
   const float margin = std::min(kMargin, 0.2f * std::min({size.x(), shape.kind == 1 ? size.y() : size.x(),
@@ -76,15 +76,16 @@ std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
 class BulletEngine final : public PhysicsEngine {
  public:
   BulletEngine() {
-    // World gravity stays zero: each body has its own (floating objects).
+    // The gravity of Bullet's world stays zero, because each body has its own gravity (floating objects).
     world_.setGravity(btVector3(0, 0, 0));
     btContactSolverInfo& info = world_.getSolverInfo();
     info.m_numIterations = kSolverIterations;
-    // All of the last step's impulses, not Bullet's 85 %: what is left out each step of a load that rests takes more
-    // iterations than these to build up through a stack, whose boxes meanwhile slide on contacts that carry too little.
+    // Warm start with all impulses of the last step instead of Bullet's 85 %. Without the missing 15 % a resting load
+    // would need more than kSolverIterations to build up through a stack. Meanwhile the boxes of the stack would slide,
+    // because their contact forces are too small.
     info.m_warmstartingFactor = 1;
     info.m_splitImpulse = 1;
-    info.m_splitImpulsePenetrationThreshold = 0;  // penetration is undone without leaving velocity behind
+    info.m_splitImpulsePenetrationThreshold = 0;  // correct penetration without adding velocity
     info.m_restitutionVelocityThreshold = 0;
     world_.getDispatchInfo().m_deterministicOverlappingPairs = true;
     solver_.setRandSeed(1);
@@ -99,14 +100,14 @@ class BulletEngine final : public PhysicsEngine {
     btRigidBody::btRigidBodyConstructionInfo info(static_cast<float>(object.mass), nullptr, shapes_[slot].get(),
                                                   to_bullet(object.inertia, kScale * kScale));
     info.m_startWorldTransform = to_bullet(object.pose);
-    info.m_friction = static_cast<float>(std::sqrt(object.friction));  // Bullet multiplies the two of a pair
+    info.m_friction = static_cast<float>(std::sqrt(object.friction));  // Bullet multiplies the values of both bodies
     info.m_restitution = 0;
     auto body = std::make_unique<btRigidBody>(info);
     body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
     if (object.mass > 0) {
       btVector3 low, high;
       shapes_[slot]->getAabb(btTransform::getIdentity(), low, high);
-      // The speed of a turning corner counts like that of the centre.
+      // The speed of a rotating corner counts like the speed of the centre.
       body->setSleepingThresholds(static_cast<float>(kSleepingSpeed * kScale),
                                   static_cast<float>(kSleepingSpeed * kScale) / (0.5f * (high - low).length()));
       const float thinnest = 0.5f * std::min({high.x() - low.x(), high.y() - low.y(), high.z() - low.z()});
@@ -144,7 +145,7 @@ class BulletEngine final : public PhysicsEngine {
   }
 
   void apply(std::size_t slot, const Wrench& wrench) override {
-    bodies_[slot]->activate();  // and, through Bullet's islands, what it touches
+    bodies_[slot]->activate();  // this also wakes the bodies in contact (Bullet's islands)
     bodies_[slot]->applyCentralForce(to_bullet(wrench.force, kScale));
     bodies_[slot]->applyTorque(to_bullet(wrench.torque, kScale * kScale));
   }
@@ -168,7 +169,7 @@ class BulletEngine final : public PhysicsEngine {
     if (shapes_[other]->getShapeType() == STATIC_PLANE_PROXYTYPE) {
       const btVector3 normal = bodies_[other]->getWorldTransform().getBasis().getColumn(1);
       direction = from_bullet(normal, 1);
-      btVector3 low, high;  // a plane is everywhere: ask the body's own box first
+      btVector3 low, high;  // a plane is infinite, so test the body's bounding box first
       shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
       const btVector3 nearest(normal.x() > 0 ? low.x() : high.x(), normal.y() > 0 ? low.y() : high.y(),
                               normal.z() > 0 ? low.z() : high.z());
@@ -198,7 +199,7 @@ class BulletEngine final : public PhysicsEngine {
   }
 
  private:
-  /// Bullet does not notice that what carried a sleeper is gone, or has come to lie on it.
+  /// Bullet does not notice that the support of a sleeping body was removed or that a body was placed on it.
   void wake_all() {
     for (const auto& body : bodies_)
       if (body && !body->isStaticObject()) body->activate();
@@ -224,8 +225,8 @@ HullSolid hull_solid(const std::vector<Vector3>& points) {
   hull.compute(coordinates.data(), 3 * sizeof(double), static_cast<int>(points.size()), 0, 0);
   if (hull.vertices.size() < 4) return {};
   const auto at = [&hull](int i) { return Vector3(hull.vertices[i].x(), hull.vertices[i].y(), hull.vertices[i].z()); };
-  // Sums over the tetrahedra (inside point, a, b, c) of each face's fan; second moments by the exact rule for a
-  // tetrahedron with a corner at the origin.
+  // Sums over the tetrahedra (inside point, a, b, c) of the fan of each face. The second moments follow the exact rule
+  // for a tetrahedron with a corner at the origin.
   Vector3 inside = Vector3::Zero();
   for (int i = 0; i < hull.vertices.size(); ++i) inside += at(i) / hull.vertices.size();
   double volume = 0;

@@ -1,4 +1,4 @@
-// Bullet 3.24 behind the engine's face. No Bullet header is seen from here.
+// Bullet 3.24 behind the PhysicsEngine interface. This header includes no Bullet header.
 #pragma once
 
 #include <memory>
