@@ -202,7 +202,7 @@ TEST(Mirrored, TwiceGivesTheSameHandAndOnceAValidOne) {
   const HandModel left = mirrored(hand);
   EXPECT_EQ(left.side, Side::left);
   EXPECT_NO_THROW(validate(left, "left"));
-  // The thumb lies at -X on a right hand and at +X on a left one; dorsal stays +Y.
+  // The thumb lies at -X on a right hand and at +X on a left one. Dorsal stays +Y.
   EXPECT_GT(left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_tip))].position.x(), 0);
   const Quaternion thumb = left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_metacarpal))].orientation;
   EXPECT_GT((thumb * Vector3::UnitY()).y(), 0.99);

@@ -113,7 +113,7 @@ TEST(ClockMapping, LeastDelayedMessageGivesTheOffset) {
 TEST(ClockMapping, FollowsDriftAndARestartedClock) {
   ClockMapping clock;
   double worst = 0;
-  for (int i = 0; i < 10'000; ++i) {  // 100 s; the sender's clock runs 100 ppm slow, so differences grow
+  for (int i = 0; i < 10'000; ++i) {  // 100 s. The sender's clock runs 100 ppm slow, so differences grow
     const Nanoseconds sent = i * 10 * kMillisecond;
     const Nanoseconds arrival = sent + sent / 10'000;
     clock.add(sent, arrival);
