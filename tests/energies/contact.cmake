@@ -1,1 +1,2 @@
-softhand_test(contact_energies ${CMAKE_CURRENT_LIST_DIR}/contact_test.cpp ${CMAKE_CURRENT_LIST_DIR}/contact_plane_test.cpp LINK softhand_energies)
+softhand_test(contact_energies ${CMAKE_CURRENT_LIST_DIR}/contact_test.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/contact_plane_test.cpp LINK softhand_energies)

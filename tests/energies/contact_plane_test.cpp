@@ -64,15 +64,15 @@ TEST(PlaneContact, Derivatives) {
       body.state.body_poses[0].position = Vector3(0, 0.02, 0);
       body.state.body_velocities[0] = {Vector3(0.1, -0.1, 0.2), Vector3(1, 2, -1)};
       body.run(2, 0.004);
-      // Past the first contact, still pressing and moving along.
+      // After the first contact the body still presses and slides.
       const State moved = testing::perturbed(body.state, seed, 3e-4, 3e-3);
       testing::check_term(body.planes, body.state, 0.004, moved, {.step = 1e-7, .tolerance = 1e-4});
     }
   }
 }
 
-TEST(PlaneContact, RestDepthAndStiffnessPerPlane) {
-  // 50 g: k_A = max(10 kN/m, 5.49 N/0.5 mm) = 10.98 kN/m, on four corners together.
+TEST(PlaneContact, RestDepthFollowsFromTheStiffnessPerPlane) {
+  // 50 g give k_A = max(10 kN/m, 5.49 N/0.5 mm) = 10.98 kN/m for all four corners together.
   Body body(kCube, 0.05, Vector3(0, -kGravity, 0), table(0.5));
   body.state.body_poses[0].position.y() = 0.03;
   body.run(400, 1.0 / 90);
@@ -104,8 +104,8 @@ TEST(PlaneContact, BlockOnASlopeSlides) {
   EXPECT_NEAR(body.state.body_velocities[0].linear.x() - before, 0.087734, 0.01 * 0.087734);
 }
 
-// A solid ball rolls with 5/7 g sin, a cylinder with 2/3.
-TEST(PlaneContact, Rolls) {
+// A solid ball rolls with an acceleration of 5/7 g sin(angle), a cylinder with 2/3 g sin(angle).
+TEST(PlaneContact, RollsWithTheKnownAcceleration) {
   const double angle = 0.2;
   for (const auto& [shape, share] : {std::pair{make(ShapeKind::sphere, {0.02, 0, 0}), 5.0 / 7},
                                      std::pair{make(ShapeKind::cylinder, {0.02, 0.03, 0}), 2.0 / 3}}) {
@@ -131,8 +131,8 @@ TEST(PlaneContact, DampingDoesNotPull) {
   EXPECT_NEAR(body.state.body_velocities[0].linear.y(), 1.0, 1e-9);
 }
 
-// A plane that carries the object sideways (a conveyor), then a raised floor that lifts it.
-TEST(PlaneContact, MovingPlane) {
+// First the plane carries the object sideways like a conveyor belt. Then it lifts the object like a rising floor.
+TEST(PlaneContact, ObjectFollowsAMovingPlane) {
   Body body(kCube, 0.05, Vector3(0, -kGravity, 0), table(0.8));
   body.state.body_poses[0].position.y() = 0.02;
   body.run(100, 1.0 / 90);

@@ -1,4 +1,4 @@
-// Contact and friction of skin nodes (eqs. 32, 33): derivatives, balance, known answers, no tunnelling, no creep.
+// Contact and friction of skin nodes (eqs. 32, 33): derivatives, balance, known results, no tunnelling, no creep.
 #include "energies/contact.hpp"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ Shape make(ShapeKind kind, Vec3 size = {}) {
   return shape;
 }
 
-// `count` separate triangles of skin, all of the same size, so that every weight w is 1.
+// `triangles` separate triangles of skin, all of the same size, so that every weight w is 1.
 HandModel skin(int triangles) {
   HandModel hand;
   for (int t = 0; t < triangles; ++t) {
@@ -59,8 +59,7 @@ struct Rig {
   State state;
 };
 
-// A scene in which every branch occurs: nodes that penetrate, stick, slide, are about to cross, next to a moving
-// object.
+// A scene in which every branch occurs. Next to a moving object, nodes penetrate, stick, slide, or are about to cross.
 struct RandomScene {
   explicit RandomScene(std::uint64_t seed, ContactObject kind = ContactObject::moving)
       : sphere(make(ShapeKind::sphere, {0.05, 0, 0})), rig(4, 700, 1e-4) {
@@ -77,12 +76,13 @@ struct RandomScene {
       rig.state.node_velocities.col(n) =
           rig.state.body_velocities[0].linear - 0.3 * direction + 0.2 * direction.unitOrthogonal();
     }
-    // First step: all cross. Moved by hand to where they penetrate, then the second step's start.
+    // In the first step all nodes cross the surface. They are moved to where they penetrate. Then the second step
+    // starts.
     rig.contacts.begin_step(rig.state, 0.01);
     for (int n = 0; n < rig.hand.node_count(); ++n)
       rig.state.node_positions.col(n) += 0.01 * rig.state.node_velocities.col(n);
     rig.contacts.end_step(rig.state);
-    // Half of them now leave their anchors tangentially, the others stay.
+    // Half of the nodes are pushed deeper, the others stay.
     for (int n = 0; n < rig.hand.node_count(); n += 2) {
       const Vector3 outward = (Vector3(rig.state.node_positions.col(n)) - body.position).normalized();
       rig.state.node_positions.col(n) -= 0.002 * outward;
@@ -92,7 +92,7 @@ struct RandomScene {
   Rig rig;
 };
 
-TEST(CoulombSpring, EnergyForceAndStiffnessBelongTogether) {
+TEST(CoulombSpring, EnergyForceAndStiffnessAreConsistent) {
   const CoulombSpring spring{800, 0.4};
   const Vector3 n = Vector3(1, 2, 3).normalized();
   for (const double length : {1e-4, 4.9e-4, 5.1e-4, 3e-3}) {
@@ -143,7 +143,7 @@ TEST_P(ContactDerivatives, OfFreshAnchors) {
   testing::check_term(scene.rig.friction, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
 }
 
-TEST_P(ContactDerivatives, OfAFixedObjectTouchNodesOnly) {
+TEST_P(ContactDerivatives, OfAFixedObjectActOnNodesOnly) {
   RandomScene scene(GetParam(), ContactObject::fixed);
   const State moved = testing::perturbed(scene.rig.state, GetParam(), 4e-4, 5e-3);
   testing::check_term(scene.rig.contact, scene.rig.state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
@@ -167,7 +167,7 @@ TEST_P(ContactDerivatives, ForcesBalanceAndRigidMotionIsFree) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, ContactDerivatives, ::testing::Values(1, 2, 3, 4, 5));
 
-// A node of mass m on a fixed plane under gravity g.
+// Nodes of mass m on a fixed plane under gravity g.
 struct NodesOnPlane {
   explicit NodesOnPlane(double mu, double stiffness = 500, double mass = 0.01, double height = 0.0)
       : plane(make(ShapeKind::plane)), rig(1, stiffness, mass), step(rig.stepper()) {
@@ -232,7 +232,7 @@ TEST(Friction, HeatIsTheLostEnergy) {
   EXPECT_NEAR(scene.rig.contacts.dissipated(), kinetic, 0.02 * kinetic);
 }
 
-TEST(Friction, FrictionlessAndHugeFriction) {
+TEST(Friction, HandlesZeroAndHugeFriction) {
   NodesOnPlane slippery(0);
   slippery.gravity(0.1);
   slippery.run(90, 1.0 / 90);
@@ -246,7 +246,7 @@ TEST(Friction, FrictionlessAndHugeFriction) {
   EXPECT_EQ(rough.rig.contacts.count(), 3);
 }
 
-TEST(Contact, LetsGo) {
+TEST(Contact, ReleasesNodesThatMoveAway) {
   NodesOnPlane scene(1.0);
   scene.gravity(0);
   scene.run(200, 1.0 / 90);
@@ -258,7 +258,8 @@ TEST(Contact, LetsGo) {
   EXPECT_EQ(scene.rig.contacts.wrench(0).force.norm(), 0);
 }
 
-// 0.5 mm plate, 5 m/s, 60 Hz (83 mm a step), one Newton iteration a step as in the fast mode; every start height.
+// The plate is 0.5 mm thick. The nodes move at 5 m/s and 60 Hz (83 mm per step) from every start height. Each step has
+// one Newton iteration, as in the fast mode.
 TEST(Contact, NothingTunnelsThroughAThinPlate) {
   const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
   for (const bool moving : {false, true}) {
@@ -281,7 +282,7 @@ TEST(Contact, NothingTunnelsThroughAThinPlate) {
         lowest = std::min(lowest, rig.state.node_positions.row(1).minCoeff());
       }
       if (rig.state.node_positions(1, 0) < 0 && rig.contacts.count() == 0) ++through;
-      EXPECT_GT(lowest, -0.02) << "the first step already holds it";
+      EXPECT_GT(lowest, -0.02) << "the first step must already stop the nodes";
     }
     EXPECT_EQ(through, 0);
   }
@@ -332,8 +333,9 @@ void drum_slides_under_nodes(bool within_step, const Vector3& velocity) {
   }
 }
 
-// A drum that turns by 64 degrees in a step, or between two steps, slides under what lies on it: the nodes keep their
-// weight, and friction pulls with mu times it. Also where all of them move along at a common velocity.
+// A drum that turns by 64 degrees in a step, or between two steps, slides under the nodes that lie on it. The nodes
+// keep their weight, and friction pulls with mu times the weight. This also holds if drum and nodes have a common
+// velocity.
 TEST(Contact, DrumSlidesUnderNodes) {
   drum_slides_under_nodes(false, Vector3::Zero());
   for (const Vector3& velocity : {Vector3(0, 0, 0), Vector3(0, 2, 0), Vector3(-1, -3, 2)}) {
@@ -341,8 +343,8 @@ TEST(Contact, DrumSlidesUnderNodes) {
   }
 }
 
-// The spin of a smooth drum changes nothing, whether nodes meet it in the step or have been inside from the start.
-TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
+// The spin of a smooth drum changes nothing, whether nodes hit it in the step or are inside from the start.
+TEST(Contact, SpinOfASmoothDrumHasNoEffect) {
   constexpr double kRadius = 0.02;
   const ShapeGeometry drum(make(ShapeKind::cylinder, {kRadius, 0.5, 0}));
   const Quaternion lying(Eigen::AngleAxisd(M_PI / 2, Vector3::UnitX()));
@@ -356,7 +358,7 @@ TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
     testing::DenseStepper stepper = rig.stepper();
     std::vector<double> result;
     for (int i = 0; i < 30; ++i) {
-      // Towards the axis: on top they would fall off to one side.
+      // Gravity points to the axis. Otherwise nodes on top would fall off to one side.
       const Vector3 from_axis(rig.state.node_positions(0, 0), rig.state.node_positions(1, 0), 0);
       rig.inertia.set_node_gravity(-kGravity * from_axis.normalized());
       stepper.step(rig.state, 1.0 / 90);
@@ -376,8 +378,8 @@ TEST(Contact, SpinOfASmoothDrumIsNotFelt) {
   }
 }
 
-// The way of a node in the frame of a body that turns is an arc, and its chord cuts the body.
-TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
+// In the frame of a turning body, the path of a node is an arc. The arc's chord cuts the body.
+TEST(Contact, SpinningBallBesideNodesDoesNotTouchThem) {
   for (const auto& [kind, motion] :
        {std::pair(ShapeKind::sphere, ContactObject::moving), std::pair(ShapeKind::capsule, ContactObject::moving),
         std::pair(ShapeKind::cylinder, ContactObject::moving), std::pair(ShapeKind::cylinder, ContactObject::fixed)}) {
@@ -401,9 +403,8 @@ TEST(Contact, ABallThatSpinsBesideNodesDoesNotTouchThem) {
   }
 }
 
-// A node that the blade of a fan meets, or the corner of a box, is met although it was outside before and is outside
-// after.
-TEST(Contact, WhatTurnsIntoANodeStillMeetsIt) {
+// The blade of a fan or the corner of a box hits a node that is outside before and after the step.
+TEST(Contact, TurningObjectHitsANodeInItsWay) {
   const ShapeGeometry blade(make(ShapeKind::box, {0.05, 0.0005, 0.05})), cube(make(ShapeKind::box, {0.03, 0.03, 0.03}));
   const auto touched = [](const ShapeGeometry& shape, const Vector3& spin, const Vector3& node) {
     Rig rig(1, 700, 1e-4);
@@ -419,7 +420,7 @@ TEST(Contact, WhatTurnsIntoANodeStillMeetsIt) {
   EXPECT_TRUE(touched(cube, Vector3(0, 0, 40), Vector3(0.0346, -0.02, 0)));
 }
 
-TEST(Contact, StartsInsideAndComesOutAtOneMetrePerSecond) {
+TEST(Contact, NodeThatStartsInsideComesOutAtOneMetrePerSecond) {
   const ShapeGeometry box(make(ShapeKind::box, {0.04, 0.04, 0.04}));
   for (const double dt : {1.0 / 90, 1.0 / 1000}) {
     Rig rig(1, 2000, 1e-3);
@@ -435,12 +436,12 @@ TEST(Contact, StartsInsideAndComesOutAtOneMetrePerSecond) {
       out = box.signed_distance(rig.state.node_positions.col(0)) > -1e-6;
     }
     EXPECT_TRUE(out);
-    EXPECT_LE(fastest, 2.01);  // a node on an undamped spring whose other end moves at 1 m/s swings to twice that
+    EXPECT_LE(fastest, 2.01);  // a node on an undamped spring whose other end moves at 1 m/s reaches twice this speed
     EXPECT_GT(fastest, 0.5);
   }
 }
 
-// A node dragged around a fixed cylinder: the anchor follows the surface, its normal the radius.
+// A node is dragged around a fixed cylinder. Its anchor follows the surface. The anchor's normal follows the radius.
 TEST(Friction, AnchorFollowsACurvedSurface) {
   const ShapeGeometry cylinder(make(ShapeKind::cylinder, {0.02, 0.5, 0}));
   Rig rig(1, 1000, 1e-3);
@@ -455,7 +456,7 @@ TEST(Friction, AnchorFollowsACurvedSurface) {
   for (int i = 0; i < 400; ++i) {
     const Vector3 p = rig.state.node_positions.col(0);
     const Vector3 radial = Vector3(p.x(), 0, p.z()).normalized();
-    // Pressed on and pulled around, to about 0.4 m/s (5 degrees a step).
+    // The node is pressed on and pulled around, at up to about 0.4 m/s (5 degrees per step).
     const Vector3 around = Vector3::UnitY().cross(radial);
     rig.inertia.set_node_gravity(-300 * radial + 125 * std::min(1.0, i / 20.0) * around -
                                  150 * Vector3(rig.state.node_velocities.col(0)));
@@ -465,13 +466,13 @@ TEST(Friction, AnchorFollowsACurvedSurface) {
     EXPECT_NEAR(std::hypot(anchor.anchor.x(), anchor.anchor.z()), 0.02, 1e-9);
     EXPECT_LE((anchor.normal - Vector3(anchor.anchor.x(), 0, anchor.anchor.z()) / 0.02).norm(), 2e-4);
     EXPECT_NEAR(std::hypot(rig.state.node_positions(0, 0), rig.state.node_positions(2, 0)), 0.0197, 5e-5)
-        << "no chatter";
+        << "the node must not chatter";
     angle += 1.0 / 240 * around.dot(Vector3(rig.state.node_velocities.col(0))) / 0.02;
   }
-  EXPECT_GT(angle, 3.0) << "it did not slide around";
+  EXPECT_GT(angle, 3.0) << "the node did not slide around";
 }
 
-// The step of one iteration must not stick where the converged one slides.
+// A step of one iteration must not stick if the converged step slides.
 TEST(Friction, OneIterationSlidesToo) {
   NodesOnPlane scene(0.49);
   scene.gravity(std::atan(0.5));
@@ -481,9 +482,9 @@ TEST(Friction, OneIterationSlidesToo) {
   EXPECT_NEAR(scene.velocity().x() - before, 0.087734, 0.087734 * 0.02);
 }
 
-// A world's resting object has a velocity of some um/s. The step of one iteration, in which a contact begins, is the
-// same.
-TEST(Friction, OneIterationDoesNotFeelAnObjectThatHardlyMoves) {
+// A world's resting object has a velocity of some um/s. This must not change a step of one iteration in which a contact
+// begins.
+TEST(Friction, OneIterationIgnoresTheTinyVelocityOfARestingObject) {
   const auto after_touching = [](double speed) {
     NodesOnPlane scene(0.5, 500, 0.01, 1e-3);
     scene.rig.state.node_velocities.colwise() = Vector3(0.3, -0.2, 0);
@@ -497,7 +498,7 @@ TEST(Friction, OneIterationDoesNotFeelAnObjectThatHardlyMoves) {
   EXPECT_LE((after_touching(1e-6) - resting).norm(), 1e-4);
 }
 
-TEST(Contact, WhatIsPublished) {
+TEST(Contact, PublishesForcesNormalsAndAreas) {
   NodesOnPlane scene(0.5);
   scene.gravity(0.2);
   scene.run(300, 1.0 / 90);
@@ -520,9 +521,9 @@ TEST(Contact, WhatIsPublished) {
   EXPECT_EQ(message.contacts.size(), 0u);
 }
 
-// Nodes that a step carries across a surface for which they were not heading touch it without pressure: the finger
-// touches that object, not the first one.
-TEST(Contact, WhatIsTouchedWithoutPressureIsNamed) {
+// A step may carry nodes across a surface to which they were not moving. They touch it without pressure. The published
+// object of the finger must be this one, not the first object.
+TEST(Contact, NamesAnObjectTouchedWithoutPressure) {
   Rig rig(4, 1000, 1e-4, 0, 2);
   const ShapeGeometry ball(make(ShapeKind::sphere, {0.02, 0, 0})), table(make(ShapeKind::box, {0.5, 0.02, 0.5}));
   rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);

@@ -1,5 +1,4 @@
-// A backward-Euler step for tests, so that a term can be tested without the solver: dense Newton on the incremental
-// potential.
+// A backward-Euler step for tests of terms without the solver: dense Newton on the incremental potential.
 #pragma once
 
 #include <vector>
@@ -10,7 +9,7 @@ namespace softhand::testing {
 
 class DenseStepper {
  public:
-  /// The terms outlive the stepper; inertia is one of them.
+  /// The terms must outlive the stepper. Inertia must be one of them.
   DenseStepper(std::vector<Energy*> terms, const State& state) : terms_(std::move(terms)) {
     BlockPattern pattern(state.layout().block_count());
     for (const Energy* term : terms_) term->add_pattern(pattern);
@@ -19,7 +18,7 @@ class DenseStepper {
   }
 
   /// Newton with the projected Hessian and halved steps, until the increment is below `tolerance` (m, rad). Returns the
-  /// iterations.
+  /// number of iterations.
   int step(State& state, double time_step, double tolerance = 1e-12, int most_iterations = 50) {
     for (Energy* term : terms_) term->begin_step(state, time_step);
     int iteration = 0;

@@ -1,11 +1,13 @@
-// What every energy term must satisfy, checked on any state: derivatives by finite differences, symmetry, positive
-// semi-definiteness of the projected Hessian, the declared pattern, and the balance of internal forces. Every room's
-// terms use it.
+// Checks that every energy term must pass at any state.
+// - Derivatives agree with finite differences.
+// - The Hessian is symmetric, and the projected Hessian is positive semi-definite.
+// - The Hessian stays in the declared pattern.
+// - Internal forces balance.
 //
-// The second derivative is that of U(state (+) delta) at delta = 0, `(+)` being `apply_increment`. A term's gradient at
-// state (+) delta is taken with respect to a *new* increment there, so for rotations it is pulled back to delta first:
-// exp(delta + e) = exp(J_l(delta) e) exp(delta), hence dU/d(delta) = J_l(delta)^T g. With that the differences of the
-// gradient are the symmetric second derivative; without it they would be off by 1/2 [torque]x.
+// The second derivative is that of U(state (+) delta) at delta = 0. Here `(+)` is `apply_increment`. A term's gradient
+// at state (+) delta is taken with respect to a *new* increment there. So for rotations it is pulled back to delta
+// first: exp(delta + e) = exp(J_l(delta) e) exp(delta), hence dU/d(delta) = J_l(delta)^T g. Then the differences of the
+// gradient are the symmetric second derivative. Without the pull-back they would be wrong by 1/2 [torque]x.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -116,7 +118,7 @@ inline Eigen::MatrixXd difference_hessian(const Energy& term, const State& state
   return result;
 }
 
-/// A matrix of the term's own pattern, to which the term is then bound.
+/// Returns a matrix with the term's own pattern. Binds the term to it.
 inline BlockMatrix bound_matrix(Energy& term, const State& state) {
   BlockPattern pattern(state.layout().block_count());
   term.add_pattern(pattern);
@@ -125,15 +127,16 @@ inline BlockMatrix bound_matrix(Energy& term, const State& state) {
   return matrix;
 }
 
-/// The term's derivatives at `state`, in a step that began at `start`. Leaves the term bound to a matrix of its own
-/// pattern and in the step.
+/// Checks the term's derivatives at `state`, in a step that began at `start`. Afterwards the term is still in this step
+/// and bound to a matrix of its own pattern.
 inline void check_term(Energy& term, const State& start, double time_step, const State& state,
                        const DerivativeCheck& check = {}) {
   SCOPED_TRACE(std::string(term.name()));
   const DofLayout layout = state.layout();
   const Eigen::Index size = layout.dof_count();
 
-  // First in a matrix that has every block, so that slots are looked up and not assumed; then in the term's own.
+  // The first matrix has every block, so that the term must look up its slots. The second one has the term's own
+  // pattern.
   Eigen::MatrixXd exact_in_full;
   {
     BlockPattern full(layout.block_count());
@@ -187,7 +190,7 @@ inline void check_term(Energy& term, const State& start, double time_step, const
   EXPECT_GE(lowest, -1e-9 * projected.norm()) << "the projected Hessian is indefinite";
   EXPECT_GT(projected.norm(), 0);
 
-  // add_all is the three at once, and adds: it must neither clear nor assign.
+  // add_all does all three at once. It adds: it must neither clear nor assign.
   for (const Curvature curvature : {Curvature::exact, Curvature::projected}) {
     matrix.set_zero();
     VectorX together = VectorX::Constant(size, force);
@@ -210,8 +213,8 @@ inline void check_term(Energy& term, const State& state, double time_step, const
   check_term(term, state, time_step, state, check);
 }
 
-/// Internal terms exert no net force and no net torque: sum f = 0, sum (x cross f + torque) = 0. `gradient` may be that
-/// of a state far from rest; the tolerance is relative to the sum of magnitudes. Call after `begin_step`.
+/// Internal terms exert no net force and no net torque: sum f = 0, sum (x cross f + torque) = 0. The state may be far
+/// from rest. The tolerance is relative to the sum of magnitudes. Call this after `begin_step`.
 inline void check_balance(const Energy& term, const State& state, double tolerance = 1e-9) {
   SCOPED_TRACE(std::string(term.name()));
   const DofLayout layout = state.layout();
@@ -239,7 +242,7 @@ inline void check_balance(const Energy& term, const State& state, double toleran
   EXPECT_LE(torque.norm(), tolerance * torque_scale);
 }
 
-/// A whole rigid motion of the state costs nothing: same value, gradient turned along.
+/// A rigid motion of the whole state costs no energy: the value is the same, and the gradient turns with the state.
 inline void check_rigid_motion(const Energy& term, const State& state, const Pose& motion, double tolerance = 1e-9) {
   SCOPED_TRACE(std::string(term.name()));
   State moved = state;

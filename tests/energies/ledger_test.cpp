@@ -1,5 +1,5 @@
-// The energy ledger's rows against closed forms, and its residual against nothing: free fall, oscillator, moved spring,
-// damper, sliding blocks, kinematic objects, contacts that are switched.
+// Compares the energy ledger's rows with closed forms, and its residual with zero. Cases: free fall, oscillator, moved
+// spring, damper, sliding blocks, kinematic objects, switched contacts.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -29,7 +29,7 @@ SolverOptions exact() {
   return options;
 }
 
-// Steps a few terms and keeps their books.
+// Steps a few terms and keeps their energy ledger.
 class Books {
  public:
   Books(std::vector<Energy*> terms, const State& state)
@@ -53,7 +53,7 @@ class Books {
   void run(State& state, int steps, double time_step = kStep) {
     for (int i = 0; i < steps; ++i) step(state, time_step);
   }
-  /// What is stored, worked and lost adds up but for the force that the minimiser left over.
+  /// Stored energy, work and losses must add up, except for the residual force that the minimiser leaves.
   void expect_closed(double scale) const {
     EXPECT_NEAR(ledger.residual(), left_over, 1e-10 * scale);
     EXPECT_NEAR(ledger.residual(), 0, 1e-6 * scale);
@@ -82,7 +82,7 @@ Shape make(ShapeKind kind, Vec3 size = {}) {
   return shape;
 }
 
-TEST(EnergyLedger, FreeFall) {
+TEST(EnergyLedger, FreeFallMatchesTheClosedForm) {
   State state = state_of(1, 1);
   state.body_velocities[0].angular = Vector3(3, -2, 7);
   Inertia inertia({0.02}, 1);
@@ -98,13 +98,14 @@ TEST(EnergyLedger, FreeFall) {
   const double fallen = height - state.body_poses[0].position.y();
   ASSERT_GT(fallen, 0.5);
   EXPECT_NEAR(books.ledger.total().work, mass * kGravity * fallen, 1e-12);
-  // m/2 (g dt)^2 a step; a tumbling body's energy is a little wrong at each orientation, and bounded.
+  // The integrator's loss is m/2 (g dt)^2 per step. A tumbling body's energy has a small, bounded error that depends on
+  // its orientation.
   EXPECT_NEAR(books.ledger.total().integrator, steps * 0.5 * mass * std::pow(kGravity * kStep, 2),
               2e-3 * books.ledger.scale());
   books.expect_closed(1);
 }
 
-TEST(EnergyLedger, OscillatorLosesWhatBackwardEulerMust) {
+TEST(EnergyLedger, OscillatorLosesEnergyLikeBackwardEuler) {
   for (const double z : {0.1, 1.0}) {
     State state = state_of(1, 1);
     const double mass = 0.02, stiffness = mass * z * z / (kStep * kStep);
@@ -125,9 +126,9 @@ TEST(EnergyLedger, OscillatorLosesWhatBackwardEulerMust) {
   }
 }
 
-// A body with an eccentric frame, dragged through a circle while it turns, by a spring that gives way at a cap or does
-// not.
-TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
+// A spring drags a body with an eccentric frame through a circle while the body turns. The spring's force is capped in
+// one run and not in the other.
+TEST(EnergyLedger, DamperOfADraggedBodyDissipatesForceTimesDistance) {
   for (const double cap : {1e9, 0.2}) {
     State state = state_of(1, 1);
     Inertia inertia({1.0}, 1);
@@ -141,7 +142,7 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
     const Pose frame{Vector3(0.02, -0.01, 0.03), rotation_exp(Vector3(0.3, 0.1, 0))};
     BodyCoupling coupling("coupling", {{0, frame, gains}}, state.layout());
     Books books({&inertia, &coupling}, state);
-    // The damper is told that the target stands still, so that it drags.
+    // The damper gets a target velocity of zero, so that it drags.
     const auto target = [&frame](double t) {
       return Pose{Vector3(0.1 * std::cos(6 * t), 0.1 * std::sin(6 * t), 0),
                   rotation_exp(Vector3(0, 0, 2 * t)) * frame.orientation};
@@ -160,18 +161,19 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
     const EnergyFlow& total = books.ledger.total();
     EXPECT_GT(total.integrator, 0);
     if (cap > 1) {
-      // The solver pairs the damper's force with the turn about the arm of the step's end, the test with the way
-      // between the two places.
+      // The solver multiplies the damper's force by the turn about the arm at the end of the step. The test uses the
+      // distance between the two positions.
       EXPECT_NEAR(total.damping, heat, 0.01 * heat);
       EXPECT_GT(books.ledger.initial() + total.work, total.damping);
     } else {
       ASSERT_NEAR(largest_force, cap, 1e-9);
       EXPECT_GT(total.damping, 0);
-      EXPECT_LT(total.damping, heat) << "the cap leaves the damper a part of its force";
+      EXPECT_LT(total.damping, heat) << "the cap leaves only a part of the damper's force";
     }
     books.expect_closed(books.ledger.scale());
 
-    // Put elsewhere with its target, hung on anew, made softer, taken off: each from outside.
+    // Changes from outside: the body is moved with its target, the coupling is made softer, gets another target, and is
+    // removed.
     state.body_poses[0].position += Vector3(3, 0, 0);
     state.body_velocities[0] = {};
     coupling.set_target(0, state.body_poses[0] * frame, {});
@@ -187,9 +189,9 @@ TEST(EnergyLedger, ADraggedBodysDamperBurnsItsForceTimesItsWay) {
   }
 }
 
-// A target that a tracker turned by more than there is time for: it pulls the other way round now, and the work is what
-// its spring then holds.
-TEST(EnergyLedger, ALeapingTargetWorksWhatItsSpringHoldsAfterwards) {
+// A tracker turns the target so far between two steps that the spring pulls the other way round. The work is the energy
+// that the spring holds afterwards.
+TEST(EnergyLedger, WorkOfAJumpingTargetIsTheEnergyOfItsSpringAfterwards) {
   State state = state_of(1, 1);
   Inertia inertia({1.0}, 1);
   inertia.set_dynamic(0, 1, Matrix3::Identity(), Vector3::Zero());  // hardly turns
@@ -236,7 +238,7 @@ struct Skin {
   State state;
 };
 
-TEST(EnergyLedger, SlidingNodesTurnMuMGDIntoHeat) {
+TEST(EnergyLedger, SlidingNodesDissipateFrictionTimesDistance) {
   const double mu = 0.5, mass = 0.01;
   Skin skin(mu, 500, mass, ContactObject::fixed);
   skin.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
@@ -248,8 +250,7 @@ TEST(EnergyLedger, SlidingNodesTurnMuMGDIntoHeat) {
   const double heat_before = books.ledger.total().friction, start = skin.state.node_positions(0, 0);
   const double work_before = books.ledger.total().work;
   books.step(skin.state, 1e-3);
-  EXPECT_NEAR(books.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4)
-      << "whoever pushed put the kinetic energy in";
+  EXPECT_NEAR(books.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4) << "the push put the kinetic energy in";
   books.run(skin.state, 600, 1e-3);
   const double slid = skin.state.node_positions(0, 0) - start;
   ASSERT_NEAR(slid, 1 / (2 * mu * kGravity), 2e-3);
@@ -260,7 +261,7 @@ TEST(EnergyLedger, SlidingNodesTurnMuMGDIntoHeat) {
   EXPECT_LT(books.ledger.excess(), 0.01);
 }
 
-TEST(EnergyLedger, ASlidingBlockTurnsMuMGDIntoHeat) {
+TEST(EnergyLedger, SlidingBlockDissipatesFrictionTimesDistance) {
   const double mu = 0.4, mass = 0.05;
   const ShapeGeometry shape(make(ShapeKind::box, {0.04, 0.005, 0.04}));
   State state = state_of(1, 1);
@@ -286,7 +287,7 @@ TEST(EnergyLedger, ASlidingBlockTurnsMuMGDIntoHeat) {
   EXPECT_NEAR(books.ledger.total().friction - heat, mu * mass * kGravity * slid, 0.02 * mu * mass * kGravity * slid);
   books.expect_closed(books.ledger.scale());
 
-  // On a belt: the belt works, the same law turns it into heat and motion.
+  // A moving belt does work on the block. Friction turns this work into heat and motion by the same law.
   const double work = books.ledger.total().work;
   table.velocity = {0.3, 0, 0};
   for (int i = 0; i < 400; ++i) {
@@ -294,7 +295,8 @@ TEST(EnergyLedger, ASlidingBlockTurnsMuMGDIntoHeat) {
     books.step(state, 1e-3);
   }
   ASSERT_NEAR(state.body_velocities[0].linear.x(), 0.3, 1e-3);
-  EXPECT_NEAR(books.ledger.total().work - work, mass * 0.3 * 0.3, 0.05 * mass * 0.3 * 0.3) << "half of it is heat";
+  EXPECT_NEAR(books.ledger.total().work - work, mass * 0.3 * 0.3, 0.05 * mass * 0.3 * 0.3)
+      << "half of the work is heat";
   books.expect_closed(books.ledger.scale());
   planes.clear_object(0);
   inertia.hold(0);
@@ -303,7 +305,7 @@ TEST(EnergyLedger, ASlidingBlockTurnsMuMGDIntoHeat) {
   books.expect_closed(books.ledger.scale());
 }
 
-// A plate that is put elsewhere between the steps, or moves within them by its velocity.
+// The plate is moved between the steps, or it moves within the steps with its velocity.
 void lift_nodes(bool within_step) {
   SCOPED_TRACE(within_step ? "moves within the steps" : "moves between the steps");
   const double mass = 0.01;
@@ -322,17 +324,18 @@ void lift_nodes(bool within_step) {
   const double lifted = skin.state.node_positions(1, 0) - height;
   ASSERT_NEAR(lifted, 0.18, 0.01);
   ASSERT_NEAR(skin.state.node_positions(0, 0) - across, 0.09, 0.01);
-  // Gravity takes what the plate puts in; left are the nodes' speed and what it cost to get there.
+  // Gravity takes the work of the plate. What remains is the nodes' kinetic energy and the loss while they reach their
+  // speed.
   EXPECT_NEAR(books.ledger.total().work - work, 3 * 0.5 * mass * (0.09 * 0.09 + 0.045 * 0.045), 5e-4);
   books.expect_closed(books.ledger.scale());
 }
 
-TEST(EnergyLedger, AKinematicPlateWorksOnTheNodesThatItLifts) {
+TEST(EnergyLedger, KinematicPlateDoesWorkOnTheNodesThatItLifts) {
   for (const bool within_step : {false, true}) lift_nodes(within_step);
 }
 
-// Contacts that begin inside, are rubbed over a moving ball, change hands between given and yielding, and are taken
-// away.
+// Contacts begin inside, slide over a moving ball, and are removed at the end. Meanwhile the ball changes between
+// kinematic and dynamic.
 TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
   const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
   Skin skin(0.6, 800, 0.01, ContactObject::moving);
@@ -372,8 +375,8 @@ TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
   books.expect_closed(books.ledger.scale());
 }
 
-TEST(EnergyLedger, SeesWhatATermHides) {
-  // A potential that keeps no account of its target's movement: the residual is the work that it hid.
+TEST(EnergyLedger, ReportsTheWorkThatATermOmits) {
+  // This potential does not report the work of its target's movement. The residual is the omitted work.
   class Careless final : public Energy {
    public:
     std::string_view name() const override { return "careless"; }

@@ -1,4 +1,4 @@
-// The coupling of eq. 18: derivatives, caps, damping, and the known answers of couplings in series.
+// The coupling of eq. 18: derivatives, caps, damping, and the known results of couplings in series.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -19,12 +19,12 @@ CouplingSite site_of(int body, const CouplingGains& gains) {
   return {body, Pose{Vector3(0.01, -0.02, 0.03), rotation_exp(Vector3(0.3, 0.1, -0.5))}, gains};
 }
 
-// Body 0 at a site away from its centre of mass; body 1 is not coupled.
+// Body 0 is coupled at a site away from its centre of mass. Body 1 is not coupled.
 struct Coupled {
   explicit Coupled(const CouplingGains& gains, std::uint64_t seed = 1)
       : state(testing::random_state({2, 2}, seed)), coupling("coupling", {site_of(0, gains)}, state.layout()) {}
   Pose frame() const { return state.body_poses[0] * site_of(0, {}).body_from_frame; }
-  // A target the given stretch and turn away from where the frame is.
+  // Sets a target that differs from the frame by the given stretch and turn.
   void aim(const Vector3& stretch, const Vector3& turn, const Twist& velocity = {}) {
     coupling.set_target(0, increment(frame(), stretch, turn), velocity);
   }
@@ -51,7 +51,7 @@ TEST(BodyCoupling, DerivativesOfSpringAndDamperBeyondTheCaps) {
   }
 }
 
-TEST(BodyCoupling, AtTheTargetNothingPulls) {
+TEST(BodyCoupling, ExertsNoWrenchAtTheTarget) {
   Coupled c({500, 0.5, 0, 0});
   c.aim(Vector3::Zero(), Vector3::Zero());
   c.coupling.begin_step(c.state, kTimeStep);
@@ -60,7 +60,7 @@ TEST(BodyCoupling, AtTheTargetNothingPulls) {
   EXPECT_LE(c.coupling.wrench(0, c.state).torque.norm(), 1e-12);
 }
 
-TEST(BodyCoupling, WithoutATargetNothingPulls) {
+TEST(BodyCoupling, ExertsNoWrenchWithoutATarget) {
   Coupled c({500, 0.5, 3, 0.01});
   c.aim(Vector3(0.1, 0, 0), Vector3(0.1, 0, 0));
   c.coupling.clear_target(0);
@@ -72,7 +72,7 @@ TEST(BodyCoupling, WithoutATargetNothingPulls) {
   EXPECT_EQ(c.coupling.wrench(0, c.state).force.norm(), 0);
 }
 
-TEST(BodyCoupling, WrenchIsTheSpringsAndAboutTheFramesOrigin) {
+TEST(BodyCoupling, WrenchIsThatOfTheSpringAboutTheFramesOrigin) {
   Coupled c({500, 0.5, 0, 0});
   const Vector3 stretch(0.01, 0.02, -0.01), turn(0.4, -0.3, 0.2);
   c.aim(stretch, turn);
@@ -107,7 +107,8 @@ TEST(BodyCoupling, SignOfTheQuaternionDoesNotMatterAndPiIsFinite) {
 }
 
 TEST(BodyCoupling, TransverseStiffnessOfTheTurn) {
-  // k_a (t/2) cot(t/2): 0.785 k_a at 90 degrees, 0.0136 at 179, 0 at 180; along the turn's own axis k_a.
+  // The stiffness across the turn's axis is k_a (t/2) cot(t/2): 0.785 k_a at 90 degrees, 0.0136 k_a at 179 degrees, and
+  // 0 at 180 degrees. Along the turn's own axis it is k_a.
   for (const auto& [degrees, expected] :
        {std::pair{90.0, 0.785398}, std::pair{179.0, 0.013632}, std::pair{180.0, 0.0}}) {
     Coupled c({0, 2.0, 0, 0});
@@ -124,8 +125,9 @@ TEST(BodyCoupling, TransverseStiffnessOfTheTurn) {
   }
 }
 
-TEST(BodyCoupling, DampingIsTheDissipationPotentials) {
-  // Spring and damper as one spring: the force is k (x_b - x) + b (v_b - (x - x_i)/dt) at every state of the step.
+TEST(BodyCoupling, DampingIsThatOfTheDissipationPotential) {
+  // Spring and damper act as one spring. At every state of the step the force is
+  // k (x_b - x) + b (v_b - (x - x_i)/dt).
   const Twist velocity{Vector3(0.3, -0.1, 0.2), Vector3(0.02, 0.01, -0.03)};
   Coupled c({500, 0.5, 3, 0.01});
   c.aim(Vector3(0.01, 0.02, -0.01), Vector3(2e-3, -1e-3, 3e-3), velocity);
@@ -145,14 +147,14 @@ TEST(BodyCoupling, DampingIsTheDissipationPotentials) {
   EXPECT_GT(torque.norm(), 2e-3);
 }
 
-TEST(BodyCoupling, OffsetOfTwoInSeries) {
-  // World --k1-- body 0 --k2-- (copy of body 0, exchanged each step) body 1 <- F: offset F (1/k1 + 1/k2), one exchange
-  // contracts the error by k2/(k1 + k2).
+TEST(BodyCoupling, TwoInSeriesHaveTheKnownOffset) {
+  // World --k1-- body 0 --k2-- (copy of body 0, exchanged each step) body 1 <- F.
+  // The offset is F (1/k1 + 1/k2). One exchange contracts the error by k2/(k1 + k2).
   constexpr double k1 = 100, k2 = 1000, force = 0.5;
   State state = testing::random_state({0, 2}, 1);
   state.body_poses.assign(2, Pose{});
   state.body_velocities.assign(2, Twist{});
-  // Quasi-static: light, slow steps.
+  // Quasi-static: light bodies and long steps.
   Inertia inertia({}, 2);
   inertia.set_dynamic(0, 1e-9, 1e-9 * Matrix3::Identity(), Vector3::Zero());
   inertia.set_dynamic(1, 1e-9, 1e-9 * Matrix3::Identity(), Vector3(force / 1e-9, 0, 0));
@@ -179,8 +181,9 @@ TEST(BodyCoupling, OffsetOfTwoInSeries) {
   EXPECT_NEAR(state.body_poses[1].position.x(), offset, 1e-4 * offset);
 }
 
-TEST(BodyCoupling, ADampedBodyFollowsAMovingCopyWithoutLag) {
-  // The copy moves at constant velocity and its pose is given as of the end of the step: relative damping adds no drag.
+TEST(BodyCoupling, DampedBodyFollowsAMovingCopyWithoutLag) {
+  // The copy moves at constant velocity. Its given pose is that at the end of the step. So relative damping adds no
+  // drag.
   const double mass = 0.02, k = 500;
   State state = testing::random_state({0, 1}, 1);
   state.body_poses[0] = Pose{};
@@ -201,7 +204,7 @@ TEST(BodyCoupling, ADampedBodyFollowsAMovingCopyWithoutLag) {
   EXPECT_LE((state.body_velocities[0].linear - velocity.linear).norm(), 1e-8);
 }
 
-TEST(BodyCoupling, ATeleportPullsNoHarderThanTheCap) {
+TEST(BodyCoupling, TeleportPullsNoHarderThanTheCap) {
   Coupled c({500, 0.5, 6, 0.003, 4, 1});
   Inertia inertia({0.1, 0.1}, 2);
   inertia.set_dynamic(0, 0.02, 4e-6 * Matrix3::Identity(), Vector3::Zero());
@@ -217,7 +220,7 @@ TEST(BodyCoupling, ATeleportPullsNoHarderThanTheCap) {
   }
 }
 
-TEST(BodyCoupling, RefusesGainsThatAreNotGains) {
+TEST(BodyCoupling, RefusesInvalidGains) {
   const DofLayout layout{0, 1};
   const auto with = [&layout](const CouplingGains& gains) { BodyCoupling("c", {{0, Pose{}, gains}}, layout); };
   EXPECT_THROW(with({-1, 0}), std::invalid_argument);

@@ -21,7 +21,7 @@ Matrix3 crooked_inertia() {
   return r * Vector3(2e-5, 3e-5, 4.5e-5).asDiagonal() * r.transpose();
 }
 
-// One free body, and no other energy: one projected Newton step is exact, whatever the speed.
+// One free body without other energies. One projected Newton step is exact at any speed.
 struct FreeBody {
   explicit FreeBody(const Matrix3& inertia_body, double mass = 1.0, const Vector3& gravity = Vector3::Zero())
       : state(testing::random_state({0, 1}, 3)), inertia({}, 1) {
@@ -49,7 +49,7 @@ TEST(Inertia, Derivatives) {
     const State state = testing::perturbed(start, seed, 0.02, 1.2);
     testing::check_term(inertia, start, 1.0 / 90, state);
   }
-  // Each part alone, so that a stiff one cannot hide an error in a soft one.
+  // A soft part alone, because a stiff part could hide its errors.
   Inertia soft({1e-4}, 1);
   soft.set_dynamic(0, 1e-3, 1e-2 * crooked_inertia(), Vector3::Zero());
   const State soft_start = testing::random_state({1, 1}, 12);
@@ -61,7 +61,7 @@ TEST(Inertia, RefusesMassesThatAreNotPositive) {
   EXPECT_THROW(Inertia({std::numeric_limits<double>::quiet_NaN()}, 0), std::invalid_argument);
 }
 
-TEST(Inertia, FreeFallIsBackwardEulers) {
+TEST(Inertia, FreeFallMatchesBackwardEuler) {
   Inertia inertia({0.5}, 2);
   inertia.set_node_gravity(kGravity);
   inertia.set_dynamic(0, 2.0, Matrix3::Identity(), kGravity);
@@ -79,7 +79,7 @@ TEST(Inertia, FreeFallIsBackwardEulers) {
                 .norm(),
             1e-11);
   EXPECT_LE((state.node_velocities - start.node_velocities - steps * dt * kGravity).norm(), 1e-11);
-  // The held body has gone as its velocity says.
+  // The held body has moved with its velocity.
   EXPECT_LE((state.body_poses[1].position - start.body_poses[1].position - steps * dt * start.body_velocities[1].linear)
                 .norm(),
             1e-11);
@@ -97,14 +97,14 @@ TEST(Inertia, TumblingConservesAngularMomentumToRounding) {
   DenseStepper stepper({&body.inertia}, body.state);
   for (int i = 0; i < 5000; ++i) stepper.step(body.state, 1.0 / 90);
   EXPECT_LE((body.momentum() - before).norm(), 1e-11 * before.norm());
-  // Bounded for ever by the momentum: L^2/(2 I_max) .. L^2/(2 I_min).
+  // The momentum bounds the energy at all times: L^2/(2 I_max) .. L^2/(2 I_min).
   EXPECT_LE(body.inertia.kinetic_energy(body.state), before.squaredNorm() / (2 * 2e-5));
   EXPECT_GE(body.inertia.kinetic_energy(body.state), before.squaredNorm() / (2 * 4.5e-5));
   EXPECT_GT(energy, 0);
 }
 
 TEST(Inertia, FastSpinStaysStableAtAHeadsetsRate) {
-  // 100 rad/s at 90 Hz: 1.1 rad a step, about the stable largest axis with a wobble.
+  // 100 rad/s at 90 Hz are 1.1 rad per step. The body spins about its stable largest axis, with a wobble.
   FreeBody body(Vector3(2e-5, 3e-5, 4.5e-5).asDiagonal());
   body.state.body_velocities[0].angular = Vector3(1, 0, 100);
   const Vector3 before = body.momentum();
@@ -116,7 +116,7 @@ TEST(Inertia, FastSpinStaysStableAtAHeadsetsRate) {
   EXPECT_LE((body.momentum() - before).norm(), 1e-10 * before.norm());
 }
 
-TEST(Inertia, TurnsBeyondTheShortestArcAreCutAndFinite) {
+TEST(Inertia, TurnsBeyondTheShortestArcAreLimitedAndFinite) {
   FreeBody body(Matrix3::Identity());
   body.state.body_velocities[0].angular = Vector3(0, 1000, 0);
   DenseStepper stepper({&body.inertia}, body.state);
@@ -125,7 +125,7 @@ TEST(Inertia, TurnsBeyondTheShortestArcAreCutAndFinite) {
   EXPECT_NEAR(body.state.body_velocities[0].angular.norm(), 270, 1e-6);
 }
 
-TEST(Inertia, KineticEnergy) {
+TEST(Inertia, KineticEnergyMatchesTheClosedForm) {
   Inertia inertia({2.0}, 2);
   inertia.set_dynamic(0, 3.0, Vector3(1, 2, 4).asDiagonal(), Vector3::Zero());
   State state = testing::random_state({1, 2}, 9);

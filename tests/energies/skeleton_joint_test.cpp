@@ -25,7 +25,7 @@ JointModel joint_model(JointKind kind) {
   return model;
 }
 
-// Parent 0 and child 1 with their joint away from both centres; at rest in world axes.
+// Parent 0 and child 1. Their joint is away from both centres and has its own axes.
 JointSite site_of(JointKind kind) {
   return {0,
           1,
@@ -34,7 +34,7 @@ JointSite site_of(JointKind kind) {
           joint_model(kind)};
 }
 
-// The child placed so that the joint is closed and shows the given angles.
+// The child is placed so that the joint is closed and has the given angles.
 State posed(const JointSite& site, const Vector3& angles, std::uint64_t seed = 2) {
   State state = testing::random_state({1, 2}, seed);
   state.body_poses[1] = state.body_poses[0] * site.parent_from_joint * Pose{Vector3::Zero(), rotation_exp(angles)} *
@@ -58,7 +58,7 @@ class EveryKind : public ::testing::TestWithParam<JointKind> {};
 TEST_P(EveryKind, DerivativesAndBalanceAndRigidMotion) {
   const JointSite site = site_of(GetParam());
   JointEnergy joint({site}, {1, 2});
-  // Inside, outside on either side, large, and almost half a turn.
+  // Angles inside the range, outside it on either side, large ones, and almost half a turn.
   for (const Vector3& angles :
        {Vector3(-0.5, 0.1, 0.05), Vector3(0.6, 0.7, -0.2), Vector3(-2.0, -0.9, 0.3), Vector3(1.8, -2.2, 0.8)}) {
     const State state = testing::perturbed(posed(site, angles), 7, 0.004, 0.02);
@@ -68,7 +68,7 @@ TEST_P(EveryKind, DerivativesAndBalanceAndRigidMotion) {
   }
 }
 
-TEST_P(EveryKind, AnglesAreWhatWasSetAndRestCostsNothing) {
+TEST_P(EveryKind, ReturnsTheGivenAnglesAndNoEnergyAtRest) {
   const JointSite site = site_of(GetParam());
   const JointEnergy joint({site}, {1, 2});
   const Vector3 angles(-0.4, 0.2, 0.1);
@@ -95,7 +95,7 @@ TEST(JointEnergy, EachKindLeavesItsOwnAxesFree) {
   EXPECT_NEAR(cost(JointKind::saddle, abducted), 0, 1e-12);
   EXPECT_NEAR(cost(JointKind::hinge, abducted), 0.5 * 10 * 0.04, 1e-12);
   EXPECT_NEAR(cost(JointKind::saddle, twisted), 0.5 * 10 * 0.01, 1e-12);
-  // Beyond the range: 1/2 k_lim excess^2.
+  // Beyond the range the energy is 1/2 k_lim excess^2.
   EXPECT_NEAR(cost(JointKind::hinge, Vector3(-1.8, 0, 0)), 0.5 * 3 * 0.04, 1e-12);
   EXPECT_NEAR(cost(JointKind::hinge, Vector3(0.5, 0, 0)), 0.5 * 3 * 0.09, 1e-12);
   EXPECT_NEAR(cost(JointKind::saddle, Vector3(0, -0.5, 0)), 0.5 * 3 * 0.04, 1e-12);
@@ -126,9 +126,9 @@ TEST(JointEnergy, WholeHandRestsAndBalances) {
   testing::check_term(joints, state, 0.01);
 }
 
-TEST(JointEnergy, TorqueIntoALimit) {
-  // The limit gives torque / k beyond the range (excess +-2 %). The torque: a couple of two opposite forces is not
-  // at hand, so the child's own gravity on an arm; the joint is at the held parent's centre.
+TEST(JointEnergy, ExcessBeyondALimitIsTorqueOverStiffness) {
+  // The angle exceeds the range by torque / k (excess +-2 %). The torque comes from the child's own gravity on an arm,
+  // because a couple of two opposite forces is not available. The joint is at the held parent's centre.
   JointSite site{0, 1, Pose{}, {Vector3(0, 0, 0.02), Quaternion::Identity()}, joint_model(JointKind::hinge)};
   site.model.position_stiffness = 1e7;
   site.model.limit_stiffness = 50;
@@ -138,7 +138,7 @@ TEST(JointEnergy, TorqueIntoALimit) {
   state.body_velocities.assign(2, Twist{});
   state.node_velocities.setZero();
   Inertia inertia({1.0}, 2);
-  inertia.set_dynamic(1, 10.0, 1e-3 * Matrix3::Identity(), Vector3(0, 9.81, 0));  // lifts: extension, +x
+  inertia.set_dynamic(1, 10.0, 1e-3 * Matrix3::Identity(), Vector3(0, 9.81, 0));  // this gravity lifts: extension, +x
   JointEnergy joint({site}, state.layout());
   DenseStepper stepper({&inertia, &joint}, state);
   for (int i = 0; i < 2000; ++i) stepper.step(state, 0.1);

@@ -1,4 +1,4 @@
-// Attachments of eq. 31: the summed form is the sum of the springs, derivatives, balance, rest.
+// Attachments of eq. 31: the summed form equals the sum of the springs. Also tests derivatives, balance and rest.
 #include "energies/skeleton_tissue.hpp"
 
 #include <gtest/gtest.h>
@@ -11,8 +11,8 @@
 namespace softhand {
 namespace {
 
-// The block hand cut down to a corner of its tissue and a few bodies' attachments, small enough for dense differences;
-// attachments are seeded, several a tetrahedron and neighbouring tetrahedra shared between bodies.
+// The block hand with only a corner of its tissue and a few bodies' attachments, small enough for dense differences. A
+// tetrahedron may have several attachments, and bodies share neighbouring tetrahedra.
 HandModel small_hand() {
   HandModel hand = testing::block_hand();
   hand.nodes = {{0, 0, 0}, {0.02, 0, 0}, {0, 0.02, 0}, {0, 0, 0.02}, {0.02, 0.02, 0.02}, {0.03, 0, 0.03}};
@@ -36,7 +36,7 @@ State rest_state(const HandModel& hand) {
   return state;
 }
 
-// Eq. 31 as it is written, spring by spring, with its gradient.
+// Eq. 31 as written, spring by spring, with its gradient.
 double naive(const HandModel& hand, const State& state, VectorX& gradient) {
   const State rest = rest_state(hand);
   const DofLayout layout = state.layout();
@@ -61,7 +61,7 @@ double naive(const HandModel& hand, const State& state, VectorX& gradient) {
   return energy;
 }
 
-TEST(SkeletonTissue, EqualsTheSpringsOneByOne) {
+TEST(SkeletonTissue, EqualsTheSumOfTheSprings) {
   for (const HandModel& hand : {small_hand(), testing::block_hand()}) {
     const State rest = rest_state(hand);
     const SkeletonTissue term(hand, rest.layout());
@@ -89,7 +89,7 @@ TEST(SkeletonTissue, DerivativesAndBalanceAndRigidMotion) {
   }
 }
 
-TEST(SkeletonTissue, RestCostsNothingAndAKilometreAwayNext) {
+TEST(SkeletonTissue, RestHasNoEnergyEvenAKilometreAway) {
   const HandModel hand = testing::block_hand();
   State state = rest_state(hand);
   const SkeletonTissue term(hand, state.layout());
@@ -103,9 +103,9 @@ TEST(SkeletonTissue, RestCostsNothingAndAKilometreAwayNext) {
   EXPECT_LE(term.value(state), 1e-18);
 }
 
-TEST(SkeletonTissue, ABonePulledOutOfHeldTissue) {
-  // Tissue at rest, one bone displaced: the force is the sum of the stiffness of its attachments times the
-  // displacement.
+TEST(SkeletonTissue, DisplacedBoneFeelsTheSummedStiffness) {
+  // The tissue is at rest and one bone is displaced. The force is the summed stiffness of the bone's attachments times
+  // the displacement.
   const HandModel hand = small_hand();
   State state = rest_state(hand);
   const SkeletonTissue term(hand, state.layout());

@@ -1,5 +1,5 @@
-// The tissue's batched kernels against the scalar reference, for every kind of deformation and every instruction set of
-// this processor.
+// Compares the tissue's batched kernels with the scalar reference, for every kind of deformation and every instruction
+// set of this processor.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -30,7 +30,7 @@ Matrix3 random_rotation(Random& random) {
   return Quaternion(random(), random(), random(), random()).normalized().toRotationMatrix();
 }
 
-// Tetrahedra that share nothing, so that each one's results can be looked at.
+// Tetrahedra without common nodes, so that the results of each one can be checked.
 HandModel loose_tetrahedra(int count, Random& random) {
   HandModel hand;
   hand.materials = {{"soft", 1000, 1e5, 0.45, 500, 500},
@@ -74,7 +74,7 @@ Outcome evaluate(Energy& term, const State& state) {
   return outcome;
 }
 
-// Equal bits, and not numbers in the same places.
+// Expects equal numbers, and NaN at the same places.
 void expect_same(std::span<const double> left, std::span<const double> right, const std::string& what) {
   ASSERT_EQ(left.size(), right.size());
   std::size_t different = 0;
@@ -94,7 +94,8 @@ void expect_same(const Outcome& left, const Outcome& right) {
   expect_same(left.exact.values(), right.exact.values(), "exact Hessian");
 }
 
-// Relative to the largest entry of each element: of its gradient with what cancels in it, or of its Hessian.
+// The worst difference, relative to the largest entry of each element's gradient or Hessian. `floor` is the least such
+// scale of each element, because terms of a gradient may cancel.
 double worst_difference(std::span<const double> left, std::span<const double> right, std::size_t entries,
                         const std::vector<double>& floor) {
   double worst = 0;
@@ -111,10 +112,11 @@ double worst_difference(std::span<const double> left, std::span<const double> ri
 
 struct Kind {
   const char* name;
-  Vector3 least, most;  // singular values between these, before their order is drawn
+  Vector3 least, most;  // the range of each singular value
 };
 
-// s_2 + s_3 stays away from zero in relation to s_1: elsewhere the polar rotation is not defined, nor what is compared.
+// s_2 + s_3 stays away from zero relative to s_1. Otherwise the polar rotation is undefined, and so are the compared
+// results.
 const std::vector<Kind> kKinds{{"near rest", Vector3::Constant(0.999), Vector3::Constant(1.001)},
                                {"at rest, turned", Vector3::Ones(), Vector3::Ones()},
                                {"within the strain limit and beyond", Vector3::Constant(0.8), Vector3::Constant(1.2)},
@@ -137,13 +139,13 @@ TEST(TissueKernel, EqualsTheScalarReference) {
     for (int e = 0; e < count; ++e) {
       Vector3 s = kind.least;
       for (int k = 0; k < 3; ++k) s[k] += 0.5 * (random() + 1.0) * (kind.most[k] - kind.least[k]);
-      // Some about coordinate axes and by half a turn, where off-diagonals vanish and differences cancel.
+      // Some rotations are about coordinate axes or by half a turn. There off-diagonals vanish and differences cancel.
       Matrix3 r = random_rotation(random), q = random_rotation(random);
       if (e % 5 == 0) r = Eigen::AngleAxisd(M_PI, random.vector().normalized()).toRotationMatrix();
       if (e % 7 == 0) q = Matrix3::Identity();
       if (e % 11 == 0) r = Matrix3::Identity();
       deform(state, hand, e, r * q * s.asDiagonal() * q.transpose());
-      // Forces of strains of order one: F - R cancels near rest.
+      // The scale is the force at strains of order one, because F - R cancels near rest.
       const Material& m = hand.materials[hand.tetrahedron_material[static_cast<std::size_t>(e)]];
       const CorotationalMaterial c =
           corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
@@ -166,7 +168,7 @@ TEST(TissueKernel, EqualsTheScalarReference) {
   }
 }
 
-TEST(TissueKernel, EnergyOfDegenerateDeformations) {
+TEST(TissueKernel, DegenerateDeformationsGiveTheRightEnergyAndStayFinite) {
   Random random(2);
   const std::vector<Vector3> stretches{{0, 0, 0},          {2, 0, 0},           {1, 1e-8, -1e-8}, {1, 1, -1},
                                        {1, 1, -1 + 1e-12}, {-1, -1, -1},        {3, 3, -3},       {1e3, 1, 1e-8},
@@ -175,7 +177,7 @@ TEST(TissueKernel, EnergyOfDegenerateDeformations) {
   const HandModel hand = loose_tetrahedra(1, random);
   testing::ScalarTissue reference(hand);
   State state = testing::rest_state(hand);
-  // About the origin: a difference of positions would round tiny stretches away.
+  // Centred at the origin. Otherwise a difference of positions would round tiny stretches away.
   HandModel centred = hand;
   for (auto& node : centred.nodes) node -= hand.nodes[0];
   for (const Vector3& s : stretches) {
@@ -215,7 +217,7 @@ TEST(TissueKernel, EachInstructionSetGivesTheSameBits) {
       expect_same(evaluate(tissue, state), expected);
     }
   }
-  // Neighbours that add to the same blocks, inverted ones among them.
+  // Neighbouring elements add to the same blocks. Some elements are inverted.
   const HandModel box = testing::box_mesh({3, 3, 3}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, 0.45, 500, 500});
   State state = testing::rest_state(box);
   for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += 0.004 * random.vector();
@@ -244,7 +246,7 @@ TEST(TissueKernel, TwoThreadsGiveTheBitsOfOne) {
   for (int run = 0; run < 100; ++run) expect_same(evaluate(shared, state), expected);
 }
 
-TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
+TEST(TissueKernel, FloatHessianIsRightToSixDigitsAndTheRestIsUnchanged) {
   const HandModel box = testing::box_mesh({3, 3, 3}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, 0.45, 500, 500});
   for (const double amount : {2e-4, 0.004}) {
     Random random(5);
@@ -259,7 +261,7 @@ TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
       difference = std::max(difference, std::abs(in_float.hessian.values()[k] - expected.hessian.values()[k]));
     }
     EXPECT_LE(difference, 1e-6 * largest);
-    EXPECT_GT(difference, 0) << "that was double";
+    EXPECT_GT(difference, 0) << "the Hessian was computed in double";
     EXPECT_EQ(in_float.value, expected.value);
     expect_same(numbers(in_float.gradient), numbers(expected.gradient), "gradient");
     for (const InstructionSet set : supported_sets()) {
@@ -271,8 +273,8 @@ TEST(TissueKernel, AHessianInFloatIsRightToSixDigitsAndTheRestTheSame) {
   }
 }
 
-// Squares of what little is left of the edges lose their digits, and axes made of them would not be of unit length.
-TEST(TissueKernel, WhatIsAllButAPointStaysPositiveSemidefinite) {
+// The squares of tiny edges lose their digits. Axes made from them would not have unit length.
+TEST(TissueKernel, HessianOfTissueCollapsedToAPointStaysPositiveSemidefinite) {
   Random random(8);
   const int count = 40;
   const HandModel hand = loose_tetrahedra(count, random);
@@ -294,7 +296,7 @@ TEST(TissueKernel, WhatIsAllButAPointStaysPositiveSemidefinite) {
   }
 }
 
-TEST(TissueKernel, NotANumberStaysInItsElement) {
+TEST(TissueKernel, NaNStaysInItsElement) {
   Random random(4);
   const int count = 40, bad = 21;
   const HandModel hand = loose_tetrahedra(count, random);

@@ -1,4 +1,4 @@
-// Co-rotational tissue: polar decomposition, known answers, laws, derivatives.
+// Co-rotational tissue: polar decomposition, known results, invariances, derivatives.
 #include "energies/tissue.hpp"
 
 #include <gtest/gtest.h>
@@ -105,7 +105,7 @@ Eigen::Matrix<double, 9, 9> dense(const CorotationalHessian& h) {
 }
 
 TEST(Corotational, HessianEigenvalues) {
-  // W_max out of reach: below the limit.
+  // W_max is out of reach, so the state is below the limit.
   const CorotationalMaterial material = corotational_material(1e5, 0.45, 1e12, 0);
   const CorotationalState state = evaluate_corotational(material, Vector3(1.2, 0.9, 0.7).asDiagonal());
   const auto eigenvalues = [&](Curvature curvature) {
@@ -118,7 +118,7 @@ TEST(Corotational, HessianEigenvalues) {
   EXPECT_NEAR(exact[2], -55829.23, 0.01);
   for (int k = 3; k < 8; ++k) EXPECT_NEAR(exact[k], 68965.52, 0.01);
   EXPECT_NEAR(exact[8], 1e6, 0.01);
-  // Projected is exactly that with the negative ones clamped.
+  // The projected Hessian has the same eigenvalues, with the negative ones clamped.
   const auto projected = eigenvalues(Curvature::projected);
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(projected[k], 0, 1e-6);
   for (int k = 3; k < 9; ++k) EXPECT_NEAR(projected[k], exact[k], 1e-6);
@@ -142,7 +142,7 @@ TEST(Corotational, FiniteAtDegenerateSingularValues) {
   }
 }
 
-TEST(Corotational, RefusesConstants) {
+TEST(Corotational, RefusesBadConstants) {
   for (const double limit : {0.0, -1.0, double(NAN)})
     EXPECT_THROW(corotational_material(1e5, 0.45, limit, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(0, 0.45, 1, 0), std::invalid_argument);
@@ -150,7 +150,7 @@ TEST(Corotational, RefusesConstants) {
   EXPECT_THROW(corotational_material(1e5, 0.45, 1, -1), std::invalid_argument);
 }
 
-// A distorted brick of tissue: every interior node moved.
+// A distorted brick of tissue: every node is moved.
 HandModel distorted(std::uint64_t seed, double nu = 0.45) {
   HandModel box = testing::box_mesh({2, 2, 2}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, nu, 500, 500});
   Random random(seed);
@@ -167,7 +167,7 @@ TEST(Tissue, Derivatives) {
     const HandModel box = distorted(seed);
     Tissue tissue(box);
     State state = testing::rest_state(box);
-    // Mild: partly below and partly above the strain limit.
+    // Mild deformations, partly below and partly above the strain limit.
     for (const double amount : {0.0002, 0.002}) {
       Random random(seed + 10);
       for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += amount * random.vector();
@@ -198,12 +198,12 @@ TEST(Tissue, RestIsStationaryAndRotationFree) {
   testing::check_balance(tissue, state);
 }
 
-TEST(Tissue, PatchBelowAndAboveTheLimit) {
+TEST(Tissue, PassesThePatchTestBelowAndAboveTheStrainLimit) {
   const HandModel box = distorted(6);
   Tissue tissue(box);
   State state = testing::rest_state(box);
   BlockMatrix matrix = testing::bound_matrix(tissue, state);
-  const int interior = 13;  // of 3 x 3 x 3
+  const int interior = 13;  // the middle one of 3 x 3 x 3 nodes
   Matrix3 affine = Matrix3::Identity();
   affine << 1.02, 0.01, 0, 0, 0.99, 0.015, 0.005, 0, 1.01;
   for (const double amount : {1.0, 12.0}) {
@@ -240,7 +240,7 @@ TEST(Tissue, StatisticsOfUniaxialTension) {
   EXPECT_EQ(tissue.inverted_elements(state), tissue.element_count());
 }
 
-TEST(Tissue, FoldedIsBeyondTheMirrorImageNotJustBeyondFlat) {
+TEST(Tissue, IsFoldedBeyondTheMirrorImageButNotJustBeyondFlat) {
   HandModel box = distorted(7);
   for (Material& material : box.materials) material.strain_limit_energy = 1e9;
   const Tissue tissue(box);
@@ -250,7 +250,7 @@ TEST(Tissue, FoldedIsBeyondTheMirrorImageNotJustBeyondFlat) {
     return tissue.is_folded(state, 0);
   };
   EXPECT_FALSE(folded(1, 1));
-  EXPECT_FALSE(folded(1, 4)) << "it holds more, but is not inside out";
+  EXPECT_FALSE(folded(1, 4)) << "it holds more energy, but it is not inverted";
   EXPECT_FALSE(folded(1, -0.1));
   EXPECT_TRUE(folded(0.8, -0.8));
 }

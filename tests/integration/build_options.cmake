@@ -1,4 +1,6 @@
-# What a build does not want is neither looked for nor compiled nor linked: each option off by itself, and all of them off, configured, and built with this build's objects.
-add_test(NAME build_options COMMAND ${CMAKE_COMMAND} -DSOURCE=${PROJECT_SOURCE_DIR} -DFULL=${PROJECT_BINARY_DIR} -DBINARY=${PROJECT_BINARY_DIR}/build_options
+# A feature that is switched off is neither searched for, nor compiled, nor linked. Each option is off alone in one
+# build, and all options are off in another. These builds are configured, and built with the objects of this build.
+add_test(NAME build_options COMMAND ${CMAKE_COMMAND} -DSOURCE=${PROJECT_SOURCE_DIR} -DFULL=${PROJECT_BINARY_DIR}
+  -DBINARY=${PROJECT_BINARY_DIR}/build_options
          -P ${PROJECT_SOURCE_DIR}/tests/support/check_build_options.cmake)
 set_tests_properties(build_options PROPERTIES TIMEOUT 300)

@@ -1,4 +1,5 @@
-# The wire: our codec against the IDL text and Fast's generator; our DDS layer with itself, with killed processes and with Cyclone DDS.
+# The wire: our codec is compared with the IDL text and with Fast's generator. Our DDS layer is tested with itself, with
+# killed processes and with Cyclone DDS.
 softhand_test(bus_wire ${CMAKE_CURRENT_LIST_DIR}/bus_wire_test.cpp LINK softhand_bus softhand_idl_fast)
 target_compile_definitions(test_bus_wire PRIVATE ENABLE_OLD_LOG_MACROS_=0)
 
@@ -9,4 +10,5 @@ target_link_libraries(cyclone_subscriber PRIVATE softhand_idl_cyclone)
 
 softhand_test(bus ${CMAKE_CURRENT_LIST_DIR}/bus_test.cpp LINK softhand_bus)
 add_dependencies(test_bus bus_publisher cyclone_subscriber)
-target_compile_definitions(test_bus PRIVATE BUS_PUBLISHER="$<TARGET_FILE:bus_publisher>" CYCLONE_SUBSCRIBER="$<TARGET_FILE:cyclone_subscriber>")
+target_compile_definitions(test_bus PRIVATE BUS_PUBLISHER="$<TARGET_FILE:bus_publisher>"
+  CYCLONE_SUBSCRIBER="$<TARGET_FILE:cyclone_subscriber>")

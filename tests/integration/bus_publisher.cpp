@@ -1,4 +1,4 @@
-// bus_publisher DOMAIN STRENGTH: a tracker that a test kills. Its strength stands in the skeleton's `source`.
+// bus_publisher DOMAIN STRENGTH: a tracker that a test kills. The skeleton's `source` holds its strength.
 #include <cstdlib>
 #include <thread>
 

@@ -1,4 +1,4 @@
-// The bus over real DDS. Each case has a process and a domain of its own, so that cases may run side by side.
+// The bus over real DDS. Each test has its own process and its own domain, so that tests may run in parallel.
 #include "bus/bus.hpp"
 
 #include <fcntl.h>
@@ -27,7 +27,7 @@ using Clock = std::chrono::steady_clock;
 
 int test_domain() { return 20 + static_cast<int>(getpid()) % 80; }
 
-/// Polls until true; false after ten seconds, which a healthy bus never needs.
+/// Polls until `f` is true. Returns false after ten seconds. A healthy bus never needs ten seconds.
 template <typename F>
 bool eventually(F&& f) {
   const auto end = Clock::now() + 10s;
@@ -78,7 +78,7 @@ class Child {
     if (input_ >= 0) close(input_);
     input_ = -1;
   }
-  /// Closes its input, waits for its end; all it printed, "name value" a line.
+  /// Closes the child's input and waits for its end. Returns all that it printed, one "name value" per line.
   std::map<std::string, std::string> finish(int& exit_code) {
     close_input();
     std::string text;
@@ -126,7 +126,7 @@ TEST(Bus, EveryTopicCarriesEveryField) {
   });
 }
 
-TEST(Bus, AWriterKnowsWhetherAnybodyReads) {
+TEST(Bus, WriterKnowsWhetherItHasReaders) {
   const Participant here("here", test_domain());
   const Participant there("there", test_domain());
   Writer writer(here, topics::contacts);
@@ -154,8 +154,8 @@ TEST(Bus, TakeLatestGivesTheNewestOnce) {
   EXPECT_FALSE(reader.take_latest(out));
 }
 
-// A device's last command is zero: it must arrive although its writer leaves at once.
-TEST(Bus, TheLastSampleOfADepartingWriterArrives) {
+// A device's last command is zero. It must arrive although its writer leaves at once.
+TEST(Bus, LastSampleOfADepartingWriterArrives) {
   const Participant there("there", test_domain());
   Reader reader(there, topics::device_state);
   constexpr std::uint64_t kBurst = 200;  // the reader has a backlog when the writer goes
@@ -177,7 +177,7 @@ TEST(Bus, TheLastSampleOfADepartingWriterArrives) {
   }
 }
 
-TEST(Bus, OtherHandsArePassedOver) {
+TEST(Bus, ReaderOfOneHandIgnoresOtherHands) {
   const Participant here("here", test_domain());
   const Participant there("there", test_domain());
   Writer writer(here, topics::simulated_skeleton);
@@ -247,7 +247,7 @@ TEST(Bus, EveryMessageArrivesInOrder) {
   for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
 }
 
-TEST(Bus, AMessageReachesWhoeverIsFoundWithinItsLifespan) {
+TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
   const Participant here("here", test_domain());
   Writer writer(here, topics::message);
   Message message;
@@ -256,7 +256,7 @@ TEST(Bus, AMessageReachesWhoeverIsFoundWithinItsLifespan) {
   const Participant there("there", test_domain());
   {
     Reader soon(there, topics::message);
-    ASSERT_TRUE(eventually([&] { return soon.take_latest(message); })) << "not found yet when the message was written";
+    ASSERT_TRUE(eventually([&] { return soon.take_latest(message); })) << "this reader came after the message";
   }
   std::this_thread::sleep_for(std::chrono::milliseconds(topics::message.lifespan_ms + 200));
   Reader late(there, topics::message);
@@ -267,10 +267,10 @@ TEST(Bus, AMessageReachesWhoeverIsFoundWithinItsLifespan) {
     late.take_all([&](const Message& m) { ids.push_back(m.id); });
     return !ids.empty();
   }));
-  EXPECT_EQ(ids, std::vector<std::uint64_t>{2}) << "an old command is obeyed";
+  EXPECT_EQ(ids, std::vector<std::uint64_t>{2}) << "an expired command arrived";
 }
 
-TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
+TEST(Bus, StrongerTrackerOwnsUntilItDies) {
   const Participant here("here", test_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
   const std::string domain = std::to_string(test_domain());
@@ -280,8 +280,8 @@ TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   Child strong({BUS_PUBLISHER, domain, "2"});
   ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 2; }));
   ASSERT_TRUE(eventually([&] { return reader.live_writer_count() == 2; }));
-  // From here on only the strong one is heard. (A loaded machine may starve it for 50 ms: then the weak one rightly
-  // speaks up for a moment.)
+  // From here on only the strong tracker is heard. (A loaded machine may starve it for 50 ms. Then the weak tracker
+  // rightly takes over for a moment.)
   int of_weak = 0;
   int of_strong = 0;
   for (const auto end = Clock::now() + 500ms; Clock::now() < end; std::this_thread::sleep_for(1ms))
@@ -304,7 +304,7 @@ TEST(Bus, TheStrongerTrackerOwnsAndItsDeathHandsOver) {
   std::printf("restart heard after %.1f ms\n", std::chrono::duration<double, std::milli>(Clock::now() - start).count());
 }
 
-TEST(Bus, AWeakerTrackersSamplesEraseNoneOfTheOwners) {
+TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
   const Participant here("here", test_domain());
   const Participant there("there", test_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
@@ -318,8 +318,8 @@ TEST(Bus, AWeakerTrackersSamplesEraseNoneOfTheOwners) {
     writer.write(skeleton);
     std::this_thread::sleep_for(2ms);
   };
-  // Read as slowly as a hand of 90 Hz reads: the weak one's sample is always between the strong one's and the look at
-  // it.
+  // The reader is as slow as a hand at 90 Hz. So samples of the weak tracker always arrive between a sample of the
+  // strong tracker and its reading.
   int of_strong = 0;
   for (int i = 0; i < 100; ++i) {
     send(strong, 2);
@@ -330,7 +330,7 @@ TEST(Bus, AWeakerTrackersSamplesEraseNoneOfTheOwners) {
   EXPECT_GT(of_strong, 80);
 }
 
-TEST(Bus, ANegativeStrengthIsNotTheGreatest) {
+TEST(Bus, NegativeStrengthIsWeakerThanAPositiveOne) {
   const Participant here("here", test_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
   const std::string domain = std::to_string(test_domain());
@@ -343,7 +343,7 @@ TEST(Bus, ANegativeStrengthIsNotTheGreatest) {
 
 }  // namespace
 
-/// device_state as a writer with a greater bound would send it.
+/// device_state as sent by a writer with a larger bound.
 struct LongDeviceState {
   std::uint32_t device = 0;
   HandKey hand;
@@ -377,7 +377,7 @@ TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
     return reader.counters().refused > 0;
   }));
   EXPECT_EQ(reader.counters().received, 0u);
-  state.commands.count = kMaxActuators;  // the same bytes as a proper one
+  state.commands.count = kMaxActuators;  // the same bytes as a valid sample
   ASSERT_TRUE(eventually([&] {
     writer.write(state);
     return reader.take_latest(out);
@@ -402,8 +402,8 @@ TEST(Bus, DomainComesFromTheEnvironment) {
   }
 }
 
-/// The echo of a message through Cyclone's generated C type must be the same bytes, and C must see the values under the
-/// same names.
+/// Sends a message through Cyclone's generated C type and back. The echo must have the same bytes. Returns the values
+/// that the C program printed, by their names.
 template <typename T>
 std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent) {
   setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);

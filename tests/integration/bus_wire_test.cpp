@@ -163,7 +163,7 @@ FieldMap map_of_idl() {
   return map;
 }
 
-TEST(BusWire, FieldsAreThoseOfTheIdl) {
+TEST(BusWire, FieldsMatchTheIdl) {
   FieldMap idl = map_of_idl();
   const std::map<std::string, std::string> plain{{"Vector3", "double"},     {"Quaternion", "double"},
                                                  {"FloatVector3", "float"}, {"FloatVector4", "float"},
@@ -190,8 +190,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
   EXPECT_EQ(names.size(), 15u);
 }
 
-/// A message through Fast's generated type and back must be the same bytes, of the same greatest size, under the same
-/// key.
+/// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.
 template <typename T, typename Generated>
 void expect_same_as_generated(const char* name) {
   SCOPED_TRACE(name);
@@ -234,7 +233,7 @@ void expect_same_as_generated(const char* name) {
   type.deleteData(object);
 }
 
-TEST(BusWire, BytesAreThoseOfFastsGenerator) {
+TEST(BusWire, BytesMatchFastsGenerator) {
 #define SOFTHAND_CHECK(T) expect_same_as_generated<T, v1::T##PubSubType>(#T)
   SOFTHAND_CHECK(Skeleton);
   SOFTHAND_CHECK(HeadPose);
@@ -297,21 +296,21 @@ TEST(BusWire, SequencesAndTextsBeyondTheirBoundsAreRefused) {
   std::vector<std::byte> room(4096);
   EXPECT_EQ(encode(state, room), 0u);
 
-  // No count leads outside the message, though its elements are of variable size.
+  // A bad count never leads outside the message, although its elements have variable sizes.
   const auto world = std::make_unique<WorldObjects>();
   world->objects.count = huge;
   EXPECT_LE(encoded_size(*world), max_encoded_size<WorldObjects>());
   EXPECT_EQ(encode(*world, room), 0u);
 
   Message message;
-  message.value.fill('x');  // no terminating zero: the last character makes room for it
+  message.value.fill('x');  // no terminating zero: it replaces the last character
   const auto cut = bytes_of(message);
   Message back;
   ASSERT_TRUE(decode(cut, back));
   EXPECT_EQ(std::string(back.value.data()), std::string(63, 'x'));
 }
 
-TEST(BusWire, NothingStaysOfAnOlderMessage) {
+TEST(BusWire, DecodingLeavesNothingOfAnOlderMessage) {
   const auto many = filled<ObjectCoupling>(3, true);
   ObjectCoupling few;
   few.twins.push_back({});

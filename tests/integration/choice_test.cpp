@@ -1,4 +1,4 @@
-// Rigs that extend the demo, and a rig that is started anew with another scene and another tracker by message.
+// Rigs that extend the demo, and a rig that messages restart with another scene and another tracker.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -42,21 +42,21 @@ class Choice : public ::testing::Test {
 
 class ShippedRig : public Choice, public ::testing::WithParamInterface<const char*> {};
 
-TEST_P(ShippedRig, ComesUpWithItsTrackerAndStops) {
+TEST_P(ShippedRig, StartsWithItsTrackerAndStops) {
   Ears ears;
   Up up("config/rigs/" + std::string(GetParam()) + ".toml", kFreePorts);
   ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears); })) << up.output();
   EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-" + std::string(GetParam()));
   EXPECT_EQ(ears.counter("rig", "tracker " + std::string(GetParam())), 1);
   EXPECT_EQ(ears.counter("rig", "tracker replay"), 0);
-  // Nobody is seen yet: the hand is nowhere, and nothing is moved.
+  // No hand is tracked yet, so there is no simulated hand.
   EXPECT_TRUE(ears.simulated.empty());
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(8s), 0) << up.output();
 }
 INSTANTIATE_TEST_SUITE_P(Rigs, ShippedRig, ::testing::Values("webxr", "landmarks"));
 
-TEST_F(Choice, StartsAgainWithAnotherTrackerAndAnotherScene) {
+TEST_F(Choice, RestartsWithAnotherTrackerAndAnotherScene) {
   Ears ears;
   bus::Participant participant("chooser");
   bus::Writer<Message> wishes(participant, bus::topics::message);
@@ -65,7 +65,7 @@ TEST_F(Choice, StartsAgainWithAnotherTrackerAndAnotherScene) {
   ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears) && ears.process_id("rig") > 0; })) << up.output();
   EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-replay");
   std::uint64_t id = 0;
-  // What `rig` answered.
+  // Returns the answer of `rig`.
   const auto wish = [&](const char* key, const char* value) {
     Message message;
     message.id = ++id;

@@ -1,6 +1,6 @@
-/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS, prints some fields by name,
- * and writes the sample back, whole, on TOPIC_echo until the reader there has it (standard input closes) or 20 s have
- * passed. Shows the other vendor's view of the wire. */
+/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS. Prints some fields by name.
+ * Then it writes the whole sample on TOPIC_echo, until the reader there has it (standard input closes) or 20 s have
+ * passed. This shows the other vendor's view of the wire. */
 #include <inttypes.h>
 #include <poll.h>
 #include <stdio.h>

@@ -1,2 +1,3 @@
-# The scripts in deploy/ start the same from any folder.
-add_test(NAME deploy_folder COMMAND bash ${PROJECT_SOURCE_DIR}/tests/support/check_deploy_folder.sh ${PROJECT_SOURCE_DIR})
+# The scripts in deploy/ work the same from any folder.
+add_test(NAME deploy_folder COMMAND bash ${PROJECT_SOURCE_DIR}/tests/support/check_deploy_folder.sh
+  ${PROJECT_SOURCE_DIR})

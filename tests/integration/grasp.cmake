@@ -1,4 +1,5 @@
-# The shipped scenes through all loops on the virtual clock. Minutes of computing: one that a sanitizer or no optimiser would make of hours.
+# The shipped scenes through all loops on the virtual clock. They compute for minutes. With a sanitizer or without
+# optimisation they would take hours.
 if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
   return()
 endif()

@@ -1,6 +1,6 @@
-// What the main job promises, through all loops on the virtual clock: the shipped scenes with the shipped hand, and
-// what happens to a held cube when the tracker misbehaves. The smallest shipped hand, for time; `softhand simulate`
-// runs the same scenes with the default one.
+// Acceptance tests of the main task, through all loops on the virtual clock. They run the shipped scenes with a shipped
+// hand, and hold a cube while the tracker misbehaves. They use the smallest shipped hand to save time. `softhand
+// simulate` runs the same scenes with the default hand.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -67,7 +67,7 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   return result;
 }
 
-/// A fault in a grasp shows nothing where there was no grasp.
+/// A fault during a grasp shows nothing if there was no grasp.
 void expect_lifted(const Result& result) {
   EXPECT_GT(result.object_height_max, 0.14);
   EXPECT_GT(result.touched_steps, 100u);
@@ -78,7 +78,7 @@ double number(const Result& result, const char* key) {
   return value.is_number() ? value.get<double>() : std::nan("");
 }
 
-// A pinch that lifts at once and holds for 3 s; the grip is closed at 2.3 s, the cube in the air from 3.3 s.
+// A pinch that lifts at once and holds for 3 s. The grip is closed at 2.3 s. The cube is in the air from 3.3 s on.
 const std::vector<std::string> kHold{"generator.hold_time=3", "generator.lift_time=1"};
 
 std::vector<std::string> with(std::vector<std::string> list, std::initializer_list<std::string> more) {
@@ -94,12 +94,12 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_NEAR(number(result, "turned_deg"), 60, 2);
   EXPECT_LE(number(result, "penetration_p95_mm"), 0.5);
   EXPECT_LT(number(result, "pressing_harder_fraction"), 0.1)
-      << "the figure above is of fingers that press with at most 3 N";
+      << "the penetration above counts only fingers that press with at most 3 N";
   EXPECT_TRUE(result.summary["released"].get<bool>());
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LE(number(result, "finger_coupling_max_n"), 20);
   EXPECT_LE(number(result, "hand_coupling_max_n"), 100);
-  // The books of a whole grasp, with an object that changes hands twice.
+  // The ledgers of a whole grasp, in which the object changes its owner twice.
   ASSERT_GT(result.hand_ledger.total().friction, 0);
   ASSERT_GT(result.hand_ledger.total().damping, 0);
   EXPECT_LE(result.hand_ledger.defect(), 0.01);
@@ -107,7 +107,7 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_LE(result.tracking_ledger.defect(), 0.01);
 }
 
-// Cylinders of 15 to 40 mm radius, in the whole motion with a shorter hold: every finger carries its share.
+// Cylinders with a radius of 15 to 40 mm, in the whole motion with a shorter hold. Every finger carries its share.
 class PowerGrasp : public ::testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(RadiusInMillimetres, PowerGrasp, ::testing::Values(15, 20, 25, 30, 40));
 
@@ -122,23 +122,23 @@ TEST_P(PowerGrasp, AllFingersCarryTheCylinder) {
   EXPECT_NEAR(number(result, "carried_weight_ratio"), 1, 0.02);
   EXPECT_NEAR(number(result, "lifted_mm"), 150, 5);
   EXPECT_NEAR(number(result, "turned_deg"), 60, 2);
-  EXPECT_LT(number(result, "finger_force_max_n"), 15) << "nothing is jammed, and the table is not touched";
+  EXPECT_LT(number(result, "finger_force_max_n"), 15) << "no finger may be jammed or touch the table";
   EXPECT_TRUE(result.summary["released"].get<bool>());
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
 }
 
-// A sliver of it is pressed beyond flat while the hand closes. Putting back what is no tangle took up to 8 J, and the
-// cube out of the hand for a step.
-TEST(PinchLift, PutsNoTissueOfTheDefaultHandBack) {
+// While the hand closes, a sliver of its tissue is pressed beyond flat, but not tangled. Untangling this tissue took up
+// to 8 J, and moved the cube out of the hand for a step.
+TEST(PinchLift, DoesNotUntanglePressedTissueOfTheDefaultHand) {
   const Result result = run("pinch_lift.toml", {}, 0, "right_1450.hand.json");
   EXPECT_LT(number(result, "held_slip_mm"), 1);
   EXPECT_EQ(result.untangled_nodes, 0u);
   EXPECT_LE(result.hand_ledger.excess(), 0.01);
 }
 
-// Few iterations: less exact, but nothing is hurled. With one, the text's fast mode, the cube trembles with the
-// tracker's noise, and the force on a trembling cube is not its weight. The finer pads of the hands that rest half
-// closed tremble more: 0.69 of the weight for one of the three noises.
+// Few iterations are less exact, but nothing may be thrown away. With one iteration (the text's fast mode) the cube
+// trembles with the tracker's noise. The force on a trembling cube is not its weight. The finer pads of the hands with
+// a half-closed rest pose tremble more: the force is 0.69 of the weight for one of the three noises.
 TEST(PinchLift, HoldsWithOneIterationAndWithTwo) {
   for (const char* iterations : {"1", "2"}) {
     for (const char* seed : {"1", "2", "3"}) {
@@ -155,7 +155,7 @@ TEST(PinchLift, HoldsWithOneIterationAndWithTwo) {
   }
 }
 
-TEST(PinchLift, AHeldCubeFeelsAsHeavyAsItIsWhenShaken) {
+TEST(PinchLift, HeldCubeHasItsInertiaWhenShaken) {
   for (const auto& [rate, lowest] : {std::pair{"90", 0.94}, std::pair{"240", 0.98}}) {
     const Result result =
         run("pinch_lift.toml",
@@ -165,7 +165,7 @@ TEST(PinchLift, AHeldCubeFeelsAsHeavyAsItIsWhenShaken) {
   }
 }
 
-TEST(PinchLift, HasTheSameBitsOnEachRunAndOthersWhenOneInputBitDiffers) {
+TEST(PinchLift, HasTheSameBitsOnEachRunAndOthersIfOneInputBitDiffers) {
   const std::vector<std::string> start_in_grip{"tracker.start_time=1.2"};
   // A float factor rounds the last bit of an input away.
   const std::vector<std::string> in_double = with(start_in_grip, {"hand.simulation.solver.factor=double"});
@@ -186,7 +186,7 @@ TEST(HeldCube, DoesNotSlipWhileTheTrackerIsFrozen) {
   EXPECT_LT(result.object_speed_max, 1);
 }
 
-TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
+TEST(HeldCube, IsNotThrownWhenTheTrackerJumpsTenMetres) {
   const Result result =
       run("pinch_lift.toml", with(kHold, {"tracker.teleport_at=3.8", "tracker.teleport_time=0.5"}), 6.5);
   expect_lifted(result);
@@ -195,7 +195,7 @@ TEST(HeldCube, IsNotHurledWhenTheTrackerJumpsTenMetres) {
   EXPECT_LT(result.object_speed_max, 5);
 }
 
-// By a message, out of the fingers: at rest, and it is not pulled back to who held it.
+// A message takes the cube out of the fingers. Then the cube is at rest, and the hand does not pull it back.
 TEST(HeldCube, StaysWhereAMessagePutsIt) {
   for (const auto& [key, value, place] :
        {std::tuple{"object.reset", "cube", Vector3(0, 0.02, 0)}, std::tuple{"object.reset", "*", Vector3(0, 0.02, 0)},
@@ -225,14 +225,14 @@ TEST(HeldCube, StaysWhereAMessagePutsIt) {
       set_text(message.value, value);
       rig.send(message);
     });
-    EXPECT_GT(height, 0.1) << "held, and lifted";
+    EXPECT_GT(height, 0.1) << "the cube must be held and lifted";
     EXPECT_LE((position - place).norm(), 2e-3);
-    // In the step in which it is put the world's last word of it may still be of before.
+    // In the step after the message, the last state from the world may still be an earlier one.
     EXPECT_LE(fastest, 0.1);
   }
 }
 
-TEST(HeldCube, StaysWhereABoneIsNotANumber) {
+TEST(HeldCube, StaysInTheHandWhenABoneIsNaN) {
   const Result result =
       run("pinch_lift.toml",
           with(kHold, {"tracker.nan_at=3.8", "tracker.nan_time=1", "tracker.nan_joint=index_distal"}), 6.5);
@@ -242,17 +242,17 @@ TEST(HeldCube, StaysWhereABoneIsNotANumber) {
   EXPECT_LE(number(result, "held_slip_mm"), 1);
 }
 
-// The text's spring that pulls both copies: weighs wrong (docs/coupling-objects.md), but nothing may grow.
-TEST(HeldCube, NothingGrowsWithTheSymmetricSpring) {
+// The text's spring pulls both copies. It gives a wrong weight (docs/coupling-objects.md), but it must be stable.
+TEST(HeldCube, IsStableWithTheSymmetricSpring) {
   const Result result = run("pinch_lift.toml", with(kHold, {"world.mode=symmetric"}), 6.5);
   expect_lifted(result);
   EXPECT_EQ(result.summary["nonfinite_published"], 0);
   EXPECT_LT(result.object_speed_max, 2);
 }
 
-// Pressed tissue is no tangle: with 1,450 nodes a crease of the little finger stays pressed beyond its limit while the
-// fist is closed.
-TEST(Fist, LeavesTheTissueWholeEachTime) {
+// Pressed tissue is not tangled. With 1,450 nodes, a crease of the little finger stays pressed beyond its limit while
+// the fist is closed.
+TEST(Fist, LeavesTheTissueIntact) {
   const Result result = run("pinch_lift.toml",
                             {"generator.motion=fist", "generator.object_position=[0,0.5,0]", "generator.free_time=8",
                              "tracker.position_noise=0", "tracker.rotation_noise=0"},

@@ -1,4 +1,4 @@
-// softhand-hand with hand.model = "auto" measures at its start, and says in its log and in its status what it chose.
+// softhand-hand with hand.model = "auto" measures at start. It reports the chosen size in its log and in its status.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -23,7 +23,7 @@ TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
   EXPECT_EQ(up.wait(8s), 0) << up.output();
 }
 
-TEST(AutoHand, AFixedSizeStaysAndHasABudgetOfWork) {
+TEST(AutoHand, FixedSizeIsUsedAndHasAWorkBudget) {
   use_own_domain();
   Ears ears;
   Up up("tests/integration/rig_hand_alone.toml", {"--hand", "right_750.hand.json"});

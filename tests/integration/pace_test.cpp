@@ -1,4 +1,4 @@
-// The rig's simulated clock: every process keeps to it, also one that is started later; devices do not.
+// The rig's simulated clock. Every process follows it, also one that is started later. Devices do not.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -18,19 +18,19 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr const char* kDemo = "config/rigs/demo.toml";
-constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, for ever
+constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers stay on a fixed post
 constexpr std::uint32_t kHaptic = 1, kTactile = 2;                  // device ids of both
 constexpr std::uint32_t kCube = 2;                                  // of the demo's objects
-constexpr Nanoseconds kLate = 150'000'000;  // from sampling to publishing, on a machine that is busy with other things
+constexpr Nanoseconds kLate = 150'000'000;  // from sampling to publishing, on a machine with other load
 constexpr const char* kModules[] = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
 
 template <typename T>
 bus::Topic<T> deep(bus::Topic<T> topic) {
-  topic.depth = 512;  // none is passed over
+  topic.depth = 512;  // no sample may be dropped
   return topic;
 }
 
-/// Commands a rig and hears on which clock its simulation is published.
+/// Commands a rig, and records on which clock its simulation is published.
 class Pacer {
  public:
   Pacer()
@@ -48,7 +48,7 @@ class Pacer {
   std::map<std::string, std::vector<Times>> heard;
   std::map<std::string, std::uint32_t> answers;  // to the last command
 
-  /// The clock as commanded, for comparison, is this process's own.
+  /// Sends a command to the rig. This process's own clock, `control`, gets the same command for comparison.
   void command(const std::string& key, const std::string& value) {
     Message message;
     message.id = ++id_;
@@ -70,7 +70,7 @@ class Pacer {
     });
   }
 
-  /// Forgets what was heard, then listens.
+  /// Clears `heard`, then listens.
   void listen(Ears& ears, std::chrono::milliseconds duration) {
     poll();
     heard.clear();
@@ -80,8 +80,8 @@ class Pacer {
     });
   }
 
-  /// Every sample of these processes is of the simulated time at which it was published, but for the way there and
-  /// back.
+  /// Every sample of these processes must have the simulated time at which it was published, apart from a delay up to
+  /// `kLate`.
   void expect_on_clock(std::initializer_list<const char*> processes) {
     for (const char* process : processes) {
       EXPECT_GT(heard[process].size(), 3u) << process;
@@ -117,7 +117,7 @@ class Pace : public ::testing::Test {
   }
 };
 
-TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
+TEST_F(Pace, AllLoopsSlowDownTogetherAndARestartedOneToo) {
   Ears ears;
   Pacer pacer;
   Up up(kTouch, {});
@@ -137,7 +137,7 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
   ears.listen(300ms);
   pacer.listen(ears, 2000ms);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
-  // Half as many in twice the time.
+  // At a quarter of the pace, twice the time gives half as many samples.
   EXPECT_LT(static_cast<double>(pacer.heard["world"].size()), 0.8 * static_cast<double>(steps_at_full_pace));
   for (const auto& [process, samples] : pacer.heard) {
     const double pace = static_cast<double>(samples.back().sampled - samples.front().sampled) /
@@ -159,10 +159,10 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndALaterOneJoinsThem) {
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
   EXPECT_GT(static_cast<double>(pacer.heard["world"].size()), 0.5 * static_cast<double>(steps_at_full_pace));
   EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
-      << "devices come back";
+      << "the devices must come back";
 }
 
-TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
+TEST_F(Pace, PausesWithDevicesAtZeroAndAdvancesInSteps) {
   Ears ears;
   Pacer pacer;
   Up up(kTouch, {});
@@ -172,7 +172,7 @@ TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
   ears.listen(500ms);
   pacer.listen(ears, 500ms);
   for (const auto& [process, samples] : pacer.heard) EXPECT_EQ(samples.size(), 0u) << process;
-  // Devices are written to in real time, and told nothing new.
+  // Devices are still written to in real time, with zero commands.
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const Nanoseconds since = now() - 400'000'000;
     ASSERT_GT(ears.devices[device].back().time, since) << device;
@@ -192,7 +192,7 @@ TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
   });
   EXPECT_EQ(pacer.control.clock().at(now()) - before, 100'000'000);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
-  EXPECT_LE(pacer.heard["hand"].size(), 10u);  // 9 by the grid
+  EXPECT_LE(pacer.heard["hand"].size(), 10u);  // 9 on the grid
   EXPECT_LE(pacer.heard["world"].size(), 26u);
   for (const auto& [process, samples] : pacer.heard) EXPECT_LE(samples.back().sampled, before + 100'000'000) << process;
 
@@ -205,7 +205,7 @@ TEST_F(Pace, StandsWithDevicesAtZeroAndGoesOnByPieces) {
   EXPECT_EQ(pacer.answers["haptic"], kReplyRefused);
 }
 
-TEST_F(Pace, StartsOver) {
+TEST_F(Pace, ResetStartsOver) {
   Ears ears;
   Pacer pacer;
   Up up(kDemo, {});
@@ -218,13 +218,13 @@ TEST_F(Pace, StartsOver) {
     const double motion_start = ears.counter("tracker", "motion_start_s");
     ears.listen(500ms);
     EXPECT_GT(ears.counter("tracker", "motion_start_s"), motion_start);
-    // At its start, at rest, and nobody drags it off.
+    // The cube is at its start and at rest. No hand drags it away.
     const Vec3& cube = ears.objects.at(kCube);
     EXPECT_NEAR(cube[0], 0, 0.002);
     EXPECT_NEAR(cube[1], 0.02, 0.002);
     EXPECT_NEAR(cube[2], 0, 0.002);
   }
-  EXPECT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "lifted again";
+  EXPECT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "the cube must be lifted again";
 }
 
 }  // namespace

@@ -1,14 +1,18 @@
-# Whole rigs of real processes and ears on their topics; `softhand report stress` has a rig too.
+# Whole rigs of real processes, and readers of their topics. `softhand report stress` also uses this library.
 softhand_library(rig_harness ${CMAKE_CURRENT_LIST_DIR}/rig_harness.cpp LINK softhand_bus)
 target_include_directories(softhand_rig_harness PUBLIC ${PROJECT_SOURCE_DIR}/tests)
-target_compile_definitions(softhand_rig_harness PUBLIC SOFTHAND_PROGRAMS="${PROJECT_BINARY_DIR}/bin" PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+target_compile_definitions(softhand_rig_harness PUBLIC SOFTHAND_PROGRAMS="${PROJECT_BINARY_DIR}/bin"
+  PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
 
-# They come up, survive the death of each, refuse a tracker's faults, answer messages. Real time: one at a time, and only of a build that keeps up with it.
+# The processes start, survive the death of each process, refuse a tracker's faults, and answer messages. These tests
+# run in real time: one at a time, and only in a build that is fast enough.
 if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
   return()
 endif()
 add_executable(test_rig ${CMAKE_CURRENT_LIST_DIR}/rig_test.cpp)
-target_link_libraries(test_rig PRIVATE softhand_options softhand_rig_harness softhand_runtime GTest::gtest GTest::gtest_main)
+target_link_libraries(test_rig PRIVATE softhand_options softhand_rig_harness softhand_runtime GTest::gtest
+  GTest::gtest_main)
 target_compile_definitions(test_rig PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
-add_dependencies(test_rig softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay softhand-haptic-log softhand-tactile-log)
+add_dependencies(test_rig softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay
+  softhand-haptic-log softhand-tactile-log)
 gtest_discover_tests(test_rig DISCOVERY_MODE PRE_TEST PROPERTIES RUN_SERIAL TRUE TIMEOUT 120)

@@ -1,5 +1,5 @@
-// A rig of real processes under `softhand up`, and ears on its topics. Figures come from the messages' own stamps, so
-// that they do not depend on when the test got to run.
+// A rig of real processes under `softhand up`, and readers of its topics. Times come from the messages' own stamps, so
+// they do not depend on when the test ran.
 #pragma once
 
 #include <sys/types.h>
@@ -19,23 +19,23 @@ namespace softhand::rig {
 /// Sets SOFTHAND_DOMAIN of this process, and so of its children, to one that other tests on this machine hardly use.
 void use_own_domain();
 
-/// A finished program: exit code and what it printed on stdout and stderr together.
+/// A finished program: its exit code, and its output on stdout and stderr together.
 struct Finished {
   int exit_code = -1;
   std::string output;
 };
 Finished run_program(const std::vector<std::string>& command);
 
-/// `softhand up`, running. Ends with its handle.
+/// A running `softhand up`. The destructor ends it.
 class Up {
  public:
-  /// `rig` relative to the source tree.
+  /// `rig` is relative to the source tree.
   Up(const std::string& rig, const std::vector<std::string>& arguments);
   ~Up();
   Up(const Up&) = delete;
   Up& operator=(const Up&) = delete;
   void send_signal(int number) const;
-  /// Exit code, or -1 where it did not end in time.
+  /// Returns the exit code, or -1 if the process did not end in time.
   int wait(std::chrono::milliseconds timeout);
   std::string output() const;
 
@@ -44,15 +44,15 @@ class Up {
   std::string log_;
 };
 
-/// True while a process with this id exists and is no zombie.
+/// True while a process with this id exists and is not a zombie.
 bool is_alive(std::uint32_t process_id);
 
-/// Everything that is published, as far as the tests ask.
+/// Reads all published data that the tests need.
 class Ears {
  public:
   Ears();
   void poll();
-  /// Polls until `done`; false where that took longer than `timeout`.
+  /// Polls until `done`. Returns false if this takes longer than `timeout`.
   bool wait(std::chrono::milliseconds timeout, const std::function<bool()>& done);
   void listen(std::chrono::milliseconds duration) {
     wait(duration, [] { return false; });
@@ -67,9 +67,8 @@ class Ears {
   struct HandSample {
     Nanoseconds time;  // published
     std::uint64_t epoch;
-    Nanoseconds tracker_sample;  // that led to it; 0 = none
-    double
-        follow_error;  // m, mean distance of its joints from the tracked ones; negative = nothing tracked at its time
+    Nanoseconds tracker_sample;  // the one that led to this sample; 0 = none
+    double follow_error;  // m, mean distance of its joints from the tracked ones; negative: no tracked hand at its time
     Vec3 wrist;
   };
   struct TrackedSample {
@@ -78,7 +77,7 @@ class Ears {
     std::uint32_t source;
     std::array<Vec3, kJointCount> joints;
   };
-  std::map<std::string, LoopStatus> modules;                   ///< newest of each
+  std::map<std::string, LoopStatus> modules;                   ///< newest status of each module
   std::map<std::string, std::map<std::string, double>> peaks;  ///< largest value of each counter, by module
   std::map<std::uint32_t, std::deque<DeviceSample>> devices;
   std::deque<HandSample> simulated;
@@ -86,7 +85,7 @@ class Ears {
   std::map<std::uint32_t, Vec3> objects;       ///< newest position by the world's number, m
   std::map<std::string, std::uint64_t> heard;  ///< samples by topic
   std::map<std::string, std::uint64_t>
-      nonfinite;  ///< of these, those with a number that is none, where the joint or object is said to be valid
+      nonfinite;  ///< of these, samples with NaN or infinity in a valid joint or object
 
   double counter(const std::string& module, const std::string& name) const;
   /// -1 before its first status.

@@ -1,5 +1,5 @@
-// The demo with real processes: up, killed one by one, with two trackers, with a tracker's faults, asked by messages.
-// Times are asserted with room for a busy machine; what was measured is printed.
+// The demo with real processes: start, death of each process, two trackers, faults of a tracker, and messages. The time
+// limits leave room for a busy machine. Measured times are printed.
 #include <gtest/gtest.h>
 #include <sched.h>
 #include <signal.h>
@@ -23,16 +23,16 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr const char* kDemo = "config/rigs/demo.toml";
-constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, for ever
+constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers stay on a fixed post
 const std::set<std::string> kModules{"world", "hand", "tracking", "haptic", "tactile", "tracker"};
 constexpr std::uint32_t kHaptic = 1;  // device ids of the demo
 constexpr std::uint32_t kTactile = 2;
 constexpr double kFollows =
-    0.02;  // m, mean over the joints: a hand that lags, presses or holds, but goes where the tracked one goes
+    0.02;  // m, mean over the joints: enough for a hand that lags, presses or holds, but follows the tracked one
 
-// From a kill, ms. Promised is 1000; these are for a machine that is six to nine times oversubscribed (load 12 to 19 on
-// two cores), where seven runs gave up to 980, and of the tracker, which solves its grip anew and whose motion begins
-// anew, 520 to 2220.
+// Limits for the time from a kill, ms. The promised value is 1000. These limits are for a machine that is six to nine
+// times oversubscribed (load 12 to 19 on two cores). Seven runs on such a machine gave up to 980 for the other
+// processes. They gave 520 to 2220 for the tracker, which solves its grip again and starts its motion again.
 constexpr double kFollowsWithin = 2000;
 constexpr double kFollowsTrackerWithin = 3000;
 
@@ -46,7 +46,7 @@ class Rig : public ::testing::Test {
   static bool all_present(const Ears& ears) {
     return std::all_of(kModules.begin(), kModules.end(), [&](const std::string& m) { return ears.process_id(m) > 0; });
   }
-  /// Follows with tracker samples taken after `since`, in each of the last `count` steps.
+  /// True if the hand follows tracker samples taken after `since`, in each of the last `count` steps.
   static bool follows(const Ears& ears, Nanoseconds since, std::size_t count = 10) {
     if (ears.simulated.size() < count) return false;
     return std::all_of(ears.simulated.end() - static_cast<std::ptrdiff_t>(count), ears.simulated.end(),
@@ -63,7 +63,7 @@ class Rig : public ::testing::Test {
   }
 };
 
-TEST_F(Rig, DemoComesUpFollowsAndStops) {
+TEST_F(Rig, DemoStartsFollowsAndStops) {
   Ears ears;
   std::set<std::uint32_t> processes;
   {
@@ -82,8 +82,8 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
       EXPECT_LT(status.rate_hz, 1.1 * status.nominal_rate_hz) << module;
       EXPECT_GE(status.step_ms_p999, status.step_ms_p99) << module;
     }
-    // The live list of a loop of physics; whether books balance is told on the virtual clock, where every step has the
-    // time that it needs.
+    // A physics loop publishes these values. Whether its ledger closes is tested on the virtual clock, where every step
+    // has enough time.
     const LoopStatus& hand = ears.modules.at("hand");
     EXPECT_GT(hand.iterations, 0u);
     EXPECT_GT(hand.coupling_stretch, 0);
@@ -98,7 +98,7 @@ TEST_F(Rig, DemoComesUpFollowsAndStops) {
     EXPECT_EQ(up.wait(8s), 0) << "not a clean stop:\n" << up.output();
   }
   for (const std::uint32_t process : processes) EXPECT_FALSE(is_alive(process)) << "orphan " << process;
-  // On exit a device is left at zero.
+  // On exit, devices are left at zero.
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     EXPECT_TRUE(ears.wait(1s, [&] { return !ears.devices[device].back().live; })) << device;
     EXPECT_EQ(ears.devices[device].back().largest_command, 0) << device;
@@ -142,7 +142,7 @@ TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
   EXPECT_TRUE(summary["clean_stop"].get<bool>());
 }
 
-// What each death does to the devices: whose input dies is zeroed by its own stale timer.
+// The effect of each death on the devices. If the input of a device dies, the device's own stale timer zeroes it.
 struct Death {
   const char* module;
   std::vector<std::uint32_t> zeroed;  // devices
@@ -151,7 +151,7 @@ void PrintTo(const Death& death, std::ostream* out) { *out << death.module; }
 
 class RigDeath : public Rig, public ::testing::WithParamInterface<Death> {};
 
-TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
+TEST_P(RigDeath, OthersLiveDevicesAreZeroedAndTheHandFollowsAfterARestart) {
   const std::string victim = GetParam().module;
   Ears ears;
   Up up(kTouch, {});
@@ -167,8 +167,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(before[victim]), SIGKILL), 0);
 
-  // A device whose input lives is not disturbed; one whose input died goes to zero, and stays there until its input is
-  // back.
+  // A device whose input lives is not disturbed. A device whose input died goes to zero and stays there until its input
+  // is back.
   ears.listen(60ms);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const bool itself = (victim == "haptic" && device == kHaptic) || (victim == "tactile" && device == kTactile);
@@ -187,7 +187,7 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
       EXPECT_LT(milliseconds, 150) << "device " << device;
       std::printf("%s killed: device %u zero after %.1f ms\n", victim.c_str(), device, milliseconds);
     } else {
-      EXPECT_EQ(first_zero(), nullptr) << "device " << device << " lost a command whose input lives";
+      EXPECT_EQ(first_zero(), nullptr) << "device " << device << " was zeroed although its input lives";
     }
   }
 
@@ -208,7 +208,8 @@ TEST_P(RigDeath, OthersLiveDevicesZeroItIsRestartedAndTheHandFollows) {
     ASSERT_TRUE(
         ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
         << "device " << device;
-    // When it came on for good: after the last sample that was not live, or the first of a new process.
+    // From this sample on the device stays live. It follows the last sample that was not live, or it is the first
+    // sample of a new process.
     const auto& samples = ears.devices[device];
     auto on = samples.end() - 1;
     while (on != samples.begin() && (on - 1)->live && (on - 1)->epoch == on->epoch && (on - 1)->time > killed) --on;
@@ -234,14 +235,14 @@ INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
                                            Death{"tactile", {}}),
                          [](const auto& death) { return std::string(death.param.module); });
 
-TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
+TEST_F(Rig, StrongerTrackerOwnsTheHandUntilItDies) {
   Ears ears;
   Up up("tests/integration/rig_two_trackers.toml", {});
   const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
   ASSERT_TRUE(ears.wait(20s, [&] {
     return ears.process_id("weak") > 0 && ears.process_id("strong") > 0 && owner() == 2;
   })) << up.output();
-  ears.listen(500ms);  // the change itself is not judged
+  ears.listen(500ms);  // the change itself is not tested
   const Nanoseconds settled = now();
   ears.listen(2s);
   const auto since = [&](Nanoseconds time, std::uint32_t source) {
@@ -249,12 +250,12 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
                          [&](const auto& s) { return s.published > time && s.source == source; });
   };
   EXPECT_GT(since(settled, 2), 100);
-  EXPECT_EQ(since(settled, 1), 0) << "the weaker tracker was heard beside the stronger";
-  EXPECT_GT(ears.counter("weak", "published"), 100) << "the weaker tracker did not publish: this shows nothing";
+  EXPECT_EQ(since(settled, 1), 0) << "the weaker tracker was heard although the stronger one lives";
+  EXPECT_GT(ears.counter("weak", "published"), 100) << "the weaker tracker did not publish: this test shows nothing";
 
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(ears.process_id("strong")), SIGKILL), 0);
-  ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "nobody took the hand over";
+  ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "no tracker took the hand over";
   const auto taken = std::find_if(ears.tracked.begin(), ears.tracked.end(),
                                   [&](const auto& s) { return s.published > killed && s.source == 1; });
   std::printf("handed over after %.1f ms\n", milliseconds_between(killed, taken->published));
@@ -263,27 +264,28 @@ TEST_F(Rig, TheStrongerTrackerOwnsTheHandAndHandsItOver) {
   EXPECT_TRUE(ears.wait(10s, [&] { return owner() == 2; })) << "the restarted tracker did not get the hand back";
 }
 
-TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
+TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   constexpr std::uint32_t kCube = 2;
   constexpr double kHoldBegins = 5.3;  // s of the motion
-  // A long approach: the hand's service is up before the stronger tracker, which is started first, closes the fingers.
+  // The approach is long. So the hand's service is up before the stronger tracker, which is started first, closes the
+  // fingers.
   const std::vector<std::string> hold{"--set", "generator.hold_time=60", "--set", "generator.approach_time=3"};
   Ears ears;
-  // The stronger tracker under a supervisor of its own, which dies with it, so that nobody starts it again: it would
-  // begin its motion anew and own the hand.
+  // The stronger tracker has its own supervisor, which dies with it. So nobody restarts this tracker. A restarted
+  // tracker would begin its motion again and own the hand.
   Up strong("tests/integration/rig_strong_tracker.toml", hold);
   Up up(kDemo, hold);
   const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
   const auto holds_since = [&](const char* module) {
     const double start = ears.counter(module, "motion_start_s");
     return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins
-                     : -1.0;  // NaN before it is known: not > 0
+                     : -1.0;  // the start is NaN before it is known, and NaN is not > 0
   };
   ASSERT_TRUE(ears.wait(30s, [&] {
     return all_present(ears) && holds_since("tracker") > 1 && holds_since("strong") > 1;
   })) << up.output();
   ASSERT_EQ(owner(), 2u);
-  ASSERT_GT(ears.objects[kCube][1], 0.14) << "the cube was not lifted: this shows nothing";
+  ASSERT_GT(ears.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
 
   strong.send_signal(SIGKILL);
   ASSERT_TRUE(ears.wait(5s, [&] { return owner() != 2; }));
@@ -300,8 +302,10 @@ TEST_F(Rig, AHeldCubeSurvivesTheHandoverBetweenTrackers) {
 
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   Ears ears;
-  // One motion with all three: 10 m away from 2 s to 3 s, one bone not a number from 4 s to 4.5 s, nothing from 5.5 s
-  // to 7.5 s.
+  // One motion has all three faults.
+  // - The hand is 10 m away from 2 s to 3 s.
+  // - One bone is NaN from 4 s to 4.5 s.
+  // - No samples come from 5.5 s to 7.5 s.
   Up up(kDemo, {"--set", "generator.motion=free_motion", "--set", "generator.object_position=[0,0.5,0]", "--set",
                 "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1",
                 "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
@@ -317,21 +321,20 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
     return motion_time(now()) > 9;
   }));
 
-  // Teleport: counted there and back; the simulated hand went along and came back, at no more than a hand's speed apart
-  // from the two jumps.
+  // The teleport is counted twice, there and back. The simulated hand jumps along and comes back.
   EXPECT_EQ(ears.counter("tracking", "repositioned"), 2);
   EXPECT_GE(ears.counter("hand", "repositioned"), 2);
   double farthest = 0;
   for (const auto& sample : ears.simulated) farthest = std::max(farthest, std::abs(sample.wrist[0]));
   EXPECT_NEAR(farthest, 10, 1);
-  // The bone that is no number: refused for half a second at 90 Hz, its place inferred; the rest of the hand goes on.
+  // The bone with NaN is refused for half a second at 90 Hz, and its place is inferred. The rest of the hand goes on.
   EXPECT_NEAR(ears.counter("tracking", "refused_nonfinite"), 45, 15);
   EXPECT_GT(ears.counter("tracking", "inferred"), 0);
-  // The freeze: seen as stale and over.
+  // The freeze is reported as stale, and then as over.
   EXPECT_EQ(ears.peaks["tracking"]["stale"], 1);
   EXPECT_EQ(ears.counter("tracking", "stale"), 0);
   EXPECT_GT(largest_step_age, 1500);
-  // While frozen, the simulated hand stays where it was: no drift, no drop.
+  // During the freeze the simulated hand stays where it is: no drift, no drop.
   Vec3 frozen{};
   double drift = 0;
   bool any = false;
@@ -359,7 +362,7 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   const auto send = [](const std::string& module, const std::string& key, const std::string& value) {
     return run_program({SOFTHAND_PROGRAMS "/softhand", "send", module, key, value});
   };
-  /// Module -> result, of what `softhand send` prints.
+  /// Module -> result, from the output of `softhand send`.
   const auto answers = [](const Finished& sent) {
     std::map<std::string, std::string> results;
     std::istringstream lines(sent.output);
@@ -405,9 +408,9 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   EXPECT_EQ(refused.exit_code, 1);
 }
 
-// The helper and the thread that it helps stay on a core each, with the same urgency; DDS's threads, which have as
-// much, go where there is room. With one core there is no helper, and nobody is bound to less than there is.
-TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
+// The helper and the thread that it helps are bound to one core each, with the same scheduling policy. The threads of
+// DDS have this policy too, but they may use every core. With one core there is no helper, and no thread is bound.
+TEST_F(Rig, TwoThreadsOfTheHandBindOnlyThemselvesToCores) {
   cpu_set_t usable;
   ASSERT_EQ(sched_getaffinity(0, sizeof usable, &usable), 0);
   Ears ears;
@@ -427,11 +430,11 @@ TEST_F(Rig, TwoThreadsOfTheHandBindNoOtherToTheirCores) {
   EXPECT_LE(policies.size(), 1u);
 }
 
-TEST_F(Rig, ATrackerThatStartsItsMotionAgainIsFollowedAtOnce) {
+TEST_F(Rig, FollowsATrackerThatRestartsItsMotionAtOnce) {
   Ears ears;
   Up up(kDemo, {});
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && follows(ears, 0); })) << up.output();
-  ears.listen(3s);  // for as long samples of the new motion were refused
+  ears.listen(3s);  // earlier, samples of the new motion were refused for as long as the old motion had run
   const double refused = ears.counter("tracking", "refused_order");
   ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "tracker", "restart", "now"}).exit_code, 0);
   const Nanoseconds sent = now();
@@ -440,7 +443,7 @@ TEST_F(Rig, ATrackerThatStartsItsMotionAgainIsFollowedAtOnce) {
   EXPECT_LE(ears.counter("tracking", "refused_order"), refused + 2);
 }
 
-TEST_F(Rig, NothingIsSentThatNobodyReads) {
+TEST_F(Rig, SendsSurfacesOnlyWhileSomebodyReadsThem) {
   Ears ears;
   Up up(kDemo, {});
   ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
@@ -457,10 +460,10 @@ TEST_F(Rig, NothingIsSentThatNobodyReads) {
     ears.listen(300ms);
     EXPECT_GT(ears.counter("hand", "surfaces_sent"), 20);
   }
-  ears.listen(1s);  // the reader has taken its leave
+  ears.listen(1s);  // until the writer knows that the reader has gone
   const double sent = ears.counter("hand", "surfaces_sent");
   ears.listen(1s);
-  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), sent) << "sent on after the reader had gone";
+  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), sent) << "surfaces were sent after the reader had gone";
 }
 
 }  // namespace

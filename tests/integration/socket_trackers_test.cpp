@@ -26,7 +26,7 @@ using namespace std::chrono_literals;
 
 std::string scene() { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/demo.toml"; }
 
-/// A tracker on any free port. Ends with its handle.
+/// A tracker on any free port. The destructor ends it.
 class Tracker {
  public:
   Tracker(const std::string& program, const std::string& section) {
@@ -96,7 +96,7 @@ class Client {
       frame +=
           {static_cast<char>(0x80 | 126), static_cast<char>(bytes.size() >> 8), static_cast<char>(bytes.size() & 255)};
     }
-    frame += std::string(4, '\0');  // the mask that clients owe may be zero
+    frame += std::string(4, '\0');  // clients must send a mask, which may be zero
     frame += bytes;
     ::send(socket_, frame.data(), frame.size(), MSG_NOSIGNAL);
   }
@@ -112,7 +112,7 @@ struct Ears {
         skeletons(participant, bus::topics::tracked_skeleton),
         heads(participant, bus::topics::head_pose),
         statuses(participant, bus::topics::loop_status) {}
-  // Sends at 100 Hz until `done`; false after ten seconds.
+  // Sends at 100 Hz until `done`. Returns false after ten seconds.
   template <typename Send, typename Done>
   bool until(Send&& send, Done&& done) {
     for (int i = 0; i < 1000; ++i) {
@@ -151,7 +151,7 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
   EXPECT_FALSE(Client(tracker, "http://elsewhere.example").accepted());
   Client page(tracker, "http://localhost:8080");
   ASSERT_TRUE(page.accepted());
-  const double zero = static_cast<double>(now()) * 1e-6 - 5000;  // of the page's clock, ms
+  const double zero = static_cast<double>(now()) * 1e-6 - 5000;  // the zero of the page's clock, ms
   const auto time = [&] { return static_cast<double>(now()) * 1e-6 - zero; };
   ASSERT_TRUE(ears.until([&] { page.send(testing::webxr_frame(time(), time()), true); },
                          [&] {
@@ -163,7 +163,7 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
   EXPECT_NEAR(right.joints[25].position[2], -0.25, 1e-6);
   EXPECT_NEAR(ears.head.position[1], 1.6, 1e-6);
   EXPECT_LE(right.stamp.sample_time, right.stamp.publish_time);
-  EXPECT_LT(now() - right.stamp.sample_time, 500'000'000);  // on our clock
+  EXPECT_LT(now() - right.stamp.sample_time, 500'000'000);  // on the clock of this process
 
   page.send(testing::webxr_frame(std::nan(""), 1), true);
   page.send("short", true);
@@ -204,8 +204,8 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
     sendto(udp, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   };
   ASSERT_TRUE(ears.until([&] { send(text); }, [&] { return ears.count > 10; }));
-  // 0.5 m before the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer one of the same
-  // anatomy.
+  // The hand is 0.5 m in front of the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer
+  // hand with the same anatomy.
   EXPECT_LT((to_vector(ears.hands[1].joints[1].position) - Vector3(0, 0.15, 0)).norm(), 1e-3);
   EXPECT_LT((to_vector(ears.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(),
             3e-3);
@@ -226,7 +226,7 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
   close(udp);
 }
 
-TEST_F(SocketTrackers, AnswerMessagesThoughTheyTakeNone) {
+TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {
   Ears ears;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
   bus::Writer messages(ears.participant, bus::topics::message);

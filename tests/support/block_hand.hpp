@@ -1,4 +1,5 @@
-// A hand for tests that need the whole structure and no likeness: the real skeleton inside one coarse block of tissue.
+// A hand for tests that need the whole structure but no realistic shape: the real skeleton in one coarse block of
+// tissue.
 #pragma once
 
 #include <algorithm>
@@ -37,7 +38,7 @@ inline std::array<Pose, kJointCount> flat_rest_joints() {
   return joints;
 }
 
-/// `cells` divides the block's shortest edge; 1 gives about 100 nodes.
+/// `cells` is the number of cells along the block's shortest edge. A value of 1 gives about 100 nodes.
 inline HandModel block_hand(int cells = 1) {
   HandModel hand =
       box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});

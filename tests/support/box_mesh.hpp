@@ -22,7 +22,7 @@ inline HandModel box_mesh(std::array<int, 3> cells, const Vector3& size, const M
         box.nodes.emplace_back(size[0] * i / cells[0], size[1] * j / cells[1], size[2] * k / cells[2]);
     }
   }
-  // Six tetrahedra a brick around its main diagonal (Kuhn), which match across neighbours.
+  // Six tetrahedra per brick around its main diagonal (Kuhn). They match across neighbouring bricks.
   constexpr int orders[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
   for (int i = 0; i < cells[0]; ++i) {
     for (int j = 0; j < cells[1]; ++j) {

@@ -1,4 +1,4 @@
-// A small soft body with known minima, and terms that make a solver's life hard: for the tests of NewtonSolver.
+// A small soft body with known minima, and terms that are difficult for a solver. For the tests of NewtonSolver.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@
 
 namespace softhand::testing {
 
-/// 1/2 k |x - anchor|^2 on every node or some, optionally with a quartic: for tests with known answers.
+/// 1/2 k |x - anchor|^2 on all or some nodes, optionally with a quartic term. For tests with known results.
 class Anchors final : public Energy {
  public:
   Anchors(std::vector<int> nodes, double stiffness, Eigen::Matrix3Xd targets, double quartic = 0)
@@ -55,7 +55,7 @@ class Anchors final : public Energy {
   std::vector<BlockSlot> slots_;
 };
 
-/// A constant diagonal added to the Hessian, or not-a-number in the gradient: what a solver must survive.
+/// Adds a constant diagonal to the Hessian, or a bad entry such as NaN to the gradient. A solver must survive both.
 class Saboteur final : public Energy {
  public:
   double curvature = 0;

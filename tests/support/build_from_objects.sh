@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# build_from_objects.sh NINJA FULL BUILD: builds all programs of the configured BUILD with the objects of the finished build FULL, which compiled them with the same commands; compiles
-# what BUILD compiles otherwise. Then each program must start. So a combination of options costs its links, not its compilation.
+# build_from_objects.sh NINJA FULL BUILD: builds all programs of the configured BUILD. It uses the objects of the
+# finished build FULL if FULL compiled them with the same commands. It compiles the objects that BUILD compiles with
+# other commands. Then each program must start. So a combination of options costs only its links, not its compilation.
 set -euo pipefail
 ninja=$1 full=$2 build=$3
 cd "$build"
@@ -13,11 +14,11 @@ comm -13 <("$ninja" -C "$full" -t commands all | compilations) <(compilations <c
 mkdir -p bin
 while IFS= read -r command; do
   if [[ $command =~ \ -c\ [^\ ]+$ ]]; then
-    command=${command//"$build"/"$full"}  # for the headers that it generated
+    command=${command//"$build"/"$full"}  # so that it finds the headers that FULL generated
     grep -qxF -- "$command" own_compilations || continue
     object=$(sed -E 's/.* -o ([^ ]+) -c .*/\1/' <<<"$command")
     mkdir -p "$(dirname "$object")"
-    rm -f "$object"  # is the other build's
+    rm -f "$object"  # a hard link to the object of FULL
   elif [[ $command != *"/ar qc "* && $command != *" -o bin/"* ]]; then
     continue
   fi

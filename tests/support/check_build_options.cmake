@@ -1,11 +1,13 @@
-# Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake, FULL a finished build with all options
+# Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake
+# FULL is a finished build with all options.
 cmake_minimum_required(VERSION 3.25)
 set(features viewer socket_trackers hand_builder)
-# What the commands of a build, its compilations and links, name where it has the feature, and only there.
+# Words in the commands of a build (compilations and links) that occur only if the build has the feature.
 set(only_viewer bin/softhand-viewer libsofthand_viewer_server.a)
 set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a)
 set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a cgal_mesh.cpp gmp mpfr)
-set(only_web web_server.cpp libsofthand_web_server.a)  # HTTP and TLS: of the viewer, and of trackers that listen to sockets
+# HTTP and TLS, for the viewer and for trackers that listen to sockets.
+set(only_web web_server.cpp libsofthand_web_server.a)
 
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
@@ -15,7 +17,8 @@ function(run)
   set(output "${output}" PARENT_SCOPE)
 endfunction()
 
-# Configures without the features that follow the name: what only they need is neither compiled nor linked, what the others need is.
+# Configures a build without the features that follow the name. Files that only these features need must be neither
+# compiled nor linked. Files that the other features need must be.
 function(check name)
   set(off ${ARGN})
   if(viewer IN_LIST off AND socket_trackers IN_LIST off)
@@ -35,7 +38,7 @@ function(check name)
     foreach(word ${only_${feature}})
       string(FIND "${output}" "${word}" place)
       if(feature IN_LIST off AND NOT place EQUAL -1)
-        message(SEND_ERROR "${name}: ${word} is built or linked all the same")
+        message(SEND_ERROR "${name}: ${word} is built or linked although its feature is off")
       elseif(NOT feature IN_LIST off AND place EQUAL -1)
         message(SEND_ERROR "${name}: ${word} is missing")
       endif()
@@ -43,12 +46,12 @@ function(check name)
   endforeach()
   run(${SOURCE}/tests/support/build_from_objects.sh ${ninja} ${FULL} ${BINARY}/${name})
   message(STATUS "${name}: ${output}")
-  # What the features' libraries leave behind in the cache.
+  # If CMake searches for a library of a feature, the search leaves an entry in the cache.
   if(web IN_LIST off AND hand_builder IN_LIST off AND cache MATCHES "\nBoost_DIR:")
-    message(SEND_ERROR "${name}: Boost was looked for")
+    message(SEND_ERROR "${name}: CMake searched for Boost although no feature needs it")
   endif()
   if(hand_builder IN_LIST off AND cache MATCHES "\nCGAL_DIR:")
-    message(SEND_ERROR "${name}: CGAL was looked for")
+    message(SEND_ERROR "${name}: CMake searched for CGAL although no feature needs it")
   endif()
 endfunction()
 

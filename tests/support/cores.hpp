@@ -1,4 +1,5 @@
-// How many cores the calling thread may use: of the machine's, those that taskset or a container leaves it.
+// The number of cores that the calling thread may use. taskset or a container may allow only some of the machine's
+// cores.
 #pragma once
 
 #include <pthread.h>

@@ -1,6 +1,6 @@
-// Counts every malloc and aligned_alloc of the process while `counting` (operator new and Eigen end there). In one file
-// of a test program only. Sanitizers bring their own malloc: there SOFTHAND_COUNT_MALLOC is not defined and nothing is
-// counted.
+// Counts every malloc and aligned_alloc of the process while `counting` is true (operator new and Eigen call them).
+// Include it in only one file of a test program. Sanitizers have their own malloc. With them SOFTHAND_COUNT_MALLOC is
+// not defined, and nothing is counted.
 #pragma once
 
 #include <cstddef>

@@ -12,8 +12,8 @@
 
 namespace softhand::testing {
 
-/// Hand `path` with nodes displaced by some tenths of a millimetre, 1/90 s, and one object that every skin node may
-/// touch and each twentieth does, with `contact_stiffness` N/m.
+/// The matrix of the hand `path` for a step of 1/90 s. The nodes are displaced by some tenths of a millimetre. Every
+/// skin node may touch one object, and each twentieth node does, with `contact_stiffness` N/m.
 inline BlockMatrix hand_matrix(const std::string& path, double contact_stiffness = 12000) {
   const HandModel hand = load_hand(path);
   const int object = kBodyCount;
@@ -57,7 +57,7 @@ inline BlockMatrix hand_matrix(const std::string& path, double contact_stiffness
   for (const Energy* term : terms) term->add_hessian(state, matrix, Curvature::projected);
   for (int n = 0; n < hand.node_count(); n += 20) {
     if (!is_skin[static_cast<std::size_t>(n)]) continue;
-    // k g g^T of the gap's gradient g over node, object and its rotation.
+    // k g g^T, where g is the gradient of the gap over the node, the object's position and its rotation.
     const Vector3 normal = random.vector().normalized();
     const Vector3 gradient[3] = {normal, -normal, -hand.nodes[static_cast<std::size_t>(n)].cross(normal)};
     const int block[3] = {n, contact_blocks[0], contact_blocks[1]};

@@ -1,5 +1,5 @@
-// The palm of the block hand over a block, both with a common velocity: the block's motion is given, or it rests on a
-// plane.
+// The palm of the block hand over a block, both with a common velocity. Either the block's motion is given, or the
+// block rests on a plane.
 #pragma once
 
 #include "messages/convert.hpp"
@@ -13,7 +13,7 @@ class MovingTogether {
  public:
   static constexpr double kStep = 1.0 / 90;  // s
 
-  /// `gap` of the block under the palm and `depth` by which the palm's target is lower, m.
+  /// `gap` (m) is between palm and block. The palm's target is lower by `depth` (m).
   MovingTogether(const Vector3& velocity, double gap, double depth, const SimulationOptions& options,
                  bool is_free = false)
       : velocity_(velocity), gap_(gap), depth_(depth), is_free_(is_free), simulation_(block_hand(1), options, 1, 0) {
@@ -23,7 +23,7 @@ class MovingTogether {
     for (std::size_t b = 0; b < kBodyCount; ++b) state.body_velocities[b].linear = velocity;
     simulation_.restore(state);
   }
-  /// The next step, in which the hand's target is `across` metres along the block.
+  /// Makes the next step, in which the hand's target is `across` metres along the block.
   StepReport step(double across = 0) {
     const Vector3 start(travelled());
     ++steps_;
@@ -48,9 +48,9 @@ class MovingTogether {
     }
     return simulation_.step(kStep);
   }
-  /// Of the hand on the block, N.
+  /// Force of the hand on the block, N.
   Vector3 force() const { return simulation_.contact_wrench(0).force; }
-  /// As the block sees them, but for its place.
+  /// Node positions without the common motion.
   Eigen::Matrix3Xd nodes() const { return simulation_.state().node_positions.colwise() - travelled(); }
   const HandSimulation& simulation() const { return simulation_; }
 

@@ -1,5 +1,5 @@
-// The tissue element by element in plain scalars: what the batched kernels (energies/tissue_kernel.hpp) are compared
-// with, in result and in speed.
+// The tissue element by element, in plain scalars. The batched kernels (energies/tissue_kernel.hpp) are compared with
+// it, in result and in speed.
 #pragma once
 
 #include <algorithm>
@@ -42,7 +42,7 @@ inline CorotationalHessian corotational_hessian(const CorotationalMaterial& mate
                                             state.svd.u.col(j) * state.svd.v.col(i).transpose());
   }
   hessian.direction[4] = state.stress_quadratic;
-  // m > 1 exactly where the limit is passed.
+  // m > 1 exactly if the limit is exceeded.
   hessian.weight[4] =
       m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
   return hessian;
@@ -155,7 +155,8 @@ class ScalarTissue final : public Energy {
         add(row, 0, to_first);
         corner -= to_first;
       }
-      // The corner is symmetric in exact arithmetic; half of it and its transpose is in floating point too.
+      // The corner is symmetric in exact arithmetic. The mean of it and its transpose is symmetric in floating point
+      // too.
       add(0, 0, 0.5 * (corner + corner.transpose()));
     }
     return energy;

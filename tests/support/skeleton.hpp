@@ -1,4 +1,4 @@
-// What a tracker of a hand at rest says.
+// A tracker's sample of a hand at rest.
 #pragma once
 
 #include "messages/convert.hpp"
@@ -7,7 +7,8 @@
 
 namespace softhand::testing {
 
-/// The hand's rest pose with its wrist joint at `wrist` in the world, sampled at `time`; all joints valid and tracked.
+/// The hand's rest pose with its wrist joint at `wrist` in the world, sampled at `time`. All joints are valid and
+/// tracked.
 inline Skeleton skeleton_at(const HandModel& model, const Pose& wrist, Nanoseconds time, std::uint64_t sequence) {
   Skeleton skeleton;
   skeleton.stamp.sequence = sequence;

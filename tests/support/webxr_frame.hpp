@@ -14,8 +14,8 @@ struct WebXrPlace {
   static constexpr std::size_t right_joints = right_mask + 4;
 };
 
-/// Head 1.6 m up; joint j of 1 to 25 of each hand at z = -j cm, x = -0.2 m on the left and 0.2 m on the right. Times in
-/// ms.
+/// The head is 1.6 m up. Joint j (1 to 25) of each hand is at z = -j cm, and at x = -0.2 m on the left and 0.2 m on the
+/// right. Times are in ms.
 inline std::string webxr_frame(double taken, double sent, std::uint32_t left = 0x1ffffff,
                                std::uint32_t right = 0x1ffffff) {
   std::string bytes;

@@ -1,4 +1,4 @@
-// The rules of docs/architecture.md about who may include whom, checked on the real include graph.
+// Checks the include rules of docs/architecture.md on the real include graph.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace {
 
 namespace fs = std::filesystem;
-using Includes = std::map<std::string, std::vector<std::string>>;  // file -> what it includes, as written
+using Includes = std::map<std::string, std::vector<std::string>>;  // file -> its include paths, as written
 
 const Includes& includes() {
   static const Includes all = [] {
@@ -37,7 +37,7 @@ const Includes& includes() {
   return all;
 }
 
-// The room of an include path such as "energies/contact.hpp"; empty for system headers.
+// The folder of common/ in an include path, such as "energies" in "energies/contact.hpp". Empty for system headers.
 std::string room(const std::string& include) {
   static const std::set<std::string> rooms{"math",   "model", "messages", "geometry", "energies",
                                            "solver", "scene", "runtime",  "device",   "bus"};
@@ -47,7 +47,7 @@ std::string room(const std::string& include) {
 
 bool starts_with(const std::string& text, const std::string& prefix) { return text.rfind(prefix, 0) == 0; }
 
-// Of all files, those below `place` include something like `pattern` (in whatever case), and no others.
+// Only files below `place` may include a path that matches `pattern` (ignoring case). At least one file must.
 void expect_only_below(const std::string& place, const char* pattern) {
   const std::regex wanted(pattern, std::regex::icase);
   int found = 0;
@@ -66,7 +66,7 @@ TEST(Arrows, GraphIsNotEmpty) {
   ASSERT_TRUE(includes().count("common/energies/energy.hpp"));
 }
 
-TEST(Arrows, EachRoomOnlyLooksDown) {
+TEST(Arrows, EachFolderIncludesOnlyLowerFolders) {
   const std::map<std::string, std::set<std::string>> allowed{
       {"math", {"math"}},
       {"messages", {"messages", "model", "math"}},
@@ -82,7 +82,7 @@ TEST(Arrows, EachRoomOnlyLooksDown) {
   for (const auto& [file, list] : includes()) {
     if (!starts_with(file, "common/")) continue;
     const std::string own = file.substr(7, file.find('/', 7) - 7);
-    ASSERT_TRUE(allowed.count(own)) << file << " stands in a room that the rules do not know";
+    ASSERT_TRUE(allowed.count(own)) << file << " is in a folder that the include rules do not list";
     for (const std::string& include : list) {
       const std::string other = room(include);
       if (other.empty()) continue;
@@ -104,7 +104,7 @@ TEST(Arrows, PhysicsUsesOnlyOptionsOfTheRuntime) {
   }
 }
 
-TEST(Arrows, SolverSeesNoConcreteTerm) {
+TEST(Arrows, SolverIncludesNoConcreteTerm) {
   for (const auto& [file, list] : includes()) {
     if (!starts_with(file, "common/solver/")) continue;
     for (const std::string& include : list) {
@@ -134,7 +134,7 @@ TEST(Arrows, LoopsHaveNoClockNoBusAndNoThreads) {
 
 TEST(Arrows, EnginesStayInTheirFolder) { expect_only_below("services/world/engines/", "bullet|^LinearMath/"); }
 
-// It takes half a minute to compile.
+// Beast takes half a minute to compile.
 TEST(Arrows, BeastStaysInOneFile) { expect_only_below("services/web/web_server.cpp", "^boost/"); }
 
 TEST(Arrows, MesherStaysInTheHandBuilder) { expect_only_below("services/hand_builder/", "^CGAL/"); }

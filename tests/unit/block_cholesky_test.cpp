@@ -1,5 +1,5 @@
-// The multifrontal factorisation against CHOLMOD and dense Eigen, for each instruction set of this processor and both
-// scalars.
+// Compares the multifrontal factorisation with CHOLMOD and dense Eigen, for each instruction set of this processor and
+// both scalars.
 #include "solver/block_cholesky.hpp"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,8 @@ VectorX random_vector(Eigen::Index size, std::uint64_t seed) {
   return x;
 }
 
-// Each pair of blocks with probability `density`; diagonally dominant, each row and column scaled by up to `spread`.
+// Each pair of blocks exists with the probability `density`. The matrix is diagonally dominant. Its rows and columns
+// are scaled, each entry by up to `spread` in all.
 BlockMatrix random_matrix(int blocks, double density, double spread, std::uint64_t seed) {
   Random random(seed);
   BlockPattern pattern(blocks);
@@ -72,7 +73,7 @@ BlockMatrix random_matrix(int blocks, double density, double spread, std::uint64
   return matrix;
 }
 
-// Residual over |A| |x|, which a backward stable solver keeps at rounding however bad the condition.
+// The residual over |A| |x|. A backward stable solver keeps it at rounding, however bad the condition.
 double backward_error(const BlockMatrix& matrix, const VectorX& x, const VectorX& rhs) {
   VectorX product(rhs.size());
   matrix.multiply(x, product);
@@ -140,7 +141,7 @@ TYPED_TEST(BlockCholeskyTest, AgreesWithCholmodOnTheHands) {
         solver.solve(rhs, x);
         EXPECT_LE(backward_error(matrix, x, rhs), 200 * static_cast<double>(std::numeric_limits<TypeParam>::epsilon()))
             << to_string(set) << ' ' << size << ' ' << contact;
-        // What the condition number leaves of the solution's digits.
+        // The condition number limits the number of correct digits of the solution.
         if constexpr (std::is_same_v<TypeParam, double>) {
           EXPECT_LE((x - expected).norm(), 1e-7 * expected.norm());
         }
@@ -169,7 +170,7 @@ TYPED_TEST(BlockCholeskyTest, TwoThreadsGiveTheBitsOfOne) {
       ASSERT_TRUE(shared.factorize());
       shared.solve(rhs, x);
       ASSERT_EQ(x, expected) << size << ' ' << run;
-      // Whoever of the two meets the pivot.
+      // Either of the two threads may meet the bad pivot.
       const int block = run * (good.block_count() - 1) / 99;
       double& pivot = bad.values()[9 * static_cast<std::size_t>(bad.find(block, block).index)];
       const double was = std::exchange(pivot, -1.0);
@@ -180,7 +181,7 @@ TYPED_TEST(BlockCholeskyTest, TwoThreadsGiveTheBitsOfOne) {
   }
 }
 
-TYPED_TEST(BlockCholeskyTest, AFewChangedBlocksGiveTheBitsOfANewFactorForLess) {
+TYPED_TEST(BlockCholeskyTest, PartialRefactorisationGivesTheBitsOfANewFactorWithLessWork) {
   HelperThread helper;
   for (const char* size : {"400", "1450"}) {
     BlockMatrix matrix = testing::hand_matrix(hand_path(size));
@@ -189,11 +190,11 @@ TYPED_TEST(BlockCholeskyTest, AFewChangedBlocksGiveTheBitsOfANewFactorForLess) {
     BlockCholesky<TypeParam> fresh, kept(widest_instruction_set(), &helper), copied;
     for (BlockCholesky<TypeParam>* solver : {&fresh, &kept, &copied}) solver->analyze(matrix);
     kept.load(matrix);
-    ASSERT_TRUE(kept.refactorize({})) << "nothing to start from: all of it";
+    ASSERT_TRUE(kept.refactorize({})) << "there is no factor yet: everything is factorised";
     EXPECT_EQ(kept.factorised_fronts(), kept.front_count());
     std::size_t fronts = 0;
     for (int run = 0; run < 40; ++run) {
-      // Two of neighbouring nodes, as where a finger touches; one more than really changes.
+      // The blocks of two neighbouring nodes, as when a finger touches. Only one of the two really changes.
       std::vector<std::int32_t> changed;
       for (const int node : {37 * run % (matrix.block_count() - 60), 37 * run % (matrix.block_count() - 60) + 1}) {
         const std::int32_t block = matrix.find(node, node).index;
@@ -214,7 +215,7 @@ TYPED_TEST(BlockCholeskyTest, AFewChangedBlocksGiveTheBitsOfANewFactorForLess) {
       ASSERT_EQ(x, expected) << size << ' ' << run;
     }
     EXPECT_LE(fronts, 40 * fresh.front_count() / 2) << size;
-    // After a failure nothing is there to build on.
+    // After a failure there is no factor to start from.
     double& pivot = matrix.values()[9 * static_cast<std::size_t>(matrix.find(5, 5).index)];
     const double was = std::exchange(pivot, -1.0);
     const std::int32_t changed[1] = {matrix.find(5, 5).index};
@@ -226,7 +227,7 @@ TYPED_TEST(BlockCholeskyTest, AFewChangedBlocksGiveTheBitsOfANewFactorForLess) {
   }
 }
 
-TYPED_TEST(BlockCholeskyTest, RefusesWhatIsNotPositiveDefiniteAndRecovers) {
+TYPED_TEST(BlockCholeskyTest, RefusesMatricesThatAreNotPositiveDefiniteAndRecovers) {
   const BlockMatrix good = testing::hand_matrix(hand_path("400"));
   for (const InstructionSet set : this->sets()) {
     BlockCholesky<TypeParam> solver(set);
@@ -260,7 +261,7 @@ TYPED_TEST(BlockCholeskyTest, EmptyColumnIsNotPositiveDefinite) {
   EXPECT_FALSE(solver.factorize());
 }
 
-TYPED_TEST(BlockCholeskyTest, NothingToSolve) {
+TYPED_TEST(BlockCholeskyTest, AcceptsAnEmptyMatrix) {
   const BlockMatrix matrix{BlockPattern(0)};
   BlockCholesky<TypeParam> solver;
   solver.analyze(matrix);
@@ -270,7 +271,7 @@ TYPED_TEST(BlockCholeskyTest, NothingToSolve) {
   solver.solve(x, x);
 }
 
-TYPED_TEST(BlockCholeskyTest, SameBitsAgainAndNoAllocationAfterAnalysis) {
+TYPED_TEST(BlockCholeskyTest, RepeatsTheSameBitsWithoutAllocationAfterAnalysis) {
   const BlockMatrix matrix = testing::hand_matrix(hand_path("400"));
   const BlockMatrix other = testing::hand_matrix(hand_path("400"), 1e6);
   const VectorX rhs = random_vector(3 * matrix.block_count(), 5);
@@ -298,7 +299,7 @@ TYPED_TEST(BlockCholeskyTest, SameBitsAgainAndNoAllocationAfterAnalysis) {
   counting = true;
   solver.analyze(matrix);
   counting = false;
-  EXPECT_GT(allocations, 0) << "the counter sees nothing";
+  EXPECT_GT(allocations, 0) << "the counter does not count";
 #endif
 }
 

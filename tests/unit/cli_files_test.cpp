@@ -1,4 +1,4 @@
-// What the command says about files: scenes, rigs, hands, the reference page; and the table of modules.
+// The command's checks of files (scenes, rigs, hands, the reference page), and its status table of modules.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -45,7 +45,7 @@ class FilesTest : public ::testing::Test {
     std::ofstream(path) << text;
     return path.string();
   }
-  // What the command would print; empty when it finds nothing wrong.
+  // The error that the command would print. Empty if the command finds no error.
   static std::string complaint(const std::string& path) {
     try {
       testing::internal::CaptureStdout();
@@ -60,7 +60,7 @@ class FilesTest : public ::testing::Test {
   fs::path folder_;
 };
 
-TEST_F(FilesTest, ShippedRigsAndScenesAreGood) {
+TEST_F(FilesTest, ShippedRigsAndScenesAreValid) {
   for (const char* kind : {"scenes", "rigs"}) {
     for (const auto& entry : fs::directory_iterator(kSource / "config" / kind)) {
       if (entry.path().extension() == ".toml") {
@@ -70,7 +70,7 @@ TEST_F(FilesTest, ShippedRigsAndScenesAreGood) {
   }
 }
 
-TEST_F(FilesTest, AMisspeltKeyIsRefusedWithFileLineAndTheNearestOne) {
+TEST_F(FilesTest, RefusesAMisspeltKeyWithFileLineAndTheNearestKey) {
   const std::string path = write("scene.toml", "name = \"x\"\n[hand]\nrate_hs = 90\n");
   const std::string what = complaint(path);
   EXPECT_NE(what.find(path + ":3"), std::string::npos) << what;
@@ -82,13 +82,13 @@ TEST_F(FilesTest, BrokenTomlIsRefusedWithFileAndLine) {
   EXPECT_NE(complaint(path).find(path + ":3"), std::string::npos) << complaint(path);
 }
 
-TEST_F(FilesTest, AnUnstableWorldIsRefusedWithItsFile) {
+TEST_F(FilesTest, RefusesAnUnstableWorldAndNamesTheFile) {
   const std::string path = write("scene.toml", "[world]\nfollow_stiffness = 4\n");
   const std::string what = complaint(path);
   EXPECT_NE(what.find(path + ": world.follow_stiffness"), std::string::npos) << what;
 }
 
-TEST_F(FilesTest, WhatTrackingAndHandWouldRefuseAtTheirStartIsRefused) {
+TEST_F(FilesTest, RefusesOptionsThatTrackingOrHandWouldRefuseAtStart) {
   const std::string mount = "_mount_orientation = [0, 0, 0, 0]\n";
   const std::string unstable = "[tracking]\nstiffness_ratio = 1\nfeedback_ratio = 1\nmass_fraction = 0.9\n";
   const std::pair<std::string, std::string> cases[]{
@@ -100,11 +100,11 @@ TEST_F(FilesTest, WhatTrackingAndHandWouldRefuseAtTheirStartIsRefused) {
     const std::string path = write("scene.toml", kShippedHand + text);
     EXPECT_NE(complaint(path).find(path + ": " + key), std::string::npos) << complaint(path);
   }
-  // Where the hand does without the intermediate layer nobody reads its options.
+  // If the hand runs without the intermediate layer, nobody reads the layer's options.
   EXPECT_EQ(complaint(write("scene.toml", kShippedHand + "direct = true\n" + unstable)), "");
 }
 
-TEST_F(FilesTest, ARigComesUpInItsOwnFolder) {
+TEST_F(FilesTest, ARigStartsInItsOwnFolder) {
   write("scene.toml", kShippedHand);
   write("rig.toml", "scene = \"scene.toml\"\n");
   setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 120).c_str(), 1);
@@ -122,14 +122,14 @@ TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
   EXPECT_NE(complaint(path).find("nobody.hand.json"), std::string::npos) << complaint(path);
 }
 
-TEST_F(FilesTest, AFolderIsNoFileOfAScene) {
+TEST_F(FilesTest, RefusesAFolderInPlaceOfAFile) {
   for (const char* key : {"[hand]\nmodel = \"\"\n", "[hand]\nmodel = \".\"\n", "motion = \".\"\n"}) {
     const std::string path = write("scene.toml", key);
     EXPECT_EQ(complaint(path).rfind(path + ": no file '", 0), 0u) << complaint(path);
   }
 }
 
-TEST_F(FilesTest, AJudgeOfAnObjectThatIsNotThereIsRefused) {
+TEST_F(FilesTest, RefusesAJudgeOfAMissingObject) {
   const std::string path = write("scene.toml", "[judge]\nobject = \"ball\"\n");
   EXPECT_NE(complaint(path).find("ball"), std::string::npos) << complaint(path);
 }
@@ -166,7 +166,7 @@ TEST_F(FilesTest, ARigNamesItsProcessesInOrder) {
   EXPECT_THROW(read_toml_text(rig, "[[process]]\nready_timeout = -1\n", "rig.toml"), ConfigError);
 }
 
-TEST_F(FilesTest, ARigExtendsAnotherAndChoosesOfProcessesOfOneName) {
+TEST_F(FilesTest, ARigExtendsAnotherAndChoosesAmongProcessesOfOneName) {
   write("base.toml",
         "name = \"base\"\nscene = \"scenes/s.toml\"\n"
         "[[process]]\nname = \"world\"\nprogram = \"w\"\n"
@@ -206,9 +206,9 @@ TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
   EXPECT_THROW(read_scene(path, {"objects.ball.mass=1"}), ConfigError);
 }
 
-TEST_F(FilesTest, TheCommittedReferencePageIsTheGeneratedOne) {
+TEST_F(FilesTest, CommittedReferencePageEqualsTheGeneratedOne) {
   EXPECT_TRUE(text_of(kSource / "docs/reference.md") == reference_page())
-      << "an option has changed: write the page anew with `softhand reference > docs/reference.md`";
+      << "an option has changed: write the page again with `softhand reference > docs/reference.md`";
 }
 
 LoopStatus status_of(const std::string& module, Nanoseconds published) {
@@ -225,7 +225,7 @@ LoopStatus status_of(const std::string& module, Nanoseconds published) {
   return status;
 }
 
-TEST(StatusTable, ShowsFiguresAndOnlyWhatWasCounted) {
+TEST(StatusTable, ShowsValuesAndOnlyNonZeroCounters) {
   const std::string table = status_table({{"hand", status_of("hand", 1'000'000'000)}}, 1'500'000'000);
   for (const char* part : {"hand", "89.9", "90.0", "4.250", "12", "teleports=3"})
     EXPECT_NE(table.find(part), std::string::npos) << part << "\n" << table;
@@ -269,15 +269,15 @@ TEST(StatusTable, FlagsAModuleThatFellSilent) {
   }
 }
 
-TEST(StatusTable, JsonCarriesTheContractsKeys) {
+TEST(StatusTable, JsonHasTheKeysOfTheContract) {
   const auto json = status_json(status_of("hand", 1));
   for (const char* key : {"rate_hz", "step_ms_p50", "step_ms_p99", "deadline_misses"})
     EXPECT_TRUE(json.contains(key)) << key;
   EXPECT_EQ(json["counters"]["teleports"], 3);
 }
 
-// Any process may publish a status under a name of another encoding: here "Gerät" in Latin-1.
-TEST(StatusTable, ANameThatIsNotUtf8EndsNoSummary) {
+// Any process may publish a status under a name in another encoding. Here the name is "Gerät" in Latin-1.
+TEST(StatusTable, NameThatIsNotUtf8DoesNotBreakTheSummary) {
   LoopStatus status = status_of("hand", 1);
   add_counter(status, "Ger\xe4t", 4);
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
@@ -286,13 +286,13 @@ TEST(StatusTable, ANameThatIsNotUtf8EndsNoSummary) {
   EXPECT_EQ(read["Ger\ufffdt"]["counters"]["Ger\ufffdt"], 4);
 }
 
-TEST(IdlText, DeclaresTheTypeAndAllThatItNeeds) {
+TEST(IdlText, DeclaresTheTypeAndTheTypesItNeeds) {
   const std::string idl = idl_of("softhand::v1::BoneWrench");
   for (const char* part : {"struct BoneWrench {", "struct BoneSample {", "struct Stamp {", "module softhand"}) {
     EXPECT_NE(idl.find(part), std::string::npos) << part;
   }
   EXPECT_EQ(idl.find("#include"), std::string::npos) << "a recording cannot include files";
-  EXPECT_EQ(idl.find("struct Contacts {"), std::string::npos) << "nor needs what is not its own";
+  EXPECT_EQ(idl.find("struct Contacts {"), std::string::npos) << "unused types are not declared";
   EXPECT_EQ(idl_of("softhand::v1::Nothing"), "");
 }
 

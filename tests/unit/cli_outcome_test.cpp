@@ -1,4 +1,4 @@
-// The judge on made messages whose answers are known.
+// The outcome judge with generated messages whose results are known.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -33,7 +33,7 @@ Skeleton skeleton(double t, const std::function<Pose(std::size_t)>& pose_of) {
   return s;
 }
 
-// A hand of separated joints that is carried, as one body, by `carry`.
+// The joints of a hand that moves as one rigid body with the pose `carry`.
 Pose joint_in(const Pose& carry, std::size_t j) {
   return carry * Pose{Vector3(0.01 * static_cast<double>(j), 0.02, -0.03), Quaternion::Identity()};
 }
@@ -68,7 +68,7 @@ struct PinchTruth {
   double slip = 0.0007;  // m, over the hold
   double weight = 1.01;
   double inertia = 0.97;
-  double quadrature = 0.2;  // out-of-phase force over m a, which is no inertia
+  double quadrature = 0.2;  // out-of-phase force over m a; this force is not inertia
   double lift = 0.15;
   double turn = M_PI / 3;
   bool lies_still = true;
@@ -78,7 +78,7 @@ void play_pinch(Outcome& outcome, const PinchTruth& truth) {
   const double w = 2 * M_PI * 3;
   for (int i = 0; i <= static_cast<int>(12 * kRate); ++i) {
     const double t = i / kRate;
-    // The hand carries the object: up, about a corner while it holds (which is no slip), to and fro, and round.
+    // The hand lifts the object, tilts it during the hold (which is not slip), shakes it, and turns it.
     Pose carry;
     carry.position = Vector3(0, truth.lift * smooth(t - 1), 0);
     double x = 0;
@@ -127,12 +127,11 @@ TEST(OutcomePinch, FindsSlipWeightInertiaLiftAndTurn) {
   Outcome outcome;
   play_pinch(outcome, {});
   const auto json = outcome.summary(pinch_frame());
-  EXPECT_NEAR(json["held_slip_mm"].get<double>(), 0.7, 1e-3)
-      << "rotation with the hand is no slip, and lifting neither";
+  EXPECT_NEAR(json["held_slip_mm"].get<double>(), 0.7, 1e-3) << "neither rotation with the hand nor lifting is slip";
   EXPECT_NEAR(json["carried_weight_ratio"].get<double>(), 1.01, 1e-9);
-  EXPECT_NEAR(json["inertia_ratio"].get<double>(), 0.97, 1e-6) << "the part of the force out of phase does not count";
+  EXPECT_NEAR(json["inertia_ratio"].get<double>(), 0.97, 1e-6) << "the out-of-phase part of the force does not count";
   EXPECT_NEAR(json["lifted_mm"].get<double>(), 150, 0.5)
-      << "judged just before the hold ends, where the tilt is all but over";
+      << "measured just before the hold ends, when the tilt is almost zero";
   EXPECT_NEAR(json["turned_deg"].get<double>(), 60, 0.1);
   EXPECT_NEAR(json["penetration_max_mm"].get<double>(), 0.1, 1e-12);
   EXPECT_NEAR(json["penetration_p95_mm"].get<double>(), 0.1, 1e-12);
@@ -142,7 +141,7 @@ TEST(OutcomePinch, FindsSlipWeightInertiaLiftAndTurn) {
   EXPECT_EQ(json["nonfinite_published"], 0);
 }
 
-TEST(OutcomePinch, SlipIsAnswerToSlipAlone) {
+TEST(OutcomePinch, ReportsZeroSlipIfNothingSlips) {
   Outcome outcome;
   PinchTruth truth;
   truth.slip = 0;
@@ -158,7 +157,7 @@ TEST(OutcomePinch, AMovingObjectIsNotReleased) {
   EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
 }
 
-TEST(OutcomePinch, AJoltOfOneStepIsNoMovement) {
+TEST(OutcomePinch, AJoltOfOneStepDoesNotCountAsMovement) {
   Outcome outcome;
   play_pinch(outcome, {});
   WorldObjects world;
@@ -182,7 +181,7 @@ TEST(OutcomePinch, AnObjectThatSticksToAFingerIsNotReleased) {
   EXPECT_EQ(outcome.summary(pinch_frame())["released"], false);
 }
 
-TEST(OutcomePinch, ATrackerThatBeginsAgainDoesNotUndoTheRelease) {
+TEST(OutcomePinch, ATrackerThatRepeatsItsMotionDoesNotUndoTheRelease) {
   Outcome outcome;
   play_pinch(outcome, {});
   Contacts contacts;
@@ -191,10 +190,10 @@ TEST(OutcomePinch, ATrackerThatBeginsAgainDoesNotUndoTheRelease) {
   contacts.fingers[1].contact_count = 1;
   outcome.on_contacts(contacts);
   EXPECT_EQ(outcome.summary(pinch_frame())["released"], true)
-      << "the motion and the half second after it were over before";
+      << "the motion and the half second after it had already ended";
 }
 
-TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
+TEST(OutcomePinch, CountsPenetrationOnlyOfFingersThatPressGently) {
   Outcome outcome;
   Contacts contacts;
   contacts.stamp.sample_time = at(1);
@@ -208,18 +207,19 @@ TEST(OutcomePinch, PenetrationCountsOnlyWhereFingersPressGently) {
   outcome.on_contacts(contacts);
   const auto json = outcome.summary(pinch_frame());
   EXPECT_NEAR(json["penetration_max_mm"].get<double>(), 0.3, 1e-12);
-  EXPECT_NEAR(json["pressing_harder_fraction"].get<double>(), 0.25, 1e-12) << "of the touching nodes";
+  EXPECT_NEAR(json["pressing_harder_fraction"].get<double>(), 0.25, 1e-12) << "fraction of the touching nodes";
 }
 
-TEST(OutcomePinch, TellsWhatEachFingerCarriesDuringTheHold) {
+TEST(OutcomePinch, ReportsTheForceOfEachFingerDuringTheHold) {
   Outcome outcome;
-  // From 2 s to 7 s the object is held. In every second step the fingers press, with 1 to 5 N on two nodes each.
+  // The object is held from 2 s to 7 s. The fingers press in every second step: 1 N (thumb) to 5 N (little finger),
+  // each finger with two nodes.
   for (int i = 0; i < static_cast<int>(8 * kRate); ++i) {
     const double t = (i + 0.5) / kRate;
     Contacts contacts;
     contacts.stamp.sample_time = at(t);
     for (std::uint32_t f = 0; f < 5 && (i % 2 == 0 || t > 7); ++f) {
-      for (const double sign : {-1.0, 1.0}) {  // a finger that wraps around pulls both ways
+      for (const double sign : {-1.0, 1.0}) {  // a finger that wraps around the object pulls both ways
         Contact contact;
         contact.finger = f;
         contact.body = static_cast<std::uint32_t>(index_of(distal_of(static_cast<Finger>(f))));
@@ -228,7 +228,7 @@ TEST(OutcomePinch, TellsWhatEachFingerCarriesDuringTheHold) {
         contacts.contacts.push_back(contact);
       }
     }
-    Contact palm;  // skin over a metacarpal is not the finger
+    Contact palm;  // skin over a metacarpal belongs to the palm, not to the finger
     palm.finger = 1;
     palm.body = static_cast<std::uint32_t>(index_of(Body::index_metacarpal));
     palm.object = kCube;
@@ -247,7 +247,7 @@ TEST(OutcomePinch, TellsWhatEachFingerCarriesDuringTheHold) {
   EXPECT_NEAR(json["hold_share_min"].get<double>(), 1.0 / 15, 1e-9);
 }
 
-TEST(OutcomePinch, WhatWasNotSeenIsNull) {
+TEST(OutcomePinch, ReportsNullWithoutInput) {
   const auto json = Outcome().summary(pinch_frame());
   for (const char* key : {"held_slip_mm", "carried_weight_ratio", "inertia_ratio", "lifted_mm", "turned_deg",
                           "penetration_p95_mm", "hold_share_min", "released"}) {
@@ -268,14 +268,15 @@ OutcomeFrame recorded_frame() {
 
 Pose waving(double t) { return {Vector3(0.1 * std::sin(4 * t), 0.05 * std::cos(3 * t), 0), Quaternion::Identity()}; }
 
-TEST(OutcomeFollowing, FindsALagAndWhatRemainsBeyondIt) {
+TEST(OutcomeFollowing, FindsTheLagAndTheErrorThatRemains) {
   Outcome outcome;
   constexpr double lag = 0.012;
   const Vector3 offset(0, 0, 0.002);
   for (int i = 0; i < static_cast<int>(6 * kRate); ++i) {
     const double t = i / kRate;
     outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
-    // In contact, and 0.3 s beyond it, the hand is held back by 20 mm: that is no error of following.
+    // The hand is held back by 20 mm during contact and 0.2 s after it. This is not an error of following: the judge
+    // ignores contact and the 0.3 s after it.
     const bool held_back = t >= 3 && t < 4.2;
     outcome.on_simulated(skeleton(t, [&](std::size_t j) {
       Pose pose = joint_in(waving(t - lag), j);
@@ -298,7 +299,8 @@ TEST(OutcomeFollowing, LeavesOutTimesWithoutTrackedSamplesAndReportsTheirLength)
   const Vector3 offset(0, 0, 0.002);
   for (int i = 0; i < static_cast<int>(6 * kRate); ++i) {
     const double t = i / kRate;
-    // From 2 s to 3 s nothing is tracked: the hand waves on, far from a straight line between the neighbours.
+    // Nothing is tracked from 2 s to 3 s. The hand keeps waving, far from a straight line between the neighbouring
+    // samples.
     if (t <= 2 || t >= 3) {
       outcome.on_tracked(skeleton(t, [t](std::size_t j) { return joint_in(waving(t), j); }));
     }
@@ -316,7 +318,7 @@ TEST(OutcomeFollowing, LeavesOutTimesWithoutTrackedSamplesAndReportsTheirLength)
   EXPECT_NEAR(json["tracker_gaps_s"].get<double>(), 1, 1e-6);
 }
 
-TEST(OutcomeFollowing, AMissingSampleIsNoGap) {
+TEST(OutcomeFollowing, OneMissingSampleIsNotAGap) {
   Outcome outcome;
   for (int i = 0; i < static_cast<int>(3 * kRate); ++i) {
     if (i % 10 == 3) continue;
@@ -325,7 +327,7 @@ TEST(OutcomeFollowing, AMissingSampleIsNoGap) {
   EXPECT_EQ(outcome.summary(recorded_frame())["tracker_gaps_s"].get<double>(), 0);
 }
 
-TEST(OutcomeFollowing, TellsTheLargestForceOnOneFinger) {
+TEST(OutcomeFollowing, ReportsTheLargestForceOnOneFinger) {
   Outcome outcome;
   for (int i = 0; i < 3; ++i) {
     Contacts contacts;
@@ -337,9 +339,10 @@ TEST(OutcomeFollowing, TellsTheLargestForceOnOneFinger) {
   EXPECT_DOUBLE_EQ(outcome.summary(recorded_frame())["finger_force_max_n"].get<double>(), 10);
 }
 
-TEST(OutcomeFollowing, HeldFractionAsksForTwoFingersAndNoMovementInThePalm) {
+TEST(OutcomeFollowing, HeldFractionNeedsTwoFingersAndNoMovementInThePalm) {
   Outcome outcome;
-  // Closed from 1 s to 3 s. From 1.0 to 1.2 one finger touches; from 2.8 on the object has moved 6 mm.
+  // The hand is closed from 1 s to 3 s. Only one finger touches from 1.0 s to 1.2 s. From 2.8 s on the object has moved
+  // by 6 mm.
   for (int i = 0; i < 400; ++i) {
     const double t = 0.01 * i + 0.001;
     const bool closed = t > 1 && t < 3;
@@ -366,7 +369,7 @@ TEST(OutcomeFollowing, HeldFractionAsksForTwoFingersAndNoMovementInThePalm) {
   EXPECT_NEAR(json["held_movement_max_mm"].get<double>(), 6, 1e-6);
 }
 
-TEST(OutcomeLatency, EveryHopAndTheTotal) {
+TEST(OutcomeLatency, ReportsEveryHopAndTheTotal) {
   Outcome outcome;
   for (int i = 1; i <= 100; ++i) {
     DeviceState state;
@@ -379,7 +382,7 @@ TEST(OutcomeLatency, EveryHopAndTheTotal) {
     chain.wrench_published = kStart + 9'000'000;
     state.stamp.publish_time = kStart + 9'000'000 + i * 10'000;  // 0.01 to 1 ms
     outcome.on_device(state);
-    state.live = 0;  // zeroed commands have no way through the chain
+    state.live = 0;  // zeroed commands do not come through the chain
     state.stamp.publish_time = kStart + 900'000'000;
     outcome.on_device(state);
     state.live = 1;
@@ -397,7 +400,7 @@ TEST(OutcomeLatency, EveryHopAndTheTotal) {
   EXPECT_NEAR(json["motion_to_force_ms_p99"]["total"].get<double>(), 9.99, 0.011);
 }
 
-TEST(OutcomeLatency, WithoutTheIntermediateLayerTheHandsHopBeginsAtTheTracker) {
+TEST(OutcomeLatency, HandHopStartsAtTheTrackerWithoutTheIntermediateLayer) {
   Outcome outcome;
   DeviceState state;
   state.live = 1;
@@ -409,7 +412,7 @@ TEST(OutcomeLatency, WithoutTheIntermediateLayerTheHandsHopBeginsAtTheTracker) {
   EXPECT_NEAR(json["motion_to_force_ms_p50"]["hops"]["hand"].get<double>(), 5, 1e-9);
 }
 
-TEST(OutcomeFinite, CountsEveryMessageThatHoldsWhatIsNotANumber) {
+TEST(OutcomeFinite, CountsEveryMessageWithNaNOrInfinity) {
   Outcome outcome;
   Skeleton s = skeleton(0, [](std::size_t) { return Pose{}; });
   s.joints[4].linear_velocity[1] = kNaN;

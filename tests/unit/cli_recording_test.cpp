@@ -1,4 +1,4 @@
-// Recording and replay over real DDS, on a domain of its own.
+// Recording and replay over real DDS, in the test's own domain.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -47,7 +47,7 @@ BoneWrench wrench(int i, Nanoseconds time) {
   return w;
 }
 
-TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
+TEST_F(RecordingTest, ReplaysRecordedMessagesWithShiftedTimes) {
   std::vector<BoneWrench> sent;
   Nanoseconds described_at = 0;
   {
@@ -55,7 +55,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
     TopicRecorder recorder(participant, path_, {"bone_wrench", "object_description"});
     bus::Writer<BoneWrench> writer(participant, bus::topics::bone_wrench);
     bus::Writer<ObjectDescription> descriptions(participant, bus::topics::object_description);
-    bus::Writer<Message> messages(participant, bus::topics::message);  // not chosen
+    bus::Writer<Message> messages(participant, bus::topics::message);  // this topic is not recorded
     ASSERT_TRUE(wait_for([&] { return writer.has_readers() && descriptions.has_readers(); }));
     ObjectDescription cube;
     cube.object = 4;
@@ -68,7 +68,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
       sent.push_back(wrench(i, now()));
       writer.write(sent.back());
       std::this_thread::sleep_for(milliseconds(2));
-      if (i % 5 == 4) recorder.poll();  // several come between two looks: none is lost
+      if (i % 5 == 4) recorder.poll();  // several messages arrive between two polls: none is lost
     }
     ASSERT_TRUE(wait_for([&] {
       recorder.poll();
@@ -79,7 +79,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
     EXPECT_EQ(recorder.counts().size(), 2u);
   }
 
-  // The file alone: topics, types, times, and a schema that names the type.
+  // The file holds topics, types, times, and a schema that names the type.
   RecordReader file(path_);
   RecordedMessage message;
   int wrenches = 0;
@@ -99,7 +99,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
   EXPECT_EQ(wrenches, kCount);
   EXPECT_FALSE(file.truncated());
 
-  // And back onto the wire, twice as fast.
+  // Replay the file, twice as fast.
   const bus::Participant participant("replay test", own_domain());
   bus::Reader<BoneWrench> reader(participant, with_history(bus::topics::bone_wrench, 64));
   TopicPlayer player(participant, path_, {}, 2.0);
@@ -109,7 +109,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
   const Nanoseconds started = now();
   Nanoseconds moment = started;
   while (player.play(moment))
-    moment = player.next_due();  // a clock of our own: as fast as it goes, yet each at its time
+    moment = player.next_due();  // the test's own clock: it does not wait, but each message has its due time
   EXPECT_EQ(player.counts()["bone_wrench"].messages, static_cast<std::uint64_t>(kCount));
   ASSERT_TRUE(wait_for([&] {
     reader.take_all([&received](const BoneWrench& w) { received.push_back(w); });
@@ -120,11 +120,11 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
     const BoneWrench& after = received[i];
     EXPECT_EQ(after.hand, before.hand);
     EXPECT_EQ(after.stamp.sequence, before.stamp.sequence);
-    EXPECT_NE(after.stamp.epoch, before.stamp.epoch) << "a receiver would take it for an old sample";
+    EXPECT_NE(after.stamp.epoch, before.stamp.epoch) << "else a receiver would take it for an old sample";
     EXPECT_EQ(after.stamp.epoch, received[0].stamp.epoch);
     EXPECT_EQ(after.stamp.clock_id, clock_id());
     EXPECT_EQ(after.bones[3].coupling_force, before.bones[3].coupling_force);
-    // Half the time between any two stamps.
+    // Twice the speed halves the time between any two stamps.
     EXPECT_NEAR(static_cast<double>(after.stamp.publish_time - after.stamp.chain.tracker_sample), 10e6, 2);
     EXPECT_NEAR(static_cast<double>(after.stamp.publish_time - received[0].stamp.publish_time),
                 0.5 * static_cast<double>(before.stamp.publish_time - sent[0].stamp.publish_time), 2);
@@ -135,7 +135,7 @@ TEST_F(RecordingTest, WhatWasPublishedComesBackWithItsTimesMoved) {
   EXPECT_LT(described_at, started);
 }
 
-TEST_F(RecordingTest, ATopicThatDoesNotExistIsRefusedWithTheListOfThose) {
+TEST_F(RecordingTest, RefusesAnUnknownTopicAndListsTheKnownOnes) {
   const bus::Participant participant("recording test", own_domain());
   try {
     TopicRecorder(participant, path_, {"contact"});
@@ -144,7 +144,7 @@ TEST_F(RecordingTest, ATopicThatDoesNotExistIsRefusedWithTheListOfThose) {
     EXPECT_NE(std::string(error.what()).find("'contact'"), std::string::npos) << error.what();
     EXPECT_NE(std::string(error.what()).find("contacts, "), std::string::npos) << error.what();
   }
-  EXPECT_FALSE(std::filesystem::exists(path_)) << "and no file is begun";
+  EXPECT_FALSE(std::filesystem::exists(path_)) << "no file may be created";
 }
 
 TEST_F(RecordingTest, AFileWithoutTheChosenTopicIsRefused) {
@@ -158,7 +158,7 @@ TEST_F(RecordingTest, AFileWithoutTheChosenTopicIsRefused) {
   EXPECT_THROW(TopicPlayer(participant, path_, {"bone_wrench"}, 1), std::invalid_argument);
   TopicPlayer player(participant, path_, {}, 1);
   player.play(now());
-  EXPECT_EQ(player.counts()["contacts"].refused, 1u) << "an empty payload is no message";
+  EXPECT_EQ(player.counts()["contacts"].refused, 1u) << "an empty payload is not a message";
   EXPECT_EQ(player.counts()["contacts"].messages, 0u);
 }
 

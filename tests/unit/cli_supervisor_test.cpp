@@ -1,4 +1,4 @@
-// The supervisor against real children: shell scripts that live, die, and refuse to die.
+// The supervisor with real children: shell scripts that live, die, or ignore SIGTERM.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
@@ -27,7 +27,7 @@ struct Line {
 
 class SupervisorTest : public ::testing::Test {
  protected:
-  std::vector<Line> lines_;  // outlives the supervisor, whose destructor still speaks
+  std::vector<Line> lines_;  // must outlive the supervisor: its destructor still reports lines
   Supervisor supervisor_{[this](const std::string& name, const std::string& line) {
     lines_.push_back({name, line, Clock::now()});
   }};
@@ -42,7 +42,7 @@ class SupervisorTest : public ::testing::Test {
                  [&text](const Line& l) { return l.text.find(text) != std::string::npos; });
     return found;
   }
-  // Generous, as it only bounds a failing test.
+  // The limit is generous because it only matters in a failing test.
   bool poll_until(const std::function<bool()>& done, milliseconds limit = milliseconds(20000)) {
     const auto until = Clock::now() + limit;
     while (!done() && Clock::now() < until) supervisor_.poll(milliseconds(20));
@@ -58,7 +58,7 @@ TEST_F(SupervisorTest, ForwardsEveryLineOfBothStreamsUnderTheChildsName) {
   ASSERT_TRUE(poll_until([this] { return lines_.size() >= 4; }));
   EXPECT_EQ(lines_with("first").at(0).name, "one");
   EXPECT_EQ(lines_with("second").at(0).name, "one");
-  EXPECT_EQ(lines_with("cut short").size(), 1u) << "a line that comes in pieces is one line";
+  EXPECT_EQ(lines_with("cut short").size(), 1u) << "a line that arrives in pieces is one line";
   EXPECT_EQ(lines_with("other").at(0).name, "two");
 }
 
@@ -67,7 +67,7 @@ TEST_F(SupervisorTest, KeepsTheLastLineOfAChildThatDiesWithoutANewline) {
   EXPECT_TRUE(poll_until([this] { return lines_with("last words").size() >= 1; }));
 }
 
-TEST_F(SupervisorTest, RestartsAtOnceThenBacksOffTwiceAsLongEachTime) {
+TEST_F(SupervisorTest, RestartsAtOnceThenDoublesTheDelayEachTime) {
   supervisor_.start(shell("flaky", "echo alive; exit 3"));
   ASSERT_TRUE(poll_until([this] { return lines_with("alive").size() >= 4; }));
   const auto deaths = lines_with("exit code 3");
@@ -75,7 +75,7 @@ TEST_F(SupervisorTest, RestartsAtOnceThenBacksOffTwiceAsLongEachTime) {
   EXPECT_NE(deaths[0].text.find("in 0 ms"), std::string::npos) << deaths[0].text;
   EXPECT_NE(deaths[1].text.find("in 250 ms"), std::string::npos) << deaths[1].text;
   EXPECT_NE(deaths[2].text.find("in 500 ms"), std::string::npos) << deaths[2].text;
-  // What it says is what it does: never earlier. (Later is the machine's business.)
+  // A restart never comes earlier than announced. (It may come later on a busy machine.)
   const auto starts = lines_with("alive");
   EXPECT_GE(starts[2].at - deaths[1].at, milliseconds(249));
   EXPECT_GE(starts[3].at - deaths[2].at, milliseconds(499));
@@ -83,7 +83,7 @@ TEST_F(SupervisorTest, RestartsAtOnceThenBacksOffTwiceAsLongEachTime) {
   EXPECT_EQ(supervisor_.restarts("nobody"), 0u);
 }
 
-TEST_F(SupervisorTest, SaysWhichSignalKilledAChildAndStartsAnother) {
+TEST_F(SupervisorTest, ReportsTheSignalThatKilledAChildAndRestartsIt) {
   supervisor_.start(shell("victim", "echo up; exec sleep 60"));
   ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
   const pid_t first = supervisor_.process_id("victim");
@@ -94,7 +94,7 @@ TEST_F(SupervisorTest, SaysWhichSignalKilledAChildAndStartsAnother) {
   EXPECT_EQ(supervisor_.restarts("victim"), 1u);
 }
 
-TEST_F(SupervisorTest, StopsAllByTerm) {
+TEST_F(SupervisorTest, StopsAllChildrenWithSigterm) {
   const std::string loop = "; echo ready; while :; do sleep 0.01; done";
   supervisor_.start(shell("first", "trap 'echo term; exit 0' TERM" + loop));
   supervisor_.start(shell("second", "trap 'echo term; exit 0' TERM" + loop));
@@ -103,12 +103,12 @@ TEST_F(SupervisorTest, StopsAllByTerm) {
   EXPECT_EQ(lines_with("term").size(), 2u);
   EXPECT_EQ(supervisor_.process_id("first"), -1);
   EXPECT_EQ(supervisor_.process_id("second"), -1);
-  EXPECT_EQ(supervisor_.restarts("first"), 0u) << "nobody is restarted while stopping";
+  EXPECT_EQ(supervisor_.restarts("first"), 0u) << "no child is restarted while stopping";
 }
 
-// `softhand up` stops by a handler, which a child has too until it is another program: a stop in that moment set a flag
-// that nobody would read.
-TEST_F(SupervisorTest, StopsWhoWasStartedAMomentAgo) {
+// `softhand up` stops through a signal handler. Between fork and exec a child still has this handler. A SIGTERM in that
+// window only set a flag that nobody would read.
+TEST_F(SupervisorTest, StopsAChildThatWasJustStarted) {
   const StopSignal handler;
   for (int i = 0; i < 50; ++i) {
     Supervisor supervisor([](const std::string&, const std::string&) {});
@@ -117,7 +117,7 @@ TEST_F(SupervisorTest, StopsWhoWasStartedAMomentAgo) {
   }
 }
 
-TEST_F(SupervisorTest, KillsWhoDoesNotStopInTimeAndSaysSo) {
+TEST_F(SupervisorTest, KillsAndReportsAChildThatDoesNotStopInTime) {
   supervisor_.start(shell("stubborn", "trap '' TERM; echo ready; while :; do sleep 0.01; done"));
   supervisor_.start(shell("polite", "echo ready; exec sleep 60"));
   ASSERT_TRUE(poll_until([this] { return lines_with("ready").size() == 2; }));
@@ -147,7 +147,7 @@ TEST_F(SupervisorTest, RefusesAProgramThatCannotRun) {
 }
 
 TEST_F(SupervisorTest, ChildrenDoNotInheritOpenFiles) {
-  // Not close-on-exec, as a DDS layer's sockets may be.
+  // The pipe is not close-on-exec. The sockets of a DDS layer may not be either.
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
   supervisor_.start(shell("lister", "ls /proc/self/fd | wc -l; exec sleep 60"));
@@ -157,7 +157,7 @@ TEST_F(SupervisorTest, ChildrenDoNotInheritOpenFiles) {
   close(ends[1]);
 }
 
-// A supervisor that is killed cannot stop anybody: the kernel does.
+// A killed supervisor cannot stop its children. The kernel does it.
 TEST(SupervisorDeath, ChildrenDieWithTheirSupervisor) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
@@ -175,7 +175,7 @@ TEST(SupervisorDeath, ChildrenDieWithTheirSupervisor) {
   EXPECT_TRUE(alive(child));
   kill(middle, SIGKILL);
   waitpid(middle, nullptr, 0);
-  // Orphans may stay zombies where nobody reaps them: dead is what does not run.
+  // If nobody reaps orphans, they may stay zombies. So a zombie counts as dead.
   const auto running = [child] {
     std::ifstream stat("/proc/" + std::to_string(child) + "/stat");
     std::string pid, name, state;

@@ -1,4 +1,4 @@
-// The safety around every device driver.
+// The safety layer around every device driver.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -24,7 +24,7 @@ struct Written {
   std::vector<std::vector<double>> commands;
 };
 
-// Asks for the x-force of the first two bones.
+// Wants to render the x-force of the first two bones.
 class FakeDriver : public HapticDriver {
  public:
   explicit FakeDriver(Written& written) : written_(written) {}
@@ -70,7 +70,8 @@ class Device : public ::testing::Test {
   }
 };
 
-// A user's fingertip that swings 10 mm to and fro at 2 Hz against `force(x, v)`, N along x, as the driver hears it.
+// A user's fingertip swings by 10 mm to each side at 2 Hz against `force(x, v)`, in N along x, as the driver receives
+// it. Returns the energy of the passivity observer.
 template <typename Force>
 double passivity_of(DeviceLoop<BoneWrench>& loop, int milliseconds, Force force) {
   for (int i = 0; i < milliseconds; ++i) {
@@ -84,7 +85,7 @@ double passivity_of(DeviceLoop<BoneWrench>& loop, int milliseconds, Force force)
   return loop.passivity().energy();
 }
 
-TEST_F(Device, AUserWhoMovesAgainstADamperPutsItsHeatIn) {
+TEST_F(Device, UserPutsTheDissipatedEnergyIntoADamper) {
   // b v^2 over whole periods: 5 N s/m x 1/2 x (0.1257 m/s)^2 x 2 s.
   EXPECT_NEAR(passivity_of(loop, 2001, [](double, double v) { return -5 * v; }), 5 * 0.5 * std::pow(0.04 * M_PI, 2) * 2,
               1e-3);
@@ -94,9 +95,9 @@ TEST_F(Device, AUserWhoMovesAgainstADamperPutsItsHeatIn) {
   EXPECT_GT(status.passivity_energy, 0.05);
 }
 
-TEST_F(Device, ASpringGivesBackMoreThanItTookByItsForcesAge) {
-  // f = -k x(t - age) gives k pi X^2 sin(w age) in each period; a force that is held for a millisecond is half of one
-  // old to begin with.
+TEST_F(Device, DelayedSpringReturnsMoreEnergyThanItTook) {
+  // f = -k x(t - age) returns k pi X^2 sin(w age) in each period. A force that is held for a millisecond is half a
+  // millisecond old on average.
   const double w = 4 * M_PI;
   for (const double delay : {0.0, 0.02}) {
     Written other;
@@ -108,7 +109,7 @@ TEST_F(Device, ASpringGivesBackMoreThanItTookByItsForcesAge) {
   }
 }
 
-TEST_F(Device, WhatIsSwitchedOffOrJumpsDoesNoWork) {
+TEST_F(Device, DisabledDeviceAndJumpsDoNoWork) {
   DeviceLoopOptions off;
   off.enabled = false;
   Written other;
@@ -128,7 +129,7 @@ TEST_F(Device, WhatIsSwitchedOffOrJumpsDoesNoWork) {
   EXPECT_NEAR(loop.passivity().energy(), -1e-3, 1e-12);
 }
 
-TEST(Passivity, WhatIsNoOrientationDoesNoWorkAndIsForgotten) {
+TEST(Passivity, InvalidOrientationsDoNoWorkAndAreForgotten) {
   PassivityObserver observer;
   BoneWrench w;
   w.simulated_valid = 1;
@@ -162,7 +163,7 @@ TEST_F(Device, CommandsAreClampedAndSlewed) {
   EXPECT_EQ(later.live, 1u);
 }
 
-TEST_F(Device, StaleInputZeroesWithin50MillisecondsAndComesBack) {
+TEST_F(Device, StaleInputZeroesWithin50MillisecondsUntilNewInputArrives) {
   feed(2, 2, 50);
   const Nanoseconds died = now;
   bool zero_in_time = false;
@@ -193,9 +194,9 @@ TEST_F(Device, RepeatedAndBackloggedInputDoesNotKeepItAlive) {
   EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0);
 }
 
-// A stopped process (SIGSTOP, a debugger) finds what came meanwhile in its sockets. This host's clock tells how old
-// that is, a stranger's does not.
-TEST_F(Device, ABacklogIsOldAfterAnyTime) {
+// A stopped process (SIGSTOP, a debugger) later finds old messages in its sockets. Stamps of this host's clock show
+// their age. Stamps of another host's clock do not.
+TEST_F(Device, BacklogIsStaleAfterAnyTime) {
   for (const double seconds : {0.06, 9.9, 12.0, 3600.0}) {
     BoneWrench backlog = wrench(2, 2, ++sequence, now - static_cast<Nanoseconds>(seconds * 1e9));
     backlog.stamp.clock_id = clock_id();
@@ -261,7 +262,7 @@ TEST_F(Device, MessagesSwitchMotorsAndGain) {
   EXPECT_EQ(loop.answer(message, "glove").result, kReplyRefused);
 }
 
-TEST(DeviceLimitsCheck, SenselessLimitsAreRefused) {
+TEST(DeviceLimitsCheck, InvalidLimitsAreRefused) {
   EXPECT_THROW(DeviceGuard({}, {0, 0, 1, 1}, 0, 0), std::invalid_argument);
   EXPECT_THROW(DeviceGuard({}, {33, 0, 1, 1}, 0, 0), std::invalid_argument);
   EXPECT_THROW(DeviceGuard({}, {1, 1, 2, 1}, 0, 0), std::invalid_argument);
@@ -292,7 +293,7 @@ std::string read_all(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-TEST(HapticLog, RendersWhatHoldsAFingerOffClosingAndWritesItDown) {
+TEST(HapticLog, RendersAndLogsTheForceAgainstClosingAFinger) {
   HapticLogOptions options;
   options.file = ::testing::TempDir() + "softhand_haptic_log.jsonl";
   options.log_rate_hz = 1000;
@@ -300,7 +301,8 @@ TEST(HapticLog, RendersWhatHoldsAFingerOffClosingAndWritesItDown) {
   {
     DeviceLoop<BoneWrench> loop({}, std::make_unique<HapticLogDriver>(options), 1, 0);
     BoneWrench w = wrench(0, 0, 0, 0);
-    // Index: 1 N and 2 N along the back of the distal bone, which is turned so that its back is +x. Ring: a pull.
+    // Index finger: 1 N and 2 N along the dorsal axis of the distal bone, which is turned so that this axis is +x. Ring
+    // finger: a pull towards the palm.
     const std::size_t distal = static_cast<std::size_t>(index_of(distal_of(Finger::index)));
     w.bones[distal].intermediate_orientation = to_wire(Quaternion(Eigen::AngleAxisd(-M_PI / 2, Vector3::UnitZ())));
     w.bones[distal].coupling_force = {2, 5, 0};
@@ -331,7 +333,7 @@ TEST(HapticLog, RendersWhatHoldsAFingerOffClosingAndWritesItDown) {
   EXPECT_GE(count, 30);
 }
 
-TEST(HapticLog, WritesDownThatItLetsGo) {
+TEST(HapticLog, LogsTheFinalZeroCommands) {
   HapticLogOptions options;
   options.file = ::testing::TempDir() + "softhand_haptic_log_end.jsonl";
   {

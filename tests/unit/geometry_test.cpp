@@ -93,7 +93,7 @@ TEST(Geometry, KnownDistances) {
   EXPECT_TRUE(std::isinf(plane.bounding_radius()));
 }
 
-// A hull of a box's grid of points is the box, collinear and coplanar points and all.
+// The hull of a box's point grid is the box, although the grid has collinear and coplanar points.
 TEST(Geometry, HullOfABoxIsTheBox) {
   const Vector3 half(0.02, 0.03, 0.01);
   const ShapeGeometry box(make(ShapeKind::box, {half.x(), half.y(), half.z()}));
@@ -113,9 +113,9 @@ TEST(Geometry, HullHoldsAllPointsAndIsClosed) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     std::vector<Vector3> points = cloud(256, seed);
     if (seed % 2 == 0) {
-      for (Vector3& p : points) p = 0.04 * p.normalized();  // all on a sphere: every point is a corner
+      for (Vector3& p : points) p = 0.04 * p.normalized();  // all points are on a sphere, so every point is a corner
     }
-    if (seed == 4) points[7] = points[8];  // repeated
+    if (seed == 4) points[7] = points[8];  // a repeated point
     const ConvexHull hull = convex_hull(points);
     const int v = static_cast<int>(hull.vertices.size()), f = static_cast<int>(hull.faces.size());
     EXPECT_EQ(2 * v - 4, f) << "Euler's formula, seed " << seed;
@@ -125,7 +125,7 @@ TEST(Geometry, HullHoldsAllPointsAndIsClosed) {
         const auto end = std::find(there.begin(), there.end(), hull.faces[k][edge]);
         ASSERT_NE(end, there.end());
         EXPECT_EQ(there[static_cast<std::size_t>(end - there.begin() + 2) % 3], hull.faces[k][(edge + 1) % 3])
-            << "the same edge, the other way";
+            << "the neighbour must have the same edge in the opposite direction";
       }
     }
     for (std::size_t k = 0; k < hull.faces.size(); ++k) {
@@ -134,7 +134,7 @@ TEST(Geometry, HullHoldsAllPointsAndIsClosed) {
   }
 }
 
-// To the feet on all faces that have one, and to all edges.
+// The least distance to all edges, and to all faces onto which the point projects.
 double distance_to_all_faces(const ConvexHull& hull, const Vector3& p) {
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t f = 0; f < hull.faces.size(); ++f) {
@@ -151,8 +151,9 @@ double distance_to_all_faces(const ConvexHull& hull, const Vector3& p) {
   return least;
 }
 
-// Plates, needles and grids of coplanar points too, from anywhere outside: over corners, edges and faces, near and far.
-TEST(Geometry, NoPointOfAHullIsNearerThanTheClosest) {
+// Includes plates, needles and grids of coplanar points. The points lie outside the hull: over corners, edges and
+// faces, near and far.
+TEST(Geometry, ClosestPointOfAHullIsTheNearestOfAllFaces) {
   std::vector<std::vector<Vector3>> solids{cloud(4, 1),
                                            cloud(60, 2),
                                            cloud(256, 3),
@@ -165,7 +166,7 @@ TEST(Geometry, NoPointOfAHullIsNearerThanTheClosest) {
   for (Vector3& p : solids.back()) p = p.cwiseProduct(Vector3(1, 0.02, 0.02));
   solids.push_back(solids[6]);
   for (Vector3& p : solids.back())
-    p = p.cwiseProduct(Vector3(1, 0.01, 1)) + Vector3(0.2, 0, 0);  // and its frame's origin far away
+    p = p.cwiseProduct(Vector3(1, 0.01, 1)) + Vector3(0.2, 0, 0);  // a plate far from its frame's origin
   for (std::size_t solid = 0; solid < solids.size(); ++solid) {
     SCOPED_TRACE(solid);
     const ShapeGeometry shape(hull_of(solids[solid]));
@@ -214,15 +215,15 @@ TEST(Geometry, DistanceGradientIsTheUnitNormal) {
         const Vector3 e = h * Vector3::Unit(axis);
         difference[axis] = (shape.signed_distance(p + e) - shape.signed_distance(p - e)) / (2 * h);
       }
-      if ((difference - at.normal).norm() > 1e-5) continue;  // at a medial sheet the distance has a kink
+      if ((difference - at.normal).norm() > 1e-5) continue;  // the distance has a kink at a medial surface
       ++tested;
     }
     EXPECT_GT(tested, 1990);
   }
 }
 
-// No point of the surface, sampled densely, is nearer than the distance says; some are as near.
-TEST(Geometry, DistanceAgainstBruteForce) {
+// No point of a dense sample of the surface is nearer than the signed distance. Some points are as near.
+TEST(Geometry, DistanceAgreesWithBruteForce) {
   for (const Named& named : shapes()) {
     if (named.name == "plane") continue;
     SCOPED_TRACE(named.name);
@@ -254,7 +255,7 @@ TEST(Geometry, NormalsAreDefinedEverywhere) {
   }
 }
 
-// Against marching along the segment in small steps.
+// The reference marches along the segment in small steps.
 TEST(Geometry, FirstCrossingIsWhereThePathEnters) {
   for (const Named& named : shapes()) {
     SCOPED_TRACE(named.name);
@@ -274,7 +275,7 @@ TEST(Geometry, FirstCrossingIsWhereThePathEnters) {
         }
       }
       if (shape.signed_distance(from) < 0) {
-        EXPECT_FALSE(crossing) << "starts inside";
+        EXPECT_FALSE(crossing) << "the path starts inside";
         continue;
       }
       if (sampled >= 0) {
@@ -306,11 +307,10 @@ TEST(Geometry, ThinPlateIsNeverMissed) {
     ASSERT_TRUE(crossing);
     EXPECT_EQ(crossing->normal, Vector3::UnitY());
   }
-  EXPECT_FALSE(plate.first_crossing({0, 0.00025, 0}, {1, 0.00025, 0})) << "sliding along the face is no crossing";
+  EXPECT_FALSE(plate.first_crossing({0, 0.00025, 0}, {1, 0.00025, 0})) << "a path along the face does not cross it";
 }
 
-// Volume and inertia by Monte Carlo.
-TEST(Geometry, VolumeAndInertia) {
+TEST(Geometry, VolumeAndInertiaAgreeWithMonteCarlo) {
   for (const Named& named : shapes()) {
     if (named.name == "plane" || named.name == "thin plate") continue;
     SCOPED_TRACE(named.name);
@@ -336,8 +336,8 @@ TEST(Geometry, VolumeAndInertia) {
   }
 }
 
-// The lowest resting point is the lowest point of the solid, in every direction.
-TEST(Geometry, RestingPointsSupport) {
+// For every direction, the lowest resting point is the lowest point of the solid.
+TEST(Geometry, LowestRestingPointIsTheLowestPointOfTheSolid) {
   for (const Named& named : shapes()) {
     if (named.name == "plane") continue;
     SCOPED_TRACE(named.name);
@@ -360,11 +360,11 @@ TEST(Geometry, RestingPointsSupport) {
   }
 }
 
-TEST(Geometry, BadShapesAreRefusedByName) {
+TEST(Geometry, RefusesBadShapesAndNamesTheReason) {
   const auto refused = [](const Shape& shape, const std::string& word) {
     try {
       const ShapeGeometry geometry(shape);
-      ADD_FAILURE() << "accepted, expected a complaint about " << word;
+      ADD_FAILURE() << "accepted; expected an error about " << word;
     } catch (const std::invalid_argument& error) {
       EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
     }
@@ -418,7 +418,7 @@ TEST(NodeGroups, FindsEveryNodeInReach) {
       }
     }
     if (named.name != "plane") {
-      EXPECT_LT(visited_of_all, 20 * count / 2) << "nothing is left out";
+      EXPECT_LT(visited_of_all, 20 * count / 2) << "most nodes were visited: groups out of reach are not skipped";
     }
   }
 }

@@ -21,8 +21,8 @@ class Ball : public SkinShape {
   std::array<Vector3, 2> bounds() const override { return {Vector3::Constant(-0.04), Vector3::Constant(0.04)}; }
 };
 
-TEST(RoundedCone, IsTheHullOfTwoSpheres) {
-  // The exact distance to a hull of two spheres is the least distance to the spheres in between.
+TEST(RoundedCone, ReturnsTheDistanceToTheHullOfTwoSpheres) {
+  // The exact distance to the hull of two spheres is the least distance to the interpolated spheres between them.
   const Vector3 a(0.01, -0.02, 0.003), b(0.05, 0.01, -0.01);
   std::mt19937 generator(1);
   std::uniform_real_distribution<double> uniform(-0.1, 0.1);
@@ -41,11 +41,11 @@ TEST(RoundedCone, IsTheHullOfTwoSpheres) {
   }
 }
 
-TEST(RoundedCone, HoldsASwallowedSphere) {
+TEST(RoundedCone, AcceptsASphereInsideTheOther) {
   EXPECT_NEAR(rounded_cone_distance({0.05, 0, 0}, {0, 0, 0}, {0.001, 0, 0}, 0.02, 0.005), 0.03, 1e-12);
 }
 
-TEST(Proportions, LengthAndBreadthAreThoseAskedFor) {
+TEST(Proportions, MatchTheRequestedLengthAndBreadth) {
   for (const double length : {0.15, 0.189, 0.22}) {
     const RestSkeleton rest = natural_rest({length, 0.45 * length});
     double chain = rest.radii[at(Joint::middle_tip)] + rest.joints[at(Joint::middle_proximal)].position.norm();
@@ -64,15 +64,15 @@ TEST(Proportions, LengthAndBreadthAreThoseAskedFor) {
   EXPECT_THROW(natural_rest({0.19, std::nan("")}), std::invalid_argument);
 }
 
-TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
+TEST(Proportions, FramesPointAlongTheBonesWithTheNailOnTheBack) {
   const RestSkeleton rest = natural_rest(HandSize{});
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     const Pose& joint = rest.joints[at(joint_of(body))];
     const Vector3 along = (rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
     EXPECT_GT(along.dot(-(joint.orientation * Vector3::UnitZ())), 1 - 1e-9) << kBodyNames[b];
-    // Nails of the fingers look up, and forward where the finger is curled. The resting thumb's looks to its own side
-    // and a little down, as its pad looks to the fingers.
+    // The fingernails point up, and forward if the finger is curled. The resting thumb's nail points to the thumb's own
+    // side and a little down, because the thumb's pad faces the fingers.
     const Vector3 nail = joint.orientation * Vector3::UnitY();
     if (finger_of(body) == Finger::thumb) {
       EXPECT_LT(nail.x(), -0.4) << kBodyNames[b];
@@ -85,17 +85,17 @@ TEST(Proportions, FramesPointAlongTheBonesWithTheBackUp) {
   }
 }
 
-TEST(Proportions, TheThumbOpposes) {
+TEST(Proportions, ThumbPadFacesTheFingers) {
   const RestSkeleton rest = natural_rest(HandSize{});
   const Pose& thumb = rest.joints[at(Joint::thumb_tip)];
   const Vector3 pad = -(thumb.orientation * Vector3::UnitY());
   const Vector3 to_fingers = (rest.joints[at(Joint::middle_tip)].position - thumb.position).normalized();
   EXPECT_GT(pad.dot(to_fingers), 0.2);
-  EXPECT_LT(thumb.position.y(), -0.02);  // stands off the palm's plane
+  EXPECT_LT(thumb.position.y(), -0.02);  // away from the palm's plane
 }
 
 TEST(Proportions, PadsFaceEachOtherInAPinch) {
-  HandModel hand;  // bones suffice
+  HandModel hand;  // only its bones are used
   const RestSkeleton rest = natural_rest(HandSize{});
   hand.rest_joints = rest.joints;
   hand.joint_radii = rest.radii;
@@ -110,7 +110,7 @@ TEST(Proportions, PadsFaceEachOtherInAPinch) {
   }
 }
 
-TEST(Proportions, AMeasuredHandKeepsItsOffsets) {
+TEST(Proportions, MeasuredHandKeepsItsJointOffsets) {
   const RestSkeleton rest = natural_rest({0.17, 0.08});
   const std::array<Pose, kJointCount> frames[] = {rest.joints};
   const RestSkeleton again = natural_rest(measure_skeleton(frames, rest.radii), Side::right);
@@ -118,7 +118,7 @@ TEST(Proportions, AMeasuredHandKeepsItsOffsets) {
     EXPECT_LT((again.joints[j].position - rest.joints[j].position).norm(), 1e-9) << kJointNames[j];
 }
 
-TEST(Proportions, MillimetresAndTheOtherSidesHandAreRefused) {
+TEST(Proportions, RefuseMillimetresAndAHandOfTheOtherSide) {
   const RestSkeleton right = natural_rest({0.17, 0.08});
   const auto error_of = [&right](double scale, Side side) -> std::string {
     std::array<Pose, kJointCount> frames[] = {right.joints};
@@ -130,7 +130,7 @@ TEST(Proportions, MillimetresAndTheOtherSidesHandAreRefused) {
     }
     return "";
   };
-  EXPECT_EQ(error_of(0.6, Side::right), "") << "a small child's";
+  EXPECT_EQ(error_of(0.6, Side::right), "") << "the size of a small child's hand";
   EXPECT_NE(error_of(1000, Side::right).find("expected positions in metres"), std::string::npos);
   EXPECT_NE(error_of(0, Side::right).find("expected positions in metres"), std::string::npos);
   EXPECT_NE(error_of(1, Side::left).find("expected a left hand"), std::string::npos);
@@ -171,7 +171,7 @@ TEST(Skin, KnucklesDoNotBulge) {
   }
 }
 
-TEST(Bones, LieInsideTheSkinAndLeaveThePulp) {
+TEST(Bones, LieInsideTheSkinAndLeaveRoomForThePulp) {
   for (const HandSize size : {HandSize{}, HandSize{0.16, 0.072}, HandSize{0.21, 0.095}}) {
     const RestSkeleton rest = natural_rest(size);
     const ParametricSkin skin(rest);
@@ -180,7 +180,8 @@ TEST(Bones, LieInsideTheSkinAndLeaveThePulp) {
       const Pose& joint = rest.joints[at(joint_of(static_cast<Body>(b)))];
       for (const double s : {0.0, 0.25, 0.5, 0.75, 1.0}) {
         const double radius = (1 - s) * bodies[b].bone_start_radius + s * bodies[b].bone_end_radius;
-        // Points of the bone's own surface: inside a union the skin's function only bounds the depth from below.
+        // These are points of the bone's own surface. Inside a union of shapes, the skin's distance function is only a
+        // lower bound of the depth.
         const Vector3 axis = (bodies[b].bone_end - bodies[b].bone_start).normalized();
         const Vector3 across = axis.unitOrthogonal();
         for (int k = 0; k < 16; ++k) {
@@ -210,9 +211,9 @@ TEST(Bones, LieInsideTheSkinAndLeaveThePulp) {
   }
 }
 
-TEST(Bodies, RangesCountFromTheRestPose) {
+TEST(Bodies, RangesAreRelativeToTheRestPose) {
   const auto bodies = make_bodies(natural_rest(HandSize{}));
-  // PIP of the index: 100 degrees flexed from straight, 33 at rest.
+  // PIP of the index finger: the range is 100 degrees from straight, and the joint is flexed by 33 degrees at rest.
   const JointModel& pip = bodies[at(Body::index_intermediate)].joint;
   EXPECT_EQ(pip.kind, JointKind::hinge);
   EXPECT_NEAR(degrees(pip.flexion_range[0]), -67, 0.5);
@@ -223,7 +224,7 @@ TEST(Bodies, RangesCountFromTheRestPose) {
   EXPECT_EQ(bodies[at(Body::forearm)].joint.kind, JointKind::free);
 }
 
-TEST(Bodies, RestRelaxedBetweenAFlatHandAndAFistThatAreBothInRange) {
+TEST(Bodies, RestIsRelaxedAndRangesIncludeAFlatHandAndAFist) {
   const RestSkeleton rest = natural_rest(HandSize{});
   const auto bodies = make_bodies(rest);
   constexpr double kRelaxed[] = {40, 35, 15}, kFist[] = {82, 100, 60};  // degrees of MCP, PIP and DIP
@@ -232,7 +233,7 @@ TEST(Bodies, RestRelaxedBetweenAFlatHandAndAFistThatAreBothInRange) {
       const auto joint = static_cast<std::size_t>(index_of(tip_of(static_cast<Finger>(f))) - 4 + k);
       const Quaternion turn = rest.joints[joint - 1].orientation.conjugate() * rest.joints[joint].orientation;
       const double flexed = -degrees(2 * std::atan2(turn.x(), turn.w()));
-      // A metacarpal's frame lies along its own slope: what counts is the proximal phalanx against the hand.
+      // A metacarpal's frame follows the slope of the metacarpal. So the proximal phalanx is compared with the hand.
       const Quaternion in_hand = rest.joints[joint].orientation;
       const double relaxed = k == 1 ? -degrees(2 * std::atan2(in_hand.x(), in_hand.w())) : flexed;
       EXPECT_NEAR(relaxed, kRelaxed[k - 1], 7) << "finger " << f << " joint " << k;
@@ -243,7 +244,7 @@ TEST(Bodies, RestRelaxedBetweenAFlatHandAndAFistThatAreBothInRange) {
   }
 }
 
-TEST(SkinTriangles, OfABallAreClosedOutwardAndOnIt) {
+TEST(SkinTriangles, OfABallAreClosedPointOutwardAndLieOnTheBall) {
   const Ball ball;
   const TriangleMesh mesh = triangulate_skin(ball, 0.003);
   double volume = 0;
@@ -260,8 +261,8 @@ TEST(SkinTriangles, OfABallAreClosedOutwardAndOnIt) {
   EXPECT_NEAR(skin_volume(ball, 0.001), exact, 0.005 * exact);
 }
 
-TEST(Smoother, RaisesTheWorstAngleAndTurnsNothingOver) {
-  // An octahedron around a centre that was pushed nearly into one face.
+TEST(Smoother, RaisesTheWorstAngle) {
+  // An octahedron whose centre node lies nearly in one face.
   const Ball ball;
   TetrahedralMesh mesh;
   for (int k = 0; k < 3; ++k)
@@ -284,7 +285,7 @@ TEST(Smoother, RaisesTheWorstAngleAndTurnsNothingOver) {
 
 class ShippedHand : public testing::TestWithParam<int> {};
 
-TEST_P(ShippedHand, IsSound) {
+TEST_P(ShippedHand, IsValidAndMatchesTheSkin) {
   const std::string path =
       std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_" + std::to_string(GetParam()) + ".hand.json";
   const HandModel hand = load_hand(path);  // validates
@@ -298,8 +299,8 @@ TEST_P(ShippedHand, IsSound) {
   const double exact = skin_volume(skin, 0.0015);
   EXPECT_NEAR(mesh.volume(), exact, 0.03 * exact);
 
-  // One closed surface, outward: each edge once in each direction, its volume the tetrahedra's, Euler's number of a
-  // sphere.
+  // One closed surface whose triangles point outward. Each edge occurs once in each direction. The enclosed volume is
+  // that of the tetrahedra. The Euler characteristic is that of a sphere.
   std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
   double volume = 0;
   std::vector<bool> outer(hand.nodes.size(), false);
@@ -319,7 +320,7 @@ TEST_P(ShippedHand, IsSound) {
   const auto outer_count = static_cast<int>(std::count(outer.begin(), outer.end(), true));
   EXPECT_EQ(outer_count - static_cast<int>(edges.size() / 2) + static_cast<int>(hand.surface.size()), 2);
 
-  // Each tip reaches the skin's end: no mesh cuts a finger off.
+  // The mesh reaches the end of the skin at each fingertip: no finger is cut off.
   for (int f = 0; f < kFingerCount; ++f) {
     const Pose& tip = hand.rest_joints[at(tip_of(static_cast<Finger>(f)))];
     double reach = -1;
@@ -329,7 +330,7 @@ TEST_P(ShippedHand, IsSound) {
     }
     EXPECT_GT(reach, 0.85 * hand.joint_radii[at(tip_of(static_cast<Finger>(f)))]) << "finger " << f;
   }
-  // Each bone holds its tissue, once a tetrahedron, and nowhere outside it.
+  // Each bone is attached to its tissue, at most once per tetrahedron, and only at points inside the tetrahedron.
   std::array<double, kBodyCount> held{};
   std::map<std::pair<int, int>, int> pairs;
   for (const Attachment& a : hand.attachments) {
@@ -338,7 +339,7 @@ TEST_P(ShippedHand, IsSound) {
     for (const double w : a.weights) EXPECT_GE(w, -1e-6);
   }
   for (std::size_t b = 0; b < kBodyCount; ++b) EXPECT_GT(held[b], 1.5e4) << kBodyNames[b];
-  // The display's skin is finer than the tissue's, and lies on the skin.
+  // The display's skin is finer than the tissue's surface. It lies on the parametric skin.
   EXPECT_GE(hand.skin_vertices.size(), 4000u);
   EXPECT_LE(hand.skin_vertices.size(), 20000u);
   for (const SkinVertex& v : hand.skin_vertices) {

@@ -37,7 +37,7 @@ HandOptions loop_options() {
   return o;
 }
 
-TEST(HandLoop, ComesToItsFirstSkeletonAtOnceAndFollows) {
+TEST(HandLoop, MovesToItsFirstSkeletonAtOnce) {
   HandLoop loop(hand(), loop_options(), {});
   const Pose wrist{Vector3(1, 1.2, -0.5), Quaternion::Identity()};
   const Skeleton first = skeleton_at(hand(), wrist, kSecond, 1);
@@ -60,7 +60,7 @@ TEST(HandLoop, AJumpRepositionsAndIsCounted) {
   EXPECT_NEAR(output.simulated.joints[index(Joint::wrist)].position[0], 10, 1e-3);
 }
 
-TEST(HandLoop, ABoneThatIsNotSeenInAJumpComesAlong) {
+TEST(HandLoop, UnseenBoneMovesAlongInAJump) {
   HandLoop loop(hand(), loop_options(), {});
   const Skeleton first = skeleton_at(hand(), {}, kSecond, 1);
   loop.step(kSecond, {&first}, {});
@@ -72,14 +72,15 @@ TEST(HandLoop, ABoneThatIsNotSeenInAJumpComesAlong) {
     loop.step(now, {&sample}, {});
   }
   EXPECT_EQ(loop.counters().repositioned, 1u);
-  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 0.01) << "N, towards ten metres away";
+  EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 0.01)
+      << "N; nothing may pull towards the place ten metres away";
   EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position -
              far * hand().rest_joints[index(Joint::index_tip)].position)
                 .norm(),
             1e-3);
 }
 
-TEST(HandLoop, ABoneThatIsNotANumberIsRefusedAndTheOthersLive) {
+TEST(HandLoop, RefusesABoneWithNaNAndFollowsTheOthers) {
   HandLoop loop(hand(), loop_options(), {});
   Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
   loop.step(kSecond, {&sample}, {});
@@ -103,7 +104,7 @@ TEST(HandLoop, OldSamplesAreRefused) {
   EXPECT_EQ(loop.counters().refused_order, 1u);
 }
 
-TEST(HandLoop, StaleInputIsSaidWithinATenthOfASecond) {
+TEST(HandLoop, ReportsStaleInputWithinATenthOfASecond) {
   HandLoop loop(hand(), loop_options(), {});
   const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
   for (int i = 0; i < 20; ++i) loop.step(kSecond + i * 11'111'111, {i == 0 ? &sample : nullptr}, {});
@@ -131,7 +132,7 @@ WorldObjects world_with(std::uint32_t id, const Vector3& position, Nanoseconds t
   return world;
 }
 
-// Object 3, below the fingers, has a twin from this step at kSecond on.
+// Makes a step at kSecond. From then on object 3, which is below the fingers, has a twin.
 WorldObjects come_near_a_cube(HandLoop& loop) {
   loop.describe_object(cube(3));
   const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
@@ -140,7 +141,7 @@ WorldObjects come_near_a_cube(HandLoop& loop) {
   return world;
 }
 
-TEST(HandLoop, MirrorsWhatIsNearOwnsWhatItTouchesAndLetsGoLater) {
+TEST(HandLoop, MirrorsNearObjectsOwnsTouchedOnesAndReleasesThemLater) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});
   loop.describe_object(cube(3));
@@ -159,14 +160,14 @@ TEST(HandLoop, MirrorsWhatIsNearOwnsWhatItTouchesAndLetsGoLater) {
   EXPECT_EQ(near.coupling.twins[0].owned, 0u);
   int steps_to_own = 0;
   while (step(-0.004, below).coupling.twins[0].owned == 0 && steps_to_own < 60) ++steps_to_own;
-  EXPECT_LT(steps_to_own, 60) << "pressed on, the object becomes the hand's";
+  EXPECT_LT(steps_to_own, 60) << "the hand must own an object that it presses";
   int owned_steps = 0;
   while (step(0.03, below).coupling.twins[0].owned == 1 && owned_steps < 90) ++owned_steps;
-  EXPECT_GE(owned_steps, 8) << "it stays the hand's for a tenth of a second";
+  EXPECT_GE(owned_steps, 8) << "the hand must own it for another tenth of a second";
   EXPECT_LT(owned_steps, 90);
 }
 
-// A whole step, from its inputs to all its outputs, with an object coming near, touched, held and let go.
+// Whole steps, from all inputs to all outputs. An object comes near, is touched, held and released.
 TEST(HandLoop, AStepAllocatesNothing) {
 #ifndef SOFTHAND_COUNT_MALLOC
   GTEST_SKIP() << "the sanitizer brings its own malloc";
@@ -182,7 +183,7 @@ TEST(HandLoop, AStepAllocatesNothing) {
   counting = true;
   ::operator delete(::operator new(64));
   counting = false;
-  ASSERT_EQ(std::exchange(allocations, 0), 1) << "the counter counts nothing";
+  ASSERT_EQ(std::exchange(allocations, 0), 1) << "the counter does not count";
   for (int i = 0; i < 120; ++i) {
     now += 11'111'111;
     samples->first =
@@ -197,8 +198,8 @@ TEST(HandLoop, AStepAllocatesNothing) {
   EXPECT_EQ(allocations, 0);
 }
 
-// From a state in which an object is held, at another loop's history of solver and slots.
-TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
+// The taken state is one in which an object is held. The second loop has another history of its solver and slots.
+TEST(HandLoop, ContinuesLikeTheLoopWhoseStateItTook) {
   const HandModel model = hand();
   HandLoop one(model, loop_options(), {}), two(model, loop_options(), {});
   one.describe_object(cube(3));
@@ -215,7 +216,7 @@ TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
   int i = 1;
   while (i < 60 && (one.simulation().contact_count() == 0 || one.simulation().slot_mode(0) != SlotMode::dynamic))
     step(one, i++);
-  ASSERT_LT(i, 60) << "touched and owned";
+  ASSERT_LT(i, 60) << "the cube must be touched and owned";
   two.take_state(one);
   for (const int end = i + 20; i < end; ++i) {
     step(one, i);
@@ -228,8 +229,9 @@ TEST(HandLoop, GoesOnLikeTheLoopWhoseStateItTook) {
   }
 }
 
-// Where joints were before says nothing about a hand that comes back elsewhere, seen in part.
-TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
+// After a reset the hand comes back elsewhere and is seen only in part. The earlier positions of its joints must not
+// count.
+TEST(HandLoop, ResetForgetsTheEarlierPositionsOfTheHand) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});
   const Skeleton here = skeleton_at(model, {}, kSecond, 1);
@@ -237,7 +239,7 @@ TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
   loop.reset(kSecond);
   Skeleton there = skeleton_at(model, {Vector3(0.4, 0, 0), Quaternion::Identity()}, kSecond + 11'111'111, 2);
   there.joints[index(Joint::wrist)].flags = 0;
-  EXPECT_FALSE(loop.step(kSecond + 11'111'111, {&there}, {}).valid) << "without a wrist it is nowhere yet";
+  EXPECT_FALSE(loop.step(kSecond + 11'111'111, {&there}, {}).valid) << "without a wrist the hand has no position yet";
   for (int i = 2; i < 20; ++i) {
     const Nanoseconds now = kSecond + i * 11'111'111;
     there = skeleton_at(model, {Vector3(0.4, 0, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
@@ -245,15 +247,15 @@ TEST(HandLoop, NothingOfTheHandBeforeAResetPullsAtTheOneAfterIt) {
     loop.step(now, {&there}, {});
   }
   EXPECT_LE(loop.simulation().coupling_wrench(Body::index_distal).force.norm(), 1e-9)
-      << "N, towards where the finger was before";
+      << "N; nothing may pull towards the finger's earlier position";
   EXPECT_LE((loop.simulation().joint_pose(Joint::index_tip).position - Vector3(0.4, 0, 0) -
              model.rest_joints[index(Joint::index_tip)].position)
                 .norm(),
             1e-3);
 }
 
-// Ten steps to a sample of the world, in which what carries a held object moves by 4 mm.
-TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
+// The hand makes ten steps per sample of the world. In this time the table under a held object moves by 4 mm.
+TEST(HandLoop, PlanesOfAHeldObjectMoveBetweenSamplesOfTheWorld) {
   const HandModel model = hand();
   HandOptions options = loop_options();
   options.rate_hz = 500;
@@ -288,12 +290,12 @@ TEST(HandLoop, WhatStopsAHeldObjectMovesOnBetweenSamplesOfTheWorld) {
     if (owned && (rising > 0 || i % 10 == 9)) ++rising;
     if (rising > 1) deepest = std::max(deepest, below.y() + height - loop.simulation().slot_pose(0).position.y());
   }
-  ASSERT_EQ(rising, 50) << "it was never owned";
+  ASSERT_EQ(rising, 50) << "the hand never owned the object";
   EXPECT_LE(deepest, 1e-3);
 }
 
-// A hand and a block under its fingers come to one velocity in half a second. The block is static, or rests on a plane
-// that moves along. The world's samples are `age` old, or newer than the step by -`age`.
+// A hand and a block under its fingers reach a common velocity in half a second. The block is static, or it rests on a
+// plane that moves with it. The world's samples are `age` old. If `age` is negative, they are newer than the step.
 class MovingTogether {
  public:
   MovingTogether(const Vector3& velocity, double gap, double pressed, bool is_static, Nanoseconds age)
@@ -324,7 +326,7 @@ class MovingTogether {
   const HandSimulation& simulation() const { return loop_.simulation(); }
 
  private:
-  // Way and velocity.
+  // Displacement and velocity.
   std::pair<Vector3, Vector3> motion(Nanoseconds time) const {
     constexpr double kRise = 0.5;  // s
     const double t = std::max(0.0, static_cast<double>(time - kSecond) * 1e-9), rising = std::min(t, kRise);
@@ -345,7 +347,7 @@ class MovingTogether {
 
 constexpr std::array<Nanoseconds, 4> kAgesOfWorld{0, 4'000'000, 20'000'000, -2'000'000};
 
-TEST(HandLoop, WhatMovesAlongFarFromTheHandDoesNotTouchIt) {
+TEST(HandLoop, DistantBlockWithTheHandsVelocityDoesNotTouchTheHand) {
   for (const bool is_static : {false, true}) {
     for (const Nanoseconds age : kAgesOfWorld) {
       for (const Vector3& velocity : {Vector3(0, 5, 0), Vector3(0, -5, 0), Vector3(5, 0, 0)}) {
@@ -360,7 +362,7 @@ TEST(HandLoop, WhatMovesAlongFarFromTheHandDoesNotTouchIt) {
   }
 }
 
-TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
+TEST(HandLoop, BlockThatMovesWithTheHandIsPressedLikeARestingOne) {
   for (const bool is_static : {false, true}) {
     const auto force = [is_static](const Vector3& velocity, Nanoseconds age) {
       MovingTogether pair(velocity, 0.001, 0.004, is_static, age);
@@ -372,7 +374,7 @@ TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
     for (const Nanoseconds age : kAgesOfWorld) {
       for (const Vector3& velocity :
            {Vector3(0, 0.3, 0), Vector3(0, -0.3, 0), Vector3(0, 3, 0), Vector3(0, 0.3, 0.3)}) {
-        // Friction remembers how they came to this velocity.
+        // Only the normal force is compared. Friction depends on how hand and block reached this velocity.
         EXPECT_NEAR(force(velocity, age).y(), resting.y(), 0.01 * resting.norm())
             << velocity.transpose() << (is_static ? ", static" : ", free") << ", age " << age;
       }
@@ -380,9 +382,9 @@ TEST(HandLoop, WhatMovesAlongIsPressedOnLikeWhatRests) {
   }
 }
 
-// A step of 60 Hz takes it 0.17 m on, more than an object's distance has to be for it to be mirrored, or 0.27 m, more
-// than one is moved that is put elsewhere.
-TEST(HandLoop, NothingIsTooFastToBeMet) {
+// A step at 60 Hz moves the coin by 0.17 m or by 0.27 m. 0.17 m is more than the distance within which an object is
+// mirrored. 0.27 m is more than the jump that counts as a teleport.
+TEST(HandLoop, TouchesObjectsOfAnySpeed) {
   const HandModel model = hand();
   HandOptions options = loop_options();
   options.rate_hz = 60;
@@ -405,7 +407,7 @@ TEST(HandLoop, NothingIsTooFastToBeMet) {
   }
 }
 
-TEST(HandLoop, SlotsGoToTheNearestObjectsAndTheTouchedKeepTheirs) {
+TEST(HandLoop, SlotsGoToTheNearestObjectsAndTouchedObjectsKeepTheirs) {
   const HandModel model = hand();
   HandLoop loop(model, loop_options(), {});  // one slot
   const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
@@ -421,13 +423,13 @@ TEST(HandLoop, SlotsGoToTheNearestObjectsAndTheTouchedKeepTheirs) {
     const ObjectCoupling& coupling = loop.step(now, {&sample, nullptr, &world}, {}).coupling;
     return coupling.twins.size() == 1 ? coupling.twins[0].object : 0u;
   };
-  EXPECT_EQ(holder(0, -0.02, -0.01), kNear) << "though the other was announced first";
+  EXPECT_EQ(holder(0, -0.02, -0.01), kNear) << "although the other was announced first";
   EXPECT_EQ(loop.counters().objects_without_slot, 1u);
-  EXPECT_EQ(holder(0, -0.012, -0.014), kNear) << "it keeps the slot against an equal";
+  EXPECT_EQ(holder(0, -0.012, -0.014), kNear) << "an object that is equally near does not take the slot";
   EXPECT_EQ(holder(0, -0.01, -0.02), kFar);
   for (int i = 0; i < 30 && !loop.simulation().touched(0); ++i) holder(-0.004, 0, -0.02);
   ASSERT_TRUE(loop.simulation().touched(0));
-  EXPECT_EQ(holder(-0.004, 0, 0.02), kFar) << "it is touched: nothing nearer takes its slot";
+  EXPECT_EQ(holder(-0.004, 0, 0.02), kFar) << "a nearer object does not take the slot of a touched one";
 }
 
 TEST(HandLoop, ManyObjectsOutOfReachGetNoSlotAndNoQuery) {
@@ -446,7 +448,7 @@ TEST(HandLoop, ManyObjectsOutOfReachGetNoSlotAndNoQuery) {
   EXPECT_EQ(loop.simulation().work().contact_queries, 0u);
 }
 
-TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
+TEST(HandLoop, RemovedObjectLeavesItsSlot) {
   HandLoop loop(hand(), loop_options(), {});
   const WorldObjects world = come_near_a_cube(loop);
   ObjectDescription gone = cube(3);
@@ -455,8 +457,8 @@ TEST(HandLoop, ARemovedObjectLeavesItsSlot) {
   EXPECT_TRUE(loop.step(kSecond + 11'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.empty());
 }
 
-// A world is another process: what it describes may be anything.
-TEST(HandLoop, ADescriptionThatAStepCouldNotUseIsRefused) {
+// The world is another process, so its descriptions may hold any values.
+TEST(HandLoop, RefusesUnusableDescriptions) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   HandLoop loop(hand(), loop_options(), {});
   const auto refused = [&loop](const char* field, auto&& spoil) {
@@ -481,7 +483,7 @@ TEST(HandLoop, ADescriptionThatAStepCouldNotUseIsRefused) {
   EXPECT_NO_THROW(loop.describe_object(fixed));
 }
 
-TEST(HandLoop, AStateThatIsNoneIsRefusedAndTheHandGoesOn) {
+TEST(HandLoop, RefusesInvalidObjectStatesAndContinues) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const HandModel model = hand();
   NeighbourPlane plane;
@@ -513,7 +515,7 @@ TEST(HandLoop, AStateThatIsNoneIsRefusedAndTheHandGoesOn) {
   }
 }
 
-TEST(HandLoop, WhatTheWorldNoLongerListsIsGone) {
+TEST(HandLoop, ObjectThatTheWorldNoLongerListsIsGone) {
   HandLoop loop(hand(), loop_options(), {});
   WorldObjects world = come_near_a_cube(loop);
   const WorldObjects other = world_with(4, Vector3(1, 0, 0), kSecond + 11'000'000);
@@ -522,8 +524,8 @@ TEST(HandLoop, WhatTheWorldNoLongerListsIsGone) {
   EXPECT_EQ(loop.step(kSecond + 22'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.size(), 1u);
 }
 
-// 256 vertices take some 30 ms to load: three periods.
-TEST(HandLoop, AShapeThatItKnowsIsNotLoadedAgain) {
+// A hull of 256 vertices takes about 30 ms to load, which is three periods.
+TEST(HandLoop, DoesNotLoadAKnownShapeAgain) {
 #ifndef SOFTHAND_COUNT_MALLOC
   GTEST_SKIP() << "the sanitizer brings its own malloc";
 #endif
@@ -546,7 +548,7 @@ TEST(HandLoop, AShapeThatItKnowsIsNotLoadedAgain) {
   EXPECT_GT(std::exchange(allocations, 0), 0);
 }
 
-TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
+TEST(HandLoop, PublishesTheBoneWrenchItselfInDirectMode) {
   HandOptions o = loop_options();
   o.direct = true;
   const HandModel model = hand();
@@ -564,7 +566,7 @@ TEST(HandLoop, WithoutTheIntermediateLayerItGivesTheBoneWrenchItself) {
   EXPECT_EQ(output.bone_wrench.simulated_valid, 1u);
 }
 
-TEST(HandLoop, WithoutTheIntermediateLayerATrackerOfAnotherClockIsHeardAfterAReset) {
+TEST(HandLoop, AcceptsATrackerWithAnotherClockAfterAResetInDirectMode) {
   HandOptions o = loop_options();
   o.direct = true;
   const HandModel model = hand();
@@ -583,8 +585,8 @@ TEST(HandLoop, WithoutTheIntermediateLayerATrackerOfAnotherClockIsHeardAfterARes
               1 + model.rest_joints[index(Joint::wrist)].position.x(), 1e-2);
 }
 
-// What latencies are made of: without it no glove's chain would ever count as complete.
-TEST(HandLoop, WithoutTheIntermediateLayerTheChainIsCompleteToo) {
+// Latencies are computed from the chain. An incomplete chain would never count for a glove's latency.
+TEST(HandLoop, ChainIsCompleteInDirectModeToo) {
   HandOptions o = loop_options();
   o.direct = true;
   const HandModel model = hand();
@@ -608,8 +610,8 @@ TEST(HandLoop, UnwantedOutputsAreNotComputed) {
   EXPECT_EQ(output.contacts.stamp.sequence, 0u);
 }
 
-// An approach, a touch and a grip, with and without what the scene does not need.
-TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
+// An approach, a touch and a grip, with and without things that the scene does not need.
+TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
   const HandModel model = hand();
   struct Run {
     std::vector<State> states;
@@ -648,9 +650,9 @@ TEST(HandLoop, WhatIsLeftOutChangesNoBitOfWhatIsKept) {
   const HandWants nothing{false, false, false, false}, everything{true, true, true, true};
   const Run plain = run(loop_options(), nothing, 0);
   ASSERT_TRUE(plain.touched);
-  EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics that are read";
+  EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics with readers";
   EXPECT_EQ(largest_difference(run(loop_options(), nothing, 40), plain), 0) << "objects out of reach";
-  // A slot that no object takes gives the matrix other columns and sums another order.
+  // An unused slot adds columns to the matrix and changes the order of sums.
   HandOptions exact = loop_options();
   exact.simulation.solver.factor = "double";
   exact.simulation.solver.keep_factor = false;

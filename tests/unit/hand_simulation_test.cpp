@@ -65,7 +65,7 @@ TEST(HandSimulation, FollowsItsTargetsAndTurnsWithThem) {
   EXPECT_EQ(simulation.inverted_elements(), 0);
 }
 
-TEST(HandSimulation, RepositioningMovesAllRigidly) {
+TEST(HandSimulation, RepositioningMovesTheHandRigidly) {
   HandSimulation simulation(hand(), options(), 0, 0);
   const Pose wrist{Vector3(10, -3, 2), rotation_exp(Vector3(0, 2, 1))};
   simulation.reposition(wrist);
@@ -75,7 +75,7 @@ TEST(HandSimulation, RepositioningMovesAllRigidly) {
   EXPECT_LE(worst_joint_error(simulation, wrist), 1e-8);
 }
 
-TEST(HandSimulation, GoesOnFromAKeptState) {
+TEST(HandSimulation, ContinuesFromARestoredState) {
   HandSimulation simulation(hand(), options(), 0, 0);
   set_rest_targets(simulation, {Vector3(0.03, 0, 0), Quaternion::Identity()});
   for (int i = 0; i < 5; ++i) simulation.step(kStep);
@@ -84,7 +84,7 @@ TEST(HandSimulation, GoesOnFromAKeptState) {
   const Eigen::Matrix3Xd once = simulation.state().node_positions;
   simulation.restore(kept);
   simulation.step(kStep);
-  // Not the bits: factors are kept from the steps before.
+  // Not equal to the bit, because factors of earlier steps are reused.
   EXPECT_LE((simulation.state().node_positions - once).colwise().norm().maxCoeff(), 2e-5);
   State other = kept;
   other.body_poses.pop_back();
@@ -111,8 +111,8 @@ struct CubeOnAPlane {
   NeighbourPlane plane;
 };
 
-// What it rested on does not rub it where it was put.
-TEST(HandSimulation, AnObjectOfAnotherStateIsFreeOfThePlaneThatCarriedIt) {
+// The plane on which the object rested causes no friction at the object's new place.
+TEST(HandSimulation, RestoringAStateReleasesTheObjectFromItsPlane) {
   CubeOnAPlane rig(0.05);
   for (int i = 0; i < 30; ++i) rig.step({0, -9.81, 0});
   State thrown = rig.simulation.state();
@@ -124,8 +124,9 @@ TEST(HandSimulation, AnObjectOfAnotherStateIsFreeOfThePlaneThatCarriedIt) {
   EXPECT_LE(rig.simulation.slot_velocity(0).angular.norm(), 1e-5);
 }
 
-// Half a millimetre, whatever the world's gravity, and although a floating object had none when it was touched first.
-TEST(HandSimulation, AnObjectSinksNoDeeperIntoAPlaneWhereGravityIsStronger) {
+// The depth is at most half a millimetre for any gravity of the world. This also holds for a floating object, which had
+// no gravity when it was first touched.
+TEST(HandSimulation, DepthInAPlaneDoesNotGrowWithGravity) {
   for (const bool floating : {false, true}) {
     CubeOnAPlane rig(5);
     for (int i = 0; i < 60; ++i) rig.step({0, floating && i == 0 ? 0.0 : -50.0, 0});
@@ -135,7 +136,8 @@ TEST(HandSimulation, AnObjectSinksNoDeeperIntoAPlaneWhereGravityIsStronger) {
   }
 }
 
-// Every node somewhere in the hand's box: the tissue's energy has many minima with inverted tetrahedra.
+// Moves every node to a random place in the hand's bounding box. The tissue's energy has many minima with inverted
+// tetrahedra.
 void scatter_nodes(HandSimulation& simulation) {
   State state = simulation.state();
   const Vector3 low = state.node_positions.rowwise().minCoeff(), high = state.node_positions.rowwise().maxCoeff();
@@ -146,7 +148,7 @@ void scatter_nodes(HandSimulation& simulation) {
   simulation.restore(state);
 }
 
-TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
+TEST(HandSimulation, UntanglesTissueThatStaysInverted) {
   double left = 0;
   const auto inverted_after = [&left](double patience, std::uint64_t& untangled) {
     SimulationOptions o = options();
@@ -160,16 +162,16 @@ TEST(HandSimulation, TissueThatStaysInsideOutIsPutBack) {
     return simulation.inverted_elements();
   };
   std::uint64_t untangled = 0;
-  EXPECT_GT(inverted_after(0, untangled), 0) << "it came back by itself: this shows nothing";
-  EXPECT_GT(left, 1e-4) << "damage that stays is measured";
+  EXPECT_GT(inverted_after(0, untangled), 0) << "the tissue recovered by itself: this test shows nothing";
+  EXPECT_GT(left, 1e-4) << "rest_error must measure the remaining damage";
   EXPECT_EQ(untangled, 0u);
   EXPECT_EQ(inverted_after(SimulationOptions{}.untangle_patience, untangled), 0);
   EXPECT_LT(left, 1e-7);
   EXPECT_GT(untangled, 0u);
 }
 
-// Taken over just when nodes were put back: what that worked is in the books of both.
-TEST(HandSimulation, TheBooksOfATakenStateGoOnAlike) {
+// The state is taken over just after nodes were untangled. The ledgers of both simulations hold the work of this.
+TEST(HandSimulation, LedgerContinuesAlikeAfterTakeState) {
   HandSimulation one(hand(), options(), 0, 0), two(hand(), options(), 0, 0);
   for (HandSimulation* simulation : {&one, &two}) {
     set_rest_targets(*simulation, {});
@@ -186,8 +188,8 @@ TEST(HandSimulation, TheBooksOfATakenStateGoOnAlike) {
   EXPECT_EQ(one.ledger().total().work, two.ledger().total().work);
 }
 
-TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
-  // Collapsed to a line it is wound about its bones when it comes out again, and none of it is inside out.
+TEST(HandSimulation, UntanglesTissueThatStaysTwisted) {
+  // Tissue that was collapsed to a line expands again wound about its bones. No tetrahedron is inverted then.
   const HandModel shipped = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   const auto distance_after = [&shipped](double patience, std::uint64_t& untangled) {
     SimulationOptions o;
@@ -209,13 +211,13 @@ TEST(HandSimulation, TissueThatStaysTwistedIsPutBack) {
     return std::sqrt((simulation.state().node_positions - rest.node_positions).squaredNorm() / shipped.node_count());
   };
   std::uint64_t untangled = 0;
-  EXPECT_GT(distance_after(0, untangled), 1e-3) << "it came back by itself: this shows nothing";
+  EXPECT_GT(distance_after(0, untangled), 1e-3) << "the tissue recovered by itself: this test shows nothing";
   EXPECT_EQ(untangled, 0u);
   EXPECT_LT(distance_after(SimulationOptions{}.untangle_patience, untangled), 1e-4);
   EXPECT_GT(untangled, 0u);
 }
 
-// The shipped hand over a sphere that it nearly touches with its palm.
+// The shipped hand over a sphere. The palm nearly touches the sphere.
 struct HandOverASphere {
   HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   ShapeGeometry sphere = ShapeGeometry(testing::sphere_shape(0.03));
@@ -250,7 +252,7 @@ struct HandOverASphere {
   }
 };
 
-TEST(HandSimulation, CollapsedOrMirroredTissueComesBackWithAnObjectInThePalm) {
+TEST(HandSimulation, CollapsedOrMirroredTissueRecoversWithAnObjectInThePalm) {
   for (const bool free : {false, true}) {
     for (const Vector3& map : {Vector3(1, 0, 1), Vector3(0, 1, 1), Vector3(1, 1, 0), Vector3(1, -1, 1),
                                Vector3(-1, 1, 1), Vector3(1, 1, -1)}) {
@@ -266,15 +268,15 @@ TEST(HandSimulation, CollapsedOrMirroredTissueComesBackWithAnObjectInThePalm) {
       scene.run(90);
       EXPECT_LE(scene.distance(), 0.05 * before);
       EXPECT_EQ(scene.simulation.inverted_elements(), 0);
-      EXPECT_LE(scene.fastest, 1.0) << "the object is hurled";
+      EXPECT_LE(scene.fastest, 1.0) << "the object was thrown away";
       scene.run(180);
       EXPECT_LE(scene.distance(), 1e-4);
     }
   }
 }
 
-// Less than a whole hand: the skin of a fingertip is behind a thin plate, and nothing is inside out.
-TEST(HandSimulation, SkinThatHooksBehindAPlateComesBack) {
+// Only a small part of the hand is wrong: the skin of a fingertip is behind a thin plate. No tetrahedron is inverted.
+TEST(HandSimulation, SkinHookedBehindAPlateRecovers) {
   HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   const ShapeGeometry plate(testing::box_shape({0.012, 0.002, 0.012}));
   const auto distance_after = [&](double patience, std::uint64_t& untangled) {
@@ -300,12 +302,12 @@ TEST(HandSimulation, SkinThatHooksBehindAPlateComesBack) {
     return (simulation.state().node_positions - rest).colwise().norm().maxCoeff();
   };
   std::uint64_t untangled = 0;
-  EXPECT_GT(distance_after(0, untangled), 2e-3) << "nothing hooks: this shows nothing";
+  EXPECT_GT(distance_after(0, untangled), 2e-3) << "no skin is hooked: this test shows nothing";
   EXPECT_LT(distance_after(SimulationOptions{}.untangle_patience, untangled), 1e-4);
   EXPECT_GT(untangled, 0u);
 }
 
-TEST(HandSimulation, NoSlotsNoObjectTerms) {
+TEST(HandSimulation, HasNoObjectTermsWithoutSlots) {
   HandSimulation simulation(hand(), options(), 0, 0);
   set_rest_targets(simulation, {});
   const StepReport report = simulation.step(kStep);
@@ -316,7 +318,7 @@ TEST(HandSimulation, NoSlotsNoObjectTerms) {
   }
 }
 
-TEST(HandSimulation, BonesAloneDoNoWorkOnTissue) {
+TEST(HandSimulation, HandWithoutTissueEvaluatesNoTissue) {
   HandModel bones = hand();
   bones.nodes.clear();
   bones.node_body.clear();
@@ -328,12 +330,12 @@ TEST(HandSimulation, BonesAloneDoNoWorkOnTissue) {
   const Pose wrist{Vector3(0.03, 0.02, -0.04), rotation_exp(Vector3(0.1, 0.2, -0.1))};
   set_rest_targets(simulation, wrist);
   for (int i = 0; i < 90; ++i) ASSERT_TRUE(simulation.step(kStep).state_changed);
-  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-4) << "the bones move all the same";
+  EXPECT_LE(worst_joint_error(simulation, wrist), 1e-4) << "the bones must still follow";
   EXPECT_EQ(simulation.work().tissue_elements, 0u);
   EXPECT_EQ(simulation.work().contact_queries, 0u);
 }
 
-TEST(HandSimulation, ContactIsSoughtOnlyNearObjects) {
+TEST(HandSimulation, QueriesContactOnlyNearObjects) {
   HandSimulation simulation(hand(), options(), 1, 1);
   set_rest_targets(simulation, {});
   for (int i = 0; i < 5; ++i) simulation.step(kStep);
@@ -351,7 +353,7 @@ TEST(HandSimulation, ContactIsSoughtOnlyNearObjects) {
   simulation.step(kStep);
   const std::uint64_t near = simulation.work().contact_queries;
   EXPECT_GT(near, 0u);
-  EXPECT_LT(near, 2u * static_cast<std::uint64_t>(simulation.hand().node_count())) << "of the bones nearby";
+  EXPECT_LT(near, 2u * static_cast<std::uint64_t>(simulation.hand().node_count())) << "only nearby bones are queried";
 }
 
 TEST(HandSimulation, ADynamicSlotFallsAndAKinematicOneStays) {
@@ -373,8 +375,8 @@ TEST(HandSimulation, ADynamicSlotFallsAndAKinematicOneStays) {
   EXPECT_EQ(simulation.slot_pose(1).position.y(), 1);
 }
 
-TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
-  // The palm's underside is pressed on a box from above: the box's weight and the hand's push end in one contact force.
+TEST(HandSimulation, ContactForceBalancesThePressOfTheHand) {
+  // The palm's underside is pressed on a box from above. The contact force on the box must equal the couplings' push.
   HandSimulation simulation(hand(), options(), 1, 0);
   const ShapeGeometry geometry(cube_shape(0.02));
   simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
@@ -387,7 +389,7 @@ TEST(HandSimulation, HoldsAnObjectThatItIsPressedOn) {
   EXPECT_LT(wrench.force.y(), -0.5);
   Vector3 coupling = Vector3::Zero();
   for (int b = 0; b < kBodyCount; ++b) coupling += simulation.coupling_wrench(static_cast<Body>(b)).force;
-  EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "what the couplings press with reaches the object";
+  EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "the force of the couplings must reach the object";
 }
 
 SimulationOptions converging_options() {
@@ -404,8 +406,9 @@ SimulationOptions converging_options() {
 const std::vector<Vector3> kCommonVelocities{{0, 0.3, 0}, {0, -0.3, 0}, {0, 3, 0}, {0, -3, 0},
                                              {0.3, 0, 0}, {3, 0, 0},    {0, 3, -3}};
 
-// Pressed on for half a second, then dragged along by 2 mm: the same forces, of friction too, at every common velocity.
-TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
+// The hand presses the block for half a second and then drags it by 2 mm. All forces, including friction, are the same
+// at every common velocity.
+TEST(HandSimulation, CommonVelocityOfHandAndBlockChangesNoForce) {
   struct Run {
     std::vector<Vector3> forces;
     std::vector<Eigen::Matrix3Xd> nodes;
@@ -423,7 +426,7 @@ TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
   };
   const Run resting = run(Vector3::Zero());
   ASSERT_LT(resting.forces.back().y(), -0.5);
-  ASSERT_GT(std::abs(resting.forces.back().x()), 0.1) << "friction";
+  ASSERT_GT(std::abs(resting.forces.back().x()), 0.1) << "there must be friction";
   for (const Vector3& velocity : kCommonVelocities) {
     const Run moving = run(velocity);
     for (int i = 0; i < kSteps; ++i) {
@@ -435,7 +438,7 @@ TEST(HandSimulation, ACommonVelocityOfHandAndBlockChangesNoForce) {
   }
 }
 
-TEST(HandSimulation, ABlockThatMovesAlongFarFromTheHandDoesNotTouchIt) {
+TEST(HandSimulation, DistantBlockWithTheHandsVelocityDoesNotTouchTheHand) {
   for (const Vector3& velocity : {Vector3(0, 5, 0), Vector3(0, -5, 0), Vector3(5, 0, 0)}) {
     testing::MovingTogether pair(velocity, 0.010, 0, options());
     for (int i = 0; i < 45; ++i) {
@@ -446,8 +449,8 @@ TEST(HandSimulation, ABlockThatMovesAlongFarFromTheHandDoesNotTouchIt) {
   }
 }
 
-// What is given is where it is when the step begins; it ends the step where its velocity takes it.
-TEST(HandSimulation, AKinematicSlotMovesOnWithItsVelocity) {
+// The given pose holds at the start of the step. At the end of the step the object is where its velocity takes it.
+TEST(HandSimulation, KinematicSlotMovesWithItsVelocity) {
   HandSimulation simulation(hand(), options(), 1, 1);
   set_rest_targets(simulation, {});
   const ShapeGeometry geometry(cube_shape(0.02));
@@ -466,8 +469,8 @@ TEST(HandSimulation, AKinematicSlotMovesOnWithItsVelocity) {
   }
 }
 
-// A factor that is carried from step to step ends where new ones do: within 0.05 mm RMS and 1 % of the force.
-TEST(HandSimulation, HoldsAnObjectAsWellWithTheFactorOfTheStepBefore) {
+// Steps with a reused factor agree with steps with new factors: within 0.05 mm RMS and 1 % of the force.
+TEST(HandSimulation, HoldsAnObjectAsWellWithAReusedFactor) {
   SimulationOptions carrying = options(), exact = options();
   exact.solver.keep_factor = false;
   exact.solver.residual_tolerance = 1e-9;
@@ -517,11 +520,11 @@ TEST(HandSimulation, TwoThreadsGiveTheBitsOfOne) {
     ASSERT_EQ(shared.state().node_positions, alone.state().node_positions) << i;
     ASSERT_EQ(shared.state().node_velocities, alone.state().node_velocities) << i;
   }
-  EXPECT_TRUE(alone.touched(0)) << "half of this is about contact";
+  EXPECT_TRUE(alone.touched(0)) << "the run must include contact";
 }
 
-// A hand that comes down on a box, drags it, lets the world have it, is put elsewhere and comes back.
-TEST(HandSimulation, TheEnergyLedgerCloses) {
+// The hand comes down on a box, drags it, and gives it back to the world. Then the hand is repositioned and comes back.
+TEST(HandSimulation, EnergyLedgerCloses) {
   SimulationOptions exact = options();
   exact.solver.max_iterations = 30;
   exact.solver.residual_tolerance = 1e-8;
@@ -564,14 +567,14 @@ TEST(HandSimulation, TheEnergyLedgerCloses) {
   EXPECT_FALSE(ledger.begun());
 }
 
-// A hand that moves and touches nothing, with and without chord steps: fingers open and close by what `bend` says, the
-// wrist goes round.
+// A hand moves and touches nothing, with and without chord steps. Its fingers open and close, and its wrist moves and
+// turns.
 struct IdleRun {
   std::vector<Eigen::Matrix3Xd> nodes;
   std::vector<std::array<Vector3, kBodyCount>> coupling;
   int chord_steps = 0;
   int factorised_steps = 0;
-  double tissue_evaluations = 0;  // a step
+  double tissue_evaluations = 0;  // per step
 };
 
 IdleRun move_freely(double chord_tolerance, double residual_tolerance) {
@@ -605,14 +608,14 @@ IdleRun move_freely(double chord_tolerance, double residual_tolerance) {
   return run;
 }
 
-TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
+TEST(HandSimulation, HandInTheAirReusesItsFactorWithTheSameResult) {
   const IdleRun exact = move_freely(0, 1e-9);
   const IdleRun idle = move_freely(SolverOptions{}.chord_tolerance, SolverOptions{}.residual_tolerance);
   ASSERT_EQ(exact.chord_steps, 0);
   ASSERT_GE((exact.nodes.back() - exact.nodes.front()).colwise().norm().minCoeff(), 0.002) << "the whole hand moved";
   EXPECT_EQ(idle.chord_steps, 180);
   EXPECT_LE(idle.factorised_steps, 180 / 4);
-  EXPECT_LE(idle.tissue_evaluations, 2.5) << "after each of two iterations, but not where the step starts from";
+  EXPECT_LE(idle.tissue_evaluations, 2.5) << "one after each of two iterations, none at the start";
   double difference = 0, total = 0, worst_rms = 0;
   for (std::size_t i = 0; i < exact.nodes.size(); ++i) {
     worst_rms = std::max(
@@ -626,8 +629,8 @@ TEST(HandSimulation, AHandThatTouchesNothingKeepsItsFactorAndItsResult) {
   EXPECT_LE(std::sqrt(difference / total), 0.01);
 }
 
-// Factor, forces and all that chord steps keep are taken over with the state.
-TEST(HandSimulation, ACopyInTheAirGoesOnLikeTheOriginal) {
+// `take_state` also takes over the factor, the forces and everything else that chord steps reuse.
+TEST(HandSimulation, CopyInTheAirContinuesLikeTheOriginal) {
   HandSimulation one(hand(), options(), 1, 0), two(hand(), options(), 1, 0);
   const auto step = [](HandSimulation& simulation, int i) {
     set_rest_targets(simulation,
@@ -644,9 +647,9 @@ TEST(HandSimulation, ACopyInTheAirGoesOnLikeTheOriginal) {
   }
 }
 
-// What a potential stored when the step before ended is what it starts from: the books of a hand in the air cost no
-// evaluation, but in the first step and after the hand was put elsewhere.
-TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
+// A potential starts a step from the values that it stored at the end of the step before. So the ledger of a hand in
+// the air costs no evaluation. The exceptions are the first step and a step after the nodes were moved from outside.
+TEST(HandSimulation, LedgerOfAHandInTheAirCostsNoEvaluation) {
   HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
   booked.keep_ledger(true);
   const auto evaluations = [](HandSimulation& simulation, int step) {
@@ -674,7 +677,7 @@ TEST(HandSimulation, BooksOfAHandInTheAirEvaluateNothing) {
   EXPECT_LE(booked.ledger().defect(), 1e-3);
 }
 
-TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
+TEST(HandSimulation, StepWithContactIsNotAChordStep) {
   HandSimulation simulation(hand(), options(), 1, 0);
   const ShapeGeometry geometry(cube_shape(0.02));
   simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
@@ -687,12 +690,12 @@ TEST(HandSimulation, TheStepThatTouchesIsNoChordStep) {
     before += report.chord;
   }
   EXPECT_GT(before, 5);
-  EXPECT_LT(before, 55) << "it did touch";
+  EXPECT_LT(before, 55) << "the hand must touch the cube";
 }
 
-// The world's copy of an object may be decimetres from its twin when the hand gives it back. Drawn as a way through the
-// hand, that was 21 kN.
-TEST(HandSimulation, AnObjectThatIsGivenBackIsNotSweptThroughTheHand) {
+// When the hand gives an object back, the world's copy may be decimetres from the twin. Treating this jump as a path
+// through the hand gave a force of 21 kN.
+TEST(HandSimulation, ObjectThatIsGivenBackIsNotSweptThroughTheHand) {
   const HandModel model = hand();
   HandSimulation simulation(model, {}, 1, 0);
   double low = 0, high = 0;

@@ -1,4 +1,4 @@
-// Which size of the hand a machine gets, with made measurements.
+// The choice of a hand's size for a machine, with invented step times.
 #include "hand/hand_size.hpp"
 
 #include <gtest/gtest.h>
@@ -14,19 +14,19 @@ namespace {
 HandSizeChoice choose(const std::vector<double>& fast_steps, double budget, std::size_t* measured = nullptr) {
   std::size_t asked = 0;
   const HandSizeChoice choice = choose_hand_size(fast_steps.size(), budget, [&](std::size_t size) {
-    EXPECT_EQ(size, asked++) << "each once, from coarse to fine";
+    EXPECT_EQ(size, asked++) << "each size is measured once, from coarse to fine";
     return fast_steps[size];
   });
   if (measured != nullptr) *measured = asked;
   return choice;
 }
 
-TEST(HandSize, TakesTheFinestWithABudgetOfTwoFastSteps) {
+TEST(HandSize, ChoosesTheFinestSizeWithABudgetOfTwoFastSteps) {
   const std::vector<double> steps{0.5e-3, 1e-3, 3e-3, 12e-3, 50e-3};
   const double period = 1.0 / 90;
   EXPECT_EQ(choose(steps, 0.7 * period).size, 2u);
   EXPECT_NEAR(choose(steps, 0.7 * period).budget_fast_steps, 0.7 * period / 3e-3, 1e-12);
-  EXPECT_EQ(choose(steps, 6e-3).size, 2u) << "exactly two";
+  EXPECT_EQ(choose(steps, 6e-3).size, 2u) << "exactly two fast steps fit";
   EXPECT_EQ(choose(steps, 5.9e-3).size, 1u);
   EXPECT_EQ(choose(steps, 1).size, 4u);
 }
@@ -39,7 +39,7 @@ TEST(HandSize, StopsAtTheFirstSizeThatIsTooFine) {
   EXPECT_EQ(choice.fast_steps.size(), 2u);
 }
 
-TEST(HandSize, ASlowMachineGetsTheCoarsest) {
+TEST(HandSize, ChoosesTheCoarsestSizeOnASlowMachine) {
   std::size_t measured = 0;
   const HandSizeChoice choice = choose({9e-3, 20e-3}, 7e-3, &measured);
   EXPECT_EQ(choice.size, 0u);
@@ -47,8 +47,8 @@ TEST(HandSize, ASlowMachineGetsTheCoarsest) {
   EXPECT_NEAR(choice.budget_fast_steps, 7.0 / 9, 1e-12);
 }
 
-// A clock on which each look is a millisecond after the last, and one look in five is late.
-TEST(HandSize, MeasuresTheMedianStepOfTheLoopsOwnClock) {
+// Each reading of this clock is 1 ms after the previous one. Every fifth reading is late, by 100 ms.
+TEST(HandSize, MeasuresTheMedianFastStepOnTheGivenClock) {
   int looks = 0;
   double time = 0;
   const auto clock = [&] { return time += ++looks % 5 == 0 ? 0.1 : 1e-3; };
@@ -56,12 +56,12 @@ TEST(HandSize, MeasuresTheMedianStepOfTheLoopsOwnClock) {
   EXPECT_GE(looks, 18);
   looks = 0;
   measure_fast_step(testing::block_hand(), {}, 1e-4, clock);
-  EXPECT_LT(looks, 14) << "what is surely too slow is not measured on";
+  EXPECT_LT(looks, 14) << "measuring stops early if the first steps are too slow";
 }
 
 std::string scene_path(const char* name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }
 
-// Other processes than the hand's only use joints and bones, and must not need to know what it chose.
+// Processes other than the hand's use only joints and bones. They must not depend on the size that the hand chose.
 TEST(HandSize, AllShippedSizesHaveTheSameSkeleton) {
   const Scene scene = read_scene(scene_path("demo.toml"));
   ASSERT_TRUE(chooses_hand_size(scene));
@@ -92,7 +92,7 @@ TEST(HandSize, AllShippedSizesHaveTheSameSkeleton) {
   }
 }
 
-TEST(HandSize, WithoutAClockTheStandInIsSimulated) {
+TEST(HandSize, LoadsTheStandInHandIfTheSizeIsChosenAtStart) {
   EXPECT_EQ(load_scene_hand(read_scene(scene_path("demo.toml"))).name, "right_1450");
   const Scene fixed = read_scene(scene_path("demo.toml"), {"hand.model=right_750.hand.json"});
   EXPECT_FALSE(chooses_hand_size(fixed));

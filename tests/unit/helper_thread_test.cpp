@@ -1,4 +1,4 @@
-// Work in halves: done once each, whoever does it, however long the helper has slept.
+// Work in two halves: each half is done once, by either thread, however long the helper has slept.
 #include "math/helper_thread.hpp"
 
 #include <gtest/gtest.h>
@@ -57,7 +57,7 @@ TEST(HelperThread, ReturnsTheCallersCores) {
   ASSERT_EQ(pthread_getaffinity_np(pthread_self(), sizeof(before), &before), 0);
   {
     HelperThread helper;
-    EXPECT_EQ(testing::allowed_cores(), 1) << "else nothing has to be returned";
+    EXPECT_EQ(testing::allowed_cores(), 1) << "with all cores allowed, there is nothing to return";
   }
   ASSERT_EQ(pthread_getaffinity_np(pthread_self(), sizeof(after), &after), 0);
   EXPECT_TRUE(CPU_EQUAL(&before, &after));

@@ -1,4 +1,4 @@
-// Increments taken along by turning bodies: a rigid turn of all, stiff joints, the transpose.
+// Linkage rotates increments with their bodies. Tests a rigid turn of all bodies, stiff joints, and the transpose.
 #include "solver/linkage.hpp"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kNodes = 5;
 
-// Three bodies in a chain and one alone; nodes on the chain.
+// A chain of three bodies and one separate body. All nodes are on the chain.
 struct Chain {
   Chain()
       : linkage({kNodes, 4}, {Linkage::Link{}, {0, Vector3(0, 0, 0.02)}, {1, Vector3(0.001, 0, 0.015)}},
@@ -44,7 +44,7 @@ Vector3 joint_gap(const VectorX& x, const State& state, int parent, int child, c
   return at(child, in_child) - at(parent, in_parent);
 }
 
-TEST(Linkage, NothingTurnedNothingChanges) {
+TEST(Linkage, KeepsIncrementsIfNoBodyTurned) {
   Chain chain;
   chain.linkage.turn(chain.state);
   const VectorX before = chain.increment();
@@ -55,7 +55,7 @@ TEST(Linkage, NothingTurnedNothingChanges) {
   EXPECT_LE((x - before).lpNorm<Eigen::Infinity>(), 1e-14);
 }
 
-TEST(Linkage, ARigidTurnTurnsAll) {
+TEST(Linkage, RigidTurnRotatesAllIncrements) {
   Chain chain;
   const Quaternion turn = rotation_exp(Vector3(0.5, -1, 0.3));
   for (Pose& pose : chain.state.body_poses) pose.orientation = turn * pose.orientation;
@@ -67,7 +67,7 @@ TEST(Linkage, ARigidTurnTurnsAll) {
     EXPECT_LE((x.segment<3>(i) - turn * Vector3(before.segment<3>(i))).norm(), 1e-14) << i;
 }
 
-TEST(Linkage, JointsThatHeldGoOnHoldingHoweverTheBodiesTurned) {
+TEST(Linkage, KeepsJointGapsForAnyTurnOfTheBodies) {
   Chain chain;
   const Vector3 in_child(0, 0, 0.02), in_parent(0, 0.001, -0.03);
   VectorX x = chain.increment();
@@ -98,8 +98,9 @@ TEST(Linkage, ToThenIsTheTransposeOfToNow) {
   EXPECT_NEAR(g.dot(now), then.dot(x), 1e-12);
 }
 
-// Each body on its own screw, what it carries at rest on it but for one node; the body alone stays.
-TEST(Linkage, CoastsWithWhatItCarries) {
+// Each body of the chain moves on its own screw. The nodes are at rest on their bodies, except one node. The separate
+// body stays.
+TEST(Linkage, CoastMovesLinkedBodiesWithTheirNodes) {
   constexpr double kStep = 0.01;
   Chain chain;
   for (Eigen::Index n = 0; n < kNodes; ++n) chain.state.node_positions.col(n) = chain.random.vector();

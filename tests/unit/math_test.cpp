@@ -1,4 +1,4 @@
-// Rotations and the block matrix: identities, finite differences, and the awkward angles.
+// Rotations and the block matrix: identities, finite differences, and difficult angles.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -13,7 +13,7 @@
 namespace softhand {
 namespace {
 
-// Deterministic directions that no symmetry favours.
+// Deterministic directions: three along axes and ten pseudo-random ones.
 std::vector<Vector3> directions() {
   std::mt19937_64 generator(1);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
@@ -25,7 +25,7 @@ std::vector<Vector3> directions() {
   return result;
 }
 
-// Around the series' switch at 0.05, tiny, and up to just short of pi.
+// Tiny angles, angles on both sides of the switch to the series at 0.05, and angles up to just below pi.
 constexpr std::array kAngles{0.0, 1e-12, 1e-7, 1e-4, 0.0499, 0.0501, 0.3, 1.0, 2.0, 3.0, M_PI - 1e-3};
 
 TEST(Rotation, LogInvertsExpUpToPi) {
@@ -35,7 +35,7 @@ TEST(Rotation, LogInvertsExpUpToPi) {
       EXPECT_LE((rotation_log(rotation_exp(v)) - v).norm(), 1e-15 + 1e-14 * angle) << angle;
       EXPECT_NEAR(rotation_exp(v).norm(), 1.0, 1e-15);
     }
-    // Just short of pi the angle itself must survive, not only its cosine.
+    // Just below pi, the angle itself must stay accurate, not only its cosine.
     EXPECT_LE((rotation_log(rotation_exp((M_PI - 1e-9) * axis)) - (M_PI - 1e-9) * axis).norm(), 1e-14);
   }
 }
@@ -62,7 +62,7 @@ TEST(Rotation, LogTakesTheShortestArcAndIgnoresTheQuaternionsSign) {
   }
 }
 
-// On both sides of where the series ends.
+// Angles on both sides of the end of the series.
 TEST(Rotation, LogOfASmallTurnIsExactToRounding) {
   for (const double angle : {1e-9, 1e-5, 1e-3, 0.01, 0.0199, 0.0201, 0.05}) {
     const Quaternion turn(std::cos(0.5 * angle), 0.6 * std::sin(0.5 * angle), 0, -0.8 * std::sin(0.5 * angle));
@@ -124,7 +124,7 @@ TEST(Rotation, DerivativesAreContinuousAtTheSeriesSwitchAndFiniteAtPi) {
             1e-8);
   EXPECT_TRUE(left_jacobian_inverse(M_PI * axis).allFinite());
   EXPECT_TRUE(log_second_derivative(M_PI * axis, y).allFinite());
-  // (t/2) cot(t/2) = 0 at pi: across the axis only the skew part is left.
+  // (t/2) cot(t/2) = 0 at pi. So only the skew part remains perpendicular to the axis.
   const Matrix3 at_pi = left_jacobian_inverse(M_PI * axis);
   const Matrix3 symmetric = 0.5 * (at_pi + at_pi.transpose());
   EXPECT_LE((symmetric - axis * axis.transpose()).norm(), 1e-14);
@@ -158,7 +158,7 @@ TEST(Pose, CompositionAndInverse) {
   EXPECT_LE((a.inverse() * (a * p) - p).norm(), 1e-15);
 }
 
-TEST(BlockMatrix, AddsAndMultipliesLikeItsDenseSelf) {
+TEST(BlockMatrix, AddsAndMultipliesLikeADenseMatrix) {
   BlockPattern pattern(5);
   pattern.add(1, 3);
   pattern.add(3, 1);
@@ -188,14 +188,14 @@ TEST(BlockMatrix, AddsAndMultipliesLikeItsDenseSelf) {
   EXPECT_EQ(matrix.dense().norm(), 0);
 }
 
-TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
+TEST(BlockMatrix, TakeBackRestoresTheJournaledBlocks) {
   BlockPattern pattern(4);
   pattern.add(3, 1);
   BlockMatrix matrix(pattern);
   const Matrix3 block = Matrix3::Random();
   matrix.add(matrix.find(3, 1), block);
   matrix.add(matrix.find(2, 2), 0.1 * block);
-  EXPECT_TRUE(matrix.journal().empty()) << "it was not asked for";
+  EXPECT_TRUE(matrix.journal().empty()) << "no journal was begun";
   const Eigen::MatrixXd before = matrix.dense();
   matrix.begin_journal();
   for (int round = 0; round < 2; ++round) {
@@ -206,7 +206,7 @@ TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
               (std::vector{matrix.find(2, 2).index, matrix.find(3, 1).index}));
     EXPECT_NE(matrix.dense(), before);
     matrix.take_back();
-    EXPECT_EQ(matrix.dense(), before) << "to the bit, which subtraction would not give";
+    EXPECT_EQ(matrix.dense(), before) << "equal to the bit; subtraction would leave rounding errors";
     EXPECT_TRUE(matrix.journal().empty());
   }
   matrix.set_zero();
@@ -214,7 +214,7 @@ TEST(BlockMatrix, TakesBackWhatItsJournalSays) {
   EXPECT_TRUE(matrix.journal().empty());
 }
 
-TEST(BlockMatrix, TellsByHowMuchWhatIsAddedDiffersFromWhatWasTakenBack) {
+TEST(BlockMatrix, ReportsTheChangeSinceTakeBack) {
   BlockPattern pattern(4);
   BlockMatrix matrix(pattern);
   matrix.add(matrix.find(0, 0), 1e6 * Matrix3::Ones());
@@ -227,11 +227,11 @@ TEST(BlockMatrix, TellsByHowMuchWhatIsAddedDiffersFromWhatWasTakenBack) {
   EXPECT_NEAR(matrix.change_since_taken_back(), 0, 1e-6);
   matrix.take_back();
   matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
-  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "of the norm 5, 4 are gone";
+  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "4 of the norm 5 are missing";
   matrix.take_back();
   matrix.add(matrix.find(0, 0), 3 * Matrix3::Identity());
   matrix.add(matrix.find(2, 2), 4 * Matrix3::Identity());
-  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "4 are new";
+  EXPECT_NEAR(matrix.change_since_taken_back(), 0.8, 1e-6) << "4 of the norm 5 are new";
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ std::string contents(const std::string& path) {
   return text.str();
 }
 
-TEST(Skeleton, BodiesAndJointsBelongTogether) {
+TEST(Skeleton, BodiesAndJointsMatch) {
   for (int b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     EXPECT_EQ(body_of(joint_of(body)), body);
@@ -40,7 +40,7 @@ TEST(Skeleton, BodiesAndJointsBelongTogether) {
   EXPECT_EQ(distal_of(Finger::little), Body::little_distal);
 }
 
-TEST(HandFile, WritingWhatWasReadGivesTheSameBytes) {
+TEST(HandFile, RoundTripGivesTheSameBytes) {
   const std::string first = temporary("first.hand.json");
   const std::string second = temporary("second.hand.json");
   save_hand(block_hand(), first);
@@ -139,7 +139,7 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
     std::ofstream(path) << text;
     try {
       load_hand(path);
-      ADD_FAILURE() << "accepted without " << word;
+      ADD_FAILURE() << "accepted; expected an error about " << word;
     } catch (const std::runtime_error& error) {
       EXPECT_NE(std::string(error.what()).find(path), std::string::npos);
       EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
@@ -167,13 +167,13 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
   EXPECT_THROW(load_hand("/nonexistent/x.hand.json"), std::runtime_error);
   try {
     load_hand("/tmp");
-    ADD_FAILURE() << "a folder is no hand";
+    ADD_FAILURE() << "accepted a folder as a hand file";
   } catch (const std::runtime_error& error) {
     EXPECT_STREQ(error.what(), "/tmp: cannot be opened");
   }
 }
 
-TEST(HandFile, NodesThatNothingHoldsAreDropped) {
+TEST(HandFile, DropsNodesThatNoTetrahedronUses) {
   const std::string path = temporary("loose.hand.json");
   const HandModel good = block_hand();
   HandModel loose = good;
@@ -197,12 +197,12 @@ TEST(HandFile, NodesThatNothingHoldsAreDropped) {
   for (std::size_t n = 0; n < good.nodes.size(); ++n) EXPECT_LE((read.nodes[n] - good.nodes[n]).norm(), 1e-9) << n;
 }
 
-TEST(Mirrored, TwiceIsTheSameAndOnceIsValid) {
+TEST(Mirrored, TwiceGivesTheSameHandAndOnceAValidOne) {
   const HandModel hand = block_hand();
   const HandModel left = mirrored(hand);
   EXPECT_EQ(left.side, Side::left);
   EXPECT_NO_THROW(validate(left, "left"));
-  // The thumb lies at -X on a right hand and at +X on a left one; dorsal stays +Y.
+  // The thumb lies at -X on a right hand and at +X on a left one. Dorsal stays +Y.
   EXPECT_GT(left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_tip))].position.x(), 0);
   const Quaternion thumb = left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_metacarpal))].orientation;
   EXPECT_GT((thumb * Vector3::UnitY()).y(), 0.99);
@@ -214,7 +214,7 @@ TEST(Mirrored, TwiceIsTheSameAndOnceIsValid) {
 
 TEST(Fitted, TakesTheUsersBoneLengthsInAnyPose) {
   const HandModel hand = block_hand(2);
-  // A user's hand 10 % longer, held somewhere else.
+  // The user's hand is 10 % longer and in another pose.
   std::array<Pose, kJointCount> frame;
   const Pose elsewhere{Vector3(0.3, 1.1, -0.4), Quaternion(Eigen::AngleAxisd(0.8, Vector3(1, 2, 3).normalized()))};
   for (std::size_t j = 0; j < kJointCount; ++j) {
@@ -239,7 +239,7 @@ TEST(Fitted, TheSameSkeletonChangesNothing) {
   for (std::size_t b = 0; b < kBodyCount; ++b) EXPECT_NEAR(same.bodies[b].mass, hand.bodies[b].mass, 1e-12);
 }
 
-TEST(Fitted, RefusesABoneOfAnotherSpecies) {
+TEST(Fitted, RefusesABoneOfImpossibleLength) {
   const HandModel hand = block_hand();
   MeasuredSkeleton user = measure_skeleton(std::span(&hand.rest_joints, 1), hand.joint_radii);
   user.offsets[static_cast<std::size_t>(index_of(Joint::index_tip))] *= 3;

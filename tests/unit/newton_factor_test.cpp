@@ -1,4 +1,4 @@
-// When NewtonSolver takes a new factor, in which precision, and when it goes on with one; and how its line search meets
+// NewtonSolver: when it makes a new factor, in which precision, and when it reuses one. How its line search handles
 // kinks.
 #include <gtest/gtest.h>
 
@@ -19,8 +19,8 @@ using testing::converging;
 using testing::Saboteur;
 using testing::same_bits;
 
-/// Holds every node where it was at the step's start, as far as a small force goes: stiffness far beyond that of the
-/// tissue, with a kink where it gives way.
+/// Holds every node at its position at the start of the step, with a small force at most. The stiffness is far above
+/// that of the tissue. There is a kink where the node starts to slip.
 class Rubbing final : public Energy {
  public:
   std::string_view name() const override { return "rubbing"; }
@@ -56,7 +56,7 @@ class Rubbing final : public Energy {
   Eigen::Matrix3Xd start_;
 };
 
-/// A spring of no length between nodes 0 and 1.
+/// A spring of zero rest length between nodes 0 and 1.
 class Rod final : public Energy {
  public:
   explicit Rod(double stiffness) : stiffness_(stiffness) {}
@@ -85,8 +85,8 @@ class Rod final : public Energy {
   std::array<BlockSlot, 3> slots_;
 };
 
-TEST(NewtonSolver, TakesTheDoubleFactorWhereFloatCannotTellTheMatrixFromASingularOne) {
-  // k + m rounds to k in float, so that the second pivot vanishes there.
+TEST(NewtonSolver, UsesADoubleFactorIfTheMatrixIsSingularInFloat) {
+  // k + m rounds to k in float, so the second pivot vanishes in float.
   Inertia inertia({1.0, 1.0}, 0);
   Rod rod(std::ldexp(1.0, 34));
   State start;
@@ -118,7 +118,7 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereFloatCannotTellTheMatrixFromASingula
   EXPECT_TRUE(same_bits(results[0].node_positions, results[1].node_positions));
 }
 
-/// The block factorisation, until it is told to find no matrix positive definite.
+/// The block factorisation. While `fails` is set, every factorisation after the first one fails.
 class Failing final : public LinearSolver {
  public:
   Failing(const bool& fails, int& solved_without) : fails_(fails), solved_without_(solved_without) {}
@@ -138,7 +138,7 @@ class Failing final : public LinearSolver {
   BlockCholesky<double> sound_;
 };
 
-TEST(NewtonSolver, GoesOnWithNoFactorThatFailed) {
+TEST(NewtonSolver, DoesNotReuseAFailedFactor) {
   Brick brick;
   brick.shake(0.004, 4);
   bool fails = true;
@@ -154,7 +154,7 @@ TEST(NewtonSolver, GoesOnWithNoFactorThatFailed) {
   EXPECT_EQ(solved_without, 0);
 }
 
-TEST(NewtonSolver, FloatFactorAndKeptFactorLeadToTheSameMinimum) {
+TEST(NewtonSolver, FloatFactorAndReusedFactorReachTheSameMinimum) {
   Brick brick;
   brick.shake(0.002, 4);
   const State start = brick.state;
@@ -178,7 +178,7 @@ TEST(NewtonSolver, FloatFactorAndKeptFactorLeadToTheSameMinimum) {
   }
 }
 
-TEST(NewtonSolver, TakesTheDoubleFactorWhereTheFloatOneLeadsNowhereAnyMore) {
+TEST(NewtonSolver, UsesADoubleFactorWhenTheFloatFactorMakesNoMoreProgress) {
   Brick brick;
   brick.shake(0.002, 4);
   const State start = brick.state;
@@ -193,13 +193,13 @@ TEST(NewtonSolver, TakesTheDoubleFactorWhereTheFloatOneLeadsNowhereAnyMore) {
     EXPECT_EQ(report.double_factors > 0, k == 0);
     residuals[k] = report.residual;
     EXPECT_LE(report.residual, 1e-12) << options.factor
-                                      << ": not the result, but an iterate before it whose energy is lower by rounding";
+                                      << ": an earlier iterate was returned, whose energy is lower only by rounding";
   }
   EXPECT_LE(residuals[0], 10 * residuals[1]);
 }
 
-// A brick that swings, is struck, and swings on.
-TEST(NewtonSolver, CarriesAFactorFromStepToStepWhileItLeadsOn) {
+// A brick swings, is struck, and swings on.
+TEST(NewtonSolver, ReusesAFactorAcrossStepsWhileItMakesProgress) {
   std::vector<Eigen::Matrix3Xd> paths[2];
   int factorisations[2] = {0, 0}, struck[2] = {0, 0};
   for (const int carries : {0, 1}) {
@@ -221,10 +221,10 @@ TEST(NewtonSolver, CarriesAFactorFromStepToStepWhileItLeadsOn) {
   for (std::size_t i = 0; i < paths[0].size(); ++i)
     ASSERT_LE((paths[0][i] - paths[1][i]).cwiseAbs().maxCoeff(), 1e-9) << i;
   EXPECT_LE(factorisations[1], factorisations[0] / 2);
-  EXPECT_GT(struck[1], 0) << "far from where it was made no factor leads on";
+  EXPECT_GT(struck[1], 0) << "a factor makes no progress far from the state where it was made";
 }
 
-/// Tissue that does not say that it depends on the state alone.
+/// Tissue that does not declare that it depends on the state alone.
 class Secretive final : public Energy {
  public:
   explicit Secretive(Tissue& tissue) : tissue_(tissue) {}
@@ -246,9 +246,9 @@ class Secretive final : public Energy {
   Tissue& tissue_;
 };
 
-// Tissue is evaluated once an iteration, not once more for the start, where the last step left it; a solver that does
-// so comes to the same bits.
-TEST(NewtonSolver, AStepBeginsWithWhatPotentialsWereAtTheEndOfTheLast) {
+// The tissue is evaluated once per iteration. The start of a step is not evaluated again, because the last step ended
+// there. A solver that evaluates it again gives the same bits.
+TEST(NewtonSolver, ReusesThePotentialsFromTheEndOfTheLastStep) {
   Eigen::Matrix3Xd paths[2];
   std::vector<int> at_start[2];
   for (const bool tells : {false, true}) {
@@ -272,12 +272,13 @@ TEST(NewtonSolver, AStepBeginsWithWhatPotentialsWereAtTheEndOfTheLast) {
     paths[tells] = brick.state.node_positions;
   }
   EXPECT_EQ(at_start[0], (std::vector<int>{1, 1, 1, 1, 1}));
-  EXPECT_EQ(at_start[1], (std::vector<int>{0, 0, 0, 1, 0})) << "but where a node was put elsewhere";
+  EXPECT_EQ(at_start[1], (std::vector<int>{0, 0, 0, 1, 0})) << "evaluated again only after a node was moved";
   EXPECT_TRUE(same_bits(paths[0], paths[1]));
 }
 
-// Where steps were halved until the energy falls, and end short of a kink, this takes 538 iterations, 65 in one step.
-TEST(NewtonSolver, CrossesKinks) {
+// A line search that halves steps until the energy falls would stop short of a kink. It takes 538 iterations here, 65
+// of them in one step.
+TEST(NewtonSolver, LineSearchCrossesKinks) {
   Brick brick;
   Rubbing rubbing;
   auto terms = brick.terms();
@@ -297,18 +298,18 @@ TEST(NewtonSolver, CrossesKinks) {
   EXPECT_LE(sum, 450);
 }
 
-// Friction that gives way changes a few blocks: its new factor is that of the same tissue.
-TEST(NewtonSolver, RenewsKinksAlone) {
+// Friction that starts to slip changes only a few blocks. The new factor is made with the same tissue Hessian.
+TEST(NewtonSolver, RenewsOnlyTheTermsWithKinks) {
   Eigen::Matrix3Xd paths[2];
   int kinks = 0, whole[2] = {0, 0};
   for (const int keeps : {0, 1}) {
     Brick brick;
     Rubbing rubbing;
-    std::vector<Energy*> terms{&rubbing};  // first, though it is evaluated last
+    std::vector<Energy*> terms{&rubbing};  // listed first, although it is evaluated last
     for (Energy* term : brick.terms()) terms.push_back(term);
     SolverOptions options;
     options.max_iterations = 200;
-    options.curvature = "projected";  // an exact Hessian is worth renewing sooner
+    options.curvature = "projected";  // an exact Hessian would be renewed sooner
     options.keep_factor = keeps == 1;
     options.residual_tolerance = 1e-8;
     NewtonSolver solver(terms, brick.state.layout(), options);
@@ -329,8 +330,9 @@ TEST(NewtonSolver, RenewsKinksAlone) {
   EXPECT_LE(whole[1], whole[0] / 2);
 }
 
-// One node's stiffness a million times too great: it hardly moves in any iteration, however far it has to go.
-TEST(NewtonSolver, AChordStepDoesNotTakeAFactorThatIsTooStiffForConvergence) {
+// One node's stiffness in the factor is a million times too large. The node hardly moves in any iteration, however far
+// it has to go.
+TEST(NewtonSolver, ChordStepDoesNotMistakeATooStiffFactorForConvergence) {
   Brick brick;
   State state = brick.state;
   state.body_poses.resize(1);  // carries the nodes
@@ -351,8 +353,8 @@ TEST(NewtonSolver, AChordStepDoesNotTakeAFactorThatIsTooStiffForConvergence) {
   EXPECT_LE((state.node_positions - brick.state.node_positions).colwise().norm().maxCoeff(), 5e-6);
 }
 
-// Almost steel, where what is little left to move is no little energy.
-TEST(NewtonSolver, AChordStepEndsNoHigherThanItBegan) {
+// The material is almost steel: a small remaining motion still means much energy.
+TEST(NewtonSolver, ChordStepDoesNotRaiseTheEnergy) {
   Brick brick({3, 2, 2}, testing::soft(0.45, 1e11));
   State state = brick.state;
   state.body_poses.resize(1);  // carries the nodes
@@ -379,8 +381,8 @@ TEST(NewtonSolver, AChordStepEndsNoHigherThanItBegan) {
   }
 }
 
-// Where each iteration has a factor of its own anyway, none is carried.
-TEST(NewtonSolver, AFewIterationsCarryNoFactor) {
+// If each iteration makes its own factor anyway, no factor is reused.
+TEST(NewtonSolver, ReusesNoFactorWithFewIterations) {
   Brick carrying, other;
   SolverOptions options;
   options.max_iterations = 2;

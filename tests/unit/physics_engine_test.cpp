@@ -1,4 +1,4 @@
-// What the world asks of a physics engine, without the world: who rests sleeps, and wakes in time.
+// The world's requirements on a physics engine, tested without the world: resting bodies sleep, and they wake in time.
 #include "world/physics_engine.hpp"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,8 @@
 namespace softhand {
 namespace {
 
-/// Slot 0 a table, 1 a box that stands on it, 2 a second box on the first; half of the edge 20 mm, 0.1 kg.
+/// Slot 0 is a table, slot 1 a box on the table, slot 2 a second box on the first. Half of a box's edge is 20 mm, its
+/// mass is 0.1 kg.
 struct Sleepers {
   static constexpr double kStep = 1.0 / 250;
   std::unique_ptr<PhysicsEngine> engine = make_physics_engine("bullet");
@@ -41,7 +42,7 @@ struct Sleepers {
   }
 };
 
-TEST(PhysicsEngineSleep, WhatRestsIsLeftOutAndWokenInTheStepThatPushesIt) {
+TEST(PhysicsEngineSleep, RestingBodiesSleepAndWakeInTheStepThatPushesThem) {
   Sleepers world;
   world.run(1);
   EXPECT_FALSE(world.engine->asleep(1));
@@ -52,10 +53,10 @@ TEST(PhysicsEngineSleep, WhatRestsIsLeftOutAndWokenInTheStepThatPushesIt) {
   world.engine->step(Sleepers::kStep);
   EXPECT_GT(world.engine->velocity(1).linear.x(), 0.05) << "5 N on 0.1 kg, less friction, for 4 ms";
   EXPECT_FALSE(world.engine->asleep(1));
-  EXPECT_FALSE(world.engine->asleep(2)) << "it stands on what was pushed";
+  EXPECT_FALSE(world.engine->asleep(2)) << "this box stands on the pushed one";
 }
 
-TEST(PhysicsEngineSleep, ASleeperFallsWhenItsSupportGoesAndIsWokenByWhatHitsIt) {
+TEST(PhysicsEngineSleep, SleepingBodyFallsWithoutSupportAndWakesWhenHit) {
   Sleepers world;
   world.run(5);
   ASSERT_TRUE(world.engine->asleep(1));
@@ -74,18 +75,19 @@ TEST(PhysicsEngineSleep, ASleeperFallsWhenItsSupportGoesAndIsWokenByWhatHitsIt) 
   EXPECT_GT(world.engine->pose(2).position.x(), 0.005);
 }
 
-TEST(PhysicsEngineSleep, ACreepOfATenthOfAMillimetreASecondGoesOn) {
+TEST(PhysicsEngineSleep, CreepOfATenthOfAMillimetrePerSecondContinues) {
   Sleepers world;
   world.add_box(3, {0.2, 0.2, 0}, Vector3::Zero());
   world.engine->place(3, {Vector3(0.2, 0.2, 0), Quaternion::Identity()}, {Vector3(0, 0, 1e-4), Vector3::Zero()});
   world.run(10);
-  ASSERT_TRUE(world.engine->asleep(1)) << "nothing sleeps at all: this shows nothing";
+  ASSERT_TRUE(world.engine->asleep(1)) << "no body sleeps: this test shows nothing";
   EXPECT_FALSE(world.engine->asleep(3));
   EXPECT_NEAR(world.engine->pose(3).position.z(), 1e-3, 1e-5);
 }
 
-// The direction that Bullet once gave of a cube tipping on a table: by it, it lay 216 mm deep in the table.
-TEST(SeparatingPlane, AWrongDirectionIsNotTaken) {
+// The first direction is one that Bullet once gave for a cube tipping on a table. By this direction the cube was 216 mm
+// deep in the table.
+TEST(SeparatingPlane, CorrectsAWrongDirection) {
   const Shape table = testing::box_shape({0.4, 0.02, 0.4}), cube = testing::cube_shape(0.02);
   const Pose pose{{0, 0.02 + 0.02 * std::sqrt(2.0), 0},
                   Quaternion(Eigen::AngleAxisd(0.25 * std::numbers::pi, Vector3::UnitZ()))};
@@ -96,8 +98,8 @@ TEST(SeparatingPlane, AWrongDirectionIsNotTaken) {
   }
 }
 
-// Around touching, in the poses of things that lie, stand and tip. The known plane's gap is what any other may fall
-// short of by little.
+// The objects nearly touch, in poses of objects that lie, stand and tip. The gap of the returned plane may be only
+// slightly smaller than the gap of the known plane.
 TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
   std::mt19937_64 generator(1);
   const auto uniform = [&generator] { return 2.0 * static_cast<double>(generator() >> 11) * 0x1p-53 - 1.0; };
@@ -136,7 +138,7 @@ TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
       }
     }
   }
-  EXPECT_LE(worst, 0.6e-3) << "of two cylinders rim to rim; 20 mm where the engine's direction alone was asked";
+  EXPECT_LE(worst, 0.6e-3) << "found for two cylinders rim to rim; 20 mm with the engine's direction alone";
 }
 
 }  // namespace

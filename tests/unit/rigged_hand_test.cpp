@@ -1,4 +1,4 @@
-// Rigged hands: a shipped hand's own surface and skeleton, written as a GLB and read back.
+// Rigged hands: the surface and the skeleton of a shipped hand are written as a GLB and read back.
 #include "hand_builder/rigged_hand.hpp"
 
 #include <gtest/gtest.h>
@@ -46,7 +46,7 @@ const Source& source() {
   return made;
 }
 
-// The pieces of a GLB, for a test to spoil.
+// The parts of a GLB. A test can corrupt single parts.
 struct Parts {
   std::vector<std::array<float, 3>> positions;
   std::vector<std::uint32_t> indices;
@@ -62,7 +62,7 @@ Parts parts_of(const Source& hand, const Pose& place, bool left) {
     x = place * x;
     return std::array<float, 3>{static_cast<float>(x.x()), static_cast<float>(x.y()), static_cast<float>(x.z())};
   };
-  // Every corner twice, as exporters split them at seams.
+  // Every vertex occurs twice, because exporters split vertices at seams.
   for (int copy = 0; copy < 2; ++copy) {
     for (const Vector3& v : hand.skin.vertices) parts.positions.push_back(put(v));
   }
@@ -136,12 +136,12 @@ RiggedHand parsed(const std::string& bytes) {
   std::istringstream in(bytes);
   return parse_rigged_hand(in, "hand.glb");
 }
-// A place that is neither the wrist's frame nor near it: Y up, metres away.
+// A pose far from the wrist's frame: turned, and more than a metre away.
 Pose elsewhere() {
   return {Vector3(0.3, 1.2, -0.4), Quaternion(Eigen::AngleAxisd(2.1, Vector3(1, 2, -1).normalized()))};
 }
 
-TEST(RiggedHandFile, GivesBackSkeletonAndSkinOfEitherSide) {
+TEST(RiggedHandFile, ReadsSkeletonAndSkinOfEitherSide) {
   for (const bool left : {false, true}) {
     const RiggedHand hand = parsed(glb(parts_of(source(), elsewhere(), left)));
     EXPECT_EQ(hand.side, left ? Side::left : Side::right);
@@ -150,7 +150,7 @@ TEST(RiggedHandFile, GivesBackSkeletonAndSkinOfEitherSide) {
       const Pose& expected = source().rest.joints[j];
       EXPECT_LT((hand.rest.joints[j].position - expected.position).norm(), 1e-6) << kJointNames[j];
       EXPECT_LT(hand.rest.joints[j].orientation.angularDistance(expected.orientation), 1e-4) << kJointNames[j];
-      // A finger's joint lies as deep as its radius says; others depend on the flesh around them.
+      // The depth of a finger's joint is its radius. The radii of other joints depend on the flesh around them.
       if (j > index_of(Joint::index_proximal) && j != at(tip_of(Finger::index)) &&
           finger_of(body_of(static_cast<Joint>(j))) == Finger::index) {
         EXPECT_NEAR(hand.rest.radii[j], source().rest.radii[j], 1e-3) << kJointNames[j];
@@ -164,7 +164,7 @@ TEST(RiggedHandFile, GivesBackSkeletonAndSkinOfEitherSide) {
   }
 }
 
-TEST(RiggedHandFile, ItsBonesLieInItsSkin) {
+TEST(RiggedHandFile, BonesLieInsideTheSkin) {
   const RiggedHand hand = parsed(glb(parts_of(source(), elsewhere(), false)));
   const MeshSkin skin(hand.skin);
   const auto bodies = make_bodies(hand.rest);
@@ -178,11 +178,11 @@ TEST(RiggedHandFile, ItsBonesLieInItsSkin) {
   }
 }
 
-TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
+TEST(MeshSkin, ReturnsTheSignedDistanceToItsSurface) {
   const ParametricSkin exact(source().rest);
   const MeshSkin skin(source().skin);
   const auto box = skin.bounds();
-  // No point of a triangle is farther from its nearest corner than the longest edge over the root of three.
+  // No point of a triangle is farther from its nearest corner than the longest edge divided by the square root of 3.
   double longest_edge = 0;
   for (const auto& t : source().skin.triangles) {
     for (std::size_t k = 0; k < 3; ++k) {
@@ -206,7 +206,7 @@ TEST(MeshSkin, IsTheSignedDistanceOfItsSurface) {
   }
 }
 
-TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
+TEST(RiggedHandFile, RefusesUnusableFilesAndNamesFileAndField) {
   const auto error_of = [](const std::function<void(Parts&)>& spoil) -> std::string {
     Parts parts = parts_of(source(), Pose{}, false);
     spoil(parts);
@@ -215,12 +215,12 @@ TEST(RiggedHandFile, RefusesWhatItCannotUseByFileAndField) {
     } catch (const std::runtime_error& error) {
       return error.what();
     }
-    return "taken";
+    return "accepted";
   };
   const auto expect_error = [&](const char* expected, const std::function<void(Parts&)>& spoil) {
-    EXPECT_NE(error_of(spoil).find(expected), std::string::npos) << "instead: " << error_of(spoil);
+    EXPECT_NE(error_of(spoil).find(expected), std::string::npos) << "actual error: " << error_of(spoil);
   };
-  EXPECT_EQ(error_of([](Parts&) {}), "taken");
+  EXPECT_EQ(error_of([](Parts&) {}), "accepted");
   expect_error("hand.glb: skins[0].joints: expected a joint named pinky-finger-tip",
                [](Parts& p) { p.document["nodes"][0]["name"] = "Bone.025"; });
   expect_error("hand.glb: indices: expected a closed surface",

@@ -107,7 +107,7 @@ TEST(ReadToml, AcceptsTheEndsOfARange) {
   EXPECT_NE(refusal("[solver]\nrate_hz = 10000.0001"), "");
 }
 
-TEST(ReadToml, TellsAllErrorsInOrderOfLinesAndSuggestsKeys) {
+TEST(ReadToml, ReportsAllErrorsInLineOrderAndSuggestsKeys) {
   const std::string text =
       refusal("hnad = \"x\"\noffset = nan\n[solver]\nrate = 3\nmode = 2\n[[objects]]\nzzzzzzzzz = 1\n");
   const std::size_t a = text.find("f.toml:1: unknown key 'hnad'; did you mean 'hand'?");
@@ -118,7 +118,7 @@ TEST(ReadToml, TellsAllErrorsInOrderOfLinesAndSuggestsKeys) {
   EXPECT_TRUE(a < b && b < c && c < d && d < e && e != std::string::npos) << text;
 }
 
-TEST(ReadToml, PassesOverForeignTablesOnly) {
+TEST(ReadToml, IgnoresOnlyTheNamedForeignTables) {
   Sample sample;
   read_toml_text(sample, "hand = \"b.json\"\n[world]\nrate_hz = 3\n", "f.toml", {"world"});
   EXPECT_EQ(sample.hand, "b.json");
@@ -141,7 +141,7 @@ TEST(ReadToml, RefusesFilesThatCannotBeRead) {
   read_toml(sample, path);
   EXPECT_EQ(sample.hand, "c.json");
   std::ofstream(path, std::ios::trunc).flush();
-  read_toml(sample, path);  // an empty file is a file of defaults
+  read_toml(sample, path);  // an empty file changes nothing
   EXPECT_EQ(sample.hand, "c.json");
 }
 

@@ -1,4 +1,4 @@
-// Statistics, schedule and loop.
+// Statistics, schedule, loop and simulated clock.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ TEST(RollingHistogram, QuantilesAgreeWithSorting) {
   }
 }
 
-TEST(RollingHistogram, ForgetsWhatIsOlderThanASecond) {
+TEST(RollingHistogram, ForgetsValuesOlderThanASecond) {
   auto histogram = std::make_unique<RollingHistogram>();
   EXPECT_EQ(histogram->quantile(0.5), 0);
   for (int i = 0; i < 100; ++i) histogram->add(i * 1'000'000, 5'000'000);
@@ -47,9 +47,9 @@ TEST(RollingHistogram, ForgetsWhatIsOlderThanASecond) {
   EXPECT_EQ(histogram->rate(), 0);
 }
 
-TEST(RollingHistogram, TakesTheExtremes) {
+TEST(RollingHistogram, AcceptsExtremeValues) {
   auto histogram = std::make_unique<RollingHistogram>();
-  for (Nanoseconds x = 0; x < 70; ++x) {  // single buckets, then pairs
+  for (Nanoseconds x = 0; x < 70; ++x) {  // buckets of one value, then of two
     RollingHistogram one;
     one.add(0, x);
     EXPECT_NEAR(static_cast<double>(one.quantile(1)), static_cast<double>(x), x < 64 ? 0 : 1) << x;
@@ -74,17 +74,17 @@ TEST(Schedule, StaysOnItsGridWhenInTime) {
     EXPECT_EQ(schedule.due(), 1000 + 10 * i);
     schedule.advance(schedule.due() + 7);
   }
-  schedule.advance(schedule.due() + 10);  // ended just when the next is due
+  schedule.advance(schedule.due() + 10);  // the step ended just when the next one is due
   EXPECT_EQ(schedule.misses(), 0u);
 }
 
-TEST(Schedule, OneLateStepNeverASpiral) {
+TEST(Schedule, AStallCausesOneLateStepOnly) {
   Schedule schedule(0, 10);
   schedule.advance(2004);  // a stall of 200 periods: 10 to 2000 were missed
   EXPECT_EQ(schedule.misses(), 200u);
   EXPECT_EQ(schedule.due(), 2000);  // one late step at once
   schedule.advance(2006);
-  EXPECT_EQ(schedule.due(), 2010);  // and on with the grid
+  EXPECT_EQ(schedule.due(), 2010);  // then back on the grid
   EXPECT_EQ(schedule.misses(), 200u);
 }
 
@@ -100,7 +100,7 @@ TEST(Schedule, OverloadFallsBehindByLessThanAPeriod) {
   EXPECT_EQ(schedule.misses(), static_cast<std::uint64_t>(schedule.due() / 10));
 }
 
-TEST(PeriodicLoop, RefusesRatesThatCannotBe) {
+TEST(PeriodicLoop, RefusesImpossibleRates) {
   for (const double rate : {0.0, -1.0, 1e9, std::nan(""), HUGE_VAL})
     EXPECT_THROW(PeriodicLoop{rate}, std::invalid_argument) << rate;
 }
@@ -134,7 +134,7 @@ TEST(PeriodicLoop, CountsAStallAndSkipsIt) {
     if (++steps == 5) std::this_thread::sleep_for(std::chrono::milliseconds(50));
     if (steps == 10) stop = true;
   });
-  EXPECT_GE(now() - begin, 54'000'000);  // 4 periods, the stall, and the grid after it
+  EXPECT_GE(now() - begin, 54'000'000);  // 4 periods, the stall, and the next grid points
   EXPECT_GE(loop->deadline_misses(), 49u);
   EXPECT_GE(loop->step_times().quantile(1), 49'000'000);
 }
@@ -144,14 +144,14 @@ constexpr Nanoseconds kSecond = 1'000'000'000;
 TEST(SimulatedClock, IsRealTimeUntilCommanded) {
   const SimulatedClock clock;
   for (const Nanoseconds t :
-       {Nanoseconds{0}, kSecond, 400 * 86400 * kSecond + 1}) {  // beyond what a double counts exactly
+       {Nanoseconds{0}, kSecond, 400 * 86400 * kSecond + 1}) {  // beyond the exact integers of a double
     EXPECT_EQ(clock.at(t), t);
     EXPECT_EQ(clock.when(t), t);
   }
   EXPECT_EQ(clock.pace(kSecond), 1);
 }
 
-TEST(SimulatedClock, SlowsDownStandsAndGoesOnWithoutALeap) {
+TEST(SimulatedClock, SlowsDownStopsAndResumesWithoutAJump) {
   SimulatedClock clock;
   clock.command(10 * kSecond, 0.25);
   clock.command(14 * kSecond, 0);
@@ -178,7 +178,7 @@ TEST(SimulatedClock, SlowsDownStandsAndGoesOnWithoutALeap) {
   }
 }
 
-TEST(SimulatedClock, IsTheSameInWhateverOrderCommandsArriveAndByItsText) {
+TEST(SimulatedClock, DoesNotDependOnTheOrderOfCommandsAndRoundTripsAsText) {
   struct Command {
     Nanoseconds from;
     double pace;
@@ -201,17 +201,17 @@ TEST(SimulatedClock, IsTheSameInWhateverOrderCommandsArriveAndByItsText) {
     EXPECT_THROW(SimulatedClock::from_text(wrong), std::invalid_argument) << wrong;
 }
 
-TEST(SimulatedClock, RemembersEnoughOfALongSession) {
+TEST(SimulatedClock, RemembersEnoughCommandsOfALongSession) {
   SimulatedClock clock;
   Nanoseconds expected = kSecond;
   for (int i = 1; i <= 100; ++i) {
     clock.command(i * kSecond, i % 2 == 1 ? 0.5 : 1);
-    if (i > 1) expected += i % 2 == 1 ? kSecond : kSecond / 2;  // the second that ended
+    if (i > 1) expected += i % 2 == 1 ? kSecond : kSecond / 2;  // the second that just ended
     EXPECT_EQ(clock.at(i * kSecond), expected);
   }
 }
 
-TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
+TEST(PeriodicLoop, FollowsASlowedClockAndStopsWithIt) {
   auto loop = std::make_unique<PeriodicLoop>(500);
   std::atomic<bool> stop{false};
   SimulatedClock clock;
@@ -226,7 +226,7 @@ TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
         ++betweens;
         stop = real > begin + kSecond;
       });
-  // 50 at full pace, 50 in the 400 ms at a quarter, none in the half second after; fewer where the machine was late.
+  // 50 steps at full pace, 50 in the 400 ms at a quarter, none in the half second after. Fewer if the machine is late.
   EXPECT_LE(steps.size(), 102u);
   EXPECT_GE(steps.size(), 60u);
   EXPECT_LE(steps.back(), begin + kSecond / 5);
@@ -234,7 +234,7 @@ TEST(PeriodicLoop, FollowsASlowedClockAndStandsWithIt) {
   EXPECT_GE(betweens, static_cast<int>(steps.size()) + 15);
 }
 
-TEST(PeriodicLoop, SaysThatItStands) {
+TEST(PeriodicLoop, ReportsZeroRateWhileTheClockStands) {
   auto loop = std::make_unique<PeriodicLoop>(500);
   std::atomic<bool> stop{false};
   SimulatedClock clock;

@@ -15,7 +15,7 @@ namespace {
 
 std::span<const std::byte> bytes(std::string_view text) { return std::as_bytes(std::span(text.data(), text.size())); }
 
-TEST(Clock, IsMonotonicAndTheKernels) {
+TEST(Clock, IsMonotonicAndTheKernelsClock) {
   timespec before{};
   clock_gettime(CLOCK_MONOTONIC, &before);
   const Nanoseconds first = now();
@@ -32,7 +32,7 @@ TEST(Clock, IdIsConstantOnAHostAndEpochsDiffer) {
   EXPECT_NE(epoch, make_epoch());
 }
 
-TEST(StopSignal, TakesEverySignalAndForgetsOldOnes) {
+TEST(StopSignal, RequestsAStopOnEverySignalAndForgetsOldOnes) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     const StopSignal stop;
     EXPECT_FALSE(stop.requested());
@@ -42,7 +42,7 @@ TEST(StopSignal, TakesEverySignalAndForgetsOldOnes) {
   }
 }
 
-TEST(StopSignal, PutsFormerHandlersBack) {
+TEST(StopSignal, RestoresFormerHandlers) {
   struct sigaction before {};
   sigaction(SIGTERM, nullptr, &before);
   { const StopSignal stop; }
@@ -51,9 +51,9 @@ TEST(StopSignal, PutsFormerHandlersBack) {
   EXPECT_EQ(before.sa_handler, after.sa_handler);
 }
 
-TEST(StopSignal, AHangUpThatIsIgnoredStaysSo) {
+TEST(StopSignal, IgnoredHangUpStaysIgnored) {
   struct sigaction before {};
-  struct sigaction ignored {};  // as nohup leaves it
+  struct sigaction ignored {};  // as nohup sets it
   ignored.sa_handler = SIG_IGN;
   sigaction(SIGHUP, &ignored, &before);
   {
@@ -64,9 +64,9 @@ TEST(StopSignal, AHangUpThatIsIgnoredStaysSo) {
   sigaction(SIGHUP, &before, nullptr);
 }
 
-TEST(StopSignal, FollowsItsParent) {
-  // A middle process starts a child that asks to follow it, then ends; the child reports through the pipe how it was
-  // stopped.
+TEST(StopSignal, RequestsAStopWhenTheParentEnds) {
+  // A middle process starts a child and then ends. The child has asked to be stopped with its parent. It reports
+  // through the pipe how it was stopped.
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
   const pid_t middle = fork();

@@ -67,7 +67,7 @@ TEST_F(RecordFile, ReturnsWhatWasWritten) {
 }
 
 // The bytes of https://mcap.dev/spec, written out by hand.
-TEST_F(RecordFile, IsMcap) {
+TEST_F(RecordFile, WritesMcap) {
   {
     RecordWriter writer(path_);
     const std::uint16_t channel = writer.add_channel({"t", "cdr", "S", "omgidl", "x"});
@@ -86,13 +86,13 @@ TEST_F(RecordFile, IsMcap) {
   EXPECT_EQ(content(), expected);
 }
 
-TEST_F(RecordFile, ReadsUpToTheLastWholeMessageWhereverItWasCut) {
+TEST_F(RecordFile, ReadsUpToTheLastWholeMessageOfATruncatedFile) {
   std::size_t first_end = 0, second_end = 0;
   {
     RecordWriter writer(path_);
     const std::uint16_t channel = writer.add_channel(objects_);
     writer.write(channel, 1, 1, 1, bytes("one"));
-    first_end = std::filesystem::file_size(path_);  // in the file already, though the writer lives
+    first_end = std::filesystem::file_size(path_);  // already in the file while the writer is open
     writer.write(channel, 2, 2, 2, bytes("two"));
     second_end = std::filesystem::file_size(path_);
   }
@@ -109,8 +109,8 @@ TEST_F(RecordFile, ReadsUpToTheLastWholeMessageWhereverItWasCut) {
   }
 }
 
-// A disk that was full when a message was written may have room again when the file is closed.
-TEST_F(RecordFile, NothingFollowsAMessageThatWasCut) {
+// A disk may be full when a message is written and have room again when the file is closed.
+TEST_F(RecordFile, NothingFollowsATruncatedMessage) {
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto former = std::signal(SIGXFSZ, SIG_IGN);
@@ -134,7 +134,7 @@ TEST_F(RecordFile, NothingFollowsAMessageThatWasCut) {
   EXPECT_TRUE(reader.truncated());
 }
 
-TEST_F(RecordFile, RefusesWhatIsNoRecording) {
+TEST_F(RecordFile, RefusesFilesThatAreNotRecordings) {
   EXPECT_THROW(RecordReader("/does/not/exist"), std::runtime_error);
   EXPECT_THROW(RecordWriter("/does/not/exist"), std::runtime_error);
   put("");
@@ -143,24 +143,24 @@ TEST_F(RecordFile, RefusesWhatIsNoRecording) {
   EXPECT_THROW(RecordReader{path_}, std::runtime_error);
   using namespace std::string_literals;
   const std::string magic = "\x89MCAP0\r\n"s;
-  for (const std::string& record : {"\x05\x16\0\0\0\0\0\0\0"s + std::string(22, '\1'),  // message of no channel
+  for (const std::string& record : {"\x05\x16\0\0\0\0\0\0\0"s + std::string(22, '\1'),  // message of an unknown channel
                                     "\x05\x01\0\0\0\0\0\0\0\1"s,                        // message without its fields
                                     "\x04\x08\0\0\0\0\0\0\0\1\0\0\0\xff\xff\xff\xff"s,  // topic longer than the record
-                                    "\x04\x0c\0\0\0\0\0\0\0\1\0\5\0\0\0\0\0\0\0\0\0"s,  // channel of no schema
+                                    "\x04\x0c\0\0\0\0\0\0\0\1\0\5\0\0\0\0\0\0\0\0\0"s,  // channel of an unknown schema
                                     "\x06\0\0\0\0\0\0\0\0"s}) {                         // chunk
     put(magic + record);
     RecordReader reader(path_);
     RecordedMessage m;
     EXPECT_THROW(reader.next(m), std::runtime_error);
   }
-  put(magic + "\x05\xff\xff\xff\xff\xff\xff\xff\xff"s);  // a length beyond every file is a cut, not an allocation
+  put(magic + "\x05\xff\xff\xff\xff\xff\xff\xff\xff"s);  // an impossible length: truncated; nothing is allocated
   RecordReader reader(path_);
   RecordedMessage m;
   EXPECT_FALSE(reader.next(m));
   EXPECT_TRUE(reader.truncated());
 }
 
-TEST_F(RecordFile, RefusesChannelsThatItDoesNotKnow) {
+TEST_F(RecordFile, RefusesUnknownChannels) {
   RecordWriter writer(path_);
   EXPECT_THROW(writer.write(0, 0, 0, 0, {}), std::runtime_error);
   EXPECT_THROW(writer.write(1, 0, 0, 0, {}), std::runtime_error);

@@ -1,1 +1,2 @@
-softhand_test(socket_trackers ${CMAKE_CURRENT_LIST_DIR}/socket_trackers_test.cpp LINK softhand_tracker_webxr softhand_tracker_landmarks)
+softhand_test(socket_trackers ${CMAKE_CURRENT_LIST_DIR}/socket_trackers_test.cpp LINK softhand_tracker_webxr
+  softhand_tracker_landmarks)

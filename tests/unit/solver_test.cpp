@@ -51,7 +51,7 @@ class Load final : public Energy {
   Vector3 force_;
 };
 
-/// A spring of 1 N/m between a node and the origin whose Hessian says that it is stiffer.
+/// A spring of 1 N/m between a node and the origin. Its Hessian overstates the stiffness by `factor`.
 class Overstated final : public Energy {
  public:
   explicit Overstated(double factor) : factor_(factor) {}
@@ -79,7 +79,7 @@ State one_node(const Vector3& position) {
   return state;
 }
 
-/// Eigen's simplicial LDL^T, to compare with.
+/// Eigen's simplicial LDL^T as the reference.
 class EigenSolver final : public LinearSolver {
  public:
   void analyze(const BlockMatrix& matrix) override { load(matrix); }
@@ -121,7 +121,7 @@ TEST(CholmodSolver, AgreesWithEigenAndRefusesIndefinite) {
     ASSERT_TRUE(reference.factorize());
     reference.solve(rhs, expected);
     EXPECT_LE((x - expected).norm(), 1e-10 * expected.norm());
-    // Indefinite, then good again with the same analysis.
+    // An indefinite matrix is refused. The next trial is good again with the same analysis.
     matrix.values()[0] = -1.0;
     cholmod.load(matrix);
     EXPECT_FALSE(cholmod.factorize());
@@ -129,7 +129,7 @@ TEST(CholmodSolver, AgreesWithEigenAndRefusesIndefinite) {
   }
 }
 
-TEST(NewtonSolver, OscillatorLosesEnergyAsBackwardEulerMust) {
+TEST(NewtonSolver, OscillatorLosesEnergyLikeBackwardEuler) {
   for (const double z : {0.1, 0.2, 1.0}) {
     const double mass = 0.02, time_step = 0.01, stiffness = mass * z * z / (time_step * time_step);
     Inertia inertia({mass}, 0);
@@ -138,7 +138,7 @@ TEST(NewtonSolver, OscillatorLosesEnergyAsBackwardEulerMust) {
     state.node_positions = Vector3(0.01, 0, 0);
     state.node_velocities = Vector3(0, 0.3, 0);
     SolverOptions options;
-    options.factor = "double";  // twelve digits
+    options.factor = "double";  // twelve digits are compared
     NewtonSolver solver({&inertia, &spring}, state.layout(), options);
     double energy = 0.5 * mass * state.node_velocities.squaredNorm() + spring.value(state);
     for (int step = 0; step < 20; ++step) {
@@ -219,13 +219,13 @@ TEST(NewtonSolver, NonfiniteNeverReachesTheState) {
   EXPECT_TRUE(solver.step(brick.state, 0.01).state_changed);
 }
 
-TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
+TEST(NewtonSolver, ShiftsAnIndefiniteMatrixOrReportsFailure) {
   Brick brick;
   Saboteur saboteur;
   auto terms = brick.terms();
   terms.push_back(&saboteur);
   SolverOptions options;
-  options.keep_factor = false;  // with the first step's factor the second would need no matrix
+  options.keep_factor = false;  // with the first step's factor the second step would need no matrix
   NewtonSolver solver(terms, brick.state.layout(), options);
   brick.shake(0.0005, 5);
   const State before = brick.state;
@@ -234,7 +234,7 @@ TEST(NewtonSolver, IndefiniteIsShiftedOrGivenUp) {
   EXPECT_GT(shifted.shifts, 0);
   EXPECT_TRUE(shifted.state_changed);
   EXPECT_TRUE(all_finite(brick.state));
-  // A matrix that no shift mends: not-a-number.
+  // No shift repairs a matrix with NaN.
   brick.state = before;
   saboteur.curvature = NAN;
   const StepReport report = solver.step(brick.state, 0.01);
@@ -251,8 +251,8 @@ StepReport step_with_overstated(double factor, double residual_tolerance, State&
   return NewtonSolver({&spring}, state.layout(), options).step(state, 0.01);
 }
 
-// A full step leaves 4/5 of the way, and did so for 60 iterations.
-TEST(NewtonSolver, GoesOnWhereTheHessianIsTooStiff) {
+// A full step leaves 4/5 of the distance. Earlier, the solver took such steps for 60 iterations.
+TEST(NewtonSolver, ConvergesWhenTheHessianIsTooStiff) {
   State state = one_node(Vector3(1, 2, 3));
   const StepReport report = step_with_overstated(5, 1e-3, state);
   EXPECT_EQ(report.status, StepStatus::converged);
@@ -260,8 +260,8 @@ TEST(NewtonSolver, GoesOnWhereTheHessianIsTooStiff) {
   EXPECT_LE(state.node_positions.col(0).norm(), 2e-3);
 }
 
-// What float leaves because the Hessian is wrong, double leaves too.
-TEST(NewtonSolver, DoubleIsNotTakenAgainWhereItDidNotHelp) {
+// If the Hessian is wrong, the residual that a float factor leaves remains with a double factor too.
+TEST(NewtonSolver, DoesNotRepeatADoubleFactorThatDidNotHelp) {
   State state = one_node(Vector3(1, 2, 3));
   const StepReport report = step_with_overstated(2.2, 1e-6, state);
   EXPECT_EQ(report.status, StepStatus::converged);
@@ -269,7 +269,7 @@ TEST(NewtonSolver, DoubleIsNotTakenAgainWhereItDidNotHelp) {
   EXPECT_EQ(report.double_factors, 1);
 }
 
-TEST(NewtonSolver, ReportsWhatItDid) {
+TEST(NewtonSolver, ReportsStatusIterationsAndEnergies) {
   Brick brick;
   brick.shake(0.002, 6);
   State fast = brick.state;
@@ -318,15 +318,15 @@ TEST(NewtonSolver, StopsWhenTheBudgetOfWorkIsSpent) {
     EXPECT_EQ(report.status, StepStatus::budget_spent) << budget;
     EXPECT_GE(report.iterations, 1) << budget;
     EXPECT_GT(report.work, budget - 1) << budget;
-    // The last line search may go on for a few evaluations.
+    // The last line search may need a few more evaluations.
     EXPECT_LT(report.work, budget + 1.5) << budget;
     EXPECT_TRUE(report.state_changed);
     EXPECT_TRUE(all_finite(cut.state));
   }
 }
 
-// The budget is no time: the bits are the same on a machine that is a thousand times slower.
-TEST(NewtonSolver, ABudgetOfWorkDoesNotReadTheClock) {
+// The budget is not a time. The bits are the same on a machine that is a thousand times slower.
+TEST(NewtonSolver, WorkBudgetDoesNotDependOnTheClock) {
   const auto run = [](double tick) {
     Brick brick;
     brick.shake(0.01, 7);
@@ -341,7 +341,7 @@ TEST(NewtonSolver, ABudgetOfWorkDoesNotReadTheClock) {
   EXPECT_TRUE(same_bits(run(1e-6), run(1e-3)));
 }
 
-TEST(NewtonSolver, StepsThatAreCutOffConvergeWhenTheInputHoldsStill) {
+TEST(NewtonSolver, TruncatedStepsConvergeWhenTheInputHoldsStill) {
   Brick converged, cut;
   converged.shake(0.01, 7);
   cut.shake(0.01, 7);
@@ -376,8 +376,8 @@ TEST(NewtonSolver, MoreBudgetNeverLeavesMoreEnergy) {
   }
 }
 
-// A light body that turns has next to no torque left when most of its turn is still missing: residuals in newton metres
-// say nothing about it.
+// A light turning body has almost no residual torque while most of its turn is still missing. So residuals in newton
+// metres do not measure its convergence.
 TEST(NewtonSolver, AFreeBodyKeepsItsAngularMomentumWithDefaultOptions) {
   for (const double mass : {4e-4, 0.026, 1.0}) {
     for (const double speed : {1.0, 10.0, 40.0}) {
@@ -427,7 +427,7 @@ TEST(NewtonSolver, SameBitsOnEachRun) {
   EXPECT_TRUE(same_bits(run(), run()));
 }
 
-TEST(NewtonSolver, AnUnmeasuredFastStepIsTheMeasuredOne) {
+TEST(NewtonSolver, UnmeasuredFastStepGivesTheBitsOfAMeasuredOne) {
   Brick brick;
   brick.shake(0.002, 4);
   State measured = brick.state, unmeasured = brick.state;
@@ -448,7 +448,7 @@ TEST(NewtonSolver, AllocatesNothingAfterTheFirstStep) {
   counting = true;
   const VectorX seen = VectorX::Zero(100);
   counting = false;
-  ASSERT_GT(allocations, 0) << "the counter sees nothing of " << seen.size();
+  ASSERT_GT(allocations, 0) << "the counter does not see the allocation of size " << seen.size();
   for (const std::int64_t iterations : {1, 5}) {
     Brick brick;
     brick.shake(0.005, 10);
@@ -463,14 +463,15 @@ TEST(NewtonSolver, AllocatesNothingAfterTheFirstStep) {
 }
 #endif
 
-// Three seconds of steps from chaos: finite all along, no energy gained. Returns the distance from rest, RMS in metres.
+// Runs three seconds of steps from a bad state. Checks that the state stays finite and that no energy is gained.
+// Returns the RMS distance from rest, in metres.
 double settle(Brick& brick, std::int64_t iterations) {
   const Eigen::Matrix3Xd rest = testing::rest_state(brick.box).node_positions;
   const auto potential = [&brick] { return brick.tissue.value(brick.state) + brick.anchors.value(brick.state); };
   SolverOptions options;
   options.max_iterations = iterations;
-  options.factor = "double";  // a float's rounding is noise: a mirrored brick may then end in a twisted minimum, as a
-                              // noisy line does below
+  options.factor = "double";  // A float's rounding is noise. With noise a mirrored brick may end in a twisted minimum,
+                              // like a noisy line below.
   NewtonSolver solver(brick.terms(), brick.state.layout(), options);
   const double before = potential();
   for (int step = 0; step < 270; ++step) {
@@ -491,8 +492,8 @@ TEST(NewtonSolver, RecoversFromCollapseAndInversion) {
           for (int axis = dimensions; axis < 3; ++axis) brick.state.node_positions.row(axis).setConstant(0.01);
           brick.shake(noise, 11);
           const double distance = settle(brick, iterations);
-          // Noise on a line or a point turns every tetrahedron at random: the elastic energy has twisted minima, and
-          // some of them are met.
+          // Noise on a line or a point turns every tetrahedron at random. The elastic energy has twisted minima, and
+          // some runs end in them.
           if (noise == 0 || dimensions == 2) {
             EXPECT_LE(distance, 1e-4) << dimensions << ' ' << noise << ' ' << iterations;
             EXPECT_EQ(brick.tissue.inverted_elements(brick.state), 0);
@@ -502,7 +503,7 @@ TEST(NewtonSolver, RecoversFromCollapseAndInversion) {
       }
       Brick mirrored({3, 2, 2}, soft(nu));
       mirrored.state.node_positions.row(1) *= -1.0;
-      EXPECT_LE(settle(mirrored, iterations), 1e-4) << "all inverted";
+      EXPECT_LE(settle(mirrored, iterations), 1e-4) << "all tetrahedra start inverted";
     }
   }
 }
@@ -523,8 +524,8 @@ TEST(NewtonSolver, SurvivesRandomNodes) {
 }
 
 TEST(NewtonSolver, SlenderBarStretchesAndBends) {
-  // nu = 0: the bar's tension is exact; its bending is bounded by linear tetrahedra's locking, which refinement
-  // reduces.
+  // With a nu of 0 the bar's tension is exact. The locking of linear tetrahedra limits its bending. Refinement reduces
+  // the locking.
   const double youngs_modulus = 1e6, length = 0.1, height = 0.01, force = 1e-4;
   const double inertia_of_area = height * height * height * height / 12;
   const double beam = force * length * length * length / (3 * youngs_modulus * inertia_of_area);
@@ -552,7 +553,7 @@ TEST(NewtonSolver, SlenderBarStretchesAndBends) {
   EXPECT_LT(coarse, fine);
   EXPECT_LT(fine, 1.02);
   EXPECT_GT(fine, 0.75);
-  // Error of second order: Richardson's limit is beam theory's, with its shear term.
+  // The error is of second order, so Richardson's limit is that of beam theory with its shear term.
   EXPECT_NEAR(fine + (fine - coarse) / 3, 1.0, 0.1) << coarse << ' ' << fine;
 }
 

@@ -1,4 +1,4 @@
-// Recordings, made motions and the imperfections of the replay tracker.
+// Recordings, generated motions and the simulated faults of the replay tracker.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -21,7 +21,7 @@ constexpr Nanoseconds kMillisecond = 1'000'000;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t at(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// The block hand with a thumb that opposes: rolled about its bone so that its pad faces the fingers.
+// The block hand with an opposing thumb. The thumb is rolled about its bone so that its pad faces the fingers.
 HandModel opposing_hand() {
   HandModel hand = testing::block_hand();
   const Quaternion turn = Quaternion(Eigen::AngleAxisd(0.8, Vector3::UnitY())) *
@@ -84,7 +84,7 @@ TEST(Recording, ReadsJointsAndPlacesThePalm) {
   EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
 }
 
-TEST(Recording, AByteOrderMarkBeforeTheHeaderIsNoPartOfIt) {
+TEST(Recording, IgnoresAByteOrderMarkBeforeTheHeader) {
   EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), "");
 }
 
@@ -101,7 +101,7 @@ TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
 }
 
-TEST(Recording, TheRecordedHandHasBonesOfOneLength) {
+TEST(Recording, RecordedHandHasConstantBoneLengths) {
   const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
   const Recording recording = Recording::load(path);
@@ -117,7 +117,7 @@ TEST(Recording, TheRecordedHandHasBonesOfOneLength) {
   const double mean = sum / 756;
   EXPECT_NEAR(mean, 0.040, 0.005);
   EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);
-  // Plays every frame at its own time.
+  // The tracker plays every frame at its own time.
   ReplayTracker tracker(std::make_shared<Recording>(recording), {}, {});
   Skeleton sample;
   std::size_t count = 0;
@@ -155,7 +155,7 @@ TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
   }
 }
 
-TEST(PostureSolver, EveryGoalHasItsDerivative) {
+TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
   const HandModel hand = opposing_hand();
   const GripHand grip(hand);
   JointAngles bent;
@@ -205,7 +205,7 @@ TEST(PostureSolver, EveryGoalHasItsDerivative) {
   }
 }
 
-// The hands that are shipped, and one mirrored.
+// Shipped hands. One of them is mirrored.
 struct ShippedHand {
   const char* file;
   bool left;
@@ -219,13 +219,13 @@ INSTANTIATE_TEST_SUITE_P(Hands, ShippedGrip,
                          ::testing::Values(ShippedHand{"right_400", false}, ShippedHand{"right_1450", false},
                                            ShippedHand{"right_1450", true}));
 
-// Where the round distal phalanx touches a face that looks along -`towards`.
+// The point where the round distal phalanx touches a face with the normal -`towards`.
 Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, const Vector3& towards) {
   const Vector3 pad_place = pad_in_distal(hand, finger);
   return frames[at(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) - pad_place.y() * towards;
 }
-// Least room between what `distance` measures from and the capsules of all bodies from metacarpals on that are not
-// `left_out`.
+// The least clearance between the object of `distance` and the capsules of all bodies from the metacarpals on. Bodies
+// for which `left_out` is true do not count.
 template <typename Distance, typename LeftOut>
 double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, LeftOut left_out) {
   double least = 1;
@@ -255,9 +255,9 @@ void expect_in_range(const HandModel& hand, const JointFrames& frames, double ti
   }
 }
 
-// All that is asked of a pinch, in the grip's frame: origin at its middle, +Y up, -Z from thumb to index. The pads meet
-// the cube at most `above` its middle (the table keeps fingertips from going lower) and open by the options' opening,
-// or by `least_opening` where the hand is too small.
+// Checks all requirements of a pinch, in the grip's frame: origin at its middle, +Y up, -Z from thumb to index. The
+// pads meet the cube at most `above` (m) from its middle. The table keeps fingertips from going lower. The pads open by
+// the options' opening, or by `least_opening` (m) if the hand is too small.
 void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above = 6e-3, double least_opening = 20e-3) {
   const auto motion = make_motion(hand, o);
   const double half = 0.5 * o.object_width, open = o.approach_time, shut = o.approach_time + o.close_time;
@@ -279,13 +279,13 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
                 index = touch(hand, Finger::index, grip, Vector3::UnitZ());
   EXPECT_LT(std::abs(thumb.x()), 1e-3);
   EXPECT_NEAR(0.5 * (thumb.y() + index.y()), 0, above);
-  // Pads face their faces within 60 degrees.
+  // The pads point at the cube's faces within 60 degrees.
   const auto normal = [&](Finger f) {
     return Vector3(grip[at(joint_of(distal_of(f)))].orientation * Vector3(0, -1, 0));
   };
   EXPECT_LT(normal(Finger::thumb).z(), -0.5);
   EXPECT_GT(normal(Finger::index).z(), 0.5);
-  // What is lifted stays between the pads.
+  // The lifted object stays between the pads.
   const JointFrames lifted = frames_at(shut + o.settle_time + o.lift_time + 1);
   EXPECT_LT((gap(lifted) - Vector3(0, 0, o.object_width - 2 * o.closing_depth)).norm(), 1e-3);
 
@@ -303,7 +303,7 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
     expect_in_range(hand, frames, time);
     if (time > shut) continue;
     ASSERT_GT(clearance(hand, frames, cube, gripping), 3e-3) << time;
-    // What carries the pads goes no deeper than they; before the closing all is clear.
+    // The other bones of the gripping fingers go no deeper than the pads. Before the fingers close, nothing touches.
     ASSERT_GT(clearance(hand, frames, cube, pads), time <= open ? 3e-3 : -o.closing_depth - 1e-3) << time;
     if (time <= open) {
       ASSERT_GT(clearance(hand, frames, cube, none), 3e-3) << time;
@@ -366,7 +366,7 @@ TEST_P(ShippedGrip, PowerGraspWrapsTheCylinder) {
   }
 }
 
-// The same hand that rests with its fingers flexed further.
+// The same hand with a rest pose in which its fingers are flexed further.
 HandModel relaxed(const HandModel& hand) {
   JointAngles more;
   more.fill(Vector3::Zero());
@@ -388,7 +388,7 @@ HandModel relaxed(const HandModel& hand) {
   return out;
 }
 
-TEST_P(ShippedGrip, MotionsDoNotDependOnHowFlexedTheHandRests) {
+TEST_P(ShippedGrip, MotionsDoNotDependOnTheFlexionAtRest) {
   const HandModel hand = load(GetParam()), other = relaxed(hand);
   const auto farthest = [&](const char* name, double from, double to) {
     GeneratorOptions o;
@@ -448,7 +448,7 @@ TEST(Generator, MotionIsContinuousAndGentle) {
   }
 }
 
-TEST(Generator, TurnLiftAndPuttingDownAreAsAsked) {
+TEST(Generator, TurnLiftAndLoweringMatchTheOptions) {
   const HandModel hand = opposing_hand();
   GeneratorOptions options;
   const auto motion = make_motion(hand, options);
@@ -468,7 +468,7 @@ TEST(Generator, TurnLiftAndPuttingDownAreAsAsked) {
   EXPECT_EQ(phases.back().end, motion->duration());
 }
 
-TEST(Generator, WhatTheHandCannotSpanIsRefused) {
+TEST(Generator, RefusesObjectsThatTheHandCannotSpan) {
   GeneratorOptions options;
   options.object_width = 0.12;
   options.closing_depth = 0;
@@ -497,7 +497,7 @@ std::vector<Skeleton> play(const ReplayOptions& options, double seconds, Nanosec
   return samples;
 }
 
-TEST(ReplayTracker, RateLatencyAndIdentity) {
+TEST(ReplayTracker, HasTheRequestedRateLatencyAndIdentity) {
   ReplayOptions options;
   options.rate_hz = 60;
   options.latency = 0.03;
@@ -512,7 +512,7 @@ TEST(ReplayTracker, RateLatencyAndIdentity) {
   }
 }
 
-TEST(ReplayTracker, NoiseHasItsSizeAndDoesNotDependOnTheCaller) {
+TEST(ReplayTracker, NoiseHasTheRequestedSizeAndDoesNotDependOnTheCaller) {
   ReplayOptions clean, noisy;
   clean.rate_hz = noisy.rate_hz = 100;
   noisy.position_noise = 1e-3;
@@ -540,7 +540,7 @@ TEST(ReplayTracker, NoiseHasItsSizeAndDoesNotDependOnTheCaller) {
   EXPECT_LT(std::abs(sum / n), 2e-5);
 }
 
-TEST(ReplayTracker, FaultsComeWhenAskedFor) {
+TEST(ReplayTracker, FaultsOccurAtTheRequestedTimes) {
   ReplayOptions options;
   options.rate_hz = 100;
   options.teleport_at = 1;
@@ -565,7 +565,7 @@ TEST(ReplayTracker, FaultsComeWhenAskedFor) {
   EXPECT_EQ(nans, 25);
 }
 
-TEST(ReplayTracker, DropoutsDuplicatesAndTheEnd) {
+TEST(ReplayTracker, PlaysDropoutsAndDuplicatesAndHoldsTheLastPose) {
   ReplayOptions options;
   options.rate_hz = 100;
   options.dropout_period = 1;
@@ -579,7 +579,7 @@ TEST(ReplayTracker, DropoutsDuplicatesAndTheEnd) {
   ReplayOptions end;
   end.rate_hz = 100;
   const auto samples = play(end, 12);
-  EXPECT_EQ(samples.size(), 1200u);  // goes on with the last pose
+  EXPECT_EQ(samples.size(), 1200u);  // continues with the last pose
   EXPECT_EQ(samples[1100].joints[1].position, samples[1199].joints[1].position);
 }
 

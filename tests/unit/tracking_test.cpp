@@ -1,4 +1,4 @@
-// Laws of the tracking loop and of what it does with a tracker's samples.
+// The tracking loop's physics and its treatment of a tracker's samples.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -41,7 +41,8 @@ constexpr double kHandRate = 90;  // Hz
 
 Pose still() { return {Vector3(0.1, 1.2, -0.3), Quaternion::Identity()}; }
 
-// Runs the loop at 1 kHz with a tracker at `rate`, whose wrist is at `wrist(t)`; `after(t, output)` sees each step.
+// Runs the loop at 1 kHz with a tracker at `rate` (Hz). The tracked wrist is at `wrist(t)`. `after(t, output)` is
+// called after each step.
 template <typename Motion, typename After>
 void run(TrackingLoop& loop, double seconds, double rate, Motion wrist, After after, Nanoseconds latency = 0) {
   std::uint64_t sent = 0;
@@ -81,9 +82,9 @@ TEST(Tracking, RestIsStationaryAndTipsFollowTheirBones) {
       });
 }
 
-// The ledger of a hand that is shaken and turned, pulled back by a simulated one that comes and goes, and put elsewhere
-// once.
-TEST(Tracking, TheEnergyLedgerClosesAndTheDampersBurnTheWork) {
+// The hand is shaken and turned. A simulated hand, which is missing for a while, pulls it back. The hand is
+// repositioned once.
+TEST(Tracking, EnergyLedgerClosesAndTheDampersDissipateTheWork) {
   TrackingLoop loop(TrackingOptions{}, kHandRate, hand(), {});
   Skeleton simulated;
   for (int i = 0; i < 3000; ++i) {
@@ -121,8 +122,8 @@ TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
   EXPECT_FALSE(loop.step(kStart, {}).valid);
 }
 
-// 0.9 ms with the sample extrapolated by its age. Lag of a fingertip = offset / speed, tracker at 90 Hz, 20 ms
-// late.
+// Measured: 0.9 ms, with the sample extrapolated by its age. The lag of a fingertip is offset / speed. The tracker runs
+// at 90 Hz and is 20 ms late.
 TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
   TrackingLoop loop({}, kHandRate, hand(), {});
   const double speed = 0.8;
@@ -149,7 +150,7 @@ TEST(Tracking, LagInSteadyMotionIsAMillisecond) {
 
 TEST(Tracking, LagOfAShakenHandIsAFewMilliseconds) {
   TrackingLoop loop({}, kHandRate, hand(), {});
-  // 3 Hz, 5 cm: 0.94 m/s. The lag is the shift that fits best: phase by projection on sine and cosine.
+  // 3 Hz and 5 cm give 0.94 m/s. The lag is the time shift that fits best, from the projections on sine and cosine.
   const double omega = 2 * std::numbers::pi * 3;
   const auto wrist = [&](double t) { return Pose{Vector3(0.05 * std::sin(omega * t), 1, 0), Quaternion::Identity()}; };
   double in = 0, quadrature = 0;
@@ -195,8 +196,8 @@ TEST(Tracking, RotationIsFollowedThroughPiWithAndWithoutSignFlips) {
   }
 }
 
-// Couplings in series, offset F (1/k1 + 1/k2): the simulated hand is held off by a wall at distance d, so the
-// intermediate is pulled by k_feedback against k1.
+// Two couplings in series have the offset F (1/k1 + 1/k2). A wall keeps the simulated hand at distance d. So k_feedback
+// pulls the intermediate hand against k1.
 TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
   TrackingOptions options;
   TrackingLoop loop(options, kHandRate, hand(), {});
@@ -258,7 +259,7 @@ TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
   EXPECT_TRUE(zeroed);
 }
 
-TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersLive) {
+TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersAreTracked) {
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e308}) {
     TrackingLoop loop({}, kHandRate, hand(), {});
     std::uint64_t sequence = 0;
@@ -273,7 +274,7 @@ TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersLive) {
       for (std::size_t j = 0; j < kJointCount; ++j) {
         ASSERT_TRUE(all_finite(out.intermediate.joints[j].position));
         ASSERT_TRUE(all_finite(out.intermediate.joints[j].linear_velocity));
-        // The refused joint rides on its neighbour, so all of them keep up.
+        // The refused joint moves with its neighbour, so all joints follow.
         ASSERT_LT((position(out.intermediate, j) - (wrist * hand().rest_joints[j]).position).norm(), 2e-3)
             << kJointNames[j];
       }
@@ -300,7 +301,7 @@ TEST(Tracking, QuaternionsOfAnyReasonableLengthAreNormalised) {
   }
 }
 
-TEST(Tracking, DuplicatesSwapsAndEqualStampsAreIgnored) {
+TEST(Tracking, DuplicatesReorderedSamplesAndEqualStampsAreIgnored) {
   TrackedInput input({});
   EXPECT_TRUE(input.add_sample(skeleton_at(still(), 5, kStart), kStart));
   EXPECT_FALSE(input.add_sample(skeleton_at(still(), 5, kStart), kStart));
@@ -314,7 +315,7 @@ TEST(Tracking, DuplicatesSwapsAndEqualStampsAreIgnored) {
   EXPECT_TRUE(input.add_sample(restarted, kStart + 2 * kMillisecond));
 }
 
-TEST(Tracking, AnotherClockIsReplacedByTheTimeOfArrival) {
+TEST(Tracking, UsesTheTimeOfArrivalIfTheTrackersClockIsImplausible) {
   for (const Nanoseconds shift : {3'600'000 * kMillisecond, -3'600'000 * kMillisecond}) {
     TrackedInput input({});
     for (int i = 1; i <= 50; ++i) {
@@ -330,7 +331,7 @@ TEST(Tracking, AnotherClockIsReplacedByTheTimeOfArrival) {
   }
 }
 
-TEST(Tracking, FreezeHoldsAndIsFlaggedStaleWithin100Milliseconds) {
+TEST(Tracking, FrozenTrackerHoldsTheHandAndIsStaleWithin100Milliseconds) {
   TrackingLoop loop({}, kHandRate, hand(), {});
   Vector3 at_hold = Vector3::Zero();
   std::uint64_t sequence = 0;
@@ -348,7 +349,7 @@ TEST(Tracking, FreezeHoldsAndIsFlaggedStaleWithin100Milliseconds) {
       EXPECT_TRUE(loop.input().stale(now));
       EXPECT_EQ(out.intermediate.confidence, 0);
       at_hold = position(out.intermediate, kWrist);
-      // Extrapolated by 50 ms at most.
+      // Extrapolation is limited to 50 ms.
       EXPECT_NEAR(at_hold.x(), speed * (0.990 + 0.05), 1e-3);
     }
     if (i > 1200) {
@@ -388,7 +389,7 @@ TEST(Tracking, ReturnFromADropoutFarAwayIsFollowedWithoutOvershoot) {
     }
   }
   EXPECT_LT(highest, 0.31);
-  EXPECT_LT(speed, 20);  // the cap on the coupling to the tracker bounds it
+  EXPECT_LT(speed, 20);  // the cap of the coupling to the tracker limits the speed
 }
 
 TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
@@ -426,7 +427,7 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
   }
 }
 
-TEST(Tracking, AHeadThatCannotBeDoesNotReachTheSkeleton) {
+TEST(Tracking, ImplausibleHeadPosesDoNotReachTheSkeleton) {
   TrackingLoop loop({}, kHandRate, hand(), {});
   HeadPose head;
   head.valid = 1;
@@ -448,8 +449,8 @@ TEST(Tracking, AHeadThatCannotBeDoesNotReachTheSkeleton) {
   }
 }
 
-// An XR runtime that is recentred moves the head by metres between two poses: no speed to extrapolate with.
-TEST(Tracking, AHeadThatIsPutElsewhereIsNotExtrapolated) {
+// A recentred XR runtime moves the head by metres between two poses. This jump is not a speed to extrapolate with.
+TEST(Tracking, RecentredHeadIsNotExtrapolated) {
   TrackedInput input({});
   HeadPose head;
   head.valid = 1;
@@ -465,7 +466,7 @@ TEST(Tracking, AHeadThatIsPutElsewhereIsNotExtrapolated) {
   EXPECT_NEAR(input.targets(time)[1].pose.position.x(), 2 + (still() * hand().rest_joints[kWrist]).position.x(), 1e-9);
 }
 
-TEST(Tracking, AfterAResetATrackerOfAnotherClockIsHeardAgain) {
+TEST(Tracking, AcceptsATrackerWithAnotherClockAfterAReset) {
   for (const Nanoseconds shift : {Nanoseconds{0}, -3'600'000 * kMillisecond}) {
     TrackingLoop loop({}, kHandRate, hand(), {});
     const auto step = [&](int i, Nanoseconds taken) {
@@ -513,9 +514,9 @@ TEST(Tracking, ASimulatedSkeletonOfAbsurdSpeedIsRefused) {
   }
 }
 
-TEST(Tracking, UnstableCombinationsAreRefusedAndTheOfferedOnesPass) {
+TEST(Tracking, RefusesUnstableOptionsAndSuggestsStableOnes) {
   EXPECT_LT(chain_growth({}, kHandRate, hand()), 1);
-  // Equal masses, k1 = k2/10 and a spring back as strong as the forward one.
+  // Equal masses, equal stiffnesses, a feedback spring as strong as the forward one, and a tenth of critical damping.
   TrackingOptions bad;
   bad.mass_fraction = 1;
   bad.stiffness_ratio = 1;

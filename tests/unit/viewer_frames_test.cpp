@@ -1,4 +1,4 @@
-// Frames between gateway and page: what goes in comes out at its documented place, and nothing that is wrong gets in.
+// Frames between gateway and page: every field is at its documented offset, and bad requests are refused.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -50,7 +50,7 @@ std::unique_ptr<TissueSurface> surface() {
   return out;
 }
 
-TEST(ViewerFrames, NodesComeBackWithinTheQuantum) {
+TEST(ViewerFrames, NodesRoundTripWithinTheQuantisationStep) {
   const auto in = surface();
   for (const bool quantised : {false, true}) {
     const Frame frame = encode(*in, quantised);
@@ -78,7 +78,7 @@ TEST(ViewerFrames, NodesComeBackWithinTheQuantum) {
   }
 }
 
-TEST(ViewerFrames, WhatIsNoNumberIsNotSent) {
+TEST(ViewerFrames, DoesNotSendFramesWithNaNOrInfinity) {
   auto nodes = surface();
   nodes->nodes[50][1] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_EQ(encode(*nodes, true), nullptr);
@@ -90,7 +90,7 @@ TEST(ViewerFrames, WhatIsNoNumberIsNotSent) {
   Skeleton skeleton;
   skeleton.joints[4].position = {kNan, 0, 0};
   skeleton.joints[4].radius = kNan;
-  EXPECT_NE(encode(FrameType::tracked_skeleton, skeleton), nullptr) << "a joint that is not valid may hold anything";
+  EXPECT_NE(encode(FrameType::tracked_skeleton, skeleton), nullptr) << "values of an invalid joint are not checked";
   skeleton.joints[4].radius = 0;
   skeleton.joints[4].flags = kJointValid;
   EXPECT_EQ(encode(FrameType::tracked_skeleton, skeleton), nullptr);
@@ -127,10 +127,10 @@ TEST(ViewerFrames, DescriptionHoldsSkinAndRestNodes) {
 
   EXPECT_EQ(at<std::uint32_t>(encode(*in, {}), 12), 0u);
   in->vertex_nodes[1][2] = 5;
-  EXPECT_EQ(encode(*in, rest), nullptr) << "a node beyond the last";
+  EXPECT_EQ(encode(*in, rest), nullptr) << "node index out of range";
 }
 
-TEST(ViewerFrames, StatusKeepsItsFigures) {
+TEST(ViewerFrames, StatusKeepsItsValues) {
   LoopStatus in;
   set_text(in.module, "hand");
   in.rate_hz = 89.5;
@@ -175,7 +175,7 @@ TEST(ViewerFrames, StatusKeepsItsFigures) {
   }
 }
 
-TEST(ViewerFrames, EveryTopicFitsItsHeader) {
+TEST(ViewerFrames, EveryTopicHasAMatchingHeader) {
   expect_header(encode(FrameType::simulated_skeleton, Skeleton{}), FrameType::simulated_skeleton, 1);
   expect_header(encode(Contacts{}), FrameType::contacts, 1);
   expect_header(encode(WorldObjects{}), FrameType::objects, 0);
@@ -187,7 +187,7 @@ TEST(ViewerFrames, EveryTopicFitsItsHeader) {
   expect_header(encode(description), FrameType::object_description, 5);
 }
 
-TEST(ViewerFrames, CarriedObjectsStandWhereTheHandHasThem) {
+TEST(ViewerFrames, DrawsHeldObjectsWhereTheHandHasThem) {
   auto world = std::make_unique<WorldObjects>();
   world->stamp.sample_time = 1'000'000'000;
   for (const std::uint32_t id : {1u, 2u}) {
@@ -211,12 +211,12 @@ TEST(ViewerFrames, CarriedObjectsStandWhereTheHandHasThem) {
     draw_held(drawn, from);
     return std::pair(drawn.objects[0].position[0], drawn.objects[1].position[0]);
   };
-  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.5)) << "the first is nobody's in the world";
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.5)) << "in the world, nobody owns the first object";
   ObjectCoupling other = coupling;
   other.hand.side = 0;
-  EXPECT_EQ(drawn_x(other), std::pair(0.0, 0.0)) << "another hand's";
+  EXPECT_EQ(drawn_x(other), std::pair(0.0, 0.0)) << "the coupling is that of another hand";
   coupling.stamp.sample_time = 800'000'000;
-  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "a hand that fell silent";
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "the hand stopped publishing";
 }
 
 // ---- from the page ----
@@ -260,7 +260,7 @@ Refusal refusal(const Bytes& bytes) {
   return decode(bytes, out);
 }
 
-TEST(ViewerRequests, ComeThrough) {
+TEST(ViewerRequests, ValidRequestsAreDecoded) {
   PageRequest out;
   ASSERT_EQ(decode(show_request(set_of(FrameType::nodes), 30), out), Refusal::none);
   EXPECT_EQ(std::get<ShowRequest>(out).types, set_of(FrameType::nodes));
@@ -270,7 +270,7 @@ TEST(ViewerRequests, ComeThrough) {
   EXPECT_EQ(get_text(std::get<Message>(out).key), "reposition");
 }
 
-TEST(ViewerRequests, EveryCutIsRefused) {
+TEST(ViewerRequests, TruncatedAndOverlongRequestsAreRefused) {
   for (const Bytes& whole : {show_request(4, 0), message_request(1, "hand", "key", "value")}) {
     for (std::size_t length = 0; length < whole.size(); ++length)
       EXPECT_EQ(refusal(Bytes(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length))), Refusal::size);
@@ -300,7 +300,7 @@ TEST(ViewerRequests, WrongContentIsRefused) {
   EXPECT_EQ(refusal(message_request(1, "", "key", "")), Refusal::content);
   EXPECT_EQ(refusal(message_request(1, "hand", "", "")), Refusal::content);
   EXPECT_EQ(refusal(message_request(1, "hand", "key", "line\nbreak")), Refusal::content);
-  EXPECT_EQ(refusal(message_request(1, std::string(64, 'x'), "key", "")), Refusal::content) << "no zero at its end";
+  EXPECT_EQ(refusal(message_request(1, std::string(64, 'x'), "key", "")), Refusal::content) << "no terminating zero";
 }
 
 }  // namespace

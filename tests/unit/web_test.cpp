@@ -1,5 +1,5 @@
-// The server that browsers meet, over real sockets: under which names it answers, and what it does where no file can be
-// opened.
+// The web server over real sockets: the host names under which it answers, and its behaviour without free file
+// descriptors.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -64,7 +64,7 @@ std::string ask(const WebServer& server, const std::string& host) {
   return visitor.ask(host);
 }
 
-TEST(WebServer, AnswersUnderItsNamesHoweverTheyAreWritten) {
+TEST(WebServer, AnswersUnderItsNamesInAnyNotation) {
   const WebServer server({.address = "0.0.0.0", .hosts = "Quest-PC.local FD00::1"}, site());
   for (const char* host :
        {"Quest-PC.local:80", "quest-pc.local:80", "quest-pc.local", "LOCALHOST", "[fd00::1]:80", "[FD00::1]"})
@@ -77,8 +77,8 @@ TEST(WebServer, AnswersUnderItsNamesHoweverTheyAreWritten) {
             (std::vector<std::string>{"http://quest-pc.local" + port, "http://[fd00::1]" + port}));
 }
 
-TEST(WebServer, TellsAnIpv6AddressInBrackets) {
-  // An IPv4 address told as one of IPv6, which a machine has without an IPv6 address of its own.
+TEST(WebServer, WritesIpv6AddressesInBrackets) {
+  // An IPv4 address in IPv6 notation. A machine has it even without an IPv6 address of its own.
   const WebServer one({.address = "0:0::FFFF:127.0.0.1"}, site());
   EXPECT_EQ(one.url(), "http://[::ffff:127.0.0.1]:" + std::to_string(one.port()));
   EXPECT_EQ(ask(one, "[::ffff:127.0.0.1]:80"), "HTTP/1.1 200 OK");
@@ -94,7 +94,7 @@ double cpu_seconds() {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-TEST(WebServer, RestsWhereNoFileDescriptorIsLeftAndGoesOnAfterwards) {
+TEST(WebServer, IdlesWithoutFreeFileDescriptorsAndContinuesAfterwards) {
   const WebServer server({}, site());
   Visitor visitor;
   rlimit usual{};

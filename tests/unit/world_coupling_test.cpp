@@ -1,4 +1,4 @@
-// The world with a hand's side of the coupling beside it: objects that are shaken, pressed, dragged, let go, and lost.
+// The world and a hand's side of the coupling: objects are shaken, pressed, dragged, released, and lost.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -27,7 +27,8 @@ using test::TwinTarget;
 
 Nanoseconds nanoseconds(double s) { return std::llround(s * 1e9); }
 
-/// A world and a twin at their own rates, each reading what the other published some time ago.
+/// A world and a twin, each at its own rate. Each reads the other's state with a delay of `staleness` steps of its
+/// publisher.
 struct Rig {
   double hand_step, world_step, staleness;
   WorldLoop world;
@@ -59,7 +60,8 @@ struct Rig {
     twin.pose.position = {0, height, 0};
   }
 
-  /// Runs until `end`; `target(t)` is where the hand wants the object; `watch(t, twin, state)` sees each world step.
+  /// Runs until `end` (s). `target(t)` is the pose that the hand wants for the object. `at_world_step(t, state)` is
+  /// called after each step of the world, `at_hand_step(t)` after each step of the hand.
   void run(double end, const std::function<TwinTarget(double)>& target,
            const std::function<void(double, const ObjectState&)>& at_world_step,
            const std::function<void(double)>& at_hand_step = {}) {
@@ -116,7 +118,7 @@ const std::function<void(double, const ObjectState&)> nothing;
 
 TwinTarget still(const Vector3& at) { return {{at, Quaternion::Identity()}, {}}; }
 
-/// Minimum-jerk from 0 to 1 over [0, 1], with its slope.
+/// Minimum-jerk curve from 0 to 1 over [0, 1]. `slope` is its derivative.
 double smooth(double s) {
   s = std::clamp(s, 0.0, 1.0);
   return s * s * s * (10 + s * (-15 + 6 * s));
@@ -130,7 +132,8 @@ struct Shaken {
 
 Shaken shake(double hand_hz, double world_hz, double stale, double mass) {
   Rig rig(hand_hz, world_hz, stale, mass, 0.3);
-  // +-50 mm, or what takes 40 N: the coupling's force is capped at 100 N beyond the weight.
+  // The amplitude is 50 mm, or less if 50 mm takes more than 40 N. The coupling's force is capped at 100 N beyond the
+  // weight.
   const double w = 2 * M_PI * 3, amplitude = std::min(0.05, 40 / (mass * w * w)), sway = 0.5;
   const Vector3 along = Vector3(1, 0.5, -0.3).normalized(), about = Vector3(0.2, 1, 0.4).normalized();
   const auto target = [&](double t) {
@@ -159,7 +162,8 @@ Shaken shake(double hand_hz, double world_hz, double stale, double mass) {
         places.emplace_back(t, rig.twin.pose.position);
         forces.push_back((rig.twin.hand.force + mass * rig.twin.gravity).dot(along));
       });
-  // Fundamental at 3 Hz of force and of acceleration by central differences, over whole periods: the last two seconds.
+  // Fundamentals at 3 Hz of the force and of the acceleration (central differences). The last two seconds are whole
+  // periods.
   std::complex<double> force = 0, acceleration = 0;
   const double h = rig.hand_step;
   for (std::size_t i = 1; i + 1 < places.size(); ++i) {
@@ -177,7 +181,7 @@ Shaken shake(double hand_hz, double world_hz, double stale, double mass) {
   return result;
 }
 
-TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
+TEST(WorldCoupling, ObjectShakenAtThreeHertzFeelsItsMassAndStaysStable) {
   std::printf(
       "| hand Hz | world Hz | stale | worst in-phase F/(m a) | worst |F|/(m |a|) | trail mm | turn deg | growth a "
       "second |\n|---|---|---|---|---|---|---|---|\n");
@@ -211,7 +215,7 @@ TEST(WorldCoupling, ShakenAtThreeHertzWeighsRightAndNothingGrows) {
   std::printf("%d runs\n", count);
 }
 
-TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
+TEST(WorldCoupling, TwinAndCopyStayTogetherUnderFiveNewtonsOnTheTable) {
   std::printf(
       "| hand Hz | world Hz | stale | twin-table mm | copy-table mm | twin-copy mm | ripple um "
       "|\n|---|---|---|---|---|---|---|\n");
@@ -221,7 +225,7 @@ TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
         double twin_depth = 0, copy_depth = 0, apart = 0, ripple = 0;
         for (double mass : {0.001, 0.05, 1.0, 10.0}) {
           Rig rig(hand_hz, world_hz, stale, mass, 0.03);
-          // The grip carries the weight and pushes 5 N more.
+          // The grip carries the weight and pushes down with 5 N more.
           const double k = rig.twin.grip_stiffness();
           const double k_plane = std::max(1e4, (mass * 9.81 + 5) / 0.5e-3);
           const Vector3 push(0, -5 / k - 5 / k_plane, 0);
@@ -253,7 +257,7 @@ TEST(WorldCoupling, PressedOnTheTableWithFiveNewtons) {
   }
 }
 
-TEST(WorldCoupling, PressedOnAnEdgeNothingGrows) {
+TEST(WorldCoupling, StaysStableWhenPressedOnAnEdge) {
   for (double hand_hz : {90.0, 240.0}) {
     for (double world_hz : {60.0, 250.0}) {
       for (double mass : {0.001, 0.05, 1.0}) {
@@ -284,7 +288,7 @@ TEST(WorldCoupling, PressedOnAnEdgeNothingGrows) {
   }
 }
 
-TEST(WorldCoupling, DraggedOverTheTableTheCopyComesAlong) {
+TEST(WorldCoupling, CopyFollowsWhenDraggedOverTheTable) {
   for (double hand_hz : {90.0, 240.0, 1000.0}) {
     for (double mass : {0.001, 0.05, 1.0}) {
       Rig rig(hand_hz, 250, 1, mass, 0.021);
@@ -312,7 +316,7 @@ TEST(WorldCoupling, DraggedOverTheTableTheCopyComesAlong) {
   }
 }
 
-TEST(WorldCoupling, TurnedBySixtyDegreesAndCarried) {
+TEST(WorldCoupling, CopyFollowsALiftWithATurnOfSixtyDegrees) {
   for (double hand_hz : {60.0, 90.0, 1000.0}) {
     for (double mass : {0.001, 0.05, 10.0}) {
       Rig rig(hand_hz, 250, 1, mass, 0.2);
@@ -339,7 +343,7 @@ TEST(WorldCoupling, TurnedBySixtyDegreesAndCarried) {
   }
 }
 
-TEST(WorldCoupling, PutDownAndReleasedItRests) {
+TEST(WorldCoupling, ReleasedObjectRestsOnTheTable) {
   for (double hand_hz : {90.0, 240.0, 1000.0}) {
     for (double mass : {0.001, 0.05, 1.0}) {
       Rig rig(hand_hz, 250, 1, mass, 0.05);
@@ -373,7 +377,7 @@ TEST(WorldCoupling, PutDownAndReleasedItRests) {
   }
 }
 
-TEST(WorldCoupling, AStalledHandHoldsStillAndThenLetsGo) {
+TEST(WorldCoupling, ObjectOfAStalledHandStopsAndIsThenReleased) {
   Rig rig(90, 250, 0, 0.05, 0.3);
   const double lift = 0.05 * 9.81 / rig.twin.grip_stiffness();
   const auto target = [&](double t) {
@@ -416,7 +420,7 @@ TEST(WorldCoupling, AStalledWorldRecovers) {
   EXPECT_LT(off, 1e-4);
 }
 
-TEST(WorldCoupling, ATeleportedTwinIsFollowedBelowFiveMetresASecond) {
+TEST(WorldCoupling, FollowsATeleportedTwinBelowFiveMetresPerSecond) {
   Rig rig(90, 250, 1, 0.05, 0.3);
   double fast = 0;
   rig.run(
@@ -436,7 +440,7 @@ TEST(WorldCoupling, ATeleportedTwinIsFollowedBelowFiveMetresASecond) {
   EXPECT_LT(fast, 5);
 }
 
-TEST(WorldCoupling, NoFiniteTwinIsBelievedAndTheFirstOwnerKeeps) {
+TEST(WorldCoupling, KeepsTheFirstOwnerAndRefusesANonFiniteTwin) {
   WorldLoop world({}, {table(), cube(0.05, 0.3)});
   std::array<ObjectCoupling, 2> couplings;
   for (std::uint32_t side : {0u, 1u}) {
@@ -445,7 +449,7 @@ TEST(WorldCoupling, NoFiniteTwinIsBelievedAndTheFirstOwnerKeeps) {
     c.step_period = 1.0 / 90;
     ObjectTwin twin;
     twin.object = 2;
-    twin.owned = side;  // first the right hand only
+    twin.owned = side;  // at first only the right hand owns the object
     twin.position = {side ? 0.01 : -0.01, 0.3, 0};
     twin.contact_force = {0, 0.05 * 9.81, 0};
     c.twins.push_back(twin);
@@ -468,7 +472,7 @@ TEST(WorldCoupling, NoFiniteTwinIsBelievedAndTheFirstOwnerKeeps) {
   EXPECT_EQ(world.counters().refused_nonfinite, 1u);
 }
 
-TEST(WorldCoupling, OfTwoHandsThatHoldOneVanishesAndTheOtherTakesOver) {
+TEST(WorldCoupling, SecondHandTakesOverWhenTheOwnerVanishes) {
   WorldLoop world({}, {table(), cube(0.05, 0.2)});
   std::array<ObjectCoupling, 2> hands;
   for (std::uint32_t side : {0u, 1u}) {
@@ -491,7 +495,7 @@ TEST(WorldCoupling, OfTwoHandsThatHoldOneVanishesAndTheOtherTakesOver) {
     return state;
   };
   EXPECT_EQ(run(1, 50, true).owner_side, 0u);
-  EXPECT_EQ(run(50, 150, false).owner_side, 0u) << "0.4 s: it may come back";
+  EXPECT_EQ(run(50, 150, false).owner_side, 0u) << "0.4 s: the silent hand may come back";
   EXPECT_EQ(world.counters().stalls, 1u);
   const ObjectState taken = run(150, 250, false);
   EXPECT_EQ(taken.owned, 1u);

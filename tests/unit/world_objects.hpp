@@ -1,4 +1,4 @@
-// A table, a cube, and what a world says of them.
+// A table, a cube, and access to their states in a world's output.
 #pragma once
 
 #include <stdexcept>

@@ -1,4 +1,4 @@
-// The world alone: its laws, what it refuses, and the messages that it takes.
+// The world alone: its physics, the input that it refuses, and its messages.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -21,10 +21,11 @@ using test::object;
 using test::position;
 using test::table;
 
-// --- laws ----------------------------------------------------------------------------------------
+// --- physics -------------------------------------------------------------------------------------
 
-TEST(WorldFollow, ClosedFormIsTheImplicitStep) {
-  // A free body under the wrench and gravity ends where the spring and damper, taken at the END of the step, hold it.
+TEST(WorldFollow, ClosedFormEqualsTheImplicitStep) {
+  // A free body moves under the wrench and gravity. The wrench must equal that of the spring and damper at the END of
+  // the step.
   std::mt19937 random(7);
   std::uniform_real_distribution<double> one(-1, 1);
   const auto vector = [&](double scale) { return Vector3(scale * Vector3(one(random), one(random), one(random))); };
@@ -43,7 +44,8 @@ TEST(WorldFollow, ClosedFormIsTheImplicitStep) {
     const Vector3 v = b.velocity.linear + step * (w.force / b.mass + b.gravity);
     const double k = kappa * b.mass / (step * step), d = 2 * std::sqrt(k * b.mass);
     const Vector3 e = a.pose.position - b.pose.position;
-    // What pushes beyond f_h is the spring and damper at the end, plus the share that undoes f_h + m g in flight.
+    // The force beyond f_h is that of the spring and damper at the end of the step. It includes the share that cancels
+    // the effect of f_h + m g during the step.
     const Vector3 end = k * (e - step * v) + d * (a.velocity.linear - v);
     EXPECT_LT((w.force - a.wrench.force - end).norm(), 1e-9 * (1 + end.norm()));
     const Vector3 spin = b.velocity.angular + step * (b.inertia.inverse() * w.torque);
@@ -63,7 +65,7 @@ TEST(WorldFollow, ForceIsCapped) {
   EXPECT_NEAR(owner_wrench(b, a, 0.25, 0.004).force.norm(), 100, 1e-9);
 }
 
-TEST(WorldSolid, HullOfABoxWeighsLikeTheBox) {
+TEST(WorldSolid, HullOfABoxHasTheInertiaOfTheBox) {
   ObjectOptions hull = cube(0.3, 0), box = cube(0.3, 0);
   hull.shape = "convex_hull";
   box.half_extents = {0.01, 0.02, 0.03};
@@ -72,11 +74,11 @@ TEST(WorldSolid, HullOfABoxWeighsLikeTheBox) {
     hull.vertices.push_back(
         {{shift.x() + (i & 1 ? 0.01 : -0.01), shift.y() + (i & 2 ? 0.02 : -0.02), shift.z() + (i & 4 ? 0.03 : -0.03)}});
   const Solid a = make_solid(hull), b = make_solid(box);
-  EXPECT_LT((a.body_frame.position - shift).norm(), 1e-5);  // the hull's integer grid
+  EXPECT_LT((a.body_frame.position - shift).norm(), 1e-5);  // rounding to the hull's integer grid
   Vector3 sorted = b.inertia;
   std::sort(sorted.begin(), sorted.end());
   EXPECT_LT((a.inertia - sorted).norm(), 1e-3 * sorted.norm());
-  // A hull inserted off its origin stands where its vertices say.
+  // A hull whose vertices are away from its origin is placed where its vertices are.
   WorldLoop world({}, {hull});
   EXPECT_LT((position(object(world.step(4000000, {}), 1)) - shift).norm(), 1e-3);
 }
@@ -101,7 +103,7 @@ TEST(WorldSolid, PlaneOfABoxOverATableIsTheTablesFace) {
   }
 }
 
-// --- Bullet stands where it should ---------------------------------------------------------------
+// --- resting and sliding in Bullet ---------------------------------------------------------------
 
 TEST(WorldBullet, EveryShapeRestsOnTheTableAtItsTrueHeight) {
   for (const char* shape : {"sphere", "box", "cylinder", "capsule", "convex_hull"}) {
@@ -123,7 +125,7 @@ TEST(WorldBullet, EveryShapeRestsOnTheTableAtItsTrueHeight) {
       for (int i = 1; i <= 250 * (tips ? 1 : 3); ++i) {
         const ObjectState& state = object(world.step(i * 4000000LL, {}), 2);
         at = position(state);
-        if (tips && i > 100) break;  // long enough to have landed
+        if (tips && i > 100) break;  // long enough to land
       }
       EXPECT_NEAR(at.y(), height, 1e-4) << shape << " " << size;
     }
@@ -140,7 +142,7 @@ TEST(WorldBullet, RestDoesNotCreep) {
   EXPECT_LT((last - settled).norm() / 20, 1e-6);  // m/s
 }
 
-TEST(WorldBullet, AStackWithTheHeavierOnTopStands) {
+TEST(WorldBullet, StackWithHeavierCubesOnTopStands) {
   for (double ratio : {1.0, 1.5, 2.0}) {
     std::vector<ObjectOptions> objects{table()};
     for (int i = 0; i < 5; ++i) {
@@ -157,7 +159,7 @@ TEST(WorldBullet, AStackWithTheHeavierOnTopStands) {
   }
 }
 
-TEST(WorldBullet, SlidesAndSticksAsCoulombSays) {
+TEST(WorldBullet, SlidesAndSticksByCoulombsLaw) {
   // Gravity tilted by 26.565 degrees in the table's plane: a = g (sin - mu cos).
   for (double mu : {0.3, 0.55}) {
     WorldOptions options;
@@ -194,9 +196,9 @@ TEST(WorldBullet, SameBitsOnEveryRun) {
   EXPECT_EQ(std::memcmp(first.data(), second.data(), first.size() * sizeof(double)), 0);
 }
 
-// --- what is refused -----------------------------------------------------------------------------
+// --- refused options -----------------------------------------------------------------------------
 
-TEST(WorldOptions, RefusesWhatCannotBeRunAndOffersWhatCan) {
+TEST(WorldOptions, RefusesBadOptionsAndSuggestsOnesThatWork) {
   EXPECT_TRUE(check_world({}, {table(), cube(0.05, 0.02)}).empty());
   const auto refused = [](const std::function<void(WorldOptions&, ObjectOptions&)>& spoil, const std::string& word) {
     WorldOptions w;
@@ -216,8 +218,8 @@ TEST(WorldOptions, RefusesWhatCannotBeRunAndOffersWhatCan) {
   refused([](WorldOptions&, ObjectOptions& o) { o.mass = 0, o.floating = true; }, "float");
 }
 
-// Rounded to the hull's grid, such vertices enclose some cubic millimetres.
-TEST(WorldOptions, AHullOfVerticesInOnePlaneIsRefusedHoweverThePlaneLies) {
+// After rounding to the hull's grid, vertices in one plane enclose some cubic millimetres.
+TEST(WorldOptions, RefusesAHullOfVerticesInOnePlaneOfAnyOrientation) {
   std::mt19937_64 generator(1);
   std::uniform_real_distribution<double> uniform(-0.05, 0.05);
   for (int plane = 0; plane < 200; ++plane) {
@@ -233,17 +235,18 @@ TEST(WorldOptions, AHullOfVerticesInOnePlaneIsRefusedHoweverThePlaneLies) {
     EXPECT_NE(wrong[0].find("span no volume"), std::string::npos) << wrong[0];
     for (VertexOptions& vertex : std::vector(flat.vertices))
       flat.vertices.push_back({to_wire(Vector3(to_vector(vertex.at) + turn * Vector3(0, 5e-4, 0)))});
-    EXPECT_TRUE(check_world({}, {table(), flat}).empty()) << plane << ": a plate of half a millimetre";
+    EXPECT_TRUE(check_world({}, {table(), flat}).empty()) << plane << ": a plate of half a millimetre is valid";
   }
 }
 
-TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
-  // Undamped, states two periods old: unstable at every stiffness, 1.035 at kappa = 0.1.
+TEST(WorldOptions, SymmetricGrowthHasItsKnownValue) {
+  // Without damping and with states that are two periods old, every stiffness is unstable. The growth is 1.035 for a
+  // kappa of 0.1.
   const double step = 1.0 / 60;
   EXPECT_NEAR(symmetric_growth(0.1 / (step * step), 0, step, step), 1.035, 5e-4);
   for (double kappa : {0.01, 0.1, 1.0})
     EXPECT_GT(symmetric_growth(kappa / (step * step), 0, step, step), 1.001) << kappa;
-  // Refusals offer values that pass themselves.
+  // A value that a refusal suggests must be accepted.
   WorldOptions w;
   w.mode = "symmetric";
   w.damping_ratio = 0;
@@ -260,7 +263,7 @@ TEST(WorldOptions, SymmetricGrowthIsTheKnownOne) {
   }
 }
 
-TEST(WorldMessages, ANameWithBlanksIsAName) {
+TEST(WorldMessages, AcceptsNamesWithBlanks) {
   std::vector<ObjectOptions> objects{table(), cube(0.05, 0.02), cube(0.05, 0.1), cube(0.05, 0.2)};
   objects[2].name = "cube 2";
   objects[3].name = "the cube";
@@ -303,8 +306,7 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   EXPECT_EQ(get_text(elsewhere.text), "not for this module");
   const MessageReply unknown = send("glove.gain", "1", "*");
   EXPECT_EQ(unknown.result, kReplyIgnored);
-  EXPECT_NE(get_text(unknown.text).find("object.reset"), std::string_view::npos)
-      << "the answer names the keys that are known";
+  EXPECT_NE(get_text(unknown.text).find("object.reset"), std::string_view::npos) << "the answer lists the known keys";
   EXPECT_EQ(send("object.reset", "ball").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 1 nan 0").result, kReplyRefused);
   EXPECT_EQ(send("object.teleport", "cube 0.1 0.2 0.3").result, kReplyApplied);
@@ -318,15 +320,15 @@ TEST(WorldMessages, ResetRemoveTeleportAnswer) {
   EXPECT_EQ(send("object.reset", "*", "*").result, kReplyApplied);
   EXPECT_EQ(world.step(12000000, {}).objects.objects.size(), 2u);
   EXPECT_EQ(world.descriptions()[1].removed, 0u);
-  // A hand lets go of what is described anew, so that is only what was put back.
+  // A hand releases every object that is described again. So only the reset object may be described again.
   const auto reset = world.descriptions_version();
   EXPECT_EQ(send("object.reset", "cube").result, kReplyApplied);
   EXPECT_LE(world.descriptions()[0].stamp.sequence, reset);
   EXPECT_GT(world.descriptions()[1].stamp.sequence, reset);
 }
 
-// The centre of mass of a hull need not be where its vertices are told from.
-TEST(WorldMessages, ATeleportGoesToAPlaceAsTheSceneTellsIt) {
+// The centre of mass of a hull need not be at the origin of its vertices.
+TEST(WorldMessages, TeleportPositionMeansTheSameAsInTheScene) {
   ObjectOptions wedge = cube(0.05, 0.2);
   wedge.shape = "convex_hull";
   wedge.vertices = {{{0, 0, 0}}, {{0.06, 0, 0}}, {{0, 0.03, 0}}, {{0, 0, 0.02}}};

@@ -1,5 +1,5 @@
-// The hand's side of the coupling, as small as it can be: one rigid box, held by a spring to a moving target, stopped
-// by the planes that the world publishes. Independent of services/hand, so that the world's scheme is judged alone.
+// A minimal hand side of the coupling: one rigid box. A spring pulls the box to a moving target, and the planes that
+// the world publishes stop it. It does not use services/hand, so the tests judge only the world's scheme.
 #pragma once
 
 #include <Eigen/LU>
@@ -22,10 +22,10 @@ class Twin {
   double mass = 0.05;
   Vector3 half_extents = Vector3::Constant(0.02);
   Vector3 gravity{0, -9.81, 0};
-  double grip_hz = 25;  ///< of the grip's spring with the object's mass; critically damped
+  double grip_hz = 25;  ///< frequency of the grip's spring with the object's mass, critically damped
   Pose pose;
   Twist velocity;
-  Wrench hand;  ///< of the last step, of the grip on the object
+  Wrench hand;  ///< of the grip on the object, in the last step
 
   Vector3 inertia() const {
     const Vector3 s = half_extents.cwiseAbs2();
@@ -33,7 +33,8 @@ class Twin {
   }
   double grip_stiffness() const { return mass * std::pow(2 * M_PI * grip_hz, 2); }
 
-  /// One backward Euler step to the target's place at its end. `plane_age`: seconds since the planes were true.
+  /// One backward Euler step. `target` holds at the end of the step. `plane_age`: seconds since the planes were
+  /// sampled.
   void step(double dt, const TwinTarget& target, std::span<const NeighbourPlane> planes, double plane_age) {
     const double k = grip_stiffness();
     const double b = 2 * std::sqrt(k * mass);
@@ -71,7 +72,7 @@ class Twin {
           const double damping = gap < 0 ? b_a : 0;
           a += jn.transpose() * (dt * k_a + damping) * jn;
           right += jn.transpose() * (-k_a * gap + (dt * k_a + damping) * n.dot(v_plane));
-          // Friction as a drag that never passes the cone: enough to stick to within a creep that the grip bounds.
+          // Friction is a drag inside the friction cone. The contact sticks, except for a creep that the grip limits.
           const double normal_force = std::max(0.0, -k_a * (gap + dt * approach) - damping * approach);
           const Matrix3 tangent = Matrix3::Identity() - n * n.transpose();
           const double slip = (tangent * (j * u - v_plane)).norm();
