@@ -1,7 +1,7 @@
 // Work that callgrind counts. The program makes one callgrind dump per row and prints one line that describes the row.
 // Its argument selects the work:
-// - steps: steps of the shipped hand of 400 nodes in the method's fast mode
-// - queries: queries of the point closest on a convex hull
+// - steps: Steps of the shipped hand of 400 nodes in the method's fast mode.
+// - queries: Queries of the closest point on a convex hull.
 #include <valgrind/callgrind.h>
 
 #include <cmath>

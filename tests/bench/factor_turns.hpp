@@ -1,9 +1,9 @@
 // Factorisation and solve of a shipped hand's step in a grasp. The block factorisation in double and float is compared
 // with:
-// - CHOLMOD supernodal
-// - Eigen's SimplicialLDLT
-// - Eigen's conjugate gradients with an incomplete Cholesky factor
-// - the rate of dgemm
+// - CHOLMOD supernodal.
+// - Eigen's SimplicialLDLT.
+// - Eigen's conjugate gradients with an incomplete Cholesky factor.
+// - The rate of dgemm.
 //
 // The solvers take turns, so that other load on the machine affects all of them alike. Times are the thread's own CPU
 // time.

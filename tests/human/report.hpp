@@ -8,11 +8,11 @@
 namespace softhand::human {
 
 /// An empty path means that the file is not written.
-/// - `hands`: files; empty means every right hand in config/hands
-/// - `pulp`: another material to try, as youngs_modulus=, limit_energy= or limit_ratio=
-/// - `fit`: fits one pulp for all these hands, prints it and uses it instead of the pulp in the files; starts from
-///   `pulp`
-/// - `plot`: folder for human.png
+/// - `hands`: Files. Empty means every right hand in config/hands.
+/// - `pulp`: Another material to try, as youngs_modulus=, limit_energy= or limit_ratio=.
+/// - `fit`: Fits one pulp for all these hands, prints it and uses it instead of the pulp in the files. The fit starts
+///   from `pulp`.
+/// - `plot`: Folder for human.png.
 struct HumanArguments {
   std::vector<std::string> hands;
   std::vector<std::string> pulp;

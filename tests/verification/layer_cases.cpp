@@ -71,10 +71,10 @@ class StillTracker final : public TrackerSource {
 };
 
 // The hand sinks under its own weight. Each bone sinks by f (1/k_2 + r/k_1), and the couplings' sum is the weight.
-// - f: force of the bone's coupling
-// - k_2: stiffness in the hand file
-// - k_1: stiffness to the tracker, 15 k_2
-// - r: share of f that comes back to the intermediate skeleton; r = 1 is the text's symmetric chain
+// - f: Force of the bone's coupling.
+// - k_2: Stiffness in the hand file.
+// - k_1: Stiffness to the tracker, 15 k_2.
+// - r: Share of f that comes back to the intermediate skeleton. r = 1 is the text's symmetric chain.
 std::vector<Measurement> series(const Parameters& p) {
   const HandModel hand = testing::block_hand();
   Scene scene;
