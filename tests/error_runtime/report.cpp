@@ -232,8 +232,8 @@ std::string to_markdown(const Study& study, const std::string& command, const st
       "\nAccuracy of the references. If the input moves by 1 um, \"amplification\" is the RMS movement of the tissue "
       "over 1 um.\nA scene is chaotic if its amplification is far above 1.\n\n";
   text +=
-      "| scene | R0: residual | R0: iterations a step, mean / most | finest step from R1, mm | second finest mesh from "
-      "R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
+      "| scene | R0: residual | R0: iterations per step, mean / max | finest step from R1, mm "
+      "| second finest mesh from R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     text += fmt::format("| {} | {:.1e} | {:.1f} / {:.0f} | {} | {} | {:.2g} |\n", scene.scene, scene.r0_residual,
                         scene.r0_iterations, scene.r0_iterations_most, millimetres(scene.r1_uncertainty.tissue_rms_mm),

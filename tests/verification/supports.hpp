@@ -72,8 +72,9 @@ inline constexpr double kRestStep = 1e4;  ///< s; so long that inertia has no ef
 inline void settle(NewtonSolver& solver, State& state, double force_scale) {
   const StepReport report = solver.step(state, kRestStep);
   if (report.residual > 1e-5 * force_scale) {
-    throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) +
-                             " of the load after " + std::to_string(report.iterations) + " iterations");
+    throw std::runtime_error("the solver did not come to rest: residual " +
+                             std::to_string(report.residual / force_scale) + " of the load after " +
+                             std::to_string(report.iterations) + " iterations");
   }
   state.node_velocities.setZero();
 }
