@@ -1,4 +1,4 @@
-// Factor + solve of the shipped hands (factor_turns.hpp). Pin it: `taskset -c 1 bin/bench_cholesky`.
+// Factorisation and solve of the shipped hands (factor_turns.hpp). Pin it to a core: `taskset -c 1 bin/bench_cholesky`.
 #include <benchmark/benchmark.h>
 
 #include "bench/factor_turns.hpp"

@@ -1,6 +1,7 @@
-// Work for callgrind to count: one dump a row, and a line that says of what. The word says which work.
-//   steps    of the shipped hand of 400 nodes in the method's fast mode
-//   queries  of the point closest on a convex hull
+// Work that callgrind counts. The program makes one callgrind dump per row and prints one line that describes the row.
+// Its argument selects the work:
+// - steps: Steps of the shipped hand of 400 nodes in the method's fast mode.
+// - queries: Queries of the closest point on a convex hull.
 #include <valgrind/callgrind.h>
 
 #include <cmath>
@@ -16,7 +17,7 @@
 
 namespace {
 
-// Few, because valgrind takes a second for a step: it computes fused multiply-adds one by one.
+// Few steps, because valgrind needs a second for a step: it computes fused multiply-adds one by one.
 constexpr int kSettlingSteps = 2;
 
 softhand::HandOptions fast_mode() {
@@ -40,7 +41,7 @@ void count_steps() {
   rows.push_back({5, 0, 0});
   rows.push_back({5, 95, 0.02});
   rows.push_back({5, 95, 0.5});
-  // All are ready before counting starts, which makes valgrind translate everything anew.
+  // All hands settle before counting starts, because the start of counting makes valgrind translate all code again.
   for (Row& row : rows) {
     row.hand = std::make_unique<softhand::bench::Pressing>(row.touched, row.untouched, row.clearance,
                                                            "right_400.hand.json", fast_mode());

@@ -1,6 +1,12 @@
-// Factor + solve of a shipped hand's step in a grasp: the block factorisation in double and float against CHOLMOD
-// supernodal, Eigen's SimplicialLDLT and its conjugate gradients with an incomplete Cholesky factor, and against
-// dgemm's rate. The solvers take turns, so that other load on the machine hits all alike; times are the thread's own.
+// Factorisation and solve of a shipped hand's step in a grasp. The block factorisation in double and float is compared
+// with:
+// - CHOLMOD supernodal.
+// - Eigen's SimplicialLDLT.
+// - Eigen's conjugate gradients with an incomplete Cholesky factor.
+// - The rate of dgemm.
+//
+// The solvers take turns, so that other load on the machine affects all of them alike. Times are the thread's own CPU
+// time.
 #pragma once
 
 #include <Eigen/IterativeLinearSolvers>
@@ -22,7 +28,7 @@ namespace softhand::bench {
 
 class FactorTurns {
  public:
-  /// `size` as in config/hands/right_<size>.hand.json.
+  /// `size` is the number in config/hands/right_<size>.hand.json.
   explicit FactorTurns(int size)
       : matrix_(testing::hand_matrix(SOFTHAND_SOURCE_DIR "/config/hands/right_" + std::to_string(size) + ".hand.json")),
         rhs_(VectorX::Ones(3 * matrix_.block_count())),
@@ -49,7 +55,7 @@ class FactorTurns {
     gradients_.analyzePattern(sparse_);
   }
 
-  /// Each solver once, but for those that iterate: they are slow.
+  /// Runs each solver once. Conjugate gradients run only on request, because they are slow.
   void turn(bool with_conjugate_gradients) {
     time(block_, block_times_);
     solve_times_.push_back(seconds_of([&] { block_.solve(rhs_, x_); }));
@@ -71,19 +77,19 @@ class FactorTurns {
     }));
   }
 
-  // Medians of the turns so far; seconds for taking over the values, factorising and one solve.
+  // Medians over the turns so far, s. A time covers loading of the values, factorisation and one solve.
   double block() const { return median(block_times_); }
   double block_solve() const { return median(solve_times_); }
   double single() const { return median(single_times_); }
   double cholmod() const { return median(cholmod_times_); }
   double eigen() const { return median(eigen_times_); }
-  double conjugate_gradients() const { return median(gradients_times_); }  ///< to 1e-4 of the right-hand side
+  /// The iteration stops at a residual of 1e-4 of the right-hand side.
+  double conjugate_gradients() const { return median(gradients_times_); }
   long gradients_iterations() const { return gradients_.iterations(); }
-  /// The double factor's rate, taking over included, over dgemm's.
+  /// Rate of the double factorisation over dgemm's rate. The time includes loading of the values.
   double fraction_of_peak() const { return block_.factor_operations() / (block() - block_solve()) / dgemm_rate(); }
-  double dgemm_rate() const {
-    return 2.0 * kSize * kSize * kSize / median(dgemm_times_);
-  }  ///< floating-point operations a second
+  /// Floating-point operations per second.
+  double dgemm_rate() const { return 2.0 * kSize * kSize * kSize / median(dgemm_times_); }
   double operations() const { return block_.factor_operations(); }
   double analysis() const { return analysis_; }
   std::size_t front_count() const { return block_.front_count(); }
@@ -92,7 +98,7 @@ class FactorTurns {
   static constexpr int kSize = 384;
 
   void time(LinearSolver& solver, std::vector<double>& times) {
-    // Twice, the second counts: the solver before has left its own data in the caches.
+    // Runs twice and keeps the second time, because the previous solver filled the caches with its own data.
     for (int run = 0; run < 2; ++run) {
       const double taken = seconds_of([&] {
         solver.load(matrix_);

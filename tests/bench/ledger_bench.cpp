@@ -1,6 +1,6 @@
-// What the energy ledger costs: two loops of the same input and state take their steps in turn, one with its books and
-// one without; the thread's own time of both: medians of the steps, and of the pairs' ratios. `taskset -c 1
-// bin/bench_ledger config/hands/right_1450.hand.json`.
+// Measures the cost of the energy ledger. Two loops with the same input and state take their steps in turn, one with
+// the ledger and one without. The output shows the thread's own time: medians of the steps and of the pairs' ratios.
+// `taskset -c 1 bin/bench_ledger config/hands/right_1450.hand.json`.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -23,7 +23,7 @@ Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequen
   return testing::skeleton_at(hand, wrist, static_cast<Nanoseconds>((1 + seconds) * 1e9), sequence);
 }
 
-// `step(kept, skeleton, now)` for both loops, each first in half of the pairs.
+// Calls `step(kept, skeleton, now)` for both loops. Each loop comes first in half of the pairs.
 template <typename Step>
 void compare(const char* name, int pairs, double time_step, const HandModel& hand, Step&& step) {
   std::vector<double> spent[2], ratios;
@@ -34,8 +34,8 @@ void compare(const char* name, int pairs, double time_step, const HandModel& han
     }
     ratios.push_back(spent[1].back() / spent[0].back());
   }
-  std::printf("%-10s %10.2f us a step without, %10.2f with: %+.2f %%\n", name, 1e6 * bench::median(spent[0]),
-              1e6 * bench::median(spent[1]), 100 * (bench::median(ratios) - 1));
+  std::printf("%-10s %10.2f us per step without ledger, %10.2f with ledger: %+.2f %%\n", name,
+              1e6 * bench::median(spent[0]), 1e6 * bench::median(spent[1]), 100 * (bench::median(ratios) - 1));
 }
 
 }  // namespace
@@ -68,7 +68,7 @@ int main(int argc, char** argv) {
     const HandOutput& output = (kept ? with : without).step(now, {&skeleton, nullptr, &world}, {.ledger = kept});
     touched += output.contacts.contacts.size();
   });
-  std::printf("           %.0f contacts a step\n", static_cast<double>(touched) / (2.0 * pairs));
+  std::printf("           %.0f contacts per step\n", static_cast<double>(touched) / (2.0 * pairs));
 
   TrackingLoop books({}, 90, hand, {}), none({}, 90, hand, {});
   compare("tracking", 50 * pairs, 1e-3, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {

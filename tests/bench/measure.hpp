@@ -1,4 +1,4 @@
-// How benchmarks measure: time of the thread's own work, quantiles, and the exponent of a cost.
+// Measurements of the benchmarks: the thread's own CPU time, quantiles, and the exponent of a cost.
 #pragma once
 
 #include <time.h>
@@ -11,7 +11,7 @@
 
 namespace softhand::bench {
 
-/// Seconds of this thread's own work: waiting for a busy processor does not count.
+/// CPU time of this thread, s. Waiting for a busy processor does not count.
 inline double thread_seconds() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
@@ -25,7 +25,7 @@ double seconds_of(Work&& work) {
   return thread_seconds() - start;
 }
 
-/// The value that at least the fraction `q` of `values` does not exceed; not a number without values.
+/// The value that at least the fraction `q` of `values` does not exceed. NaN without values.
 inline double quantile(std::vector<double> values, double q) {
   if (values.empty()) return std::nan("");
   const auto last = static_cast<double>(values.size() - 1);
@@ -35,7 +35,7 @@ inline double quantile(std::vector<double> values, double q) {
 }
 inline double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }
 
-/// p of the least-squares fit of y = c x^p in logarithms. All > 0, at least two different x.
+/// p of the least-squares fit of y = c x^p in logarithms. All values must be > 0, with at least two different x.
 inline double exponent(const std::vector<std::pair<double, double>>& points) {
   double sx = 0, sy = 0, sxx = 0, sxy = 0;
   const auto n = static_cast<double>(points.size());

@@ -1,4 +1,4 @@
-// A hand that presses on some objects among others: what a step costs by what touches.
+// A hand that presses on some of several objects. It shows how the cost of a step depends on the touched objects.
 #pragma once
 
 #include <algorithm>
@@ -14,10 +14,11 @@
 
 namespace softhand::bench {
 
-/// A resting hand whose five fingertips sink a millimetre into heavy balls, among others that it does not touch.
+/// A resting hand. Its five fingertips sink a millimetre into heavy balls, among other balls that the hand does not
+/// touch.
 class Pressing {
  public:
-  /// `clearance`: m from the hand's highest node up to those that it does not touch.
+  /// `clearance`: distance from the hand's highest node up to the untouched balls, m.
   Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json",
            HandOptions options = {})
       : hand_(load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + hand_file)) {
@@ -41,7 +42,7 @@ class Pressing {
     for (int k = 0; k < touched; ++k) {
       const Vector3 tip =
           hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
-      // Under the lowest node of the tip, so that a coarse hand touches too.
+      // The ball is under the lowest node of the tip, so that a coarse hand touches it too.
       Vector3 lowest = tip;
       for (const Vector3& node : hand_.nodes) {
         if ((node - tip).norm() < 0.01 && node.y() < lowest.y()) lowest = node;
@@ -50,7 +51,7 @@ class Pressing {
     }
   }
 
-  /// One step of the whole loop, inputs to outputs, as `measure(step)` says; returns what that does.
+  /// Runs one step of the whole loop, from inputs to outputs, through `measure(step)`. Returns the result of `measure`.
   template <typename Measure>
   auto step(Measure&& measure) {
     now_ += 11'111'111;
@@ -66,7 +67,7 @@ class Pressing {
     const HandInput input{skeleton_.get(), nullptr, world_.get()};
     return measure([&] { output_ = &loop_->step(now_, input, {true, true, true}); });
   }
-  /// Until the tissue has come to rest around what it touches.
+  /// Steps until the tissue is at rest around the touched balls.
   void settle(int steps = 30) {
     for (int i = 0; i < steps; ++i) step([](auto&& work) { work(); });
   }
@@ -82,7 +83,7 @@ class Pressing {
   void add(const Vector3& position, double radius) {
     ObjectDescription description;
     description.object = ++objects_;
-    description.mass = 1000;  // stays where it is
+    description.mass = 1000;  // so heavy that it does not move
     description.inertia = {0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius, 0.4 * 1000 * radius * radius};
     description.friction = 0.8;
     description.shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);

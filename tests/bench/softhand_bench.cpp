@@ -1,8 +1,9 @@
-// softhand-bench: what a step costs and in ratio to what, as a table and by name in JSON. `softhand bench` runs it.
+// softhand-bench measures the cost of a step and its ratio to other costs. It prints a table and writes JSON by name.
+// `softhand bench` runs it.
 //
-// A program of its own, because it links CHOLMOD's supernodal module (GPL) to compare with: `softhand` and the services
-// do not. Times are of the thread's own work, so that they hold on a machine with other load; compare ratios
-// nevertheless. What is compared takes turns in the same run.
+// It is a separate program because it links CHOLMOD's supernodal module (GPL) for comparison. `softhand` and the
+// services do not link this module. Times are the thread's own CPU time, so other load on the machine has little
+// effect. Compare only ratios nevertheless. Compared programs take turns in the same run.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/wait.h>
@@ -44,16 +45,16 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml: the cube is lifted and held
+constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml; the cube is lifted and held
 
-constexpr double kRecordedFistFrom = 2,
-                 kRecordedFistTo = 4;  // s of the recording: the fist is closed around the cylinder
+// s of the recording; the fist is closed around the cylinder
+constexpr double kRecordedFistFrom = 2, kRecordedFistTo = 4;
 
 constexpr int kPeerSteps = 15;
 
 struct Size {
   int file;  ///< config/hands/right_<file>.hand.json
-  int key;   ///< in the names of its figures
+  int key;   ///< number in the names of its figures
 };
 constexpr Size kSizes[] = {{400, 400}, {750, 750}, {1450, 1450}, {3000, 3080}};
 
@@ -63,20 +64,20 @@ std::string hand_name(int file) { return fmt::format("right_{}.hand.json", file)
 struct GraspCost {
   int nodes = 0, tetrahedra = 0;
   std::vector<double> steps;   ///< s, default mode, while holding
-  std::vector<double> whole;   ///< s, default mode, the whole run but its first tenth of a second
-  std::vector<double> fast;    ///< s, the method's fast mode: one iteration, from the same states
-  std::vector<double> shared;  ///< the same with two threads; none where there is but one core
-  int touching = 0;            ///< least contacts of a measured step
+  std::vector<double> whole;   ///< s, default mode, the whole run except the first tenth of a second
+  std::vector<double> fast;    ///< s, the method's fast mode with one iteration, from the same states
+  std::vector<double> shared;  ///< like `fast` with two threads; empty if there is only one core
+  int touching = 0;            ///< smallest number of contacts in a measured step
 };
 
-// A loop of the rig's hand with other options, that steps from where the rig's loop stands.
+// A loop of the rig's hand with other options. It steps from the present state of the rig's loop.
 class Follower {
  public:
   Follower(const Scene& scene, const HandModel& hand, const HandOptions& options, const VirtualRig& rig)
       : loop_(hand, options, hand_key(scene), object_spring(scene.options.world)) {
     for (const ObjectDescription& description : rig.world().descriptions()) loop_.describe_object(description);
   }
-  /// Seconds of a step to `time` from the rig's state.
+  /// Steps to `time` from the rig's state. Returns the step's time, s.
   double step(const VirtualRig& rig, Nanoseconds time) {
     loop_.take_state(rig.hand());
     return seconds_of([&] { loop_.step(time, {}, {false, false, false}); });
@@ -119,8 +120,8 @@ GraspCost measure_grasp(const Size& size) {
   return cost;
 }
 
-// Medians of steps in free motion over those of a grasp that is held, by the wall's clock: two rigs' own steps, a tenth
-// of a second in turn, so that other load hits both alike.
+// Median step in free motion over the median step of a held grasp, by wall-clock time. Two rigs take turns of a tenth
+// of a second, so that other load affects both alike.
 double idle_hand_cost_fraction(const Size& size) {
   constexpr double kTurn = 0.1, kFreeFrom = 0.5;  // s
   struct Side {
@@ -156,7 +157,7 @@ struct PressingCost {
   double step = 0, contact = 0;  ///< s, medians
   int touched = 0, contacts = 0;
 };
-// Several of them in turns, so that other load hits all alike.
+// Measures several hands in turns, so that other load affects all of them alike.
 std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>>& objects, int steps) {
   std::vector<std::unique_ptr<Pressing>> hands;
   for (const auto& [touched, untouched] : objects) hands.push_back(std::make_unique<Pressing>(touched, untouched));
@@ -174,7 +175,7 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
   return costs;
 }
 
-// Seconds of a step of all hands by how many there are; each has a loop of its own, as its service has.
+// Seconds of a step of all hands by the number of hands. Each hand has a loop of its own, as its service has.
 std::vector<std::pair<double, double>> by_hands() {
   constexpr int kSteps = 20;
   std::vector<std::unique_ptr<Pressing>> hands;
@@ -195,7 +196,7 @@ std::vector<std::pair<double, double>> by_hands() {
   return seconds;
 }
 
-// Work of the default's steps in a scene, in fast steps, from `from` to `to` seconds.
+// Work of the steps of a scene in default mode, in fast steps, from `from` to `to` seconds.
 std::vector<double> work_of_steps(const std::string& scene_name, const std::vector<std::string>& overrides, double from,
                                   double to) {
   std::vector<std::string> all{"hand.model=" + hand_name(1450)};
@@ -241,7 +242,7 @@ double allocations_per_step() {
 #endif
 }
 
-// A service of this build as a child process, its output to nowhere. Ends with its handle.
+// A service of this build as a child process. Its output is discarded. The process ends with this object.
 class Child {
  public:
   explicit Child(const std::vector<std::string>& command) {
@@ -264,7 +265,7 @@ class Child {
   }
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
-  /// Resident memory, MB; what the service itself locks is resident.
+  /// Resident memory, MB. This includes memory that the service locks.
   double megabytes() const {
     std::ifstream status(fmt::format("/proc/{}/status", pid_));
     for (std::string word; status >> word;) {
@@ -305,7 +306,8 @@ ServiceCost measure_service() {
   return cost;
 }
 
-/// Over the same step while they still settle: a world's step once its hundred boxes on a table have come to rest.
+/// Cost of a world's step after its hundred boxes on a table have come to rest, over the cost of a step while they
+/// settle.
 double settled_world_cost_ratio() {
   std::vector<ObjectOptions> objects(101);
   objects[0].half_extents = {0.5, 0.02, 0.5};
@@ -346,11 +348,11 @@ Json run() {
   };
   const std::string processor = report::provenance().processor;
   json["machine"] = processor;
-  fmt::print("{}; seconds of the thread's own work, medians\n\n", processor);
+  fmt::print("{}; medians of the thread's CPU time\n\n", processor);
 
   fmt::print("factorisation\n");
   std::vector<std::pair<double, double>> factor_by_nodes;
-  std::map<int, double> saved_by_factor;  // s, the default's float against CHOLMOD
+  std::map<int, double> saved_by_factor;  // s, saving of the default's float factorisation against CHOLMOD
   for (const Size& size : kSizes) {
     FactorTurns turns(size.file);
     for (int i = 0; i < 15; ++i) turns.turn(false);
@@ -360,7 +362,7 @@ Json run() {
         "Eigen's, double");
     put(fmt::format("float_factor_solve_speedup_over_cholmod_{}", size.key), turns.cholmod() / turns.single(),
         "float against double");
-    put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with taking over the values");
+    put(fmt::format("factor_solve_ms_{}", size.key), 1e3 * turns.block(), "double, with loading of the values");
     put(fmt::format("factor_fraction_of_peak_{}", size.key), turns.fraction_of_peak(), "of dgemm's rate, double");
     factor_by_nodes.emplace_back(size.key, turns.block());
     saved_by_factor[size.key] = turns.cholmod() - turns.single();
@@ -382,14 +384,14 @@ Json run() {
   std::vector<std::pair<double, double>> by_nodes, fast_by_nodes, fast_by_tetrahedra;
   for (const Size& size : kSizes) {
     const GraspCost& cost = grasps[size.key] = measure_grasp(size);
-    if (cost.touching == 0) fmt::print("  (size {}: not in a grasp throughout)\n", size.key);
+    if (cost.touching == 0) fmt::print("  (size {}: not in a grasp during the whole measurement)\n", size.key);
     put(fmt::format("step_ms_{}", size.key), cost.touching > 0 ? 1e3 * median(cost.steps) : std::nan(""),
         "default mode");
     put(fmt::format("fast_step_ms_{}", size.key), 1e3 * median(cost.fast), "one iteration, one thread");
     put(fmt::format("fast_step_two_threads_ms_{}", size.key),
         cost.shared.empty() ? std::nan("") : 1e3 * median(cost.shared), "the same on two cores");
     put(fmt::format("fast_step_cholmod_ms_{}", size.key), 1e3 * (median(cost.fast) + saved_by_factor.at(size.key)),
-        "with CHOLMOD's factor and solve of above for ours");
+        "fast step with CHOLMOD's factor and solve (see above)");
     by_nodes.emplace_back(cost.nodes, median(cost.steps));
     fast_by_nodes.emplace_back(cost.nodes, median(cost.fast));
     fast_by_tetrahedra.emplace_back(cost.tetrahedra, median(cost.fast));
@@ -398,15 +400,15 @@ Json run() {
   put("step_p99_over_p50", quantile(reference.fast, 0.99) / median(reference.fast),
       "fast step in a grasp, 1,450 nodes");
   put("default_step_p99_over_p50", quantile(reference.whole, 0.99) / median(reference.whole),
-      "1,450 nodes, approach to hold: as many iterations as it takes");
+      "1,450 nodes, approach to hold, iterations not limited");
   put("allocations_per_step", allocations_per_step(), "five objects touched");
 
-  fmt::print("a step in each scene of the report, default mode, 1,450 nodes\n");
+  fmt::print("step in each scene of the report, default mode, 1,450 nodes\n");
   for (const error_runtime::Scene& scene : error_runtime::all_scenes()) {
     put("scene_step_ms_" + scene.name, 1e3 * scene_step_seconds(scene), scene.statement.c_str());
   }
 
-  fmt::print("work of default steps, in fast steps (docs/performance.md, a budget of work), 1,450 nodes\n");
+  fmt::print("work of steps in default mode, in fast steps (docs/performance.md, \"A budget of work\"), 1,450 nodes\n");
   const std::string recording = SOFTHAND_SOURCE_DIR "/../shared/data/quest3/right.csv";
   const bool is_recorded = fs::exists(recording);
   const auto recorded_work = [&](double from, double to) {
@@ -418,32 +420,32 @@ Json run() {
   put("work_tail_recorded_grasp", is_recorded ? quantile(recorded_work(0.1, 8.4), 0.99) : std::nan(""),
       "p99; null without the recording");
   put("work_tail_fist", quantile(work_of_steps("pinch_lift.toml", fist, 0.1, 4), 0.99),
-      "p99; closes in the air and opens");
+      "p99; the fist closes in the air and opens");
   put("recorded_step_over_pinch_step",
       is_recorded ? median(recorded_work(kRecordedFistFrom, kRecordedFistTo)) /
                         median(work_of_steps("pinch_lift.toml", {}, kGraspFrom, kGraspTo))
                   : std::nan(""),
-      "median work, closed recorded fist over held pinch");
+      "median work of the closed recorded fist over a held pinch");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {
     const error_runtime::PeerSteps peer = error_runtime::compare_steps(fmt::format("right_{}", size.file), kPeerSteps);
     put(fmt::format("step_speedup_over_bullet_{}", size.key), peer.bullet_seconds / peer.own_seconds,
-        "soft fingers fall, no bones, no contact; both as they come");
-    put(fmt::format("peer_error_mm_{}", size.key), peer.own_rms_mm, "of ours, skin from the converged, RMS");
-    put(fmt::format("peer_error_mm_bullet_{}", size.key), peer.bullet_rms_mm, "of Bullet's");
+        "soft fingers fall, no bones, no contact, both engines with default settings");
+    put(fmt::format("peer_error_mm_{}", size.key), peer.own_rms_mm, "our RMS skin error against the converged run");
+    put(fmt::format("peer_error_mm_bullet_{}", size.key), peer.bullet_rms_mm, "Bullet's RMS skin error");
   }
 
-  fmt::print("what a scene does not need\n");
+  fmt::print("cost of parts that a scene does not need\n");
   put("idle_hand_cost_fraction", idle_hand_cost_fraction({1450, 1450}),
-      "free motion over grasp, in turns, 1,450 nodes");
+      "step in free motion over step in a grasp, 1,450 nodes");
   const auto clutter = measure_pressing({{5, 0}, {5, 95}}, 60);
   const bool all_touched = clutter[0].touched == 5 && clutter[1].touched == 5;
   if (!all_touched) fmt::print("  (touched {} and {} of 5 objects)\n", clutter[0].touched, clutter[1].touched);
   put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""),
-      "100 objects near, 5 touched, over these 5 alone");
+      "step with 100 near objects, 5 touched, over step with these 5 alone");
   put("settled_world_cost_ratio", settled_world_cost_ratio(),
-      "100 boxes asleep on a table, over the same while they settle");
+      "step with 100 boxes at rest on a table over step while they settle");
 
   fmt::print("exponents\n");
   put("factor_exponent_nodes", exponent(factor_by_nodes), "double factor and solve");
@@ -456,18 +458,18 @@ Json run() {
     if (cost.contacts > 0) by_contacts.emplace_back(cost.contacts, cost.contact);
   }
   put("contact_exponent_contacts", by_contacts.size() > 1 ? exponent(by_contacts) : std::nan(""),
-      "detection and anchors, by touching nodes");
+      "detection and anchors, by number of touching nodes");
   const auto crowd = measure_pressing({{0, 12}, {0, 25}, {0, 50}, {0, 100}}, 40);
   std::vector<std::pair<double, double>> by_objects;
   for (std::size_t k = 0; k < crowd.size(); ++k) by_objects.emplace_back(std::array{12, 25, 50, 100}[k], crowd[k].step);
-  put("step_exponent_objects", exponent(by_objects), "near, none touched");
+  put("step_exponent_objects", exponent(by_objects), "near objects, none touched");
   put("step_exponent_hands", exponent(by_hands()),
-      "1 to 8 hands that touch 5 objects each, one after another on a core");
+      "1 to 8 hands that touch 5 objects each, one hand after another on a core");
 
   fmt::print("the hand's service\n");
   const ServiceCost service = measure_service();
   put("start_to_first_hand_seconds", service.start_seconds,
-      "from exec to the first simulated skeleton, by the wall's clock");
+      "from exec to the first simulated skeleton, wall-clock time");
   put("hand_service_megabytes", service.megabytes, "resident, 1,450 nodes");
   return json;
 }
@@ -477,11 +479,11 @@ Json run() {
 
 int main(int argc, char** argv) {
   CLI::App app(
-      "Measures the hand's step, its parts and its service; about a minute. On one core (taskset -c 1) two threads are "
-      "not measured",
+      "Measures the hand's step, its parts and its service in about a minute. On one core (taskset -c 1) two threads "
+      "are not measured",
       "softhand bench");
   std::string path;
-  app.add_option("--json", path, "Where the figures go")->type_name("FILE");
+  app.add_option("--json", path, "File for the figures")->type_name("FILE");
   CLI11_PARSE(app, argc, argv);
   try {
     const auto json = softhand::bench::run();

@@ -1,5 +1,5 @@
-// What a fast step costs in instructions: as recorded, in proportion to what touches, and next to nothing for what does
-// not; and what a hull's vertices cost.
+// Cost of a fast step in instructions. It must match the record, grow in proportion to touched objects, and hardly grow
+// with untouched objects. Also tests the cost of a convex hull's vertices.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -18,12 +18,12 @@ namespace fs = std::filesystem;
 
 struct Cost {
   int asked = 0, touched = 0, untouched = 0;
-  double clearance = 0;  ///< m, to those that are not touched
+  double clearance = 0;  ///< distance to the untouched objects, m
   int contacts = 0;
   double instructions = 0;
 };
 
-/// The rows that counted_work prints of `work`, and the instructions of each.
+/// The rows that counted_work prints for `work`, and the instructions of each row.
 std::vector<std::pair<std::string, double>> count(const std::string& work) {
   const fs::path folder = fs::path(testing::TempDir()) / ("softhand_step_cost_" + std::to_string(getpid()));
   fs::remove_all(folder);
@@ -67,7 +67,7 @@ Line fit(const std::vector<Cost>& costs, X&& x_of) {
   return {vxy / vx, (sy - vxy / vx * sx) / n, vxy * vxy / (vx * vy)};
 }
 
-TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
+TEST(StepCost, MatchesRecordAndGrowsOnlyWithTouchedObjects) {
   std::vector<Cost> costs;
   for (const auto& [row, instructions] : count("steps")) {
     Cost& cost = costs.emplace_back();
@@ -85,21 +85,21 @@ TEST(StepCost, IsAsRecordedAndGrowsWithWhatTouchesAndWithNothingElse) {
   const Line line = fit({costs.begin(), costs.begin() + 5}, [](const Cost& c) { return c.touched; });
   const double near = (crowded.instructions - alone.instructions) / crowded.untouched,
                far = (among_far.instructions - alone.instructions) / among_far.untouched;
-  std::printf("%.0f + %.0f an object, R^2 %.4f; an untouched near one %.0f, a far one %.0f\n", line.intercept,
-              line.slope, line.r_squared, near, far);
+  std::printf("%.0f + %.0f per touched object, R^2 %.4f; %.0f per near untouched object, %.0f per far one\n",
+              line.intercept, line.slope, line.r_squared, near, far);
   EXPECT_GT(line.slope, 0);
   EXPECT_GE(line.r_squared, 0.98);
   EXPECT_GE(far, 0);
   EXPECT_LE(far, 0.02 * line.slope);
   EXPECT_LE(near, 0.05 * line.slope);
   EXPECT_LE(crowded.instructions, 1.1 * alone.instructions);
-  // Debian 12's compiler and libraries, AVX2 (valgrind has no AVX-512).
+  // Recorded with Debian 12's compiler and libraries and AVX2, because valgrind has no AVX-512.
   constexpr double kRecorded = 7.80e6;
   EXPECT_NEAR(alone.instructions / kRecorded, 1, 0.03)
-      << "another count is no error in itself: find out why, and record it";
+      << "a different count is not always an error: find the cause, then record the new count";
 }
 
-TEST(StepCost, AHullsManyFacesCostNoMoreThanFew) {
+TEST(StepCost, HullQueryCostHardlyGrowsWithVertices) {
   const auto counts = count("queries");
   ASSERT_EQ(counts.size(), 3u);
   std::vector<double> per_query;
@@ -107,9 +107,9 @@ TEST(StepCost, AHullsManyFacesCostNoMoreThanFew) {
     int vertices = 0, queries = 0;
     double nearest = 0;
     std::stringstream(row) >> vertices >> queries >> nearest;
-    ASSERT_GT(nearest, 0) << "all are outside";
+    ASSERT_GT(nearest, 0) << "all points must lie outside the hull";
     per_query.push_back(instructions / queries);
-    std::printf("%d vertices: %.0f instructions a query\n", vertices, per_query.back());
+    std::printf("%d vertices: %.0f instructions per query\n", vertices, per_query.back());
   }
   EXPECT_LE(per_query.back(), 1.5 * per_query.front());
 }

@@ -1,5 +1,5 @@
-// Nanoseconds a tetrahedron of the tissue's kernels, by instruction set, against the scalar reference. Pin it: `taskset
-// -c 1 bin/bench_tissue`.
+// Nanoseconds per tetrahedron of the tissue's kernels, by instruction set, compared with the scalar reference. Pin it
+// to a core: `taskset -c 1 bin/bench_tissue`.
 #include <benchmark/benchmark.h>
 
 #include <memory>

@@ -1,4 +1,5 @@
-// A bar of 6,000 tetrahedra for the tissue's kernels, strained by some per cent, so that some pass the strain limit.
+// A bar of 6,000 tetrahedra for the tissue's kernels. It is strained by some per cent, so that some tetrahedra pass the
+// strain limit.
 #pragma once
 
 #include "energies/energy.hpp"
@@ -16,7 +17,7 @@ struct TissueSample {
     testing::Random random(1);
     for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += 3e-4 * random.vector();
   }
-  /// Before a term is evaluated into `matrix`.
+  /// Must be called before a term is evaluated into `matrix`.
   void bind(Energy& term) {
     BlockPattern pattern(box.node_count());
     term.add_pattern(pattern);

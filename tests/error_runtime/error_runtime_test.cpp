@@ -1,5 +1,4 @@
-// Error against run time, with the coarse hand: that its references are references, and its figures say what they
-// should.
+// Error against run time with the coarse hand: the references must converge, and the figures must be consistent.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -25,7 +24,7 @@ const Row& row_of(const SceneStudy& study, const std::string& knob, const std::s
   throw std::invalid_argument(knob + " " + setting);
 }
 
-// Computed once for the tests that look at it.
+// Computed once for all tests that use it.
 const SceneStudy& pinch() {
   static const SceneStudy study = study_scene(scene_named("pinch_lift"), true);
   return study;
@@ -34,17 +33,17 @@ const SceneStudy& pinch() {
 TEST(Pareto, KeepsWhatNothingBeats) {
   EXPECT_EQ(pareto_front({3, 1, 2, 2.5, 2}, {1, 4, 3, 5, 2}, 0), (std::vector<std::size_t>{1, 4, 0}));
   EXPECT_EQ(pareto_front({1, 2, 3}, {4, 3.99, 2}, 0.02), (std::vector<std::size_t>{0, 2}))
-      << "a gain that is none has no place";
+      << "a gain below the threshold adds no point";
   EXPECT_TRUE(pareto_front({}, {}, 0).empty());
 }
 
 TEST(Slope, IsThatOfAPowerLaw) {
   EXPECT_NEAR(fitted_slope({1, 2, 4, 8}, {3, 12, 48, 192}), 2, 1e-12);
-  EXPECT_NEAR(fitted_slope({1, 2, 4}, {3, 0, 12}), 1, 1e-12) << "what is not positive is passed over";
+  EXPECT_NEAR(fitted_slope({1, 2, 4}, {3, 0, 12}), 1, 1e-12) << "values that are not positive are ignored";
   EXPECT_TRUE(std::isnan(fitted_slope({1}, {1})));
 }
 
-// Every scene, played with the shipped defaults on the coarse hand, does what it is called.
+// Each scene, played with the shipped defaults on the coarse hand, does what its name says.
 class EachScene : public ::testing::TestWithParam<std::string> {};
 TEST_P(EachScene, IsWhatItIsCalled) {
   const Scene& scene = scene_named(GetParam());
@@ -63,17 +62,18 @@ INSTANTIATE_TEST_SUITE_P(All, EachScene,
 
 TEST(ErrorRuntime, ReferencesConverge) {
   const SceneStudy& study = pinch();
-  ASSERT_EQ(study.missing, "") << "the cube is pinched and lifted";
-  EXPECT_LE(study.r0_residual, 1e-5) << "N: what is left over of forces of several newtons";
+  ASSERT_EQ(study.missing, "") << "the cube must be pinched and lifted";
+  EXPECT_LE(study.r0_residual, 1e-5) << "N, while the forces are several newtons";
   EXPECT_LT(study.r1_uncertainty.tissue_rms_mm, row_of(study, "time_step", "1/30 s").along.tissue_rms_mm / 2);
-  EXPECT_GT(row_of(study, "mesh", "400").along.tissue_rms_mm, 0.01) << "meshes differ";
+  EXPECT_GT(row_of(study, "mesh", "400").along.tissue_rms_mm, 0.01) << "the meshes must differ";
   EXPECT_LT(row_of(study, "residual_tolerance", "1e-06 N").along.tissue_rms_mm, 1e-4)
-      << "another way to the same state";
+      << "a small tolerance must reach the state of R0";
 }
 
 TEST(ErrorRuntime, ErrorsFallWithIterationsAndTolerance) {
   const SceneStudy& study = pinch();
-  // From the same state single steps fall strictly; whole runs may differ by which of two nodes slips first.
+  // The errors of single steps from the same state fall strictly. Whole runs may differ, because either of two nodes
+  // may slip first.
   double before = std::numeric_limits<double>::infinity();
   for (const char* setting : {"1", "3", "5", "10"}) {
     const Row& row = row_of(study, "newton_iterations", setting);
@@ -92,7 +92,7 @@ TEST(ErrorRuntime, TheDefaultIsWithinATenthOfAMillimetreAndTwoPercent) {
   EXPECT_EQ(default_misses(study), "");
   const Row& row = row_of(study, "default", "default");
   EXPECT_EQ(row.classification, "Pass");
-  EXPECT_GT(row.along.tissue_rms_mm, 0) << "it is compared with something else than itself";
+  EXPECT_GT(row.along.tissue_rms_mm, 0) << "the run must not be compared with itself";
 }
 
 TEST(ErrorRuntime, TheSameNumbersTwiceButForTimes) {
@@ -113,7 +113,7 @@ TEST(ErrorRuntime, TheSameNumbersTwiceButForTimes) {
   EXPECT_EQ(a, b);
 }
 
-// Bullet's own settings come near the exact answer, and the more it iterates the nearer.
+// Bullet with its own settings comes near the exact answer. With more iterations it comes nearer.
 TEST(Peer, BulletSolvesTheSameProblem) {
   const PeerStudy study = study_peer("right_400");
   const auto error = [&](const std::string& setting) {
@@ -124,9 +124,9 @@ TEST(Peer, BulletSolvesTheSameProblem) {
   };
   EXPECT_LT(error("softhand, 3 iterations"), error("softhand, 1 iteration"));
   EXPECT_LT(error("softhand, default"), 0.05)
-      << "its nodes weigh a millinewton, and are soft: forces alone say little about where they are";
+      << "mm; the nodes are soft and weigh a millinewton, so a small residual force still allows some displacement";
   EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), error("Bullet, 1 Newton, 10 CG"));
-  EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), 5) << "mm; fingers fall by tens";
+  EXPECT_LT(error("Bullet, 1 Newton, 400 CG"), 5) << "mm; the fingers fall by tens of millimetres";
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 namespace softhand::error_runtime {
 namespace {
 
-constexpr double kLeastForce = 0.1;  // N: less is no force to be relative to
+constexpr double kLeastForce = 0.1;  // N; smaller forces are no reference for a relative error
 
 const Sample* at_tick(const Trajectory& trajectory, std::int64_t tick) {
   const auto found = std::lower_bound(trajectory.samples.begin(), trajectory.samples.end(), tick,
@@ -20,7 +20,7 @@ const Sample* at_tick(const Trajectory& trajectory, std::int64_t tick) {
 
 Vector3 force(const Sample& sample, std::size_t finger) { return to_vector(sample.fingers[finger].force); }
 
-// The contacts of two samples: (nodes that differ, nodes that touch in either).
+// Compares the contacts of two samples. Returns (nodes that differ, nodes that touch in either sample).
 std::pair<std::size_t, std::size_t> touch_difference(const Sample& one, const Sample& two) {
   std::size_t differ = 0, either = 0;
   for (std::size_t n = 0; n < one.touch.size(); ++n) {

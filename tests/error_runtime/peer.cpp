@@ -35,7 +35,7 @@ constexpr double kStep = 1.0 / 90;  // s
 constexpr int kSteps = 60;
 const Vector3 kWeight(0, -9.81, 0);  // m/s^2
 
-// The tissue alone, of one material; the palm's nodes held.
+// The tissue alone, with one material. The palm's nodes are held.
 struct Problem {
   HandModel hand;
   std::vector<double> masses;  // kg, by node
@@ -68,7 +68,7 @@ Sample sample_at(const Problem& p, int step, const Eigen::Matrix3Xd& nodes) {
   return sample;
 }
 
-// This project's terms of the problem.
+// This project's energy terms for the problem.
 class OwnFall {
  public:
   OwnFall(const Problem& p, const SolverOptions& options)
@@ -113,7 +113,7 @@ Trajectory run_own(const Problem& p, const SolverOptions& options, int steps = k
   return trajectory;
 }
 
-// Its limits are protected members.
+// Gives access to the solver's limits, which are protected members.
 class BulletSolver final : public btDeformableBodySolver {
  public:
   struct Limits {
@@ -147,7 +147,7 @@ class BulletFall {
     btAlignedObjectArray<btVector3> places;
     for (const Vector3& x : p.hand.nodes) places.push_back(to_bullet(x));
     body_ = std::make_unique<btSoftBody>(&world_.getWorldInfo(), places.size(), &places[0], nullptr);
-    // Without links the body hangs in rebuildNodeTree.
+    // Without links, Bullet hangs in rebuildNodeTree.
     std::set<std::pair<int, int>> edges;
     for (const auto& t : p.hand.tetrahedra) {
       body_->appendTetra(t[0], t[1], t[2], t[3]);
@@ -182,7 +182,7 @@ class BulletFall {
   BulletFall(const BulletFall&) = delete;
   BulletFall& operator=(const BulletFall&) = delete;
   void step() {
-    std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet says there whenever its iterations end
+    std::streambuf* const terminal = std::cout.rdbuf(nullptr);  // Bullet prints there each time that its iterations end
     world_.stepSimulation(static_cast<btScalar>(kStep), 1, static_cast<btScalar>(kStep));
     std::cout.rdbuf(terminal);
   }
@@ -239,15 +239,21 @@ PeerStudy study_peer(const std::string& hand) {
   const Problem p = problem_of(hand);
   PeerStudy study;
   study.statement = fmt::format(
-      "{}: the tissue without bones, {} nodes and {} tetrahedra, the palm's {} nodes held; E = {:g} Pa, nu = {}, {} "
-      "kg/m^3; the fingers fall under their weight, {} steps of 1/90 s. Bullet 3.24 as "
-      "Debian builds it (single precision), `btDeformableLinearElasticityForce` (co-rotated), implicit, damping off.",
+      "The fingers of a hand without bones fall under their weight.\n\n"
+      "- Hand: {}, tissue only, {} nodes and {} tetrahedra. The palm's {} nodes are held.\n"
+      "- Material: E = {:g} Pa, nu = {}, {} kg/m^3.\n"
+      "- Run: {} steps of 1/90 s.\n"
+      "- Bullet: version 3.24 as Debian builds it, in single precision.\n"
+      "- Bullet's settings: `btDeformableLinearElasticityForce` (co-rotated), implicit, damping off.",
       hand, p.hand.nodes.size(), p.hand.tetrahedra.size(), p.held.size(), kYoungsModulus, kPoissonRatio, kDensity,
       kSteps);
   study.cannot =
-      "What Bullet's deformable bodies cannot model of this hand: strain-limited tissue, attachments of bones inside "
-      "elements (anchors hold nodes), joints with ranges and couplings in the same "
-      "minimisation, contact inside the implicit solve, a result that repeats in double precision.";
+      "Bullet's deformable bodies cannot model these features of the hand:\n\n"
+      "- strain-limited tissue\n"
+      "- attachments of bones inside elements (Bullet's anchors hold nodes)\n"
+      "- joints with ranges and couplings in the same minimisation\n"
+      "- contact inside the implicit solve\n"
+      "- a result that repeats in double precision";
   const std::vector<double> weights = skin_weights(p.hand);
   const Trajectory exact = run_own(p, converged());
   const auto add = [&](const std::string& setting, const Trajectory& t) {

@@ -1,6 +1,9 @@
-"""Pictures of error against run time from the rows of `softhand report error-runtime`: plot.py ROWS.json FOLDER.
+"""Draws the pictures of error against run time from the rows of `softhand report error-runtime`.
 
-Writes error_runtime.png (each knob against its own reference) and error_runtime_total.png (everything against the best known result, with the Pareto front).
+usage: plot.py ROWS.json FOLDER
+
+FOLDER/error_runtime.png shows each knob against its own reference.
+FOLDER/error_runtime_total.png shows all runs against the best known result, with the Pareto front.
 """
 import json
 import sys
@@ -15,17 +18,22 @@ KNOBS = {
     "time_step": ("#2ca02c", "^", "time step (against R1)"),
     "mesh": ("#d62728", "D", "mesh (against R2)"),
     "combined": ("#9467bd", "P", "mesh and step, one iteration (against all)"),
-    "left_out": ("#8c564b", "v", "what may be left out (against R0)"),
+    "left_out": ("#8c564b", "v", "left-out work (against R0)"),
     "engine": ("#7f7f7f", "h", "another engine (against R0)"),
 }
 BUDGETS = [(11.1, "90 Hz"), (8.3, "120 Hz"), (4.0, "250 Hz"), (1.0, "1 kHz")]
-ERRORS = [(0.1, "0.1 mm"), (1.0, "1 mm"), (11.0, "11 mm: a tracker's own")]
-LOWEST = 1e-6  # mm; what is nearer to its reference is drawn here
+ERRORS = [(0.1, "0.1 mm"), (1.0, "1 mm"), (11.0, "11 mm: error of a tracker")]
+LOWEST = 1e-6  # mm; smaller errors are drawn here
 
 
 def short(row):
-    return {"newton_iterations": row["setting"].replace("converged", "conv."), "residual_tolerance": row["setting"].replace(" N", ""),
-            "time_step": row["setting"].replace(" s", ""), "mesh": row["setting"], "engine": row["setting"]}.get(row["knob"], "")
+    return {
+        "newton_iterations": row["setting"].replace("converged", "conv."),
+        "residual_tolerance": row["setting"].replace(" N", ""),
+        "time_step": row["setting"].replace(" s", ""),
+        "mesh": row["setting"],
+        "engine": row["setting"],
+    }.get(row["knob"], "")
 
 
 def panel(axes, rows, x_key, y_key, lowest, highest, with_front, labels):
@@ -36,10 +44,15 @@ def panel(axes, rows, x_key, y_key, lowest, highest, with_front, labels):
         axes.axhline(millimetres, color="0.85", lw=0.8, zorder=0)
     if with_front:
         front = sorted((r for r in rows if r["on_front"]), key=lambda r: r[x_key])
-        axes.step([r[x_key] for r in front], [max(r[y_key], lowest) for r in front], where="post", color="k", lw=1, zorder=1)
+        xs = [r[x_key] for r in front]
+        ys = [max(r[y_key], lowest) for r in front]
+        axes.step(xs, ys, where="post", color="k", lw=1, zorder=1)
     for knob, (colour, marker, _) in KNOBS.items():
         mine = [r for r in rows if r["knob"] == knob and r[x_key] is not None]
-        good = sorted((r for r in mine if r["class"] == "Pass" and r[y_key] is not None and (r[y_key] > 0 or with_front)), key=lambda r: r[x_key])
+        good = sorted(
+            (r for r in mine if r["class"] == "Pass" and r[y_key] is not None and (r[y_key] > 0 or with_front)),
+            key=lambda r: r[x_key],
+        )
         bad = [r for r in mine if r["class"] != "Pass"]
         xs = [r[x_key] for r in good]
         ys = [max(r[y_key], lowest) for r in good]
@@ -73,10 +86,15 @@ def figure(rows, path, x_key, y_key, lowest, highest, with_front, x_label, y_lab
         panel(axes, [r for r in rows if r["scene"] == scene], x_key, y_key, lowest, highest, with_front, not with_front)
         axes.set_title(scene, fontsize=9)
     for axes in flat[len(scenes):]:
-        axes.axis("off")  # the first of them for the legend
-    handles = [plt.Line2D([], [], color=c, marker=m, ls="", label=text) for k, (c, m, text) in KNOBS.items() if any(r["knob"] == k for r in rows)]
+        axes.axis("off")  # the first of these axes holds the legend
+    handles = [
+        plt.Line2D([], [], color=c, marker=m, ls="", label=text)
+        for k, (c, m, text) in KNOBS.items()
+        if any(r["knob"] == k for r in rows)
+    ]
     handles.append(plt.Line2D([], [], color="#ff7f0e", marker="*", ms=11, mec="k", ls="", label="the default"))
-    handles.append(plt.Line2D([], [], color="0.4", marker="x", ls="", label="on the top edge: failed (class in the table)"))
+    top_edge = "on the top edge: failed (class in the table)"
+    handles.append(plt.Line2D([], [], color="0.4", marker="x", ls="", label=top_edge))
     if with_front:
         handles.append(plt.Line2D([], [], color="k", label="Pareto front"))
     else:
@@ -96,10 +114,30 @@ def main():
     with open(sys.argv[1], encoding="utf-8") as file:
         rows = json.load(file)
     folder = sys.argv[2]
-    figure(rows, folder + "/error_runtime.png", "ms_p50", "tissue_rms_mm", LOWEST, 1e2, False, "CPU time of a step, ms", "tissue, RMS against the knob's reference, mm")
+    figure(
+        rows,
+        folder + "/error_runtime.png",
+        "ms_p50",
+        "tissue_rms_mm",
+        LOWEST,
+        1e2,
+        False,
+        "CPU time of a step, ms",
+        "tissue, RMS against the knob's reference, mm",
+    )
     hand_rows = [r for r in rows if r["knob"] != "engine"]
     if hand_rows:
-        figure(hand_rows, folder + "/error_runtime_total.png", "ms_frame", "total_tissue_rms_mm", 2e-2, 20, True, "CPU time of 1/90 s of the scene, ms", "tissue, RMS against R2 + R1 - R0, mm")
+        figure(
+            hand_rows,
+            folder + "/error_runtime_total.png",
+            "ms_frame",
+            "total_tissue_rms_mm",
+            2e-2,
+            20,
+            True,
+            "CPU time of 1/90 s of the scene, ms",
+            "tissue, RMS against R2 + R1 - R0, mm",
+        )
 
 
 main()

@@ -78,7 +78,7 @@ const Row& default_of(const SceneStudy& scene) {
   return *std::find_if(scene.rows.begin(), scene.rows.end(), [](const Row& row) { return row.is_default; });
 }
 
-// The row that has the default's mesh and step among those of a knob; null where the knob has none.
+// The row of a knob that has the default's mesh and step. Null if the knob has no such row.
 const Row* like_default(const SceneStudy& scene, const std::string& knob) {
   const Row& def = default_of(scene);
   const auto found = std::find_if(scene.rows.begin(), scene.rows.end(), [&](const Row& row) {
@@ -112,8 +112,8 @@ void print(const Row& row) {
 void print(const SceneStudy& scene) {
   fmt::print("{}: {}{}\n", scene.scene, scene.statement, scene.missing.empty() ? "" : "; NOT SHOWN: " + scene.missing);
   fmt::print(
-      "  R0: residual {:.2g}, {:.1f} iterations a step, at most {:.0f}; input moved by 1 um moves the tissue by {:.2g} "
-      "um\n",
+      "  R0: residual {:.2g}, {:.1f} iterations per step, at most {:.0f}; moving the input by 1 um moves the tissue by "
+      "{:.2g} um\n",
       scene.r0_residual, scene.r0_iterations, scene.r0_iterations_most, scene.amplification);
   for (const Row& row : scene.rows) print(row);
   for (const Slope& slope : scene.slopes) {
@@ -124,7 +124,7 @@ void print(const SceneStudy& scene) {
   std::fflush(stdout);
 }
 
-// Times are CPU times of one thread: it stays where it is.
+// Pins the thread to its present CPU, because the times are CPU times of one thread.
 void pin_thread() {
   cpu_set_t set;
   CPU_ZERO(&set);
@@ -170,7 +170,7 @@ std::string live_markdown(const Study& study) {
 std::string default_misses(const SceneStudy& scene) {
   const Row& row = default_of(scene);
   if (!scene.grasp || (row.along.tissue_rms_mm <= kTissueBound && row.along.force_error <= kForceBound)) return {};
-  return fmt::format("{}: the default is {} mm and {} off R0, expected {} mm and {}", scene.scene,
+  return fmt::format("{}: the default differs from R0 by {} mm and {}; expected at most {} mm and {}", scene.scene,
                      millimetres(row.along.tissue_rms_mm), percent(row.along.force_error), kTissueBound,
                      percent(kForceBound));
 }
@@ -209,18 +209,21 @@ std::string to_markdown(const Study& study, const std::string& command, const st
       fmt::format("## Error against run time\n\n`{}` on {}, {}, commit {}; CPU time of one pinned thread.\n\n", command,
                   from.processor, from.compiler, from.commit);
   text += fmt::format(
-      "The hand's loop plays scenes of a second, the same input for every setting. Errors are of the whole run, of the "
-      "skin weighted by area, RMS over time, against references of their "
-      "own: R0 is the same mesh and step with Newton's method until an iteration moves nothing by 1e-12 (the solver's "
-      "error), R1 the limit of steps of 1/{} s and 1/{} s (the step's), R2 "
-      "the finest mesh (the mesh's). \"All\" is the distance from R2 + R1 - R0, the best result known. Forces are "
-      "compared finger by finger, relative to the reference's.\n\n",
+      "The hand's loop plays scenes of one second. Every setting gets the same input.\n\n"
+      "- Errors are of the whole run: RMS over time and over the skin, weighted by area.\n"
+      "- Forces are compared finger by finger, relative to the forces of the reference.\n\n"
+      "Each kind of error has its own reference:\n\n"
+      "| reference | run | measures the error of |\n| --- | --- | --- |\n"
+      "| R0 | same mesh and step, Newton's method until an iteration moves nothing by 1e-12 | the solver |\n"
+      "| R1 | limit of steps of 1/{} s and 1/{} s | the time step |\n"
+      "| R2 | finest mesh | the mesh |\n"
+      "| all | R2 + R1 - R0, the best result known | everything together |\n\n",
       study.quick ? 360 : 1440, study.quick ? 180 : 720);
   text += live_markdown(study);
   text += "The default without a budget (" + study.default_hand + ", 90 Hz):\n\n";
   text +=
       "| scene | ms, median / p99 | solver: tissue mm, force | one step: tissue mm, force | step: tissue mm | mesh: "
-      "tissue mm | all: tissue mm, force | 0.1 mm, 2 % of R0 |\n";
+      "tissue mm | all: tissue mm, force | within 0.1 mm and 2 % of R0 |\n";
   text += "| --- | --- | --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     const Row& row = default_of(scene);
@@ -245,8 +248,8 @@ std::string to_markdown(const Study& study, const std::string& command, const st
         pictures);
   }
   text +=
-      "\nThe Pareto front against \"all\", from cheap to dear, in ms of CPU time for 1/90 s of the scene and mm:\n\n| "
-      "scene | front |\n| --- | --- |\n";
+      "\nThe Pareto front against \"all\" by rising cost. In brackets: CPU time for 1/90 s of the scene, and error.\n\n"
+      "| scene | front |\n| --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     std::vector<const Row*> front;
     for (const Row& row : scene.rows) {
@@ -260,19 +263,19 @@ std::string to_markdown(const Study& study, const std::string& command, const st
     text += fmt::format("| {} | {} |\n", scene.scene, line);
   }
   text +=
-      "\nReferences and what is not known better; the last column is how far the tissue moves when the input is moved "
-      "by 1 um, RMS, over 1 um: far above 1 a scene is chaotic.\n\n";
+      "\nAccuracy of the references. If the input moves by 1 um, \"amplification\" is the RMS movement of the tissue "
+      "over 1 um.\nA scene is chaotic if its amplification is far above 1.\n\n";
   text +=
-      "| scene | R0: residual | R0: iterations a step, mean / most | finest step from R1, mm | second finest mesh from "
-      "R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
+      "| scene | R0: residual | R0: iterations per step, mean / max | finest step from R1, mm "
+      "| second finest mesh from R2, mm | amplification |\n| --- | --- | --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     text += fmt::format("| {} | {:.1e} | {:.1f} / {:.0f} | {} | {} | {:.2g} |\n", scene.scene, scene.r0_residual,
                         scene.r0_iterations, scene.r0_iterations_most, millimetres(scene.r1_uncertainty.tissue_rms_mm),
                         millimetres(scene.r2_uncertainty.tissue_rms_mm), scene.amplification);
   }
   text +=
-      "\nFitted slopes, observed (expected). Contact that begins, ends or slips between two steps costs the step its "
-      "first order.\n\n| scene |";
+      "\nFitted slopes, observed (expected). If contact begins, ends or slips between two steps, the time step is no "
+      "longer of\nfirst order.\n\n| scene |";
   std::string line = "\n| --- |";
   if (!study.scenes.empty()) {
     for (const Slope& slope : study.scenes.front().slopes) {
@@ -288,7 +291,8 @@ std::string to_markdown(const Study& study, const std::string& command, const st
     text += "\n";
   }
   for (const SceneStudy& scene : study.scenes) {
-    if (!scene.missing.empty()) text += fmt::format("\n{} is not what it is called: {}\n", scene.scene, scene.missing);
+    if (!scene.missing.empty())
+      text += fmt::format("\nScene {} does not show what its name says: {}\n", scene.scene, scene.missing);
     if (const std::string misses = default_misses(scene); !misses.empty()) text += "\n" + misses + ".\n";
   }
   if (!study.peer.rows.empty()) {
@@ -306,10 +310,14 @@ std::string to_markdown(const Study& study, const std::string& command, const st
 
 std::string table_markdown(const Study& study) {
   std::string text =
-      "## Every run of error against run time\n\nErrors as above, against the reference named; `one step` from R0's "
-      "state at every step.\n\n";
+      "## All runs of error against run time\n\nErrors are defined as above, against the reference in the table.\n\n"
+      "- `per 1/90 s`: mean CPU time for 1/90 s of the scene, ms\n"
+      "- `worst time`: RMS over the skin at the worst time, mm\n"
+      "- `worst point`: largest error of a vertex at any time, mm\n"
+      "- `touch differs`: share of touching nodes whose contact state differs\n"
+      "- `one step`: error of single steps, each from R0's state\n\n";
   text +=
-      "| scene | knob | setting | ms p50 | p99 | of 1/90 s | reference | tissue RMS mm | worst time | worst point | "
+      "| scene | knob | setting | ms p50 | p99 | per 1/90 s | reference | tissue RMS mm | worst time | worst point | "
       "bones mm / deg | force | touch differs | one step mm / force | all mm | "
       "penetration p95 / max mm | lag ms | energy defect | class |\n";
   text +=

@@ -17,7 +17,7 @@ namespace {
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// A part of a motion at another pace, at rest at both ends.
+// A part of a motion with another duration. It is at rest at both ends.
 class Paced final : public Motion {
  public:
   Paced(std::unique_ptr<Motion> motion, double from, double to, double seconds)
@@ -33,7 +33,7 @@ class Paced final : public Motion {
   double from_, to_, seconds_;
 };
 
-// A motion from a later time on.
+// A motion that begins at a later time of another motion.
 class From final : public Motion {
  public:
   From(std::shared_ptr<const Motion> motion, double from) : motion_(std::move(motion)), from_(from) {}
@@ -46,7 +46,7 @@ class From final : public Motion {
   double from_;
 };
 
-// A motion until a time, a rest there, and the same motion backwards.
+// Plays a motion until a time, rests there, and plays it backwards.
 class ThereAndBack final : public Motion {
  public:
   ThereAndBack(std::shared_ptr<const Motion> motion, double there, double back)
@@ -62,7 +62,7 @@ class ThereAndBack final : public Motion {
   double there_, back_;
 };
 
-// One posture, the wrist at the origin.
+// One fixed posture with the wrist at the origin.
 class Still final : public Motion {
  public:
   explicit Still(const HandModel& hand, const JointAngles& angles)
@@ -76,7 +76,7 @@ class Still final : public Motion {
   std::array<double, kJointCount> radii_;
 };
 
-// A motion carried from place to place, at rest at each.
+// Moves a motion from place to place. It is at rest at each place.
 struct Waypoint {
   double time;  // s
   Vector3 place;
@@ -104,7 +104,7 @@ class Carried final : public Motion {
   std::vector<Waypoint> way_;
 };
 
-// A flat hand, palm down, turned so that the fingertips are lowest; the tip of the middle finger's bone goes this way.
+// A flat hand with the palm down, tilted until the fingertips are lowest. The tip of the middle finger follows `way`.
 std::shared_ptr<const Motion> tips_down(const HandModel& hand, std::vector<Waypoint> way) {
   constexpr double kPitch = -0.7;  // rad
   auto posture = std::make_shared<Still>(hand, open_hand(hand));
@@ -140,8 +140,8 @@ std::string touches(const Trajectory& t, std::initializer_list<Finger> fingers, 
   std::string text;
   for (const Finger f : fingers) {
     text += must(strongest(t, f) >= newtons,
-                 fmt::format("{} presses with at most {:.2f} N, expected {}", kFingerNames[static_cast<std::size_t>(f)],
-                             strongest(t, f), newtons));
+                 fmt::format("{} presses with at most {:.2f} N, expected at least {} N",
+                             kFingerNames[static_cast<std::size_t>(f)], strongest(t, f), newtons));
   }
   return text;
 }
@@ -162,7 +162,7 @@ double rise(const Trajectory& t, std::size_t object) {
   return t.samples.back().objects[object].position.y() - t.samples.front().objects[object].position.y();
 }
 
-// Of the fingers' contacts, how far they slid, the farthest.
+// Largest sliding distance of a finger's contact, m.
 double slid(const Trajectory& t) {
   double farthest = 0;
   for (std::size_t f = 0; f < 5; ++f) {
@@ -202,7 +202,7 @@ GeneratorOptions grasp_of(const std::string& motion, double width, double height
 }
 
 Scene free_motion() {
-  Scene scene{"free_motion", "the wrist wanders and every finger waves, nothing near", 1, {}, {}, false, {}, {}};
+  Scene scene{"free_motion", "the wrist and every finger move, no object is near", 1, {}, {}, false, {}, {}};
   scene.motion = [](const HandModel& hand) {
     GeneratorOptions o;
     o.motion = "free_motion";
@@ -238,8 +238,10 @@ Scene fist() {
       return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / M_PI;
     };
     return must(turned(kFistOpens) > 90,
-                fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected 90", turned(kFistOpens))) +
-           must(turned(2) < 10, fmt::format("the finger stays bent by {:.0f} degrees, expected 10", turned(2))) +
+                fmt::format("the middle finger's last bone turns by {:.0f} degrees, expected more than 90",
+                            turned(kFistOpens))) +
+           must(turned(2) < 10,
+                fmt::format("the finger stays bent by {:.0f} degrees, expected less than 10", turned(2))) +
            touches_nothing(t);
   };
   return scene;
@@ -258,12 +260,13 @@ Scene pinch_lift() {
   scene.motion = [](const HandModel& hand) { return make_motion(hand, grasp_of("pinch", 0.04, 0.026)); };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::thumb, Finger::index}, 0.3) +
-           must(rise(t, 1) > 0.02, fmt::format("the cube rises by {:.1f} mm, expected 20", 1e3 * rise(t, 1)));
+           must(rise(t, 1) > 0.02,
+                fmt::format("the cube rises by {:.1f} mm, expected more than 20 mm", 1e3 * rise(t, 1)));
   };
   return scene;
 }
 
-// As in config/scenes/power_grasp.toml, faster and from nearer.
+// Like config/scenes/power_grasp.toml, but faster and with a shorter approach.
 Scene power_grasp() {
   ObjectOptions cylinder = box("cylinder", Vector3::Zero(), {0, 0.06, 0}, 0.2);
   cylinder.shape = "cylinder";
@@ -281,19 +284,21 @@ Scene power_grasp() {
   scene.motion = [](const HandModel& hand) { return make_motion(hand, grasp_of("power_grasp", 0.05, 0.06)); };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::thumb, Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.3) +
-           must(rise(t, 1) > 0.02, fmt::format("the cylinder rises by {:.1f} mm, expected 20", 1e3 * rise(t, 1)));
+           must(rise(t, 1) > 0.02,
+                fmt::format("the cylinder rises by {:.1f} mm, expected more than 20 mm", 1e3 * rise(t, 1)));
   };
   return scene;
 }
 
 Scene table_slide() {
-  Scene scene{"table_slide", "fingertips are put on a table and drawn back by 50 mm", 1, {table()}, {}, false, {}, {}};
+  Scene scene{"table_slide", "the fingertips touch a table and slide back by 50 mm", 1, {table()}, {}, false, {}, {}};
   scene.motion = [](const HandModel& hand) {
     return tips_down(hand, {{0, {0, 0.012, 0}}, {0.3, {0, 0.001, 0}}, {0.9, {0, 0.001, 0.05}}});
   };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::middle, Finger::ring}, 0.5) +
-           must(slid(t) > 0.03, fmt::format("the contacts slide by {:.1f} mm, expected 30", 1e3 * slid(t)));
+           must(slid(t) > 0.03,
+                fmt::format("the contacts slide by {:.1f} mm, expected more than 30 mm", 1e3 * slid(t)));
   };
   return scene;
 }
@@ -316,15 +321,15 @@ Scene deep_block() {
   };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::index, Finger::middle, Finger::ring}, 3) +
-           must(most_touching(t) >= 20, fmt::format("{} nodes touch, expected 20", most_touching(t)));
+           must(most_touching(t) >= 20, fmt::format("{} nodes touch, expected at least 20", most_touching(t)));
   };
   return scene;
 }
 
-// Where the fingers will come stand five cubes, far from them the rest.
+// Five cubes stand in the fingers' way. The other cubes stand far away.
 Scene clutter() {
   Scene scene{"clutter_100",
-              "four fingers push cubes over a table on which 100 stand",
+              "four fingers push some of 100 cubes over a table",
               1,
               {table()},
               {"mirrored_objects=5"},
@@ -344,8 +349,8 @@ Scene clutter() {
       const double way = (t.samples.back().objects[o].position - t.samples.front().objects[o].position).norm();
       (way > 5e-3 ? moved : stayed) += 1;
     }
-    return must(moved >= 3, fmt::format("{} cubes are pushed, expected 3", moved)) +
-           must(moved + stayed == 100, "not 100 cubes");
+    return must(moved >= 3, fmt::format("{} cubes are pushed, expected at least 3", moved)) +
+           must(moved + stayed == 100, "the scene does not have 100 cubes");
   };
   return scene;
 }
@@ -387,7 +392,7 @@ std::vector<NotBuilt> scenes_not_built(const std::string& recording) {
   std::vector<NotBuilt> scenes;
   if (recording.empty())
     scenes.push_back({"recorded_grasp", "the recording is not in the repository; give it with --motion"});
-  scenes.push_back({"flexible_ball", "objects are rigid: there is no flexible one to squeeze"});
+  scenes.push_back({"flexible_ball", "objects are rigid, so there is no flexible ball to squeeze"});
   return scenes;
 }
 

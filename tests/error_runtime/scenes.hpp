@@ -1,5 +1,5 @@
-// The scenes of error against run time: short, smooth, the same input for every setting. A hand's loop plays them
-// alone, in a world that stands still.
+// The scenes of error against run time. They are short and smooth, and each setting gets the same input. The loop of a
+// hand plays a scene alone, in a world whose objects do not move by themselves.
 #pragma once
 
 #include <functional>
@@ -22,18 +22,18 @@ struct LiveBound {
   std::optional<double> force_error;  ///< relative
 };
 
-inline constexpr double kFloor = 0;  ///< m: what can move stands on the plane y = kFloor
+inline constexpr double kFloor = 0;  ///< m; objects that can move stand on the plane y = kFloor
 
 struct Scene {
   std::string name;       ///< unique
-  std::string statement;  ///< what happens, in a line
+  std::string statement;  ///< the event in one line
   double seconds = 1;     ///< a multiple of 1/30
   std::vector<ObjectOptions> objects;
   std::vector<std::string> options;  ///< "key=value" for HandOptions
   bool grasp = false;                ///< the default must be within 0.1 mm and 2 % of R0
-  /// Targets over time; made once, for every mesh.
+  /// Targets over time. The motion is made once for all meshes.
   std::function<std::shared_ptr<const Motion>(const HandModel&)> motion;
-  /// What is missing for the scene to be what it is called; empty when nothing is.
+  /// Describes what the scene fails to show. Empty if the scene does what its name says.
   std::function<std::string(const Trajectory&)> missing;
   std::optional<LiveBound> live{};
   /// Another hand than the shipped one, made from this hand file; null: the shipped one.
@@ -44,7 +44,7 @@ struct Scene {
 /// recorded_grasp. Throws where the recording cannot be read.
 std::vector<Scene> all_scenes(const std::string& recording = "");
 
-/// Scenes that belong among them and cannot be run: their names and why.
+/// Scenes that belong to the study but cannot be run yet, and the reason.
 struct NotBuilt {
   std::string name;
   std::string reason;

@@ -12,11 +12,11 @@
 namespace softhand::error_runtime {
 namespace {
 
-constexpr double kDiverged = 11;  // mm, an optical tracker's own error (of Quest 2 at the fingertips)
+constexpr double kDiverged = 11;  // mm, error of an optical tracker (Quest 2 at the fingertips)
 
-constexpr double kWorthwhile = 0.02;  // share of the error that a place on the front takes off
+constexpr double kWorthwhile = 0.02;  // smallest relative gain of a point on the Pareto front
 
-// One run of a scene: what is asked for, and once it ran, what came.
+// One run of a scene: the request, and the trajectory after the run.
 struct Run {
   std::string knob;
   std::string setting;
@@ -31,19 +31,20 @@ std::string residual(double newtons) { return fmt::format("simulation.solver.res
 std::string increment(double metres) { return fmt::format("simulation.solver.increment_tolerance={:g}", metres); }
 std::string rate(double hertz) { return fmt::format("rate_hz={}", hertz); }
 
-// Chord steps end by a tolerance of their own, and a carried factor is no Newton iteration: only the default has them.
+// A chord step ends by its own tolerance, and a step with a reused factor is no Newton iteration. Only the default, the
+// work budgets and some `left_out` runs use them.
 const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoKeep = "simulation.solver.keep_factor=false";
 
-// The residual alone decides.
+// Switches the movement tolerance off, so that the residual alone decides.
 const std::string kAnyMove = "simulation.solver.movement_tolerance=1";
 
-// Solved so well that only what is under study shows.
+// Solves so accurately that only the quantity under study shows.
 std::vector<std::string> well_solved() { return {iterations(60), residual(1e-6)}; }
 
 struct Plan {
   std::string hand;
   std::vector<std::string> meshes;  // from coarse to fine
-  std::vector<int> rates;           // Hz, ascending; the last two make R1
+  std::vector<int> rates;           // Hz, ascending; the last two give R1
   std::vector<double> tolerances;   // N
   std::vector<int> newton;
 };
@@ -86,7 +87,7 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
   for (const std::string& mesh : plan.meshes) {
     if (mesh == plan.meshes.back()) break;
     for (const int hertz : {90, 180, 360}) {
-      if (hertz == 90 && mesh == plan.hand) continue;  // among the iterations
+      if (hertz == 90 && mesh == plan.hand) continue;  // already among the runs of newton_iterations
       if (quick && hertz == 360) continue;
       if (mesh == "right_3000" && hertz > 90) continue;
       runs.push_back({"combined",
@@ -107,7 +108,7 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
   return runs;
 }
 
-// The same motion a micrometre aside.
+// The same motion, shifted by a micrometre.
 class Shifted final : public Motion {
  public:
   explicit Shifted(std::shared_ptr<const Motion> motion) : motion_(std::move(motion)) {}
@@ -124,7 +125,7 @@ class Shifted final : public Motion {
   std::shared_ptr<const Motion> motion_;
 };
 
-// Hands are loaded once, and each is brought to the scene's start once.
+// Loads each hand once and brings it to the scene's start once.
 class Stage {
  public:
   Stage(const Scene& scene, const std::string& shape_of_motion) : scene_(scene) {
@@ -162,7 +163,7 @@ class Stage {
   std::map<std::string, std::unique_ptr<Player>> settled_;
 };
 
-// Beside R0: what each of some settings makes of every single step, from R0's state before it.
+// Runs beside R0: takes every step with each of some settings, always from R0's state before the step.
 class Restarted {
  public:
   void add(std::size_t run, std::unique_ptr<Player> player) { players_.push_back({run, std::move(player), {}}); }
@@ -246,7 +247,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.grasp = scene.grasp;
   study.live = scene.live;
 
-  // R0, and beside it the single steps of the settings with the same mesh and step.
+  // R0 with the single steps of the settings that have the same mesh and step.
   Run r0{"newton_iterations",
          "converged",
          plan.hand,
@@ -333,7 +334,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   std::vector<double> cost, error;
   for (std::size_t i = 0; i < study.rows.size(); ++i) {
     const Row& row = study.rows[i];
-    // The finest mesh is part of what it would be held against.
+    // The finest mesh is part of its own reference, so it is excluded.
     if (row.classification != "Pass" || row.hand == plan.meshes.back()) continue;
     passed.push_back(i);
     cost.push_back(row.ms_frame);

@@ -1,12 +1,15 @@
-// The study of one scene: its references, one knob of the hand's simulation after another, and what each millisecond
-// buys.
+// The study of one scene. It computes the references, varies the settings ("knobs") of the hand's simulation one by
+// one, and shows which error each millisecond buys.
 //
-// References, apart:
-//   R0  same mesh and step, Newton until an iteration moves nothing by 1e-12 or the energy no longer falls: the
-//   solver's error. R1  same mesh, steps of 1/1440 s and 1/720 s (quick: 1/360 and 1/180), Richardson: the error of the
-//   step. R2  the finest mesh: the error of the mesh. It has an error of its own, for which the second finest's
-//   distance from it stands. all R2 + R1 - R0: what a converged run on the finest mesh with the finest step would give,
-//   up to the mixed term. Every run is held against it too.
+// References:
+// - R0: same mesh and step. Newton's method runs until an iteration moves nothing by 1e-12, or the energy no longer
+//   falls. Distance from R0 is the solver's error.
+// - R1: same mesh, Richardson extrapolation of steps of 1/1440 s and 1/720 s (quick: 1/360 s and 1/180 s). Distance
+//   from R1 is the error of the time step.
+// - R2: the finest mesh. Distance from R2 is the error of the mesh. R2 has an error of its own, and the distance of the
+//   second finest mesh estimates it.
+// - all: R2 + R1 - R0, the result of a converged run on the finest mesh with the finest step, up to the mixed term.
+//   Every run is also compared with this reference.
 #pragma once
 
 #include <optional>
@@ -19,23 +22,25 @@ namespace softhand::error_runtime {
 
 struct Row {
   std::string scene;
-  std::string knob;  ///< default, newton_iterations, residual_tolerance, mesh, time_step, combined, left_out, engine
+  /// default, newton_iterations, residual_tolerance, work_budget, mesh, time_step, combined, left_out, engine
+  std::string knob;
   std::string setting;
   std::string hand;  ///< name of the hand file
   double rate_hz = 90;
-  std::string reference;  ///< R0, R1 or R2
+  std::string reference;  ///< R0, R1, R2 or all
   bool is_default = false;
-  bool on_front = false;  ///< nearer to `all`, by 2 % at least, than any run of the scene that passes and is cheaper;
-                          ///< the finest mesh apart
+  /// The run is on the Pareto front: nearer to `all` by at least 2 % than any cheaper run of the scene that passes.
+  /// Runs on the finest mesh are excluded.
+  bool on_front = false;
 
   double ms_p50 = 0;  ///< CPU time of a step
   double ms_p99 = 0;
-  double ms_frame = 0;  ///< CPU time of 1/90 s of the scene, mean: compares steps of different length
+  double ms_frame = 0;  ///< mean CPU time for 1/90 s of the scene; compares steps of different length
   std::size_t steps = 0;
 
-  Errors along;                    ///< of the whole run, against `reference`
-  std::optional<Errors> one_step;  ///< of single steps, each from R0's state before it, against R0
-  Errors total;                    ///< of the whole run, against `all`
+  Errors along;                    ///< error of the whole run against `reference`
+  std::optional<Errors> one_step;  ///< error of single steps against R0, each step from R0's state
+  Errors total;                    ///< error of the whole run against `all`
 
   double iterations = 0;
   int steps_not_converged = 0;
@@ -44,10 +49,13 @@ struct Row {
   double penetration_p95_mm = 0;
   double penetration_max_mm = 0;
   double lag_ms = 0;
-  double energy_defect = 0;    ///< largest |residual| of the energy ledger over its scale
-  int inverted = 0;            ///< elements, the most at any time
-  std::string classification;  ///< Pass, Diverged (not finite, a step given up, or 11 mm off), Inverted (more elements
-                               ///< than in its reference in the end), Not built
+  double energy_defect = 0;  ///< largest |residual| of the energy ledger over its scale
+  int inverted = 0;          ///< inverted elements, most at any time
+  /// - Pass
+  /// - Diverged: not finite, a failed step, or an error of 11 mm
+  /// - Inverted: more inverted elements at the end than in the reference
+  /// - Not built
+  std::string classification;
 };
 
 /// log(error) = slope log(x) + c, least squares.
@@ -65,23 +73,23 @@ struct SceneStudy {
   std::string statement;
   bool grasp = false;
   std::optional<LiveBound> live;
-  std::string missing;       ///< why R0's run is not what the scene is called; empty when it is
-  double r0_residual = 0;    ///< the largest after a step of R0, N or N m
-  double r0_iterations = 0;  ///< mean a step
+  std::string missing;       ///< what R0's run fails to show of the scene; empty if nothing
+  double r0_residual = 0;    ///< largest residual after a step of R0, N or N m
+  double r0_iterations = 0;  ///< mean iterations per step
   double r0_iterations_most = 0;
-  Errors r2_uncertainty;  ///< the second finest mesh against the finest
-  Errors r1_uncertainty;  ///< the finest step against R1
-  double amplification =
-      0;  ///< change of the tissue, RMS, by targets moved 1 um, over 1 um: large where a scene is chaotic
+  Errors r2_uncertainty;  ///< error of the second finest mesh against the finest mesh
+  Errors r1_uncertainty;  ///< error of the finest step against R1
+  /// RMS movement of the tissue, over 1 um, if the targets move by 1 um. The scene is chaotic if this value is large.
+  double amplification = 0;
   std::vector<Row> rows;
   std::vector<Slope> slopes;
 };
 
-/// Runs of another engine beside this project's on one problem that both can do.
+/// Runs of another engine and of this project on a problem that both can solve.
 struct PeerStudy {
   std::string statement;  ///< the problem
-  std::string cannot;     ///< what the other engine cannot model of the hand
-  std::vector<Row> rows;  ///< knob "engine", reference R0: this project's solver until nothing moves
+  std::string cannot;     ///< features of the hand that the other engine cannot model
+  std::vector<Row> rows;  ///< knob "engine"; reference R0 is this project's converged run
 };
 
 struct Study {
@@ -92,7 +100,7 @@ struct Study {
   PeerStudy peer;
 };
 
-/// Runs one scene. `quick`: the coarse hand is the default, and fewer settings.
+/// Runs one scene. With `quick` the coarse hand is the default, and there are fewer settings.
 SceneStudy study_scene(const Scene& scene, bool quick);
 
 /// Work of a step, fast steps, by which the live default is judged.
@@ -101,10 +109,10 @@ inline constexpr double kLiveBudget = 2;
 /// The hand of the default configuration.
 std::string default_hand(bool quick);
 
-/// Slope of log y over log x; NaN for fewer than two points. Points that are not positive and finite are passed over.
+/// Slope of log y over log x. NaN for fewer than two points. Points that are not positive and finite are ignored.
 double fitted_slope(const std::vector<double>& x, const std::vector<double>& y);
 
-/// Indices, by rising x, of those whose y is below (1 - gain) of every y at a smaller x.
+/// Indices of the Pareto front by rising x. The y of each point is below (1 - gain) times the y of the previous point.
 std::vector<std::size_t> pareto_front(const std::vector<double>& x, const std::vector<double>& y, double gain);
 
 }  // namespace softhand::error_runtime

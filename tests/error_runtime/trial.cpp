@@ -43,7 +43,7 @@ ObjectState state_of(const ObjectOptions& object, std::uint32_t id) {
   return state;
 }
 
-// Of each element, Pa.
+// Norm of the first Piola stress of each element, Pa.
 std::vector<double> stress_norms(const HandModel& hand, const State& state) {
   std::vector<CorotationalMaterial> materials;
   for (const Material& m : hand.materials)
@@ -117,7 +117,7 @@ double Player::advance(double motion_time, bool world_there) {
   world_.stamp.sample_time = now_;
   HandWants wants;
   wants.surface = wants.bone_wrench = false;
-  wants.ledger = world_there;  // begins with the scene
+  wants.ledger = world_there;  // the ledger begins with the scene
   const double milliseconds =
       1e3 * bench::seconds_of([&] {
         output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants);

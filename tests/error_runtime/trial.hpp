@@ -1,4 +1,4 @@
-// One run of one scene with one setting, and what is kept of it.
+// One run of one scene with one setting, and its recorded results.
 #pragma once
 
 #include <array>
@@ -12,59 +12,59 @@
 
 namespace softhand::error_runtime {
 
-inline constexpr std::int64_t kTicksPerSecond = 1440;  ///< every rate of the knobs divides it
+inline constexpr std::int64_t kTicksPerSecond = 1440;  ///< every rate of the study divides this value
 
 inline constexpr std::int64_t kSampleTicks = kTicksPerSecond / 90;
 
-/// The hand's state at one time, in what all meshes share: the embedded skin, joints, objects, forces by finger.
+/// The hand's state at one time, in quantities that all meshes share: embedded skin, joints, objects, forces by finger.
 struct Sample {
-  std::int64_t tick = 0;   ///< since the motion's start
-  Eigen::Matrix3Xd skin;   ///< vertices of the skin, m, world
-  Eigen::VectorXd stress;  ///< norm of the first Piola stress in the element that carries each vertex of the skin, Pa;
-                           ///< every 1/30 s, else empty
+  std::int64_t tick = 0;  ///< ticks since the motion's start
+  Eigen::Matrix3Xd skin;  ///< vertices of the skin, m, world
+  /// Norm of the first Piola stress in the element that carries each skin vertex, Pa. Set every 1/30 s, else empty.
+  Eigen::VectorXd stress;
   std::array<Pose, kJointCount> joints;
   std::array<FingerContact, 6> fingers;
   std::vector<Pose> objects;        ///< in the order of the scene
-  std::vector<std::uint8_t> touch;  ///< by node of this mesh: 0 free, 1 sticking, 2 sliding
+  std::vector<std::uint8_t> touch;  ///< state of each node of this mesh: 0 free, 1 sticking, 2 sliding
 };
 
 struct Trajectory {
-  std::vector<Sample> samples;       ///< every 1/90 s, or every step where steps are longer
-  std::vector<double> step_ms;       ///< CPU time of the thread, a step each
-  std::vector<double> penetrations;  ///< m, of every (touching node, step)
-  double iterations = 0;             ///< mean a step
-  double worst_residual = 0;         ///< N or N m, after the step
-  int steps_not_converged = 0;       ///< whose solver ended by its iteration limit, not by a tolerance
-  int steps_cut_off = 0;             ///< by the work budget
-  int failed_steps = 0;              ///< that the solver gave up
+  std::vector<Sample> samples;       ///< every 1/90 s, or every step if steps are longer
+  std::vector<double> step_ms;       ///< CPU time of the thread, one value per step
+  std::vector<double> penetrations;  ///< m, one value per (touching node, step)
+  double iterations = 0;             ///< mean iterations per step
+  double worst_residual = 0;         ///< N or N m, largest residual after a step
+  int steps_not_converged = 0;       ///< steps whose status is not `converged`
+  int steps_cut_off = 0;             ///< steps that the work budget ended
+  int failed_steps = 0;              ///< steps that the solver gave up
   bool finite = true;
-  int inverted = 0;  ///< elements, the most at any sample
+  int inverted = 0;  ///< inverted elements, most at any sample
   int inverted_at_end = 0;
   double energy_defect = 0;  ///< largest |residual| of the energy ledger over its scale
-  double lag_ms = 0;         ///< of all joints behind their targets, least squares
+  double lag_ms = 0;         ///< lag of all joints behind their targets, least squares
 };
 
-/// The hand's loop of a scene with a world in which nothing moves but what the hand carries: an owned object's copy is
-/// where its twin is.
+/// The hand's loop of a scene. In its world only the hand moves objects: the copy of an owned object is always at its
+/// twin.
 class Player {
  public:
-  /// `options` are the shipped defaults with the scene's and the setting's overrides.
+  /// `options` are the shipped defaults with the overrides of the scene and the setting.
   Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const Motion> motion, const HandOptions& options);
 
-  /// Holds the motion's start, without objects, until the hand has come to rest there.
+  /// Holds the motion's start, without objects, until the hand is at rest.
   void settle();
-  /// Goes on from where `other` stands in the scene; same mesh and objects.
+  /// Takes over the state of `other`, which must have the same mesh and objects.
   void take_state(const Player& other);
-  /// One step of the scene; CPU time of the thread that the loop's step took, ms.
+  /// Takes one step of the scene. Returns the CPU time of the loop's step, ms.
   double step();
   std::int64_t tick() const { return tick_; }
   const HandLoop& loop() const { return *loop_; }
   const HandOutput& output() const { return *output_; }
   const WorldObjects& world() const { return world_; }
-  /// Whether the state now belongs into a trajectory's samples.
+  /// True if the present state belongs to the samples of a trajectory.
   bool at_sample() const { return tick_ % kSampleTicks == 0 || ticks_per_step_ > kSampleTicks; }
-  /// A sum over all joints of (target - simulated) . target velocity, and of its square: their ratio over a run is the
-  /// lag, s.
+  /// Sums over all joints of (target - simulated) . target velocity, and of the squared target velocity. Their ratio
+  /// over a run is the lag, s.
   double lag_numerator() const { return lag_numerator_; }
   double lag_denominator() const { return lag_denominator_; }
 
@@ -85,16 +85,16 @@ class Player {
   double lag_denominator_ = 0;
 };
 
-/// The shipped defaults of the hand with the scene's and then these overrides. Throws ConfigError.
+/// The shipped defaults of the hand with the overrides of the scene, then these overrides. Throws ConfigError.
 HandOptions options_of(const Scene& scene, const std::vector<std::string>& overrides);
 
-/// Where vertex `v` of the skin is when the hand's nodes are at `nodes`.
+/// Position of skin vertex `v` if the hand's nodes are at `nodes`.
 Vector3 embedded(const HandModel& hand, std::size_t v, const Eigen::Matrix3Xd& nodes);
 
-/// A sample of where the player stands.
+/// A sample of the player's present state.
 Sample sample_of(const Player& player);
 
-/// Plays the scene to its end from where the player stands. `before_step` may be empty.
+/// Plays the scene to its end from the player's present state. `before_step` may be empty.
 Trajectory play(const Scene& scene, Player& player, const std::function<void(const Player&)>& before_step = {});
 
 }  // namespace softhand::error_runtime

@@ -20,8 +20,9 @@ namespace softhand::human {
 namespace {
 
 constexpr double kInclination = 30 * M_PI / 180;
-constexpr double kPlateStep = 0.125e-3;  // m, at most, between two states of rest
-constexpr int kContactRounds = 4;        // contacts are found at the end of a step, so that one place takes several
+constexpr double kPlateStep = 0.125e-3;  // m, largest step between two states of rest
+// rounds per plate position, because contacts are found only at the end of a step
+constexpr int kContactRounds = 4;
 
 std::size_t pulp_index(const HandModel& hand) {
   for (std::size_t m = 0; m < hand.materials.size(); ++m) {
@@ -41,7 +42,7 @@ double mean_nodal_area(const HandModel& hand) {
   return area / static_cast<double>(std::count(skin.begin(), skin.end(), true));
 }
 
-// The part of the hand whose nodes lie nearest to one of two bones, without what is for display.
+// The part of the hand whose nodes lie nearest to one of two bones, without display data.
 HandModel cut_out(const HandModel& hand, Body one, Body other) {
   HandModel part;
   part.rest_joints = hand.rest_joints;
@@ -93,7 +94,7 @@ PulpMaterial pulp_of(const HandModel& hand) {
 Fingertip::Fingertip(const HandModel& hand, double contact_stiffness)
     : tip_(cut_out(hand, Body::index_distal, Body::index_intermediate)),
       pulp_(pulp_index(hand)),
-      // A node of the part is as stiff as in the whole: k_c is that of a node of mean area.
+      // Keeps each node as stiff as in the whole hand, because k_c belongs to a node of mean area.
       contact_stiffness_(contact_stiffness * mean_nodal_area(tip_) / mean_nodal_area(hand)) {}
 
 std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const double> indentations) const {
@@ -104,7 +105,7 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
 
   State state = testing::rest_state(tip);
   for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(tip.body_rest_pose(static_cast<Body>(b)));
-  // The pad's side is -Y of the distal joint's frame, its tip -Z.
+  // In the distal joint's frame, the pad is at -Y and the tip at -Z.
   const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
   const Vector3 normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
   double lowest = std::numeric_limits<double>::infinity();
@@ -186,7 +187,7 @@ PulpFit fit_pulp(std::span<const Fingertip> tips, const PulpMaterial& start) {
     ++evaluations;
     try {
       return Corner{inside, residual(tips, material(inside))};
-    } catch (const std::runtime_error&) {  // no rest: not a material for this tip
+    } catch (const std::runtime_error&) {  // the tip does not come to rest with this material
       return Corner{inside, 1e3};
     }
   };

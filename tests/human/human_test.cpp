@@ -1,4 +1,4 @@
-// The shipped pulp beside people's fingertips, and the fit that it comes from.
+// Compares the shipped pulp with human fingertips and tests the fit that the pulp comes from.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,9 +14,9 @@ HandModel shipped(const std::string& name) {
   return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/" + name);
 }
 
-TEST(Fingertip, OfTheShippedHandsPressesAsPeoplesDo) {
+TEST(Fingertip, OfShippedHandsPressesLikeHumanFingertip) {
   constexpr double kPlaces[] = {0.25e-3, 0.5e-3, 1e-3, 1.5e-3};
-  // At 400 nodes one node is the whole contact: half of people's force at 1.5 mm, a little below the band.
+  // At 400 nodes the whole contact is one node. Its force at 1.5 mm is half of the human force, just below the band.
   constexpr double kCoarseMiss = 0.9;
   for (const char* name : {"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json", "right_3000.hand.json",
                            "right_6000.hand.json"}) {
@@ -32,27 +32,27 @@ TEST(Fingertip, OfTheShippedHandsPressesAsPeoplesDo) {
       last_force = press.force;
       last_area = press.area;
     }
-    EXPECT_GT(last_area, 20e-6) << name << ": hardly touched";
-    // A known miss of the fine meshes, whose round tips touch with too little (docs/human-data.md).
+    EXPECT_GT(last_area, 20e-6) << name << ": too little contact area";
+    // A known deviation of the fine meshes: their round tips have too little contact area (docs/human-data.md).
     EXPECT_LT(last_area, kAreaSpread * measured_area(last_force)) << name;
   }
 }
 
-TEST(Postures, StrainNoShippedHandsSkinBeyondSixtyPercentAndTurnNothingInsideOut) {
+TEST(Postures, KeepSkinStrainBelowSixtyPercentWithoutInversion) {
   for (const char* name : {"right_400.hand.json", "right_750.hand.json", "right_1450.hand.json"}) {
     for (const PostureResult& r : hold_postures(shipped(name))) {
       EXPECT_LE(r.skin_max, 0.6) << name << ' ' << r.posture;
       EXPECT_LE(r.skin_p95, 0.3) << name << ' ' << r.posture;
       EXPECT_EQ(r.inverted_most, 0) << name << ' ' << r.posture;
-      EXPECT_LE(r.missed, 0.1) << name << ' ' << r.posture << ": the tissue holds it open";
+      EXPECT_LE(r.missed, 0.1) << name << ' ' << r.posture << ": the tissue keeps the fingers from their targets";
       if (r.posture == std::string("relaxed")) {
-        EXPECT_LE(r.skin_p95, 0.1) << name << ": it rests there";
+        EXPECT_LE(r.skin_p95, 0.1) << name << ": the hand rests in this posture, so its strain must be small";
       }
     }
   }
 }
 
-TEST(Fingertip, IsStifferWhereItsPulpIs) {
+TEST(Fingertip, IsStifferWithStifferPulp) {
   const HandModel hand = shipped("right_400.hand.json");
   const Fingertip tip(hand, SimulationOptions{}.contact_stiffness);
   PulpMaterial soft = pulp_of(hand), stiff = soft;
@@ -61,10 +61,10 @@ TEST(Fingertip, IsStifferWhereItsPulpIs) {
   constexpr double kPlace[] = {1e-3};
   const double ratio = tip.press(stiff, kPlace)[0].force / tip.press(soft, kPlace)[0].force;
   EXPECT_GT(ratio, 1.3);
-  EXPECT_LT(ratio, 2.0) << "the contact's own springs stay as they are";
+  EXPECT_LT(ratio, 2.0) << "the contact springs keep their stiffness";
 }
 
-TEST(Fit, FindsAMaterialThatPressesAsPeoplesTipsDo) {
+TEST(Fit, FindsMaterialThatMatchesHumanForces) {
   const HandModel hand = shipped("right_400.hand.json");
   const Fingertip tip(hand, SimulationOptions{}.contact_stiffness);
   const PulpMaterial start{5e4, 1000, 10};
@@ -73,7 +73,7 @@ TEST(Fit, FindsAMaterialThatPressesAsPeoplesTipsDo) {
   EXPECT_EQ(fit.residual, residual({&tip, 1}, fit.pulp));
 }
 
-TEST(MeasuredForce, IsTheFormulas) {
+TEST(MeasuredForce, EqualsFormula) {
   EXPECT_NEAR(measured_force(0.5e-3), 0.168, 5e-4);
   EXPECT_NEAR(measured_force(1e-3), 0.648, 5e-4);
   EXPECT_NEAR(measured_force(1.5e-3), 2.021, 5e-3);

@@ -1,6 +1,6 @@
-"""Draws what `softhand report human --plot` computed: force over indentation and contact area over force, beside people's.
+"""Draws force over indentation and contact area over force, for the simulated hands and for people.
 
-usage: plot.py ROWS.json FOLDER; writes FOLDER/human.png
+usage: plot.py ROWS.json FOLDER, with the rows of `softhand report human --json`; writes FOLDER/human.png
 """
 import json
 import sys
@@ -19,21 +19,30 @@ people = [row for row in rows if row["hand"] == hands[0] and row["compared"]]
 depth = [0.0] + [1e3 * row["indentation"] for row in people]
 force = [0.0] + [row["force_reference"] for row in people]
 spread = people[0]["force_spread"]
-left.fill_between(depth, [f / spread for f in force], [f * spread for f in force], color="0.88", label="people, a factor of %g either way (recalled)" % spread)
-left.plot(depth, force, color="black", lw=2.5, ls=":", zorder=3, label="people, Pawluk and Howe's form (recalled constants)")
+BAND = "people, a factor of %g in both directions (recalled)"
+low, high = [f / spread for f in force], [f * spread for f in force]
+left.fill_between(depth, low, high, color="0.88", label=BAND % spread)
+form = "people, Pawluk and Howe's form (recalled constants)"
+left.plot(depth, force, color="black", lw=2.5, ls=":", zorder=3, label=form)
 
 forces = [0.25 * 1.1**i for i in range(36)]
 spread = people[0]["area_spread"]
 area = [100 * f**0.5 for f in forces]
-right.fill_between(forces, [a / spread for a in area], [a * spread for a in area], color="0.88", label="people, a factor of %g either way (recalled)" % spread)
-right.plot(forces, area, color="black", lw=2.5, ls=":", zorder=3, label="people, 100 mm$^2$ at 1 N, as the root of force (recalled)")
+low, high = [a / spread for a in area], [a * spread for a in area]
+right.fill_between(forces, low, high, color="0.88", label=BAND % spread)
+form = "people, 100 mm$^2$ at 1 N, grows with the root of force (recalled)"
+right.plot(forces, area, color="black", lw=2.5, ls=":", zorder=3, label=form)
 
 for hand, colour in zip(hands, colours):
     mine = [row for row in rows if row["hand"] == hand]
-    left.plot([0] + [1e3 * row["indentation"] for row in mine], [0] + [row["force"] for row in mine], "o-", ms=3, color=colour, label=hand)
-    right.plot([row["force"] for row in mine], [1e6 * row["area"] for row in mine], "o-", ms=3, color=colour, label=hand)
-left.set(xlabel="indentation, mm", ylabel="force, N", xlim=(0, 2.55), ylim=(0, 9), title="Index fingertip on a flat plate")
-right.set(xlabel="force, N", ylabel="contact area, mm$^2$", xlim=(0, 6), ylim=(0, 420), title="Contact area, whole shares of nodes")
+    depth = [0] + [1e3 * row["indentation"] for row in mine]
+    left.plot(depth, [0] + [row["force"] for row in mine], "o-", ms=3, color=colour, label=hand)
+    force, area = [row["force"] for row in mine], [1e6 * row["area"] for row in mine]
+    right.plot(force, area, "o-", ms=3, color=colour, label=hand)
+left.set(xlabel="indentation, mm", ylabel="force, N", xlim=(0, 2.55), ylim=(0, 9))
+left.set(title="Index fingertip on a flat plate")
+right.set(xlabel="force, N", ylabel="contact area, mm$^2$", xlim=(0, 6), ylim=(0, 420))
+right.set(title="Contact area, sum of whole nodal areas")
 for axes in (left, right):
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")

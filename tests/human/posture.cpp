@@ -16,7 +16,8 @@ constexpr double kStep = 1.0 / 90;
 constexpr int kClosing = 90, kHeld = 90;                    // steps
 constexpr double kTremor = 0.5 * kDegree, kTremorRate = 3;  // rad, Hz
 
-// Flexion from the straight finger that the bone has at rest against its parent, rad: its turn about its own X axis.
+// Flexion of the bone against its parent at rest, rad, measured from the straight finger. It is a turn about the bone's
+// own X axis.
 double flexion_at_rest(const HandModel& hand, Body body) {
   const auto turn = [&hand](Body b) {
     return hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(b)))].orientation;
@@ -57,7 +58,7 @@ double share_below(std::vector<Weighted> values, double share) {
   return values.empty() ? 0 : values.back().value;
 }
 
-// Edges of a triangle as coordinates in its own plane.
+// Edges of a triangle as coordinates in the triangle's plane.
 Eigen::Matrix2d in_plane(const Vector3& a, const Vector3& b, const Vector3& c) {
   const Vector3 x = (b - a).normalized(), across = (c - a) - x * x.dot(c - a);
   Eigen::Matrix2d edges;

@@ -1,4 +1,4 @@
-// What a hand's tissue bears in the postures between which people's hands move: flat, relaxed, fist.
+// Strain of a hand's tissue in the postures between which human hands move: flat, relaxed, fist.
 #pragma once
 
 #include <string>
@@ -8,27 +8,27 @@
 
 namespace softhand::human {
 
-/// Flexion from the straight finger, degrees: a finger's MCP, PIP and DIP, the thumb's MCP and IP.
+/// Flexion from the straight finger, degrees: MCP, PIP and DIP of a finger, MCP and IP of the thumb.
 struct Posture {
   const char* name;
   double mcp, pip, dip, thumb_mcp, thumb_ip;
 };
-/// The fist is that of the recorded Quest 3 hand.
+/// The fist has the angles of the recorded Quest 3 hand.
 inline constexpr Posture kPostures[] = {
     {"flat", 0, 0, 0, 0, 0}, {"relaxed", 40, 35, 15, 10, 10}, {"fist", 82, 100, 60, 40, 50}};
 
-/// The hand in a posture that it reached from rest within a second, and held for another with a tremor of half a
-/// degree.
+/// Result of one posture. The hand reaches the posture from rest within a second. It holds the posture for another
+/// second with a tremor of half a degree.
 struct PostureResult {
   std::string posture;
-  // Largest principal strain: of the skin in its plane, by its area, and of tetrahedra in any direction (tension or
-  // compression), by their volume.
+  // Largest principal strain. The skin's strain is in its plane, weighted by area. The strain of tetrahedra is in any
+  // direction (tension or compression), weighted by volume.
   double skin_max = 0, skin_p95 = 0, tissue_max = 0, tissue_p95 = 0;  ///< 1
   double beyond_limit = 0;                                            ///< share of tetrahedra above their W_max
-  int inverted_most = 0;      ///< most tetrahedra inside out at the end of any step
-  double iterations_p50 = 0;  ///< Newton iterations of a step while the posture is held
+  int inverted_most = 0;      ///< most inverted tetrahedra at the end of any step
+  double iterations_p50 = 0;  ///< Newton iterations per step while the posture is held
   int iterations_most = 0;
-  double missed = 0;  ///< rad, largest angle between a bone and its target at the end
+  double missed = 0;  ///< largest angle between a bone and its target at the end, rad
 };
 std::vector<PostureResult> hold_postures(const HandModel& hand);
 

@@ -18,7 +18,7 @@
 namespace softhand::human {
 namespace {
 
-// Those compared, and on to where no source tells.
+// The compared indentations, and further ones without measurements.
 constexpr double kShown[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 1.25e-3, 1.5e-3, 1.75e-3, 2e-3, 2.25e-3, 2.5e-3};
 
 struct Row {
@@ -47,7 +47,7 @@ std::vector<std::string> chosen_hands(const std::vector<std::string>& asked) {
   for (const auto& entry : std::filesystem::directory_iterator(SOFTHAND_SOURCE_DIR "/config/hands")) {
     if (entry.path().filename().string().rfind("right_", 0) == 0) files.push_back(entry.path().string());
   }
-  // By size: the shorter number first.
+  // Sorts by size: the shorter number comes first.
   std::sort(files.begin(), files.end(),
             [](const std::string& a, const std::string& b) { return std::pair(a.size(), a) < std::pair(b.size(), b); });
   return files;
@@ -63,8 +63,8 @@ void set_pulp(PulpMaterial& pulp, const std::string& setting) {
   char* end = nullptr;
   const double number = equals == std::string::npos ? 0 : std::strtod(setting.c_str() + equals + 1, &end);
   if (value == nullptr || end == nullptr || *end != '\0' || !(number > 0)) {
-    throw std::invalid_argument("'" + setting +
-                                "': expected youngs_modulus, limit_energy or limit_ratio = a number > 0");
+    throw std::invalid_argument(
+        "'" + setting + "': expected KEY=NUMBER, KEY one of youngs_modulus, limit_energy, limit_ratio, NUMBER > 0");
   }
   *value = number;
 }
@@ -100,14 +100,14 @@ std::string to_csv(const std::vector<Row>& rows) {
 std::string to_markdown(const std::vector<Row>& rows, const std::vector<HandResult>& hands,
                         const std::string& command) {
   const report::Provenance from = report::provenance();
-  std::string text = fmt::format("## A fingertip beside people's\n\n`{}` on {}, {}, commit {}.\n\n", command,
+  std::string text = fmt::format("## Simulated and human fingertips\n\n`{}` on {}, {}, commit {}.\n\n", command,
                                  from.processor, from.compiler, from.commit);
   text += "![Force over indentation and contact area over force](images/human.png)\n\n";
   text +=
-      "Force in N at an indentation; in brackets the contact area in mm^2 (of people: under their force). residual: "
-      "RMS of log(force / people's). "
-      "How well people's is known, the fit of the pulp, and what neither elastic tissue nor a constant coefficient of "
-      "friction can show: docs/human-data.md.\n\n| hand |";
+      "The table shows the force in N at an indentation, and in brackets the contact area in mm^2. The area in the row "
+      "`people`\nbelongs to the force of that row. `residual` is the RMS of log(force / human force).\n\n"
+      "docs/human-data.md describes the accuracy of the human data and the fit of the pulp. It also describes the "
+      "effects that\nneither elastic tissue nor a constant coefficient of friction can show.\n\n| hand |";
   for (const double d : kShown) text += fmt::format(" {:.2f} mm |", d * 1e3);
   text += " residual |\n| --- |";
   for (std::size_t i = 0; i <= std::size(kShown); ++i) text += " --- |";
@@ -140,7 +140,7 @@ int run_human(const HumanArguments& arguments) {
     hands.push_back(load_hand(file));
     tips.emplace_back(hands.back(), SimulationOptions{}.contact_stiffness);
   }
-  std::optional<PulpMaterial> tried;  // instead of each hand's own
+  std::optional<PulpMaterial> tried;  // replaces each hand's own material
   if (arguments.fit || !arguments.pulp.empty()) {
     tried = pulp_of(hands.front());
     for (const std::string& setting : arguments.pulp) set_pulp(*tried, setting);
@@ -162,8 +162,8 @@ int run_human(const HumanArguments& arguments) {
       const Row& row = rows.back();
       fmt::print("{:4}  {:12} {:5.2f} mm  {:7.3f} N ({})  {:6.1f} mm^2 (people {:.1f})\n",
                  row.compared ? (row.passed() ? "pass" : "fail") : "", row.hand, press.indentation * 1e3, press.force,
-                 row.compared ? fmt::format("people {:.3f}, factor {:.1f} either way",
-                                            measured_force(press.indentation), kForceSpread)
+                 row.compared ? fmt::format("people {:.3f}, allowed factor {:.1f}", measured_force(press.indentation),
+                                            kForceSpread)
                               : "not measured",
                  press.area * 1e6, measured_area(press.force) * 1e6);
     }

@@ -29,7 +29,7 @@ std::string read_file(const fs::path& path) {
   return text.str();
 }
 
-// Splits before each "## " that begins a line.
+// Splits `markdown` before each line that begins with "## ".
 std::vector<std::string> sections_of(const std::string& markdown) {
   std::vector<std::string> sections;
   std::stringstream lines(markdown);
@@ -40,7 +40,7 @@ std::vector<std::string> sections_of(const std::string& markdown) {
   return sections;
 }
 
-// "3 Pass, 1 Diverged" of a key of the rows.
+// Counts the values of a key over the rows, for example "3 Pass, 1 Diverged".
 std::string counted(const Json& rows, const char* key) {
   std::map<std::string, int> counts;
   for (const Json& row : rows) ++counts[row.at(key).get<std::string>()];
@@ -54,7 +54,7 @@ std::string known_answers_in_a_line(const Json& rows) {
   for (const Json& row : rows) {
     const std::string name = row.at("case");
     if (row.at("status") == "fail" && failed.find(name) == std::string::npos)
-      failed += (failed.empty() ? "; not: " : ", ") + name;
+      failed += (failed.empty() ? "; failing cases: " : ", ") + name;
   }
   return fmt::format("{} of {} rows{}", counted(rows, "status"), rows.size(), failed);
 }
@@ -63,7 +63,7 @@ std::string error_runtime_in_a_line(const Json& rows) {
   std::string text;
   for (const Json& row : rows) {
     if (!row.value("default", false)) continue;
-    if (row.at("class") == "Pass") {  // then its figures are finite
+    if (row.at("class") == "Pass") {  // the figures are finite then
       text += fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "the default's solver error: " : "; ",
                           row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
                           100 * row.at("force_error").get<double>(), row.at("ms_p50").get<double>());
@@ -81,8 +81,9 @@ std::string assemble(const std::vector<Part>& parts, const std::vector<std::stri
   const Provenance from = provenance();
   const std::string took = minutes ? fmt::format(" in {:.0f} minutes", *minutes) : "";
   std::string page = fmt::format(
-      "# Report\n\nMade by `softhand report`{} on {}, {}, commit {}. Where a part was run again alone, its section "
-      "says so.\n\n| part | what came |\n| --- | --- |\n",
+      "# Report\n\nThis page shows results of `softhand report`: error against run time, stress map, known answers and "
+      "fingertips.\n\nMade{} on {}, {}, commit {}. If a part was run again alone, its section says so.\n\n"
+      "| part | result |\n| --- | --- |\n",
       took, from.processor, from.compiler, from.commit);
   for (const Part& part : parts) page += fmt::format("| `{}` | {} |\n", part.command, part.result);
   std::string tables;
@@ -111,7 +112,7 @@ int run_report(const ReportArguments& arguments) {
     part.csv = file.string() + ".csv";
     part.markdown = file.string() + ".md";
     std::string line = "softhand report " + command;
-    // Not every part has a quick form, and not every one pictures.
+    // Some parts have no quick form, and some parts draw no pictures.
     if constexpr (requires { part.quick; }) {
       part.quick = arguments.quick;
       if (arguments.quick) line += " --quick";
@@ -124,7 +125,7 @@ int run_report(const ReportArguments& arguments) {
   error_runtime.motion = arguments.motion;
   add("error-runtime", error_runtime, error_runtime::run_error_runtime, error_runtime_in_a_line);
   add("stress", stress::StressArguments{}, stress::run_stress, [](const Json& rows) {
-    return fmt::format("{} rows, the sweep's among them: {}", rows.size(), counted(rows, "class"));
+    return fmt::format("{} rows, including the sweep: {}", rows.size(), counted(rows, "class"));
   });
   add("verify", verification::VerifyArguments{}, verification::run_verify, known_answers_in_a_line);
   add("human", human::HumanArguments{}, human::run_human,
@@ -132,9 +133,10 @@ int run_report(const ReportArguments& arguments) {
 
   std::optional<double> minutes;
   if (!arguments.resume) minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 60;
-  write_file(
-      (out / "report.md").string(),
-      assemble(parts, {"Known answers", "What was rightly refused", "Every run of error against run time"}, minutes));
+  write_file((out / "report.md").string(), assemble(parts,
+                                                    {"Known answers", "Configurations that were rightly refused",
+                                                     "All runs of error against run time"},
+                                                    minutes));
   fmt::print("{}\n", (out / "report.md").string());
   return good ? 0 : 1;
 }

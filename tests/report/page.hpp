@@ -1,4 +1,4 @@
-// `softhand report`: all parts, and the page that they make together.
+// `softhand report`: runs all parts and writes the page with their results.
 #pragma once
 
 #include <optional>
@@ -8,25 +8,25 @@
 
 namespace softhand::report {
 
-/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`, which is made where it
-/// is not there.
+/// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`. Creates `out` if
+/// needed.
 struct ReportArguments {
-  bool quick = false;   ///< each part's own --quick: under five minutes together
-  bool resume = false;  ///< parts whose files lie in report_data stay as they are
-  std::string motion;   ///< recording for error-runtime's scene recorded_grasp; empty: this scene is left out
+  bool quick = false;   ///< each part runs with its own --quick: under five minutes in total
+  bool resume = false;  ///< keeps parts whose files are already in report_data
+  std::string motion;   ///< recording for error-runtime's scene recorded_grasp; empty: this scene is not played
   std::string out = "report";
 };
-/// Returns 0 where every part that was computed did, else 1.
+/// Returns 0 if every part that ran returned 0, else 1.
 int run_report(const ReportArguments& arguments);
 
-/// A part of the page: its markdown begins with a "## " heading.
+/// A part of the page. Its markdown begins with a "## " heading.
 struct Part {
   std::string command;
-  std::string result;    ///< in a line, for the summary
-  std::string markdown;  ///< one section or more
+  std::string result;    ///< one line for the summary
+  std::string markdown;  ///< one or more sections
 };
-/// The page: where the figures come from, a line a part, then every part's sections; those whose heading stands in
-/// `long_sections` come last. `minutes`: that all parts took, where they were computed together.
+/// Builds the page: origin of the figures, one summary line per part, then the sections of all parts. Sections whose
+/// heading is in `long_sections` come last. `minutes` is the time of all parts, if they ran together.
 std::string assemble(const std::vector<Part>& parts, const std::vector<std::string>& long_sections,
                      std::optional<double> minutes);
 

@@ -1,4 +1,4 @@
-// The page that `softhand report` writes.
+// Tests the page that `softhand report` writes.
 #include "report/page.hpp"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 namespace softhand::report {
 namespace {
 
-TEST(Page, BeginsWithWhatCameAndEndsWithLongTables) {
+TEST(Page, BeginsWithResultsAndEndsWithLongTables) {
   const std::vector<Part> parts{
       {"softhand report a", "3 of 4", "## Rows of a\n\n| x |\n\n### Below\n\nmore\n\n## Figures of a\n\nshort\n"},
       {"softhand report b", "all", "## Of b\n\ntext\n"}};
@@ -28,12 +28,12 @@ TEST(Page, BeginsWithWhatCameAndEndsWithLongTables) {
     at = found;
   }
   EXPECT_EQ(assemble(parts, {}, std::nullopt).find("minutes"), std::string::npos)
-      << "some parts were computed another time";
+      << "parts that ran at different times have no common run time";
 }
 
-TEST(Cell, StaysOne) { EXPECT_EQ(in_cell("|x| < 1\nor not"), "\\|x\\| < 1; or not"); }
+TEST(Cell, EscapesPipesAndReplacesLineBreaks) { EXPECT_EQ(in_cell("|x| < 1\nor not"), "\\|x\\| < 1; or not"); }
 
-TEST(Pictures, ThatFailAreToldAndNothingIsTakenAwayOrLeft) {
+TEST(Pictures, FailedDrawingThrowsKeepsFilesAndLeavesNoTemporaryFile) {
   namespace fs = std::filesystem;
   const fs::path folder = fs::path(testing::TempDir()) / ("softhand_pictures_" + std::to_string(getpid()));
   fs::create_directories(folder);

@@ -13,7 +13,7 @@
 namespace softhand::report {
 namespace {
 
-// First line that a shell command prints; empty where it fails.
+// First line of the output of a shell command. Empty if the command fails.
 std::string first_line(const std::string& command) {
   const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   std::array<char, 256> buffer{};

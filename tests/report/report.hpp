@@ -1,4 +1,4 @@
-// What the parts of `softhand report` share.
+// Helpers that the parts of `softhand report` share.
 #pragma once
 
 #include <string>
@@ -6,26 +6,26 @@
 
 namespace softhand::report {
 
-/// Where figures come from.
+/// Origin of figures.
 struct Provenance {
-  std::string processor;  ///< as the kernel names it
+  std::string processor;  ///< name from the kernel
   std::string compiler;
-  std::string
-      commit;  ///< of the source tree that was built, "-modified" where it had changes; "unknown" outside a repository
+  /// Commit of the built source tree, with "-modified" if the tree had changes. "unknown" outside a repository.
+  std::string commit;
 };
 Provenance provenance();
 
-/// In double quotes, as RFC 4180 has it for CSV.
+/// The text in double quotes, as RFC 4180 requires for CSV.
 std::string in_quotes(std::string_view text);
 
-/// For a cell of a Markdown table: what stands for a column or ends a row elsewhere does not here.
+/// The text for a cell of a Markdown table: pipes are escaped, and line breaks become "; ".
 std::string in_cell(std::string text);
 
-/// Nothing where `path` is empty. Throws std::runtime_error where it cannot be written.
+/// Writes a file, or nothing if `path` is empty. Throws std::runtime_error if the file cannot be written.
 void write_file(const std::string& path, const std::string& text);
 
-/// Has tests/PART/plot.py draw `rows` (JSON) into `folder`, which is made where it is not there; nothing where `folder`
-/// is empty. Throws std::runtime_error where that fails: it needs python3-matplotlib.
+/// Runs tests/PART/plot.py, which draws `rows` (JSON) into `folder`. Creates `folder` if needed. Does nothing if
+/// `folder` is empty. Throws std::runtime_error if drawing fails. Needs python3-matplotlib.
 void draw(const std::string& part, const std::string& rows, const std::string& folder);
 
 }  // namespace softhand::report

@@ -1,4 +1,4 @@
-// Bones, their attachments and joints.
+// Cases of bones, their attachments and their joints.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -21,14 +21,15 @@ Findings displaced_bone() {
 
 Findings with_hand(const std::function<void(HandModel&)>& change) {
   Grasp setting;
-  setting.held = false;  // such joints and attachments need not bend
+  setting.held = false;  // stiff or locked joints and soft attachments may prevent a grip
   setting.hand = change;
   return grasp_findings(setting);
 }
 
 Findings attachment_stiffness(double factor) {
   return with_hand([factor](HandModel& hand) {
-    constexpr double kStiffest = 1e9;  // N/m that a hand file may hold; a coarse palm's attachments come to it
+    // N/m, largest value that a hand file may hold; attachments of a coarse palm reach it
+    constexpr double kStiffest = 1e9;
     for (Attachment& attachment : hand.attachments)
       attachment.stiffness = std::min(attachment.stiffness * factor, kStiffest);
   });
@@ -44,7 +45,7 @@ Findings joint_stiffness(double factor) {
   });
 }
 
-// Every finger joint's flexion locked where it is at rest: the fingers cannot close, and nothing may break for it.
+// Locks the flexion of every finger joint at its rest angle. The fingers cannot close, and nothing may break.
 Findings locked_joints() {
   return with_hand([](HandModel& hand) {
     for (BodyModel& body : hand.bodies) body.joint.flexion_range = {0, 0};
@@ -57,10 +58,10 @@ Findings turned_range() {
   return refused(setting);
 }
 
-// The last joint of the index finger is turned back by 10 N m, the others held: it goes past its limit by torque /
-// stiffness.
+// The coupling turns the last joint of the index finger backwards with `torque`. The other joints are held. The joint
+// goes past its limit by torque / stiffness.
 Findings limit(double torque) {
-  constexpr double kStiffness = 50;  // N m/rad: with the shipped 3 the joint would turn by half a turn
+  constexpr double kStiffness = 50;  // N m/rad; with the shipped 3 N m/rad the joint would turn by half a turn
   Event event;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     BodyModel& body = event.hand.bodies[b];
@@ -113,10 +114,10 @@ std::vector<Case> bone_cases() {
   rows = &add("joint_stiffness", "");
   for (const double factor : {1e-4, 1e4})
     rows->push_back({named("factor", factor), [factor] { return joint_stiffness(factor); }, {}, factor > 1});
-  rows = &add("joint_range", "no range holds; a range whose minimum is above its maximum is refused");
+  rows = &add("joint_range", "a range of zero width holds, a range with minimum above maximum is refused");
   rows->push_back({"minimum = maximum", [] { return locked_joints(); }});
   rows->push_back({"minimum > maximum", [] { return turned_range(); }, {}, true});
-  add("joint_limit", "past the limit by torque / stiffness within 2 %")
+  add("joint_limit", "the joint passes its limit by torque / stiffness, within 2 %")
       .push_back({"10 N m", [] { return limit(10); }, {}, true});
   return cases;
 }

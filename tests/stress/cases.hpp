@@ -1,4 +1,4 @@
-// What each file of cases contributes to `all_cases`, and the words that they share.
+// The cases of each source file for `all_cases`, and helpers that these files share.
 #pragma once
 
 #include <fmt/format.h>

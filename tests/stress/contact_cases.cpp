@@ -1,5 +1,5 @@
-// Contact: strong grips, light and heavy objects, overlap, thin, sharp and fast things, friction from none to glue,
-// objects that vanish.
+// Contact cases: strong grips, light and heavy objects, overlap, thin, sharp and fast objects, friction from 0 to very
+// high, objects that disappear.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -69,11 +69,11 @@ Findings deep_start() {
   return findings;
 }
 
-// A finger and a plate of 0.5 mm meet at 5 m/s and steps of 1/60 s, in every phase of a step: on which side is the
-// finger afterwards?
+// A finger and a plate of 0.5 mm meet at 5 m/s with steps of 1/60 s, at random phases of a step. The test checks on
+// which side of the plate the finger ends.
 Findings thin_plate(bool plate_moves, int trials) {
   constexpr double kSpeed = 5, kHalf = 0.25e-3,
-                   kPast = 1e-3;  // m/s, m; the tip of the half closed finger yields less than a pad
+                   kPast = 1e-3;  // m/s, m, m; the tip of the half-closed finger yields less than a pad
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
   double lowest = 1;
@@ -109,7 +109,7 @@ Findings thin_plate(bool plate_moves, int trials) {
   return findings;
 }
 
-// Where the surface of a finger's pad is farthest from its nodes: the middle of its lowest triangle.
+// The point of a finger pad's surface that is farthest from its nodes: the centre of its lowest triangle.
 Vector3 between_nodes(const HandModel& hand) {
   Vector3 best(0, 1, 0);
   for (const auto& triangle : hand.surface) {
@@ -124,7 +124,7 @@ Vector3 between_nodes(const HandModel& hand) {
   return best;
 }
 
-// The index finger's pad pressed 3 mm into something sharp, between two nodes.
+// Presses the index finger's pad 3 mm into a sharp shape, between two nodes.
 Findings sharp(const Shape& shape, const Quaternion& orientation, double height) {
   constexpr double kFelt = 0.05;  // N
   Event event;
@@ -135,7 +135,7 @@ Findings sharp(const Shape& shape, const Quaternion& orientation, double height)
   return run_touching(event, kFelt, "felt", "force at 3 mm of indentation");
 }
 
-// Sliding at 1 mm/s: as soon as the tissue is stretched, steady and mu f_n.
+// Slides at 1 mm/s. The drag must be steady and equal to mu f_n once the tissue is stretched.
 Findings stick_slip() {
   constexpr double kSpeed = 1e-3, kSeconds = 8;  // m/s, s
   Event event;
@@ -156,13 +156,13 @@ Findings stick_slip() {
     ++count, sum += drag, squares += drag * drag, normal += std::abs(force.y());
   });
   const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
-  findings.demand("slides", "drag / (mu f_n), less one", std::abs(mean / (event.object.friction * normal / count) - 1),
+  findings.demand("slides", "drag / (mu f_n) minus one", std::abs(mean / (event.object.friction * normal / count) - 1),
                   0.02, "1");
   findings.demand("steady", "standard deviation of the drag over its mean", deviation / mean, 0.05, "1");
   return findings;
 }
 
-// Painleve's rod: it leans forward, slides on one end, and rigid contact with friction has no solution or several.
+// Painleve's rod: it leans forward and slides on one end. Rigid contact with friction has no solution or several here.
 Findings painleve(double friction) {
   constexpr double kLean = 60 * kDegree, kRadius = 3e-3, kHalfLength = 0.05;
   Event event;
@@ -186,11 +186,11 @@ Findings painleve(double friction) {
   Findings findings = run(event, [&](const EventStep& now) {
     most = std::max(most, energy(now.simulation.slot_pose(now.slot), now.simulation.slot_velocity(now.slot)));
   });
-  findings.demand("G2", "energy of the rod over that at the start, less one", most / start - 1, 0.01, "1");
+  findings.demand("G2", "energy of the rod over its energy at the start, minus one", most / start - 1, 0.01, "1");
   return findings;
 }
 
-// The finger pressed on the side of a drum that turns.
+// Presses the finger on the side of a turning drum.
 Findings spinning() {
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
@@ -212,7 +212,7 @@ Findings conveyor() {
   return run_touching(event, 0.5);
 }
 
-/// A hand's loop whose five pads lie on a ball each, among so many objects in all.
+/// The loop of a hand whose five pads each lie on a ball, in a world with `objects` objects.
 class Crowd {
  public:
   explicit Crowd(std::size_t objects) : loop_(shipped_hand(), options(), {}), world_(std::make_unique<WorldObjects>()) {
@@ -234,7 +234,7 @@ class Crowd {
       world_->objects.push_back(state);
     }
   }
-  /// Thread time of the step, s.
+  /// Takes a step. Returns its thread time, s.
   double step() {
     now_ += static_cast<Nanoseconds>(1e9 * kStep);
     Skeleton skeleton;
@@ -286,12 +286,13 @@ Findings many_objects() {
   Findings findings;
   many.judge(findings);
   findings.demand_at_least("touched", "objects touched at the end", many.touched(), kFingerCount, "1");
-  findings.demand("1.1 x the 5-object time", "median thread time of a step among 100 objects over that among 5",
+  findings.demand("at most 1.1 x the time with 5 objects",
+                  "median thread time of a step among 100 objects over the time among 5",
                   percentile(many_times, 0.5) / percentile(few_times, 0.5), 1.1, "1", Class::over_budget);
   return findings;
 }
 
-// Something happens to the cube while it is held.
+// Grasps the cube and calls `happens` while the cube is held.
 Findings cube_event(const std::function<void(VirtualRig&)>& happens, bool overlaps = false) {
   Grasp setting;
   setting.overlaps = overlaps;
@@ -323,35 +324,35 @@ void scale_cube(VirtualRig& rig, double factor) {
 
 std::vector<Case> contact_cases() {
   const Known kBetweenNodes{Class::violated,
-                            "nodes of the skin touch objects, its triangles do not: what is thinner than the mesh (8 "
-                            "mm) passes between them"};
+                            "nodes of the skin touch objects, its triangles do not: an object thinner than the mesh "
+                            "(8 mm) passes between nodes"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
     cases.push_back({name, "Contact", statement, {}});
     return cases.back().rows;
   };
-  auto* rows = &add("strong_pinch", "all couplings so many times stiffer");
+  auto* rows = &add("strong_pinch", "all couplings are `factor` times stiffer");
   rows->push_back({"factor = 10", [] { return strong_pinch(10); }, {}, true});
-  rows = &add("light_object", "held; drift at most 1 um/s after 3 s");
+  rows = &add("light_object", "the cube is held and its drift is at most 1 um/s after 3 s");
   rows->push_back({"1 g, 60 s", [] { return held_for(1e-3, 60); }});
   rows->push_back({"1 g, 3 s", [] { return held_for(1e-3, 3); }, {}, true});
-  add("heavy_object", "pinched, and pulled by 50 mm")
+  add("heavy_object", "the cube is pinched, and the hand pulls by 50 mm")
       .push_back({"1000 kg",
                   [] { return with_cube({"objects.cube.mass=1000"}, false); },
                   {Class::violated,
-                   "since the pulp is as soft as people's, pads that are pulled up a cube that does not move press "
-                   "deeper than the limit"}});
-  add("deep_start", "the exit is slower than 1 m/s")
+                   "the pulp is as soft as human pulp, so pads that are pulled up an immovable cube press deeper than "
+                   "the limit"}});
+  add("deep_start", "the nodes leave the block at less than 1 m/s")
       .push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
-  rows = &add("thin_plate", "0.5 mm at 5 m/s and 60 Hz: no tunnel");
+  rows = &add("thin_plate", "a plate of 0.5 mm at 5 m/s and 60 Hz: the finger never tunnels through it");
   rows->push_back({"plate moves, 1000 trials", [] { return thin_plate(true, 1000); }});
   rows->push_back(
       {"finger moves, 1000 trials",
        [] { return thin_plate(false, 1000); },
        {Class::violated,
-        "the whole finger stops from 5 m/s within sqrt(m v^2 / k), more than a centimetre at the contact stiffness"}});
+        "the whole finger stops from 5 m/s within sqrt(m v^2 / k): more than a centimetre at this contact stiffness"}});
   rows->push_back({"plate moves, 50 trials", [] { return thin_plate(true, 50); }, {}, true});
-  rows = &add("sharp", "felt between two nodes of the skin");
+  rows = &add("sharp", "the finger feels the shape between two nodes of the skin");
   rows->push_back({"needle of 1 mm",
                    [] { return sharp(round_shape(ShapeKind::capsule, 0.5e-3, 0.02), Quaternion::Identity(), 0.0205); },
                    kBetweenNodes, true});
@@ -366,7 +367,7 @@ std::vector<Case> contact_cases() {
                      return sharp(box_shape(Vector3::Constant(0.02)), on_corner, 0.02 * std::sqrt(3.0));
                    },
                    kBetweenNodes});
-  rows = &add("friction", "0: the cube stays on the table; more: it is lifted and held");
+  rows = &add("friction", "the cube stays on the table at 0 and is lifted and held above 0");
   for (const double mu : {0.0, 10.0, 1000.0}) {
     rows->push_back({named("mu", mu),
                      [mu] {
@@ -377,15 +378,15 @@ std::vector<Case> contact_cases() {
                      {},
                      mu == 1000});
   }
-  add("stick_slip", "drag mu f_n within 2 %, steady within 5 %")
+  add("stick_slip", "the drag is mu f_n within 2 % and steady within 5 %")
       .push_back({"1 mm/s", [] { return stick_slip(); }, {}, true});
-  rows = &add("painleve", "a rod that leans by 60 degrees and slides at 1 m/s: energy does not grow");
+  rows = &add("painleve", "the energy of a rod that leans by 60 degrees and slides at 1 m/s does not grow");
   for (const double mu : {1.2, 1.5}) rows->push_back({named("mu", mu), [mu] { return painleve(mu); }, {}, mu == 1.5});
   add("spin", "").push_back({"drum, 100 rad/s", [] { return spinning(); }, {}, true});
   add("conveyor", "").push_back({"2 m/s", [] { return conveyor(); }, {}, true});
-  add("many_objects", "100 of which 5 are touched: at most 1.1 times the time with 5")
+  add("many_objects", "100 objects, 5 of them touched: at most 1.1 times the time with 5 objects")
       .push_back({"100", [] { return many_objects(); }, {}, false, true});
-  rows = &add("object_changes", "while it is held; it stays below 5 m/s");
+  rows = &add("object_changes", "the object changes while it is held, and its speed stays below 5 m/s");
   rows->push_back({"deleted",
                    [] { return cube_event([](VirtualRig& rig) { tell_world(rig, "object.remove", "cube"); }); },
                    {},
@@ -395,9 +396,9 @@ std::vector<Case> contact_cases() {
                    }});
   rows->push_back({"scaled by 1.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 1.5); }, true); }});
   rows->push_back({"scaled by 0.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 0.5); }); }});
-  add("tube", "fingers do not touch each other yet").push_back({"five fingers in 20 mm", nullptr});
-  add("two_hands", "a second hand on an object").push_back({"one object", nullptr});
-  add("flexible_object", "objects are rigid yet").push_back({"E = 1e3 to 1e7 Pa", nullptr});
+  add("tube", "needs contact between fingers, which is not built").push_back({"five fingers in 20 mm", nullptr});
+  add("two_hands", "needs a second hand on an object, which is not built").push_back({"one object", nullptr});
+  add("flexible_object", "needs flexible objects, which are not built").push_back({"E = 1e3 to 1e7 Pa", nullptr});
   return cases;
 }
 

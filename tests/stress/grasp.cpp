@@ -14,9 +14,9 @@ namespace softhand::stress {
 namespace {
 
 constexpr double kLift = 0.05;     // m
-constexpr double kLifted = 0.9;    // of it, that counts as lifted
-constexpr double kDeviceCap = 20;  // N, G4 of what a glove is told
-constexpr double kSlow = 5;        // m/s, of the cube, whatever happens to it
+constexpr double kLifted = 0.9;    // share of kLift that counts as lifted
+constexpr double kDeviceCap = 20;  // N, G4 for commands to a glove
+constexpr double kSlow = 5;        // m/s, limit for the cube in every case
 
 double seconds_since_start(Nanoseconds time) { return static_cast<double>(time - VirtualRig::kStart) * 1e-9; }
 
@@ -30,7 +30,7 @@ std::vector<std::string> scene_overrides(const std::vector<std::string>& more) {
   return all;
 }
 
-// Solving for a grip takes longer than simulating it.
+// The motions are cached, because solving for a grip takes longer than simulating it.
 std::shared_ptr<const Motion> motion_of(const Scene& scene) {
   static std::mutex mutex;
   static std::map<std::string, std::shared_ptr<const Motion>> known;
@@ -115,7 +115,7 @@ class Witness final : public RigWitness {
   HandWatch& watch_;
 };
 
-// The samples of a window of time.
+// Calls `use` for the samples between two times.
 template <typename Use>
 void within(const std::vector<ObjectSample>& samples, double from, double to, Use&& use) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -226,11 +226,11 @@ Grasped grasp(const Grasp& setting) {
   rig->hand().fill_status(status, VirtualRig::kStart + static_cast<Nanoseconds>(setting.seconds * 1e9));
   const bool reports = std::isfinite(status.residual) && std::isfinite(status.input_age_ms) &&
                        status.input_age_ms >= 0 && !status.counters.empty();
-  result.findings.demand("G8", "input age, residual or counters missing from the status", reports ? 0 : 1, 0, "1");
+  result.findings.demand("G8", "status without input age, residual or counters", reports ? 0 : 1, 0, "1");
   if (setting.held) {
     const double height =
         result.world.empty() ? 0 : result.world.back().pose.position.y() - result.world.front().pose.position.y();
-    result.findings.demand_at_least("held", "height of the cube over its place at the end", height * 1e3,
+    result.findings.demand_at_least("held", "height of the cube above its start at the end", height * 1e3,
                                     kLifted * kLift * 1e3, "mm");
   }
   return result;

@@ -12,7 +12,7 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kRecoveredShare = 0.05;  // of the displacement may be left after a second, G3
+constexpr double kRecoveredShare = 0.05;  // largest share of the displacement that may remain after a second, G3
 constexpr double kRestDistance = 0.1e-3;  // m RMS after three seconds, G3
 
 void hold_bones(HandSimulation& simulation, const Displacement& motion) {
@@ -63,7 +63,7 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
     out.tetrahedra.push_back(nodes);
     out.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
   }
-  // The skin that the finger has in the hand; the cut through its root is inside and stays without contact.
+  // The surface keeps the finger's skin triangles. The cut through the finger's root is inside and gets no contact.
   out.surface.clear();
   for (auto triangle : hand.surface) {
     const auto is_kept = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
@@ -107,15 +107,15 @@ Findings let_go(const Release& release) {
     watch.after_step(simulation, report, kStep);
     const double distance = rms_distance(simulation.state(), rest);
     if (step == 90) after_second = distance;
-    // At rest for good: nothing comes in that could move it again.
+    // The hand is at rest. No input can move it again.
     if (step >= 90 && distance < 1e-7 && simulation.kinetic_energy() < 1e-15) break;
   }
   Findings findings;
   watch.judge(simulation, findings);
   if (before > 0)
-    findings.demand("G3", "of the displacement left after 1 s", after_second / before, kRecoveredShare, "1");
-  findings.demand("G3", "from rest after 3 s, RMS", rms_distance(simulation.state(), rest) * 1e3, kRestDistance * 1e3,
-                  "mm");
+    findings.demand("G3", "remaining share of the displacement after 1 s", after_second / before, kRecoveredShare, "1");
+  findings.demand("G3", "distance from rest after 3 s, RMS", rms_distance(simulation.state(), rest) * 1e3,
+                  kRestDistance * 1e3, "mm");
   return findings;
 }
 
@@ -170,7 +170,7 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
       simulation.make_dynamic(slot, Vector3(0, -kGravity, 0));
       if (object.on_table) simulation.set_planes(slot, std::span(&table, 1));
     } else {
-      // From where it is to where it will be: it may stop within the step.
+      // The velocity leads from the present position to the next one, because the object may stop within the step.
       const Vector3 from = object.motion(time).shift, to = object.motion(time + step).shift;
       const Pose start{object.pose.position + from, rotation_exp(time * object.spin) * object.pose.orientation};
       simulation.set_slot_motion(slot, start, {(to - from) / step, object.spin});

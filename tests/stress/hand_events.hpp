@@ -1,5 +1,5 @@
-// Events on the hand's physics alone (HandSimulation), where a case is about it: let go from an impossible state;
-// pressed on an object.
+// Events on the hand's physics alone (HandSimulation). The hand is released from an impossible state, or pressed on an
+// object.
 #pragma once
 
 #include <functional>
@@ -12,19 +12,19 @@
 
 namespace softhand::stress {
 
-inline constexpr double kStep = 1.0 / 90;  ///< s, of the default hand loop
+inline constexpr double kStep = 1.0 / 90;  ///< s, step of the default hand loop
 
-/// The shipped hand that stress cases use: config/hands/right_400.hand.json, read once.
+/// The shipped hand of the stress cases, config/hands/right_400.hand.json. It is read once.
 const HandModel& shipped_hand();
 
-/// Of `hand` one finger's tissue with all the bones: small, and with everything that a finger's contact has.
+/// All bones of `hand` with the tissue of one finger. This hand is small, and its contacts are those of a whole finger.
 HandModel one_finger(const HandModel& hand, Finger finger);
 
-/// The lowest node (towards the palm) of the tissue around a finger's last bone, at rest, m.
+/// The lowest node (towards the palm) of the tissue around a finger's last bone at rest, m.
 Vector3 pad_of(const HandModel& hand, Finger finger);
 
-/// The hand is put into the state that `disturb` makes of its rest and let go, held by its couplings: G3 and all that
-/// HandWatch judges.
+/// Puts the hand into the state that `disturb` makes from the rest state, then releases it. The couplings hold the
+/// bones. The findings are G3 and all demands of HandWatch.
 struct Release {
   HandModel hand = shipped_hand();
   std::function<void(State&)> disturb;
@@ -34,21 +34,22 @@ Findings let_go(const Release& release);
 Shape box_shape(const Vector3& half_extents);
 Shape round_shape(ShapeKind kind, double radius, double half_length);
 
-/// How something moves: where it is and how fast, at a time.
+/// Displacement and velocity of a body at a time.
 struct Displacement {
-  Vector3 shift = Vector3::Zero();     ///< m from where it began
+  Vector3 shift = Vector3::Zero();     ///< m from the start
   Vector3 velocity = Vector3::Zero();  ///< m/s
 };
 
 struct EventObject {
   Shape shape;
   Pose pose;
-  double mass = 0;  ///< kg; 0: its motion is given
+  double mass = 0;  ///< kg; 0: the motion is given
   double friction = 0.8;
-  std::function<Displacement(double)> motion = [](double) { return Displacement{}; };  ///< of a given motion
-  Vector3 spin = Vector3::Zero();      ///< rad/s, of a given motion; of one with mass at the start
-  Vector3 velocity = Vector3::Zero();  ///< m/s, of one with mass at the start
-  bool on_table = false;               ///< a static half-space carries it, under its lowest point at the start
+  std::function<Displacement(double)> motion = [](double) { return Displacement{}; };  ///< if the motion is given
+  /// rad/s. With mass 0: during the whole motion; else at the start.
+  Vector3 spin = Vector3::Zero();
+  Vector3 velocity = Vector3::Zero();  ///< m/s, at the start, for an object with mass
+  bool on_table = false;               ///< a static half-space under the lowest point at the start carries the object
   double table_friction = 0.8;
 };
 
@@ -58,32 +59,34 @@ struct Event {
   SimulationOptions options{};
   std::function<double(int)> time_step = [](int) { return kStep; };  ///< s, of the n-th step
   double seconds = 1;
-  std::function<Displacement(double)> bones = [](double) { return Displacement{}; };  ///< of all bones from rest
+  /// displacement of all bones from rest
+  std::function<Displacement(double)> bones = [](double) { return Displacement{}; };
   EventObject object;
-  bool overlapping =
-      false;             ///< the hand starts inside the object: G5 does not count, and G2 takes the overlap for work in
-  bool strokes = false;  ///< the object crosses centimetres in a step: G2 takes what a contact begins with for its work
+  /// The hand starts inside the object. G5 ignores penetrations, and G2 counts the overlap as work put in.
+  bool overlapping = false;
+  /// The object moves centimetres in a step. G2 counts the energy at the start of a contact as the object's work.
+  bool strokes = false;
 };
 
-/// What a step left, for what a case wants to know more.
+/// State after a step, for further measurements of a case.
 struct EventStep {
   double time = 0;
   const HandSimulation& simulation;
   const StepReport& report;
-  int slot = 0;  ///< of the object
+  int slot = 0;  ///< slot of the object
 };
 
-/// Runs it; judges all that HandWatch does, `slow` as there.
+/// Runs the event and adds all demands of HandWatch. `slow` is passed to HandWatch::judge.
 Findings run(const Event& event, const std::function<void(const EventStep&)>& after_step = {}, double slow = 0.5);
 
-/// The same, and demands that the hand's force on the object is at least `least` N at the end.
+/// Runs the event. Adds the demand that the hand's force on the object is at least `least` N at the end.
 Findings run_touching(const Event& event, double least, const char* invariant = "touched",
                       const char* quantity = "force at the end");
 
-/// All bones go towards the palm's side by `depth` m within `time` s, by minimum jerk, and stay.
+/// All bones move by `depth` m towards the palm's side within `time` s, with minimum jerk. Then they stay there.
 std::function<Displacement(double)> press_down(double depth, double time);
 
-/// The hand pressed on a block: its pads touch after 2 mm and are asked to go `depth` m further within 0.3 s.
+/// The hand pressed on a block. Its pads touch after 2 mm, and their targets go `depth` m further within 0.3 s.
 Event pressed_on_block(double depth);
 
 }  // namespace softhand::stress

@@ -1,5 +1,5 @@
-// Tissue: materials up to incompressible, stiff and strain-limited, and meshes let go from states that no hand is ever
-// in.
+// Tissue cases: nearly incompressible, stiff and strain-limited materials. Meshes are also released from states that a
+// real hand never reaches.
 #include <unistd.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ Findings with_material(const std::function<void(Material&)>& change, bool held =
   return grasp_findings(setting);
 }
 
-// Pads and knuckles stay, palm and back of the hand become `ratio` times stiffer than the softest.
+// Pads and knuckles keep their material. Palm and back become `ratio` times stiffer than the softest material.
 Findings stiffness_ratio(double ratio) {
   Grasp setting;
   setting.held = false;
@@ -39,7 +39,7 @@ Findings stiffness_ratio(double ratio) {
   return grasp_findings(setting);
 }
 
-// The hold of a grip beyond the strain limit: at the kink the stiffness steps, and the tissue must not chatter there.
+// Holds a grip beyond the strain limit. The stiffness jumps at this limit, and the tissue must not chatter there.
 Findings strain_limit(double c) {
   constexpr double kChatter = 0.01;  // mm RMS
   Grasp setting;
@@ -66,7 +66,7 @@ double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
 
 Vector3 middle_of(const State& state) { return state.node_positions.rowwise().mean(); }
 
-// Every node through a linear map about the tissue's middle.
+// Moves every node by a linear map about the centre of the tissue.
 Findings mapped(const Matrix3& map, double noise = 0) {
   Release release;
   release.disturb = [&](State& state) {
@@ -82,7 +82,7 @@ Findings mapped(const Matrix3& map, double noise = 0) {
 
 Matrix3 diagonal(double x, double y, double z) { return Vector3(x, y, z).asDiagonal(); }
 
-// One node through the opposite face of a tetrahedron that has it.
+// Reflects one node of a tetrahedron through the opposite face.
 Findings reflected_node() {
   Release release;
   const auto nodes = release.hand.tetrahedra[release.hand.tetrahedra.size() / 2];
@@ -94,8 +94,8 @@ Findings reflected_node() {
   return let_go(release);
 }
 
-// Nodes are reflected, one after the other in an order drawn once, until so many tetrahedra are inverted; all of them:
-// the whole hand is mirrored.
+// Reflects nodes one after the other in a fixed random order, until the share of inverted tetrahedra is reached. A
+// share of 1 mirrors the whole hand.
 Findings inverted(double share) {
   if (share == 1) return mapped(diagonal(1, 1, -1));
   Release release;
@@ -112,7 +112,7 @@ Findings inverted(double share) {
     }
   };
   Findings findings = let_go(release);
-  findings.demand_at_least("set up", "tetrahedra inverted at the start", reached, share, "1");
+  findings.demand_at_least("set up", "share of inverted tetrahedra at the start", reached, share, "1");
   return findings;
 }
 
@@ -128,7 +128,7 @@ Findings random_nodes(std::size_t seed) {
   return let_go(release);
 }
 
-// About the hand's long axis, growing from the wrist to the fingertips.
+// Twists the tissue about the hand's long axis. The angle grows from the wrist to the fingertips.
 Findings twisted(double angle) {
   Release release;
   release.disturb = [angle](State& state) {
@@ -144,7 +144,7 @@ Findings twisted(double angle) {
   return let_go(release);
 }
 
-// A tetrahedron that a mesher may make and no simulation can use, in place of one of the hand's.
+// Adds to the hand a tetrahedron that a mesher may produce and that no simulation can use.
 Findings bad_element(const std::array<Vector3, 4>& corners) {
   Grasp setting;
   setting.hand = [&corners](HandModel& hand) {
@@ -159,7 +159,7 @@ Findings bad_element(const std::array<Vector3, 4>& corners) {
   return refused(setting);
 }
 
-// In the hand's file, as a mesher may leave it there.
+// A node that no tetrahedron uses, in the hand's file, as a mesher may write it.
 Findings unreferenced_node() {
   const std::string path =
       (std::filesystem::temp_directory_path() / fmt::format("softhand_stress_{}.hand.json", getpid())).string();
@@ -187,7 +187,7 @@ std::vector<Case> material_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
   const Known kUnlimited{Class::inverted,
-                         "without strain limiting nothing bounds how flat the tissue between bone and cube is pressed"};
+                         "without strain limiting, nothing limits how flat the tissue between bone and cube becomes"};
   std::vector<Case> cases;
   const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
     cases.push_back({name, "Material", statement, {}});
@@ -195,21 +195,21 @@ std::vector<Case> material_cases() {
   };
 
   auto* rows = &add("poisson_ratio",
-                    "the cube is lifted and held, but at 0.4999: linear tetrahedra lock there, and the fingers are too "
-                    "stiff to close on it");
+                    "the cube is lifted and held, except at 0.4999: linear tetrahedra lock there, and the fingers are "
+                    "too stiff to close");
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
     rows->push_back({named("nu", nu),
                      [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }, nu < 0.4999); },
                      {},
                      nu == 0.499});
   }
-  rows = &add("stiffness_ratio", "palm and back so much stiffer than the softest tissue");
+  rows = &add("stiffness_ratio", "palm and back are `ratio` times stiffer than the softest tissue");
   for (const double ratio : {1e2, 1e4, 1e8})
     rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
   rows = &add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
   for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6})
     rows->push_back({named("c", c), [c] { return strain_limit(c); }, c == 0 ? kUnlimited : Known{}, c == 1e6});
-  rows = &add("strain_limit_energy", "0, less and not-a-number are refused");
+  rows = &add("strain_limit_energy", "0, negative values and NaN are refused");
   for (const double energy : {1.0, 1e12}) {
     rows->push_back(
         {named("W_max", energy, "J/m^3"),
@@ -231,10 +231,10 @@ std::vector<Case> material_cases() {
     rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); }});
     rows->push_back({fmt::format("to a point, +{:g} m", noise), [noise] { return mapped(Matrix3::Zero(), noise); }});
   }
-  rows = &add("random_nodes", "in a box twice the size; recovers");
+  rows = &add("random_nodes", "random nodes in a box of twice the size: recovers");
   for (std::size_t seed = 1; seed <= 20; ++seed)
     rows->push_back({fmt::format("seed = {}", seed), [seed] { return random_nodes(seed); }});
-  rows = &add("singular_values", "of the whole tissue's deformation; recovers");
+  rows = &add("singular_values", "singular values of the whole tissue's deformation gradient: recovers");
   rows->push_back({"0.7 three times", [] { return mapped(0.7 * Matrix3::Identity()); }});
   for (const double s : vanishing)
     rows->push_back({fmt::format("1, 1, {:g}", s), [s] { return mapped(diagonal(1, s, 1)); }});
@@ -245,7 +245,7 @@ std::vector<Case> material_cases() {
   rows->push_back({"x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1)); }});
   rows->push_back({"twisted by 720 degrees", [] { return twisted(720 * kDegree); }});
 
-  rows = &add("elements", "what no simulation can use is refused; a node that none has is left out");
+  rows = &add("elements", "unusable elements are refused, a node that no tetrahedron uses is left out");
   constexpr double a = 5e-3;  // m
   const auto flat = [a](double angle) {
     return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a),

@@ -1,6 +1,12 @@
 #!/usr/bin/python3
-"""Pictures of the stress map: plot.py ROWS.json DIR writes DIR/stress_map.png (a square a value of a case, coloured by class) and DIR/stress_sweep.png (the sweep's
-points in each pair of its parameters, default mode below the diagonal, one Newton step above it). ROWS.json is what `softhand report stress --json` writes."""
+"""Draws the pictures of the stress map.
+
+usage: plot.py ROWS.json DIR, with the rows that `softhand report stress --json` writes
+
+DIR/stress_map.png shows a square for each value of a case, coloured by class.
+DIR/stress_sweep.png shows the points of the sweep for each pair of parameters: default mode below the diagonal, one
+Newton step above it.
+"""
 import json
 import re
 import sys
@@ -12,7 +18,8 @@ import matplotlib.pyplot as plt  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.patches import Patch, Rectangle  # noqa: E402
 
-# Green and blue are good; warm is bad, darker is graver; distinguishable without colour vision by lightness.
+# Green and blue are good, warm colours are bad, and darker is more severe. Lightness separates them without colour
+# vision.
 COLOURS = {
     "Pass": "#8fd19e",
     "Refused": "#9ecae1",
@@ -24,7 +31,7 @@ COLOURS = {
     "Not built": "#e6e6e6",
 }
 SECTIONS = ["Material", "Solver", "Tracker", "Contact", "Bones", "World"]
-WIDEST = 28  # squares a line
+WIDEST = 28  # squares per line
 
 
 def legend(present):
@@ -32,7 +39,7 @@ def legend(present):
 
 
 def draw_map(rows, path):
-    """Every case a line, or several; every value a square."""
+    """Draws one or more lines for each case and one square for each value."""
     lines = []  # (section, case, rows)
     for section in SECTIONS:
         cases = {}
@@ -52,12 +59,21 @@ def draw_map(rows, path):
         axes.text(-0.25, y + 0.5, case.replace("_", " "), fontsize=8.5, ha="right", va="center")
         for x, row in enumerate(values):
             light = row["good"] or row["class"] == "Not built"
-            axes.add_patch(Rectangle((x + 0.05, y + 0.08), 0.9, 0.84, facecolor=COLOURS[row["class"]], edgecolor="#444444" if light else "black",
-                                     linewidth=0.4 if light else 1.2))
+            axes.add_patch(
+                Rectangle(
+                    (x + 0.05, y + 0.08),
+                    0.9,
+                    0.84,
+                    facecolor=COLOURS[row["class"]],
+                    edgecolor="#444444" if light else "black",
+                    linewidth=0.4 if light else 1.2,
+                )
+            )
             if not row["good"] and row["class"] != "Not built":
                 dark = row["class"] in ("Inverted", "Diverged")
                 label = row["invariant"] if re.fullmatch(r"G\d", row["invariant"]) else "!"
-                axes.text(x + 0.5, y + 0.5, label, fontsize=6.5, ha="center", va="center", color="white" if dark else "black")
+                colour = "white" if dark else "black"
+                axes.text(x + 0.5, y + 0.5, label, fontsize=6.5, ha="center", va="center", color=colour)
         if len(values) <= 6:
             text = ",  ".join(row["parameter"] for row in values)
             axes.text(len(values) + 0.3, y + 0.5, text, fontsize=7, va="center", color="#333333")
@@ -65,10 +81,26 @@ def draw_map(rows, path):
     axes.set_xlim(-6.8, WIDEST + 0.5)
     axes.set_ylim(y + 0.2, 0)
     axes.axis("off")
-    built = [row for row in rows if row["section"] != "Sweep" and row["class"] != "Not built" and row["mode"] == "default"]
+    built = [
+        row
+        for row in rows
+        if row["section"] != "Sweep" and row["class"] != "Not built" and row["mode"] == "default"
+    ]
     good = sum(row["good"] for row in built)
-    axes.set_title(f"Stress cases by class: {good} of {len(built)} built rows pass or are rightly refused; hand right_400, default mode", fontsize=11, loc="left")
-    axes.legend(handles=legend({row["class"] for row in rows if row["section"] != "Sweep"}), loc="upper center", bbox_to_anchor=(0.5, -0.005), ncol=8, fontsize=9, frameon=False)
+    axes.set_title(
+        f"Stress cases by class: {good} of {len(built)} built rows pass or are rightly refused; "
+        "hand right_400, default mode",
+        fontsize=11,
+        loc="left",
+    )
+    axes.legend(
+        handles=legend({row["class"] for row in rows if row["section"] != "Sweep"}),
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.005),
+        ncol=8,
+        fontsize=9,
+        frameon=False,
+    )
     figure.savefig(path, dpi=110, bbox_inches="tight")
 
 
@@ -82,7 +114,7 @@ AXES = [
 
 
 def draw_sweep(rows, path):
-    """A scatter of each pair of parameters."""
+    """Draws a scatter plot for each pair of parameters. Returns False if there is no sweep."""
     points = {"sweep": [], "sweep_one_step": []}
     for row in rows:
         if row["case"] in points:
@@ -97,21 +129,29 @@ def draw_sweep(rows, path):
         for j, (column_name, column_label, column_scale) in enumerate(AXES):
             axes = grid[i][j]
             if i == j:
-                # What share of the points passes, along this parameter alone.
+                # Share of points that pass, as a function of this parameter only.
                 for case, style in (("sweep", "-"), ("sweep_one_step", "--")):
                     ordered = sorted(points[case], key=lambda point: point[0][row_name])
                     size = max(len(ordered) // 8, 1)
                     chunks = [ordered[k : k + size] for k in range(0, len(ordered), size)]
                     chunks = [chunk for chunk in chunks if len(chunk) == size]
                     middle = [chunk[size // 2][0][row_name] for chunk in chunks]
-                    axes.plot(middle, [100 * sum(c == "Pass" for _, c in chunk) / size for chunk in chunks], style, color="#2c7a3f", marker="o", markersize=3)
+                    shares = [100 * sum(c == "Pass" for _, c in chunk) / size for chunk in chunks]
+                    axes.plot(middle, shares, style, color="#2c7a3f", marker="o", markersize=3)
                 axes.set_xscale(row_scale)
                 axes.set_ylim(-3, 103)
                 axes.set_title("% Pass", fontsize=9)
             else:
                 for which in order:
                     chosen = [values for values, c in points["sweep" if i > j else "sweep_one_step"] if c == which]
-                    axes.scatter([v[column_name] for v in chosen], [v[row_name] for v in chosen], s=16, color=COLOURS[which], edgecolor="#555555", linewidth=0.3)
+                    axes.scatter(
+                        [v[column_name] for v in chosen],
+                        [v[row_name] for v in chosen],
+                        s=16,
+                        color=COLOURS[which],
+                        edgecolor="#555555",
+                        linewidth=0.3,
+                    )
                 axes.set_xscale(column_scale)
                 axes.set_yscale(row_scale)
             if i == count - 1:
@@ -119,11 +159,21 @@ def draw_sweep(rows, path):
             if j == 0:
                 axes.set_ylabel(row_label if i else "", fontsize=9)
             axes.tick_params(labelsize=7)
-    shares = [100 * sum(c == "Pass" for _, c in points[case]) / max(len(points[case]), 1) for case in ("sweep", "sweep_one_step")]
-    figure.suptitle(f"One finger presses an object on a table, {len(points['sweep'])} points: default mode below the diagonal ({shares[0]:.0f} % Pass), one Newton step above it "
-                    f"({shares[1]:.0f} % Pass)\non the diagonal the share that passes along one parameter, solid default, dashed one step", fontsize=12)
+    shares = [
+        100 * sum(c == "Pass" for _, c in points[case]) / max(len(points[case]), 1)
+        for case in ("sweep", "sweep_one_step")
+    ]
+    figure.suptitle(
+        f"One finger presses an object on a table, {len(points['sweep'])} points: "
+        f"default mode below the diagonal ({shares[0]:.0f} % Pass), one Newton step above it ({shares[1]:.0f} % Pass)\n"
+        "diagonal: share of passing points along one parameter, solid line default mode, dashed line one step",
+        fontsize=12,
+    )
     handles = legend({which for case in points.values() for _, which in case})
-    handles += [Line2D([], [], color="#2c7a3f", label="default"), Line2D([], [], color="#2c7a3f", linestyle="--", label="one step")]
+    handles += [
+        Line2D([], [], color="#2c7a3f", label="default"),
+        Line2D([], [], color="#2c7a3f", linestyle="--", label="one step"),
+    ]
     figure.legend(handles=handles, loc="lower center", ncol=10, fontsize=10, frameon=False)
     figure.tight_layout(rect=(0, 0.03, 1, 0.97))
     figure.savefig(path, dpi=80)

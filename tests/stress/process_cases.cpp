@@ -1,4 +1,4 @@
-// Real processes: killed, stopped and starved. Figures are times of this machine.
+// Cases with real processes that are killed, stopped or starved. Their figures are times on this machine.
 #include <signal.h>
 
 #include <algorithm>
@@ -16,18 +16,18 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, for ever
+constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers on a fixed post, without end
 constexpr double kFollows = 0.02;                                   // m, mean over the joints
 constexpr double kPeriod = 1.0 / 90;                                // s, of the hand
 
 double milliseconds(Nanoseconds from, Nanoseconds to) { return static_cast<double>(to - from) * 1e-6; }
 
-/// Chosen before anything listens or is started.
+/// Chooses the DDS domain before a reader or a process starts.
 struct OwnDomain {
   OwnDomain() { rig::use_own_domain(); }
 };
 
-/// A running rig whose hand touches the post and follows its tracker.
+/// A running rig. Its hand touches the post and follows its tracker.
 class RunningRig : OwnDomain {
  public:
   RunningRig() : up_(kTouch, {}) {
@@ -87,7 +87,7 @@ Findings stopped() {
   const Nanoseconds when = now();
   rig.signal("hand", SIGCONT);
   const bool follows = rig.ears.wait(10s, [&] { return rig.follows(when); });
-  // The step that was interrupted, the one that is due, and one that catches up.
+  // Counts the interrupted step, the step that is due and one catch-up step.
   const auto early =
       std::count_if(rig.ears.simulated.begin(), rig.ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
         return s.time > when && s.time < when + static_cast<Nanoseconds>(0.9e9 * kPeriod);
@@ -100,7 +100,7 @@ Findings stopped() {
   return findings;
 }
 
-// Every core taken by others: each step is made, or its deadline is counted as missed.
+// Other threads occupy every core. The hand must make each step or count its deadline as missed.
 Findings starved() {
   RunningRig rig;
   std::atomic<bool> stop{false};
@@ -123,7 +123,7 @@ Findings starved() {
   for (std::thread& other : others) other.join();
   Findings findings;
   rig.judge(findings);
-  findings.demand_at_least("G7", "steps made or counted as missed, over those due",
+  findings.demand_at_least("G7", "steps made or counted as missed, over the steps due",
                            (after - before) * kPeriod / (static_cast<double>(to - from) * 1e-9), 0.95, "1",
                            Class::over_budget);
   return findings;
@@ -135,16 +135,16 @@ std::vector<Case> process_cases() {
   std::vector<Case> cases;
   cases.push_back({"killed",
                    "World",
-                   "a process of a running rig, with kill -9: live within 1 s under a new epoch, and the hand follows",
+                   "kill -9 on a process of a running rig: live within 1 s under a new epoch, and the hand follows",
                    {}});
   for (const char* module : {"hand", "world", "tracking", "tracker"})
     cases.back().rows.push_back({module, [module] { return killed(module); }, {}, false, true});
   cases.push_back({"stopped",
                    "World",
-                   "the hand's process, with SIGSTOP: after SIGCONT at most one catch-up step, and the hand follows",
+                   "SIGSTOP on the hand's process: after SIGCONT at most one catch-up step, and the hand follows",
                    {}});
   cases.back().rows.push_back({"2 s", [] { return stopped(); }, {}, false, true});
-  cases.push_back({"starved", "World", "two busy threads a core: each step is made or counted as missed", {}});
+  cases.push_back({"starved", "World", "two busy threads per core: each step is made or counted as missed", {}});
   cases.back().rows.push_back({"5 s", [] { return starved(); }, {}, false, true});
   return cases;
 }

@@ -54,7 +54,7 @@ Json to_json(const Row& row) {
   return json;
 }
 
-// Fills in what was computed; name, known class and cause are the table's, not the cache's.
+// Fills in the computed values. Name, known class and cause come from the table, not from the cache.
 void take(const Json& json, Row& row) {
   for (int c = 0; c <= static_cast<int>(Class::not_built); ++c) {
     if (json.at("class") == name_of(static_cast<Class>(c))) row.which = static_cast<Class>(c);
@@ -83,8 +83,8 @@ void add_text(Sha256& hash, const std::string& text) {
   hash.add(std::as_bytes(std::span(text.data(), text.size() + 1)));
 }
 
-/// Rows that were computed before, by the hash of what they come from: all programs beside this one, the hand, the
-/// scene, case and parameter.
+/// Cache of computed rows. The key is a hash over all softhand programs in this folder, the hand file, the scene file,
+/// the case and the parameter.
 class Cache {
  public:
   explicit Cache(std::string folder) : folder_(std::move(folder)) {
@@ -184,10 +184,11 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
   const report::Provenance from = report::provenance();
   const Count count = count_of(rows);
   std::string text = fmt::format(
-      "## Stress map\n\n`{}` on {}, {}, commit {}; hand right_400. {} of {} built rows in the default mode pass or "
-      "were rightly refused ({:.1f} %); rows in which a number that is not finite was "
-      "published: {}.\n\n![Cases and their values by class](images/stress_map.png)\n\n![The sweep by "
-      "class](images/stress_sweep.png)\n\n",
+      "## Stress map\n\n`{}` on {}, {}, commit {}; hand right_400.\ndocs/stress.md defines the classes and the "
+      "invariants.\n\n- {} of {} built rows in default mode pass or were rightly refused ({:.1f} %).\n"
+      "- {} rows published a number that is not finite.\n\n"
+      "![All values of all cases, coloured by class](images/stress_map.png)\n\n"
+      "![Points of the sweep, coloured by class](images/stress_sweep.png)\n\nNumber of rows in each class:\n\n",
       command, from.processor, from.compiler, from.commit, count.good, count.built, 100 * count.share(),
       count.nonfinite);
   std::map<std::string, std::map<Class, int>> classes;
@@ -210,8 +211,8 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
     text += "\n";
   }
   text +=
-      "\nWhat does not pass, the sweep apart:\n\n| case | value | class | broken | figure | cause |\n| --- | --- | --- "
-      "| --- | --- | --- |\n";
+      "\nRows that do not pass, without the sweep:\n\n| case | value | class | broken invariant | figure | cause |\n"
+      "| --- | --- | --- | --- | --- | --- |\n";
   for (const Row& row : rows) {
     if (is_sweep(row) || row.which == Class::pass || (row.which == Class::refused && row.counts_as_good)) continue;
     const bool built = row.which != Class::not_built;
@@ -219,7 +220,7 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
                         in_cell(row.invariant), built ? in_cell(row.figure.quantity + ": " + figure_text(row)) : "",
                         in_cell(row.known.cause.empty() && built ? "not known" : row.known.cause));
   }
-  text += "\n## What was rightly refused\n\n| case | value | reason |\n| --- | --- | --- |\n";
+  text += "\n## Configurations that were rightly refused\n\n| case | value | reason |\n| --- | --- | --- |\n";
   for (const Row& row : rows) {
     if (row.which == Class::refused && row.counts_as_good)
       text += fmt::format("| {} | {} | {} |\n", row.name, in_cell(row.parameter), in_cell(row.refusal));
@@ -248,8 +249,8 @@ int run_stress(const StressArguments& arguments) {
   }
   const Count count = count_of(rows);
   fmt::print(
-      "{} of {} built rows pass or were rightly refused ({:.1f} %), {} published numbers that are not finite; {:.1f} "
-      "s\n",
+      "{} of {} built rows pass or were rightly refused ({:.1f} %), {} rows published a number that is not finite, "
+      "{:.1f} s\n",
       count.good, count.built, 100 * count.share(), count.nonfinite, seconds);
   const std::string json = to_json(rows).dump(2) + "\n";
   report::write_file(arguments.json, json);

@@ -1,4 +1,4 @@
-// The solver: time steps, budgets, places far from the origin, masses, many steps, repetition.
+// Solver cases: time steps, budgets, scenes far from the origin, masses, many steps, repetition.
 #include <array>
 #include <cmath>
 #include <limits>
@@ -13,8 +13,8 @@
 namespace softhand::stress {
 namespace {
 
-// Pressed on a block with steps of one length; long enough for rest, and for the first step of a long one, which cannot
-// foresee the contact, to be one of many.
+// Presses the hand on a block with steps of one length. The run is long enough to come to rest. It also has many steps,
+// because the first long step cannot foresee the contact.
 Findings time_step(double step) {
   Event event = pressed_on_block(4e-3);
   event.time_step = [step](int) { return step; };
@@ -28,7 +28,7 @@ Findings alternating_time_step() {
   return run(event);
 }
 
-// Steps that must leave every bit of the state alone: none, and what is no time.
+// Steps that must not change any bit of the state: a step of 0 s and a step whose length is not a valid time.
 Findings no_step(double step, StepStatus expected) {
   HandSimulation simulation(shipped_hand(), {}, 1, 1);
   for (int b = 0; b < kBodyCount; ++b)
@@ -69,7 +69,7 @@ Findings with_solver(const std::vector<std::string>& overrides, bool must_flag) 
   return result.findings;
 }
 
-// The whole scene elsewhere.
+// The whole scene, moved to `place`.
 Findings at(const Vector3& place) {
   const auto vector = [&place](double x, double y, double z) {
     return fmt::format("[{},{},{}]", place.x() + x, place.y() + y, place.z() + z);
@@ -80,7 +80,7 @@ Findings at(const Vector3& place) {
   return grasp_findings(setting);
 }
 
-// An object between the hand and a table, as heavy as so many mean nodes of the tissue (0.6 g).
+// An object between the hand and a table. Its mass is `ratio` times the mass of a mean tissue node (0.6 g).
 Findings mass_ratio(double ratio) {
   const HandModel& hand = shipped_hand();
   const std::vector<double> masses = lumped_masses(hand);
@@ -92,12 +92,11 @@ Findings mass_ratio(double ratio) {
   const double start = event.object.pose.position.y();
   Findings findings =
       run(event, [&](const EventStep& now) { sunk = start - now.simulation.slot_pose(now.slot).position.y(); });
-  findings.demand("rests", "object's way down into the table", std::abs(sunk) * 1e3, 1, "mm");
+  findings.demand("rests", "distance that the object sinks into the table", std::abs(sunk) * 1e3, 1, "mm");
   return findings;
 }
 
-// A finger that is pressed on a block and then held for so many steps. Rest is a state of its own: neither drifts nor
-// grows.
+// Presses a finger on a block and holds it for `steps` steps. The resting state must neither drift nor grow.
 Findings many_steps(int steps) {
   constexpr double kSettle = 3;  // s
   Event event;
@@ -119,7 +118,7 @@ Findings many_steps(int steps) {
       drift = (now.simulation.state().node_positions - settled).colwise().norm().maxCoeff() /
               std::max(now.time - kSettle, 1.0);
   });
-  findings.demand("no growth", "energy over that after 3 s, less one", energy / settled_energy - 1, 1e-6, "1");
+  findings.demand("no growth", "energy over the energy after 3 s, minus one", energy / settled_energy - 1, 1e-6, "1");
   findings.demand("G6", "drift of the tissue after 3 s", drift * 1e6, 1, "um/s");
   return findings;
 }
@@ -132,7 +131,7 @@ Findings repeated(bool at_once) {
   if (at_once) {
     Grasp first = setting;
     first.seconds = 0.05;
-    grasp(first);  // fills what is computed once
+    grasp(first);  // fills the caches of results that are computed once
     std::thread other([&] { results[1] = grasp(setting); });
     results[0] = grasp(setting);
     other.join();
@@ -158,11 +157,11 @@ std::vector<Case> solver_cases() {
   for (const double step : {1e-4, 1e-3, 1.0 / 240, 1.0 / 90, 1.0 / 30, 0.1, 1.0})
     rows->push_back({named("dt", step, "s"), [step] { return time_step(step); }, {}, step == 0.1});
   rows->push_back({"dt = 1/90 s, 1/45 s in turn", [] { return alternating_time_step(); }, {}, true});
-  rows = &add("no_time_step", "0 changes no bit; what is no time is refused");
+  rows = &add("no_time_step", "a step of 0 s changes no bit, a length that is not a valid time is refused");
   rows->push_back({"dt = 0 s", [] { return no_step(0, StepStatus::converged); }, {}, true});
   for (const double step : {-kStep, nan, infinity})
     rows->push_back({named("dt", step, "s"), [step] { return no_time(step); }, {}, true});
-  rows = &add("solver_budget", "the cube is lifted and held; what did not converge says so");
+  rows = &add("solver_budget", "the cube is lifted and held, and steps that do not converge report this");
   for (const int iterations : {1, 2, 3}) {
     rows->push_back({fmt::format("max_iterations = {}", iterations),
                      [iterations] {
@@ -193,13 +192,13 @@ std::vector<Case> solver_cases() {
                      {},
                      distance == 10});
   }
-  rows = &add("mass_ratio", "an object of so many masses of a mean node between the hand and a table");
+  rows = &add("mass_ratio", "mass of an object between hand and table, over the mass of a mean node");
   for (const double ratio : {1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6})
     rows->push_back({named("ratio", ratio), [ratio] { return mass_ratio(ratio); }, {}, ratio == 1e6});
   rows = &add("many_steps", "one finger held on a block: no growth, no drift");
   rows->push_back({"10 000 steps", [] { return many_steps(10'000); }});
   rows->push_back({"1 000 000 steps", [] { return many_steps(1'000'000); }});
-  rows = &add("repetition", "every bit of every loop the same");
+  rows = &add("repetition", "every bit of every loop is the same in both runs");
   rows->push_back({"twice", [] { return repeated(false); }, {}, true});
   rows->push_back({"two at once in threads", [] { return repeated(true); }});
   return cases;

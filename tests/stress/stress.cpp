@@ -32,7 +32,7 @@ void classify(const Findings& findings, Row& row) {
     row.figure = findings.demands.back();
   }
   if (findings.refusal.empty()) return;
-  // Refused: what was demanded of the refusal itself (the values that it offers pass) decides whether it was right.
+  // A refusal is right if its own demands are met: the values that it offers must pass.
   row.which = Class::refused;
   row.counts_as_good = row.counts_as_good && findings.refusal_is_right;
 }

@@ -1,9 +1,9 @@
-// Stress cases: extreme inputs through the real loops and the shipped hand, each row classified by the invariants G1 to
-// G8. One library for the tests and for `softhand report stress`; docs/stress.md says what the invariants and classes
-// mean.
+// Stress cases: extreme inputs through the real loops and the shipped hand. Each row is classified by the invariants G1
+// to G8. One library serves the tests and `softhand report stress`. docs/stress.md defines invariants and classes.
 //
-// A case is a list of rows, a row one value of its parameter: it runs and returns what it demanded and found. Nothing
-// here knows how rows are printed. Everything SI unless a quantity's unit says otherwise.
+// A case is a list of rows. A row is one value of the case's parameter. A row runs and returns its demands and
+// findings. This library does not know how rows are printed. All quantities are in SI units unless `unit` says
+// otherwise.
 #pragma once
 
 #include <cstddef>
@@ -20,26 +20,29 @@ inline constexpr double kLiveBudget = 2;
 enum class Class { pass, violated, diverged, inverted, over_force, over_budget, refused, not_built };
 std::string_view name_of(Class which);
 
-/// One thing that must hold, and what was found.
+/// A condition that must hold, and the value that was found.
 struct Demand {
-  std::string invariant;  ///< G1 to G8, or the words of a demand of the case's own
+  std::string invariant;  ///< G1 to G8, or the name of a demand that belongs to this case only
   std::string quantity;
   double value = 0;
-  double limit = 0;  ///< the most that `value` may be; the least where `at_least`
+  double limit = 0;  ///< largest allowed `value`, or the smallest allowed one with `at_least`
   std::string unit;
   bool at_least = false;
-  Class otherwise = Class::violated;  ///< what the row is where this is not met
+  Class otherwise = Class::violated;  ///< class of the row if this demand is not met
 
-  /// Not-a-number does not meet anything.
+  /// NaN meets no demand.
   bool met() const { return at_least ? value >= limit : value <= limit; }
 };
 
-/// What a run found, its demands from the gravest on; the last one, the case's own figure, is shown where all are met.
+/// Result of one run. The demands are ordered by severity, most severe first. The last demand is the case's own figure,
+/// and the row shows this figure if all demands are met.
 struct Findings {
   std::vector<Demand> demands;
-  std::string refusal;            ///< the reason with which the configuration was refused at load; empty: it ran
-  bool refusal_is_right = false;  ///< the case demands the refusal, or its reason (a growth factor above one) was shown
-                                  ///< and the offered values passed
+  /// Reason why the configuration was refused at load. Empty if the run took place.
+  std::string refusal;
+  /// True in two cases. The case demands the refusal, or the refusal names a growth factor above one and the values
+  /// that it offers passed.
+  bool refusal_is_right = false;
 
   void demand(std::string invariant, std::string quantity, double value, double limit, std::string unit,
               Class otherwise = Class::violated) {
@@ -51,25 +54,25 @@ struct Findings {
   }
 };
 
-/// A row that is known not to pass today, and why. It stays in the report as what it is.
+/// A row that is known to fail today, and the cause. The report still shows its class.
 struct Known {
   Class which = Class::pass;
   std::string cause;
 };
 
 struct Setting {
-  std::string parameter;          ///< as "name = value"; unique within the case
+  std::string parameter;          ///< "name = value"; unique within the case
   std::function<Findings()> run;  ///< null: not built
   Known known{};
   bool quick = false;            ///< run by `--quick` and by the tests
-  bool timed = false;            ///< its figure is a time of this machine: it differs from run to run
-  std::string mode = "default";  ///< of the solver; "live budget" or another; only rows of the default mode are counted
+  bool timed = false;            ///< the figure is a time on this machine, so it differs from run to run
+  std::string mode = "default";  ///< solver mode; only rows in default mode are counted
 };
 
 struct Case {
   std::string name;       ///< unique
   std::string section;    ///< Material, Solver, Tracker, Contact, Bones, World
-  std::string statement;  ///< what passing means, in a line, where it is more than the invariants
+  std::string statement;  ///< meaning of Pass in one line; empty if the invariants say it all
   std::vector<Setting> rows;
 };
 
@@ -78,26 +81,26 @@ struct Row {
   std::string section;
   std::string parameter;
   Class which = Class::pass;
-  Demand figure;          ///< the first demand that was not met, else the last one
-  std::string invariant;  ///< broken; empty where none is
+  Demand figure;          ///< the first demand that was not met, else the last demand
+  std::string invariant;  ///< the broken invariant; empty if all hold
   std::string refusal;
   Known known;
   bool counts_as_good = false;  ///< passes, or was rightly refused
   bool timed = false;
   std::string mode;
-  double seconds = 0;  ///< of computing
+  double seconds = 0;  ///< computing time
 };
 
-/// What is known of a row before it is run.
+/// The row as it is known before it runs.
 Row blank_row(const Case& which, const Setting& setting);
 
-/// Every case, in the order of the report.
+/// All cases in the order of the report.
 const std::vector<Case>& all_cases();
 
-/// Runs one row. A run that throws is a row that diverged: nothing that a loop does may throw once it was loaded.
+/// Runs one row. A run that throws gives a row of class `diverged`, because a loop must not throw after it was loaded.
 Row run(const Case& which, const Setting& setting);
 
-/// The class of what was found, and the row's figure and invariant with it.
+/// Sets the class of the row from the findings, and with it the row's figure and invariant.
 void classify(const Findings& findings, Row& row);
 
 }  // namespace softhand::stress

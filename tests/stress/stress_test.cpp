@@ -1,5 +1,5 @@
-// The marked rows of `softhand report stress`, those of `--quick` without its sweep, and the rules by which rows are
-// classified.
+// Runs the marked rows of `softhand report stress` (the rows of `--quick` without its sweep) and tests the rules that
+// classify rows.
 #include "stress/stress.hpp"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,8 @@ TEST_P(StressCase, IsClassifiedAsRecorded) {
     EXPECT_NE(row.invariant, "G1") << setting.parameter << ": " << found;
     if (setting.known.which != Class::pass) {
       EXPECT_EQ(name_of(row.which), name_of(setting.known.which))
-          << setting.parameter << ": not as known (mended? then strike it from the table): " << found;
+          << setting.parameter
+          << ": the class differs from the known one (if fixed, remove `known` from the row): " << found;
     } else {
       EXPECT_TRUE(row.counts_as_good) << setting.parameter << ": " << name_of(row.which) << ": " << found;
     }
@@ -62,7 +63,8 @@ TEST(StressTable, NamesAreItsOwnAndFewAreKnownToFail) {
     }
   }
   EXPECT_GE(built, 200u);
-  // The rule is 95 %, which allows 12 of 249. docs/report.md lists them; no further one may join.
+  // The rule is 95 %, which allows 12 failing rows of 249. docs/report.md lists the failing rows. No further row may
+  // fail.
   EXPECT_LE(failing, 10u);
 }
 

@@ -11,7 +11,7 @@
 namespace softhand::stress {
 namespace {
 
-// The digits of n in a base, mirrored at the point: van der Corput's sequence in [0, 1).
+// The digits of n in `base`, mirrored at the radix point: van der Corput's sequence in [0, 1).
 double mirrored_digits(std::size_t n, std::size_t base) {
   double value = 0, digit = 1;
   for (; n > 0; n /= base) {

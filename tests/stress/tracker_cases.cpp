@@ -1,4 +1,4 @@
-// What trackers do: jumps, freezes, numbers that are none, wrong clocks, impossible hands.
+// Tracker cases: jumps, freezes, NaN, wrong clocks, impossible hands.
 #include <cmath>
 #include <limits>
 
@@ -10,7 +10,7 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kFollows = 15e-3;  // m, the simulated wrist from the tracked one at the end
+constexpr double kFollows = 15e-3;  // m, distance between simulated and tracked wrist at the end
 const std::size_t kWrist = static_cast<std::size_t>(index_of(Joint::wrist));
 const std::size_t kIndex = static_cast<std::size_t>(index_of(Joint::index_intermediate));
 
@@ -24,14 +24,14 @@ void move_all(Skeleton& skeleton, const Pose& by) {
   }
 }
 
-// The hand turned about its own wrist.
+// Turns the hand about its own wrist.
 void turn_about_wrist(Skeleton& skeleton, const Vector3& turn) {
   const Pose wrist = to_pose(skeleton.joints[kWrist]);
   const Quaternion rotation = wrist.orientation * rotation_exp(turn) * wrist.orientation.conjugate();
   move_all(skeleton, {wrist.position - rotation * wrist.position, rotation});
 }
 
-// A grasp whose hand must end where the tracker last had it.
+// Runs a grasp. At the end the hand must be where the tracker last reported it.
 Grasped run_faulty(Grasp setting, bool follow = true) {
   Vec3 wanted{};
   const auto inner = setting.tracker;
@@ -46,7 +46,7 @@ Grasped run_faulty(Grasp setting, bool follow = true) {
   };
   Grasped result = grasp(setting);
   if (follow)
-    result.findings.demand("follows", "wrist from the tracked one at the end",
+    result.findings.demand("follows", "distance between simulated and tracked wrist at the end",
                            (reached - to_vector(wanted)).norm() * 1e3, kFollows * 1e3, "mm");
   return result;
 }
@@ -99,7 +99,7 @@ Findings sign_flips() {
   return flipped.findings;
 }
 
-// One bone's quaternion has another length, from 0.6 s on.
+// Scales the quaternion of one bone from 0.6 s on.
 Findings quaternion_length(double length) {
   Grasp setting;
   setting.tracker = [length](double time, Samples& samples) {
@@ -110,14 +110,14 @@ Findings quaternion_length(double length) {
   const bool usable = length >= 0.5 && length <= 2;
   const auto refused = static_cast<double>(result.tracking.refused_implausible);
   if (usable) {
-    result.findings.demand("taken", "joints refused", refused, 0, "1");
+    result.findings.demand("accepted", "joints refused", refused, 0, "1");
   } else {
     result.findings.demand_at_least("counted", "joints refused", refused, 100, "1");
   }
   return result.findings;
 }
 
-// One bone is no place at all, from 0.6 s on.
+// Sets all numbers of one bone to `value` from 0.6 s on, so that they give no valid pose.
 Findings bone_value(double value) {
   Grasp setting;
   setting.tracker = [value](double time, Samples& samples) {
@@ -162,7 +162,7 @@ Findings dropout() {
 Findings tracker_rate(double rate) {
   Grasp setting;
   setting.seconds = 3;
-  setting.overrides = {fmt::format("tracker.rate_hz={}", rate), "generator.lift_time=1.2"};  // 5 mm a sample at 10 Hz
+  setting.overrides = {fmt::format("tracker.rate_hz={}", rate), "generator.lift_time=1.2"};  // 5 mm per sample at 10 Hz
   return run_faulty(setting).findings;
 }
 
@@ -171,7 +171,7 @@ Findings order(const std::function<void(double, Samples&)>& change, bool refusal
   setting.tracker = change;
   Grasped result = run_faulty(setting);
   if (refusals)
-    result.findings.demand_at_least("counted", "samples refused for their order",
+    result.findings.demand_at_least("counted", "samples refused because of their order",
                                     static_cast<double>(result.tracking.refused_order), 10, "1");
   return result.findings;
 }
@@ -180,7 +180,7 @@ std::function<void(double, Samples&)> duplicates() {
   return [](double, Samples& samples) { samples.push_back(samples.front()); };
 }
 
-// Every other sample is delivered after its successor.
+// Delivers every other sample after its successor.
 std::function<void(double, Samples&)> swaps() {
   return [kept = Samples{}, n = 0](double, Samples& samples) mutable {
     if (n++ % 2 == 0) {
@@ -205,7 +205,7 @@ std::function<void(double, Samples&)> clock_off_by(double seconds) {
   };
 }
 
-// From 0.8 s on the device's clock runs back, by half an hour and then on backwards.
+// The device's clock jumps back by half an hour at 0.8 s and runs backwards from then on.
 std::function<void(double, Samples&)> clock_backwards() {
   return [](double time, Samples& samples) {
     if (time > 0.8) samples.front().stamp.sample_time -= static_cast<Nanoseconds>((1800 + 2 * (time - 0.8)) * 1e9);
@@ -218,12 +218,12 @@ Findings noise() {
   setting.seconds = 3;
   setting.overrides = {"tracker.position_noise=0.001", fmt::format("tracker.rotation_noise={}", 1 * kDegree)};
   Grasped result = run_faulty(setting);
-  result.findings.demand("jitter", "held cube about its mean over 1.4 s, RMS", result.jitter(1.6, 3) * 1e3,
-                         kJitter * 1e3, "mm");
+  result.findings.demand("jitter", "movement of the held cube about its mean over 1.4 s, RMS",
+                         result.jitter(1.6, 3) * 1e3, kJitter * 1e3, "mm");
   return result.findings;
 }
 
-// All fingers bent back by a right angle at every joint, through each other and the back of the hand.
+// Bends all fingers back by a right angle at every joint, through each other and through the back of the hand.
 Findings impossible_pose() {
   Grasp setting = in_the_air();
   setting.tracker = [](double time, Samples& samples) {
@@ -245,7 +245,7 @@ Findings impossible_pose() {
   return run_faulty(setting).findings;
 }
 
-// All joints farther from, or nearer to, the wrist than the hand's own.
+// Scales the distance of all joints from the wrist.
 Findings bone_length(double factor) {
   Grasp setting = in_the_air();
   setting.tracker = [factor](double, Samples& samples) {
@@ -264,14 +264,14 @@ std::vector<Case> tracker_cases() {
     cases.push_back({name, "Tracker", statement, {}});
     return cases.back().rows;
   };
-  auto* rows = &add("teleport", "by 10 m and back after 0.7 s; the cube stays below 5 m/s");
+  auto* rows = &add("teleport", "the hand jumps by 10 m and back after 0.7 s, and the cube stays below 5 m/s");
   rows->push_back(
       {"free",
        [] { return teleport(false); },
        {Class::violated,
-        "a hundredth of a millimetre over the limit, in the grip that closes in full motion after the hand is back"}});
+        "a hundredth of a millimetre above the limit: the grip closes in full motion after the hand has jumped back"}});
   rows->push_back({"with the cube held", [] { return teleport(true); }, {}, true});
-  rows = &add("half_turn", "the tracked hand is turned at one sample; the simulated one comes after it");
+  rows = &add("half_turn", "the tracked hand turns from one sample to the next, and the simulated hand follows");
   const std::array<std::pair<const char*, Vector3>, 3> axes{
       {{"x", Vector3::UnitX()}, {"y", Vector3::UnitY()}, {"z", Vector3::UnitZ()}}};
   for (const auto& [name, axis] : axes) {
@@ -282,25 +282,28 @@ std::vector<Case> tracker_cases() {
                        angle == 180.0 && axis.x() == 1});
     }
   }
-  add("twist", "by 720 degrees in 2 s about the hand's long axis")
+  add("twist", "the hand turns by 720 degrees in 2 s about its long axis")
       .push_back({"720 degrees", [] { return twist(); }, {}, true});
-  add("sign_flips", "q and -q in turn: as without").push_back({"each sample", [] { return sign_flips(); }, {}, true});
+  add("sign_flips", "q and -q alternate, and the result equals a run without sign flips")
+      .push_back({"each sample", [] { return sign_flips(); }, {}, true});
   rows = &add("quaternion_length",
-              "of one bone: 0.5 and 2 are normalised; less and more are refused and counted, the others live");
+              "length of one bone's quaternion: 0.5 to 2 is normalised, else the bone is refused and counted");
   for (const double length : {0.5, 2.0, 1e-20, 0.0})
     rows->push_back({named("|q|", length), [length] { return quaternion_length(length); }, {}, length == 1e-20});
-  rows = &add("bone_value", "in all numbers of one bone: refused, counted, the others live");
+  rows =
+      &add("bone_value", "one bone with this value in all its numbers is refused and counted, the other bones go on");
   for (const double value :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), 1e308, 5e-324}) {
     rows->push_back({named("value", value), [value] { return bone_value(value); }, {}, true});
   }
-  add("freeze", "2 s in a grasp: slip at most 1 mm, stale flag within 100 ms")
+  add("freeze", "the tracker freezes for 2 s in a grasp: slip at most 1 mm, stale flag within 100 ms")
       .push_back({"2 s", [] { return freeze(); }, {}, true});
-  add("dropout", "2 s, and back 0.3 m away; the cube stays below 5 m/s").push_back({"2 s", [] { return dropout(); }});
+  add("dropout", "no samples for 2 s, then the hand is 0.3 m away, and the cube stays below 5 m/s")
+      .push_back({"2 s", [] { return dropout(); }});
   rows = &add("tracker_rate", "the cube is lifted and held");
   for (const double rate : {10.0, 90.0, 500.0, 1000.0})
     rows->push_back({named("rate", rate, "Hz"), [rate] { return tracker_rate(rate); }, {}, rate == 10});
-  rows = &add("order", "the cube is lifted and held; what is refused is counted");
+  rows = &add("order", "the cube is lifted and held, and refused samples are counted");
   rows->push_back({"each sample twice", [] { return order(duplicates(), true); }});
   rows->push_back({"neighbours swapped", [] { return order(swaps(), true); }});
   rows->push_back({"stamps equal in pairs", [] { return order(equal_stamps(), true); }});
@@ -311,14 +314,13 @@ std::vector<Case> tracker_cases() {
   add("noise", "held cube within 0.2 mm RMS")
       .push_back({"1 mm, 1 degree",
                   [] { return noise(); },
-                  {Class::violated, "nothing filters the tracker's poses: a filter that does would lag"},
+                  {Class::violated, "the tracker's poses are not filtered, because a filter would add lag"},
                   true});
   add("impossible_pose", "")
       .push_back({"all fingers bent back at every joint",
                   [] { return impossible_pose(); },
                   {Class::inverted,
-                   "bones that are held bent through each other press the tissue between them inside out for as long "
-                   "as they are"}});
+                   "while bones are held bent through each other, they press the tissue between them inside out"}});
   rows = &add("bone_length", "");
   for (const double factor : {0.5, 2.0})
     rows->push_back({named("factor", factor), [factor] { return bone_length(factor); }});

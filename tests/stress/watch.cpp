@@ -10,7 +10,7 @@ namespace softhand::stress {
 namespace {
 
 constexpr double kEnergySlack = 0.01;                      // G2
-constexpr double kLightForce = 3, kHardForce = 10;         // N a finger, G5
+constexpr double kLightForce = 3, kHardForce = 10;         // N per finger, G5
 constexpr double kLightDepth = 0.5e-3, kHardDepth = 2e-3;  // m
 
 }  // namespace
@@ -97,7 +97,7 @@ void HandWatch::after_step(const HandSimulation& simulation, const StepReport& r
     const double work = ledger.total().work + (anchoring_is_work_ ? ledger.total().anchoring : 0);
     energy_excess_ = std::max(energy_excess_, (ledger.total().stored - ledger.initial() - work) / ledger.scale());
   }
-  // G8: the solver's word for the step, and a residual that is a number.
+  // G8: the solver reported on the step, and its residual is finite.
   if (!std::isfinite(report.residual) || report.term_count == 0) ++unreported_;
   if (report.status != StepStatus::converged) ++unconverged_;
 
@@ -130,8 +130,8 @@ void HandWatch::judge(const HandSimulation& simulation, Findings& findings, doub
                   std::sqrt(sum / static_cast<double>(std::max<std::size_t>(count, 1))), slow, "m/s", Class::diverged);
   findings.demand("inverted", "inverted tetrahedra at the end", simulation.inverted_elements(), 0, "1",
                   Class::inverted);
-  findings.demand("G2", "energy from nowhere over max(initial, sum of |work|, 1 mJ)", energy_excess_, kEnergySlack,
-                  "1");
+  findings.demand("G2", "energy gained without work over max(initial, sum of |work|, 1 mJ)", energy_excess_,
+                  kEnergySlack, "1");
   findings.demand("G4", "coupling force of a finger", finger_load_, kFingerCap * (1 + 1e-9), "N", Class::over_force);
   findings.demand("G4", "coupling force of the hand", hand_load_, kHandCap * (1 + 1e-9), "N", Class::over_force);
   if (!light_.empty())

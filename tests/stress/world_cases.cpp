@@ -1,4 +1,5 @@
-// The world and the way between the loops: rates, stalls, stops, losses, and couplings from soft to stiff.
+// World cases: rates, stalls, stops and losses of the world and of the messages between loops, and couplings from soft
+// to stiff.
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -10,7 +11,7 @@
 namespace softhand::stress {
 namespace {
 
-// The same number for the same moment of the same loop, in [0, 1).
+// A pseudo-random number in [0, 1). It is always the same for the same loop, time and salt.
 double chance(RigLoop loop, double time, std::uint64_t salt) {
   std::uint64_t x = static_cast<std::uint64_t>(std::llround(time * 1e9)) * 8 + static_cast<std::uint64_t>(loop) +
                     salt * 0x9e3779b97f4a7c15ULL;
@@ -34,7 +35,7 @@ Findings world_stops_and_jumps() {
   setting.at_step = [&jumped](VirtualRig& rig, double time) {
     if (time < kEvent + 2 || jumped) return;
     jumped = true;
-    tell_world(rig, "object.teleport", "cube 0.35 0.09 0.35");  // on the table still
+    tell_world(rig, "object.teleport", "cube 0.35 0.09 0.35");  // still on the table
   };
   Grasped result = grasp(setting);
   result.demand_slow_cube();
@@ -57,7 +58,7 @@ Findings world_rate(double rate) {
   return grasp_findings(setting);
 }
 
-// The world's process gets to run only now and then, whatever its rate.
+// The world's process runs only after pauses, whatever its rate is.
 Findings world_scheduled(double rate, const std::function<double(double)>& pause) {
   Grasp setting;
   setting.seconds = 3;
@@ -86,14 +87,14 @@ Findings loss_and_jitter(double loss, double jitter) {
   return result.findings;
 }
 
-// The number behind a word in a text.
+// Reads the number that follows `word` in `text`.
 bool number_after(const std::string& text, const std::string& word, double& value) {
   const std::size_t at = text.find(word);
   return at != std::string::npos && std::sscanf(text.c_str() + at + word.size(), "%lf", &value) == 1;
 }
 
-/// A coupling either runs, and the cube is at rest at the end, or is refused with its growth and with values that then
-/// run.
+/// A coupling either runs with the cube at rest at the end, or it is refused. A refusal must name the growth and offer
+/// values that then run.
 Findings stable_or_refused(Grasp setting, const std::function<bool(const std::string&, Grasp&)>& take_offer) {
   constexpr double kSlow = 0.2;  // m/s
   const auto judged = [](const Grasp& which) {
@@ -105,17 +106,17 @@ Findings stable_or_refused(Grasp setting, const std::function<bool(const std::st
   setting.held = false;
   Findings first = judged(setting);
   if (first.refusal.empty()) return first;
-  // An option out of its range is refused before its growth is looked at.
+  // An option out of its range is refused first, so one refusal may follow another.
   Findings offered = first;
   for (int refusals = 0; refusals < 3 && !offered.refusal.empty() && take_offer(offered.refusal, setting); ++refusals)
     offered = judged(setting);
-  offered.demand("offer", "refusals without values that are accepted", offered.refusal.empty() ? 0 : 1, 0, "1");
+  offered.demand("offer", "refusals whose offered values are not accepted", offered.refusal.empty() ? 0 : 1, 0, "1");
   offered.refusal = first.refusal;
   offered.refusal_is_right = true;
   return offered;
 }
 
-// Mode symmetric: the text's spring between an object and its copy.
+// Mode symmetric: the spring of the patent text between an object and its copy.
 Findings symmetric(double factor, double world_rate) {
   Grasp setting;
   setting.overrides = {"world.mode=symmetric", fmt::format("world.rate_hz={}", world_rate),
@@ -140,7 +141,7 @@ Findings symmetric(double factor, double world_rate) {
   });
 }
 
-// Mode owner: the world's copy follows the hand's.
+// Mode owner: the world's copy follows the hand's copy.
 Findings owner(double factor, double world_rate) {
   Grasp setting;
   setting.overrides = {fmt::format("world.rate_hz={}", world_rate),
@@ -150,15 +151,15 @@ Findings owner(double factor, double world_rate) {
     if (!number_after(reason, "nearest value that works: ", value) &&
         !number_after(reason, "expected number in [0.001, ", value))
       return false;
-    offered.overrides.back() = fmt::format("world.follow_stiffness={}",
-                                           value);  // what is out of range would be refused before what comes after it
+    // Replaces the refused override: an override out of range is refused before later overrides are read.
+    offered.overrides.back() = fmt::format("world.follow_stiffness={}", value);
     return true;
   });
 }
 
 // The hand's couplings to the intermediate skeleton.
 Findings tracking(double factor, double hand_rate, double tracking_rate) {
-  static constexpr double kStiffest = 1e6, kStiffestTurn = 1e4;  // what a hand file may have, N/m and N m/rad
+  static constexpr double kStiffest = 1e6, kStiffestTurn = 1e4;  // largest values in a hand file, N/m and N m/rad
   const auto scaled = [factor](bool clamp) {
     return [factor, clamp](HandModel& hand) {
       for (BodyModel& body : hand.bodies) {
@@ -175,7 +176,7 @@ Findings tracking(double factor, double hand_rate, double tracking_rate) {
   setting.hand = scaled(false);
   return stable_or_refused(setting, [&scaled](const std::string& reason, Grasp& offered) {
     if (reason.find("linear_stiffness") != std::string::npos || reason.find("angular_stiffness") != std::string::npos) {
-      offered.hand = scaled(true);  // the file's range: its end is the nearest value
+      offered.hand = scaled(true);  // the end of the file's range is the nearest value
       return true;
     }
     double stiffness = 0, feedback = 0, mass = 0;
@@ -200,9 +201,9 @@ std::vector<Case> world_cases() {
     cases.push_back({name, "World", statement, {}});
     return cases.back().rows;
   };
-  add("world_stops", "for 2 s, and the cube jumps by 0.5 m; it stays below 5 m/s")
+  add("world_stops", "the world stops for 2 s and the cube jumps by 0.5 m, and its speed stays below 5 m/s")
       .push_back({"2 s, 0.5 m", [] { return world_stops_and_jumps(); }, {}, true});
-  auto* rows = &add("world_rate", "the cube is lifted and held; where the world hardly runs it stays below 5 m/s");
+  auto* rows = &add("world_rate", "the cube is lifted and held, or stays below 5 m/s if the world hardly runs");
   for (const double rate : {30.0, 60.0, 1000.0})
     rows->push_back({named("rate", rate, "Hz"), [rate] { return world_rate(rate); }, {}, rate == 30});
   rows->push_back({"a step every 200 ms", [] { return world_scheduled(30, [](double) { return 0.2; }); }, {}, true});
@@ -210,7 +211,7 @@ std::vector<Case> world_cases() {
                      return world_scheduled(
                          250, [](double time) { return 0.005 + 0.195 * chance(RigLoop::world, time, 3); });
                    }});
-  rows = &add("loop_stops", "for 50 ms: the cube is still held; for 2 s: it stays below 5 m/s");
+  rows = &add("loop_stops", "a loop stops: the cube is still held after 50 ms, and stays below 5 m/s after 2 s");
   const std::array<std::pair<const char*, RigLoop>, 3> loops{
       {{"tracking", RigLoop::tracking}, {"hand", RigLoop::hand}, {"world", RigLoop::world}}};
   for (const auto& [name, loop] : loops) {
@@ -245,7 +246,7 @@ std::vector<Case> world_cases() {
   }
   const Known kStiff{
       Class::refused,
-      "what it offers, couplings of 1e6 N/m, is stable, and drives tips 2.5 mm into the cube at up to 3 N (p95)"};
+      "the offered couplings of 1e6 N/m are stable, but drive tips 2.5 mm into the cube at up to 3 N (p95)"};
   rows = &add("tracking_coupling", "stable, or refused with values that are stable");
   const std::array<std::pair<double, double>, 3> rates{{{90, 1000}, {90, 90}, {240, 1000}}};
   for (const auto& [hand_rate, tracking_rate] : rates) {

@@ -1,4 +1,4 @@
-// Newton's third law: what a term exerts inside the hand, or between hand and object, sums to no force and no torque.
+// Newton's third law: the forces of a term inside the hand, or between hand and object, sum to no force and no torque.
 #include <algorithm>
 
 #include "energies/contact.hpp"
@@ -14,7 +14,8 @@
 namespace softhand::verification {
 namespace {
 
-/// Sums over the gradient of `term`, as shares of its largest force and, for the torque, of that at `arm` metres.
+/// Sums force and torque over the gradient of `term`. The force is relative to the term's largest force. The torque is
+/// relative to the torque of this force at `arm` metres.
 std::vector<Measurement> balance(const Energy& term, const State& state, double arm) {
   const DofLayout layout = state.layout();
   VectorX gradient = VectorX::Zero(layout.dof_count());
@@ -33,13 +34,13 @@ std::vector<Measurement> balance(const Energy& term, const State& state, double 
         gradient.segment<3>(3 * layout.body_translation_block(b)));
     torque += gradient.segment<3>(3 * layout.body_rotation_block(b));
   }
-  // 0/0, not a number, where nothing pulls: a balance of nothing is no answer.
+  // If no force acts, the result is 0/0 = NaN and the row fails, because an empty balance proves nothing.
   return {{"sum of forces / largest", force.norm() / largest, 0, 1e-9, "1", {}},
           {"sum of torques / (largest force, its arm)", torque.norm() / (largest * arm), 0, 1e-9, "1", {}}};
 }
 
-/// A block of tissue with the skeleton in it, nodes and bones moved at random by up to `displacement` metres and ten
-/// times as many radians.
+/// A block of tissue with the skeleton in it. Its nodes move at random by up to `displacement` metres. Its bones move
+/// likewise, and turn by up to ten times as many radians.
 struct ShakenHand {
   explicit ShakenHand(const Parameters& p) : hand(testing::block_hand()), state(testing::rest_state(hand)) {
     for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(hand.body_rest_pose(static_cast<Body>(b)));
@@ -71,7 +72,7 @@ std::vector<Measurement> attachment_balance(const Parameters& p) {
   return balance(SkeletonTissue(shaken.hand, shaken.state.layout()), shaken.state, kHandArm);
 }
 
-// Three nodes that strike a free ball at a slant, in the step after.
+// Three nodes hit a free ball at an angle. The balance is taken in the step after the hit.
 std::vector<Measurement> contact_balance(const Parameters& p) {
   HandModel skin;
   skin.nodes = {Vector3(0, 0, 0), Vector3(0, 0, 0.01), Vector3(0.01, 0, 0)};

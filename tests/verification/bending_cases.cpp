@@ -1,4 +1,4 @@
-// Bending of slender and of stocky tissue at rest, under mesh refinement: the elastica, and Cook's membrane.
+// Bending of slender and of stocky tissue at rest under mesh refinement: the elastica and Cook's membrane.
 #include <array>
 #include <numeric>
 
@@ -11,9 +11,13 @@
 namespace softhand::verification {
 namespace {
 
-/// The inextensible elastica, clamped level at s = 0, free at s = 1 (lengths in units of L): theta'' = -m(s) cos theta,
-/// theta(0) = 0, theta'(1) = 0, m = a for a tip load a = P L^2/(E I), m = b (1 - s) for a weight b = q L^3/(E I).
-/// Fourth-order Runge-Kutta and bisection on theta'(0).
+/// The inextensible elastica, with lengths in units of L. It is clamped horizontally at s = 0 and free at s = 1.
+///
+/// The equation is theta'' = -m(s) cos theta with theta(0) = 0 and theta'(1) = 0.
+/// - tip load: m = a, a = P L^2/(E I)
+/// - weight: m = b (1 - s), b = q L^3/(E I)
+///
+/// It is solved by fourth-order Runge-Kutta and bisection on theta'(0).
 class Elastica {
  public:
   Elastica(double tip_load, double weight) : tip_load_(tip_load), weight_(weight) {
@@ -60,8 +64,8 @@ std::vector<int> nodes_at(const HandModel& box, int axis, double coordinate) {
   return found;
 }
 
-/// A strip of tissue clamped at x = 0, nu = 0: `cells` bricks through its thickness, one across. Tip deflection over
-/// length.
+/// Tip deflection over length of a strip of tissue with nu = 0, clamped at x = 0. The strip has `cells` bricks through
+/// its thickness and one brick across.
 double strip_deflection(const Parameters& p, int cells) {
   const double length = 0.1, height = length / p["slenderness"], youngs_modulus = p["youngs_modulus"];
   const int along = static_cast<int>(std::lround(p["slenderness"] * cells / p["brick_length"]));
@@ -84,13 +88,13 @@ double strip_deflection(const Parameters& p, int cells) {
   Tissue tissue(box);
   Inertia inertia(masses, 0);
   Supports wall(nodes_at(box, 0, 0), 1e4 * youngs_modulus * width * Matrix3::Identity(), state.node_positions);
-  // So thin a strip would buckle sideways; with nu = 0 holding it in its plane changes nothing else.
+  // So thin a strip would buckle sideways, so it is held in its plane. With nu = 0 this changes nothing else.
   std::vector<int> everywhere(static_cast<std::size_t>(box.node_count()));
   std::iota(everywhere.begin(), everywhere.end(), 0);
   Supports plane(everywhere, youngs_modulus * width * Vector3::UnitZ() * Vector3::UnitZ().transpose(),
                  state.node_positions);
   Load load(forces);
-  // Newton's method starts at the elastica's shape, which saves load steps; where it ends does not depend on that.
+  // Newton's method starts at the elastica's shape, which saves load steps. The result does not depend on the start.
   const Elastica shape(p["tip_load"], p["weight"]);
   for (int n = 0; n < box.node_count(); ++n) {
     const Vector3& rest = box.nodes[static_cast<std::size_t>(n)];
@@ -101,8 +105,8 @@ double strip_deflection(const Parameters& p, int cells) {
   }
   NewtonSolver solver({&inertia, &tissue, &wall, &plane, &load}, state.layout(), resting(tip_load + weight));
   solver.step(state, kRestStep);
-  // The energy's rounding ends the search early where stretching is stiff and bending soft; plain Newton goes on from
-  // there.
+  // Stretching is stiff and bending is soft, so rounding of the energy ends the line search early. Newton's method
+  // without line search continues from there.
   SolverOptions polish = resting(tip_load + weight);
   polish.line_search = false;
   polish.max_iterations = 20;
@@ -126,7 +130,8 @@ std::vector<Measurement> elastica(const Parameters& p) {
            Order{result.order, 2, 0.3}}};
 }
 
-/// Cook's membrane as a slab with free faces, `cells` x `cells` x 1: the vertical displacement at (48, 52) times E/F.
+/// Cook's membrane as a slab with free faces and `cells` x `cells` x 1 bricks. Returns the vertical displacement at
+/// (48, 52) times E t/F.
 double cook_displacement(const Parameters& p, int cells) {
   const double youngs_modulus = p["youngs_modulus"], thickness = p["thickness"], force = p["force"];
   HandModel box =
@@ -135,7 +140,7 @@ double cook_displacement(const Parameters& p, int cells) {
   for (Vector3& x : box.nodes)
     x = Vector3(48 * x.x(), (1 - x.x()) * 44 * x.y() + x.x() * (44 + 16 * x.y()), thickness * (x.z() - 0.5));
   State state = testing::rest_state(box);
-  // A uniform shear: every edge of the loaded side gives half of its share to each end.
+  // A uniform shear load: every edge of the loaded side gives half of its load to each end.
   Eigen::Matrix3Xd forces = Eigen::Matrix3Xd::Zero(3, box.node_count());
   for (const int n : right) {
     const double y = box.nodes[static_cast<std::size_t>(n)].y();
@@ -161,7 +166,7 @@ std::vector<Measurement> cook(const Parameters& p) {
   const double coarse = cook_displacement(p, cells), middle = cook_displacement(p, 2 * cells),
                fine = cook_displacement(p, 4 * cells);
   const double order = std::log2(std::abs((middle - coarse) / (fine - middle)));
-  // Its corners are singular, so the order is not two and the limit takes the observed one.
+  // The membrane's corners are singular, so the order is not two. The limit uses the observed order.
   const double limit = fine + (fine - middle) / (std::pow(2.0, order) - 1);
   return {{"u_y(48, 52) E t/F, limit of the mesh", limit, 23.96, 0.01 * 23.96, "1", Order{order, 1.75, 0.5}}};
 }
@@ -180,7 +185,8 @@ std::vector<Case> bending_cases() {
   return {
       {"elastica_tip_load", "theta'' = -a cos theta, a = P L^2/(E I); nu = 0, L/h = 20, thickness in 4, 8, 16 bricks",
        tip, elastica, 1},
-      {"elastica_own_weight", "theta'' = -b (1 - s) cos theta, b = q L^3/(E I); as above", weight, elastica, 1},
+      {"elastica_own_weight", "theta'' = -b (1 - s) cos theta, b = q L^3/(E I); nu, L/h and bricks as above", weight,
+       elastica, 1},
       {"cooks_membrane",
        "23.96 F/(E t) at nu = 1/3 in plane stress (literature)",
        {{{"youngs_modulus", 1e6}, {"poisson_ratio", 1.0 / 3}, {"force", 100}, {"thickness", 1}, {"cells", 16}}},

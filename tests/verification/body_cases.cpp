@@ -1,4 +1,4 @@
-// Rigid bodies, joints and springs in time, stepped by the solver.
+// Rigid bodies, joints and springs over time, stepped by the solver.
 #include <vector>
 
 #include "energies/body_coupling.hpp"
@@ -19,7 +19,8 @@ State bodies_at_rest(int count) {
   return state;
 }
 
-// A mass on a spring of eq. 18, z = omega h: energy x 1/(1 + z^2) and phase atan z, every step.
+// A mass on a spring of eq. 18, z = omega h. Every step multiplies the energy by 1/(1 + z^2) and turns the phase by
+// atan z.
 std::vector<Measurement> oscillator(const Parameters& p) {
   const double z = p["z"], mass = p["mass"], time_step = 0.01, omega = z / time_step;
   State state = bodies_at_rest(1);
@@ -50,7 +51,7 @@ std::vector<Measurement> oscillator(const Parameters& p) {
           {"phase of a step, worst of 20", worst_phase, std::atan(z), 1e-12, "rad", {}}};
 }
 
-/// A body that hangs from a held one by a ball joint, its centre `length` below.
+/// A body that hangs from a fixed body by a ball joint. Its centre is `length` below the joint.
 struct Hanging {
   Hanging(double length, double mass, double body_inertia, double stiffness)
       : state(bodies_at_rest(2)), inertia({}, 2), joint({site(length, stiffness)}, state.layout()) {
@@ -81,7 +82,7 @@ std::vector<Measurement> joint_stretch(const Parameters& p) {
   return {{"stretch under a hanging weight", -(hanging.bob().y() + 0.05), reference, 1e-6 * reference, "m", {}}};
 }
 
-constexpr double kBobInertia = 1e-9;     // kg m^2, of a bob of 0.1 kg: a point
+constexpr double kBobInertia = 1e-9;     // kg m^2, of a bob of 0.1 kg: practically a point mass
 constexpr double kPivotStiffness = 1e7;  // N/m
 
 std::vector<Measurement> conical_pendulum(const Parameters& p) {
@@ -106,7 +107,7 @@ std::vector<Measurement> conical_pendulum(const Parameters& p) {
   return {time_limit("angular rate", reference, "rad/s", p["time_step"], rate)};
 }
 
-// 4 sqrt(L/g) K(sin(theta/2)), the complete elliptic integral by the arithmetic-geometric mean.
+// The period is 4 sqrt(L/g) K(sin(theta/2)). The arithmetic-geometric mean gives the complete elliptic integral K.
 std::vector<Measurement> plane_pendulum(const Parameters& p) {
   const double length = p["length"], angle = p["degrees"] * M_PI / 180;
   double a = 1, b = std::cos(angle / 2);
@@ -133,7 +134,7 @@ std::vector<Measurement> plane_pendulum(const Parameters& p) {
   return {time_limit("period", reference, "s", p["time_step"], period)};
 }
 
-/// A free body with principal inertias `moments` that spins with `spin` (body axes).
+/// A free body with principal inertias `moments` and initial angular velocity `spin` in body axes.
 struct Top {
   Top(const Vector3& principal, const Vector3& spin)
       : moments(principal), state(bodies_at_rest(1)), inertia({}, 1), solver({&inertia}, state.layout(), converging()) {
@@ -169,7 +170,8 @@ std::vector<Measurement> symmetric_top(const Parameters& p) {
   return {{"rate of precession", turned / (steps * time_step), reference, 0.01 * reference, "rad/s", {}}};
 }
 
-/// Times at which the spin about the middle axis changes its sign, from Euler's equations by fourth-order Runge-Kutta.
+/// Times at which the spin about the middle axis changes its sign. Euler's equations are integrated by fourth-order
+/// Runge-Kutta.
 std::vector<double> reference_flips(const Vector3& moments, const Vector3& spin, double seconds) {
   const auto rate = [&moments](const Vector3& w) {
     return Vector3(moments.cwiseProduct(w).cross(w).cwiseQuotient(moments));
@@ -219,7 +221,8 @@ std::vector<Case> body_cases() {
   std::vector<Parameters> oscillators;
   for (const double z : {0.1, 0.2, 1.0}) oscillators.push_back({{"z", z}, {"mass", 0.02}});
   return {
-      {"oscillator", "backward Euler: energy x 1/(1 + z^2), phase atan z a step, z = omega h", oscillators, oscillator},
+      {"oscillator", "backward Euler: energy x 1/(1 + z^2) and phase atan z per step, z = omega h", oscillators,
+       oscillator},
       {"joint_stretch", "F/k", {{{"mass", 0.3}, {"stiffness", 1e3}}}, joint_stretch},
       {"conical_pendulum",
        "sqrt(g/(L cos theta))",

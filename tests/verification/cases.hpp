@@ -1,4 +1,4 @@
-// What the files of cases share, and what each contributes to `all_cases`.
+// The cases of each source file for `all_cases`, and helpers that these files share.
 #pragma once
 
 #include <cmath>
@@ -21,7 +21,7 @@ std::vector<Case> hand_cases();
 
 inline constexpr double kGravity = 9.81;  // m/s^2
 
-/// Down to rounding: what is measured is then the discretisation, not the solver.
+/// Solves down to rounding, so that a measurement shows the discretisation and not the solver.
 inline SolverOptions converging() {
   SolverOptions options;
   options.max_iterations = 200;
@@ -32,25 +32,26 @@ inline SolverOptions converging() {
   return options;
 }
 
-/// For rest under a load of `force_scale` newtons.
+/// Options for rest under a load of `force_scale` newtons.
 inline SolverOptions resting(double force_scale) {
   SolverOptions options = converging();
   options.residual_tolerance = 1e-9 * force_scale;
   return options;
 }
 
-/// Extrapolation from three results of a method with steps h, h/2, h/4.
+/// Extrapolation from three results of a method with steps h, h/2 and h/4.
 struct Richardson {
   double limit = 0;
   double order = 0;
 };
-/// The limit takes the expected order: an observed one amplifies noise.
+/// The limit uses the expected order, because an observed order amplifies noise.
 inline Richardson extrapolate(double coarse, double middle, double fine, double expected_order) {
   return {fine + (fine - middle) / (std::pow(2.0, expected_order) - 1),
           std::log2(std::abs((middle - coarse) / (fine - middle)))};
 }
 
-/// A limit in time: three steps, each half of the one before, backward Euler's order 1 +- 0.1, 1 %.
+/// A limit in time from three steps, each half of the step before. The order of backward Euler must be 1 +- 0.1, and
+/// the limit must be within 1 %.
 template <typename AtStep>
 Measurement time_limit(const std::string& quantity, double reference, const std::string& unit, double step,
                        AtStep&& at_step) {

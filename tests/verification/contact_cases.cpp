@@ -1,4 +1,4 @@
-// Contact and friction in time: three nodes of skin on a plane (eqs. 32, 33), and whole objects on the planes of the
+// Contact and friction over time: three nodes of skin on a plane (eqs. 32, 33), and whole objects on the planes of the
 // world.
 #include <memory>
 #include <vector>
@@ -23,8 +23,8 @@ Shape shape_of(ShapeKind kind, const Vec3& size = {}) {
   return shape;
 }
 
-/// One triangle of skin, its three nodes independent masses, over a fixed plane through the origin whose normal is +Y;
-/// gravity leans by `angle` towards +X.
+/// One triangle of skin over a fixed plane through the origin with normal +Y. The three nodes are independent masses.
+/// Gravity leans by `angle` towards +X.
 class SkinOnPlane {
  public:
   SkinOnPlane(double friction, double stiffness, double mass, double angle)
@@ -97,7 +97,7 @@ std::vector<Measurement> impact_depth(const Parameters& p) {
   return {time_limit("deepest", d0 + std::sqrt(d0 * d0 + m * v * v / k), "m", p["time_step"], deepest)};
 }
 
-// The steepest slope on which the skin comes to rest, by bisection.
+// Finds the steepest slope on which the skin comes to rest, by bisection.
 std::vector<Measurement> threshold(const Parameters& p) {
   const double mu = p["friction"];
   double low = 0.9 * mu, high = 1.1 * mu;
@@ -144,7 +144,7 @@ std::vector<Measurement> skin_creep(const Parameters& p) {
   return {{"creep", (skin.position() - start).norm() / p["seconds"], 0, 1e-6, "m/s", {}}};
 }
 
-/// An object of `mass` on the world's plane as the hand's twin meets it.
+/// An object of `mass` on a plane of the world, as the hand's twin of the object meets it.
 class ObjectOnPlane {
  public:
   ObjectOnPlane(const Shape& shape, const Pose& pose, double mass, double friction, double slope,
@@ -182,8 +182,8 @@ class ObjectOnPlane {
   std::unique_ptr<NewtonSolver> solver_;
 };
 
-// A capsule that lies along the slope, so that it does not roll (MuJoCo issue 3328: such a capsule of 45 g at mu 0.7
-// creeps 50 to 155 um/s).
+// A capsule that lies along the slope, so that it does not roll. In MuJoCo issue 3328, such a capsule of 45 g at mu 0.7
+// creeps 50 to 155 um/s.
 std::vector<Measurement> capsule_creep(const Parameters& p) {
   const Pose lying{Vector3(0, 0.015, 0), rotation_exp(Vector3(0, 0, M_PI / 2))};
   ObjectOnPlane capsule(shape_of(ShapeKind::capsule, {0.015, 0.04, 0}), lying, p["mass"], p["friction"], p["slope"],
@@ -194,7 +194,7 @@ std::vector<Measurement> capsule_creep(const Parameters& p) {
   return {{"creep", (capsule.position() - start).norm() / p["seconds"], 0, 1e-6, "m/s", {}}};
 }
 
-// Low enough not to tip.
+// A tile low enough not to tip.
 Shape tile() { return shape_of(ShapeKind::box, {0.04, 0.005, 0.04}); }
 
 std::vector<Measurement> object_rest_depth(const Parameters& p) {
@@ -214,8 +214,8 @@ std::vector<Measurement> object_slide(const Parameters& p) {
   return {{"acceleration", object.velocity().x() - before, reference, 0.01 * reference, "m/s^2", {}}};
 }
 
-// All tissue of a shipped hand scaled along one axis about its middle, over a sphere of 100 g and 30 mm that the palm
-// nearly touches: 0 collapses it to a plane, -1 mirrors it.
+// Scales all tissue of a shipped hand along one axis about its middle. A scale of 0 collapses the tissue to a plane,
+// and -1 mirrors it. The palm nearly touches a sphere of 100 g and 30 mm.
 std::vector<Measurement> recovery(const Parameters& p) {
   constexpr double kGap = 1e-3, kRadius = 0.03, kMass = 0.1;  // m, m, kg
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
@@ -264,7 +264,7 @@ std::vector<Case> contact_cases() {
     }
   }
   return {
-      {"tissue_recovery", "95 % of the distance back in 1 s, with an object in the palm that is hurled by nobody",
+      {"tissue_recovery", "95 % of the distance is recovered in 1 s, and an object in the palm stays below 1 m/s",
        recoveries, recovery},
       {"contact_rest_depth", "m g/k", {{{"mass", kNodeMass}, {"stiffness", kContactStiffness}}}, rest_depth},
       {"contact_impact_depth",
@@ -280,7 +280,7 @@ std::vector<Case> contact_cases() {
        {{{"slope", 0.5}, {"friction", 0.49}}, {{"slope", 0.8}, {"friction", 0.3}}},
        slide},
       {"friction_stop",
-       "v^2/(2 mu g); backward Euler v h/2 less",
+       "v^2/(2 mu g), with backward Euler v h/2 less",
        {{{"speed", 1}, {"friction", 0.5}, {"time_step", 1e-3}}, {{"speed", 2}, {"friction", 0.4}, {"time_step", 1e-3}}},
        stop},
       {"friction_creep", "<= 1 um/s", {{{"friction", 0.5}, {"slope", 0.49}, {"seconds", 10}}}, skin_creep},
@@ -289,7 +289,7 @@ std::vector<Case> contact_cases() {
        {{{"mass", 0.05}}, {{"mass", 1}}},
        object_rest_depth},
       {"object_slide", "g (sin theta - mu cos theta)", {{{"slope", 0.5}, {"friction", 0.49}}}, object_slide},
-      {"object_creep", "<= 1 um/s, a lying capsule at every budget of iterations", capsules, capsule_creep},
+      {"object_creep", "<= 1 um/s for a lying capsule, at every iteration limit", capsules, capsule_creep},
   };
 }
 

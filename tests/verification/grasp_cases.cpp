@@ -1,4 +1,4 @@
-// A held object, through all loops on the virtual clock: it weighs, and resists being shaken, like itself.
+// A held object, through all loops on the virtual clock. Its weight and its inertia must be those of the object.
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -30,7 +30,7 @@ std::vector<Measurement> held_weight(const Parameters& p) {
   return {{"carried weight / m g", outcome_of(overrides, 0, "carried_weight_ratio"), 1, 0.02, "1", {}}};
 }
 
-// Backward Euler's own lag of a step at 3 Hz is what the lower bound of slow loops allows for.
+// The lower bound for slow loops allows for backward Euler's own lag of a step at 3 Hz.
 std::vector<Measurement> held_inertia(const Parameters& p) {
   const std::vector<std::string> overrides{setting("objects.cube.mass", p["mass"]), setting("generator.shake_time", 2),
                                            setting("generator.hold_time", 0.3),
@@ -44,10 +44,10 @@ std::vector<Measurement> held_inertia(const Parameters& p) {
            {}}};
 }
 
-// A cube of 45 g is pinched with about 1.8 N a finger, lifted and held by a hand that does not move: more than five
-// times the 0.32 N that mu = 0.7 takes.
+// A hand pinches a cube of 45 g with about 1.8 N per finger, lifts it and holds it still. The grip is more than five
+// times the 0.32 N that mu = 0.7 needs.
 std::vector<Measurement> held_creep(const Parameters& p) {
-  constexpr double kHeldFrom = 8, kHeldUntil = 13;  // s of the scene; lifted at 3.3
+  constexpr double kHeldFrom = 8, kHeldUntil = 13;  // s of the scene; the cube is lifted at 3.3 s
   const std::vector<std::string> overrides{
       "hand.model=right_" + std::to_string(p.whole("nodes")) + ".hand.json",
       "hand.simulation.solver.max_iterations=" + std::to_string(p.whole("iterations")),
@@ -83,13 +83,13 @@ std::vector<Case> grasp_cases() {
     }
   }
   return {
-      {"held_weight", "weighs m g within 2 %", {{{"mass", 0.05}}}, held_weight},
+      {"held_weight", "the carried weight is m g within 2 %", {{{"mass", 0.05}}}, held_weight},
       {"held_inertia",
        "0.94 to 1.02 at 90 Hz, 0.98 to 1.02 at 240 Hz",
        {{{"mass", 0.05}, {"hand_rate", 90}}, {{"mass", 0.05}, {"hand_rate", 240}}},
        held_inertia,
        0},
-      {"held_creep", "<= 1 um/s, a pinched cube at every budget of iterations", holds, held_creep, 2},
+      {"held_creep", "<= 1 um/s for a pinched cube, at every iteration limit", holds, held_creep, 2},
   };
 }
 

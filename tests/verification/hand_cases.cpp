@@ -1,4 +1,4 @@
-// A whole hand and an object: conserved momentum, Galilean invariance, Coulomb's limit of a pinch.
+// A whole hand and an object: conserved momentum, Galilean invariance and Coulomb's limit of a pinch.
 #include <algorithm>
 #include <memory>
 #include <stdexcept>
@@ -43,7 +43,7 @@ MirroredObject mirrored(const ShapeGeometry& shape, double mass, double friction
 
 constexpr const char* kSpinLost = "change of angular momentum in 1 s";
 
-// A box of the density of wood that tumbles for a second beside a hand at rest.
+// A box with the density of wood tumbles for a second beside a hand at rest.
 std::vector<Measurement> spinning_box(const Parameters& p) {
   const double mass = p["mass"], half = 0.5 * std::cbrt(mass / 400);
   const ShapeGeometry box(testing::box_shape({half, 0.8 * half, 1.25 * half}));
@@ -67,8 +67,9 @@ std::vector<Measurement> spinning_box(const Parameters& p) {
           {"the same, converged", lost(converging_simulation()), 0, 1e-6, "1", {}}};
 }
 
-// The palm is pressed on a block and dragged over it by 2 mm. `normal`, `across`: the common velocity of both, m/s.
-// `free` 1: the block is free on a plane that moves along, 0: its motion is given.
+// The palm is pressed on a block and dragged over it by 2 mm.
+// - `normal`, `across`: Common velocity of hand and block, m/s.
+// - `free`: 1 if the block is free on a plane that moves along, 0 if the block's motion is given.
 std::vector<Measurement> galilean_boost(const Parameters& p) {
   struct Run {
     std::vector<Vector3> forces;
@@ -95,7 +96,7 @@ std::vector<Measurement> galilean_boost(const Parameters& p) {
       force = std::max(force, (moving.forces[i] - resting.forces[i]).norm());
       place = std::max(place, (moving.nodes[i] - resting.nodes[i]).colwise().norm().maxCoeff());
     }
-    // 0/0, not a number, where nothing presses.
+    // If nothing presses, the result is 0/0 = NaN and the row fails.
     const std::string solver = converged ? ", converged" : "";
     result.push_back({"change of force / largest" + solver, force / largest, 0, converged ? 1e-6 : 0.01, "1", {}});
     result.push_back({"change of a node's place" + solver, place, 0, converged ? 1e-8 : 2e-5, "m", {}});
@@ -116,14 +117,14 @@ std::vector<Measurement> galilean_distance(const Parameters& p) {
           {"its contacts", static_cast<double>(contacts), 0, 0, "1", {}}};
 }
 
-// A cube is pinched, lifted and held still. A box takes its place, whose friction falls until it slips. The friction
-// falls slowly, so that forces with which the pads pull against each other relax on the way.
+// A hand pinches a cube, lifts it and holds it still. A box then replaces the cube. The friction of the box falls until
+// the box slips. It falls slowly, so that the forces with which the pads pull against each other can relax.
 std::vector<Measurement> pinch_threshold(const Parameters& p) {
   constexpr double kHeldFrom = 3;    // s of the scene
-  constexpr double kFall = 0.01;     // of the expected threshold, a second
-  constexpr double kApproach = 0.5;  // of what the friction is above it, a second, in addition
+  constexpr double kFall = 0.01;     // decrease per second, relative to the expected threshold
+  constexpr double kApproach = 0.5;  // additional decrease per second, relative to the excess over the threshold
   constexpr int kSettle = 45;        // steps
-  constexpr double kCreeps = 2e-3;   // m/s downwards; the grip is measured up to there
+  constexpr double kCreeps = 2e-3;   // m/s downwards; the grip is measured up to this speed
   constexpr double kSlips = 5e-3;
   constexpr std::uint32_t kCube = 2;
   const double mass = p["mass"];
@@ -149,7 +150,7 @@ std::vector<Measurement> pinch_threshold(const Parameters& p) {
   if (slot == held.slot_count() || held.slot_pose(slot).position.y() < 0.05) {
     throw std::runtime_error("the cube was not lifted");
   }
-  // Taller than the cube: two of the few nodes lie 1 mm below its edge.
+  // The box is taller than the cube, because two of the few contact nodes lie 1 mm below the cube's edge.
   const ShapeGeometry box(testing::box_shape({0.02, 0.03, 0.02}));
   const int mirrored_slots = static_cast<int>(scene.options.hand.mirrored_objects);
   HandSimulation trial(hand, converging_simulation(), mirrored_slots, held.slot_count() - mirrored_slots);
@@ -159,7 +160,7 @@ std::vector<Measurement> pinch_threshold(const Parameters& p) {
   MirroredObject object = mirrored(box, mass, 0);
   object.id = kCube;
   Contacts contacts{};
-  const auto grip = [&] {  // of both pads, N
+  const auto grip = [&] {  // sum over both pads, N
     trial.write_contacts(contacts);
     double force = 0;
     for (const Contact& contact : contacts.contacts) {

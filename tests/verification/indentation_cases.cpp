@@ -1,4 +1,4 @@
-// A rigid ball pressed into tissue: Hertz.
+// A rigid ball pressed into tissue: Hertz's contact.
 #include <Eigen/LU>
 #include <algorithm>
 #include <utility>
@@ -16,14 +16,14 @@
 namespace softhand::verification {
 namespace {
 
-/// A wedge of a half-space about the axis of the ball, one element wide: what is alike all around need not be computed
-/// all around. Its surface is y = 0, its axis x = z = 0, its faces z = 0 and z = x tan(angle).
+/// A wedge of a half-space about the axis of the ball, one element wide. The problem is axially symmetric, so a wedge
+/// is enough. The surface is y = 0, the axis is x = z = 0, and the faces are z = 0 and z = x tan(angle).
 struct Wedge {
   HandModel mesh;
   std::vector<int> near_face, far_face, bottom, axis;
 };
 
-/// Distances 0 ... `far`: `count` cells of equal size to `near`, then each `growth` times the one before.
+/// Distances from 0 to `far`: `count` equal cells up to `near`, then each cell is `growth` times the cell before.
 std::vector<double> graded(double near, int count, double growth, double far) {
   std::vector<double> places;
   double step = near / count, at = 0;
@@ -41,7 +41,7 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
   HandModel box = testing::box_mesh({cells, cells, 1}, Vector3(cells, cells, 1), material);
   Wedge out;
   out.mesh.materials = box.materials;
-  // On the axis both faces meet: the second node there is the first.
+  // Both faces meet on the axis, so the second node there is the same as the first.
   std::vector<std::int32_t> renamed(box.nodes.size());
   for (std::size_t n = 0; n < box.nodes.size(); ++n) {
     const Vector3& grid = box.nodes[n];
@@ -72,7 +72,7 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
     if (tetrahedron_volume(out.mesh.nodes, t) < 0) std::swap(t[2], t[3]);
     out.mesh.tetrahedra.push_back(t);
     out.mesh.tetrahedron_material.push_back(0);
-    // Its face on the surface, if it has one there, is skin.
+    // A face of the tetrahedron on the surface is skin.
     for (std::size_t left_out = 0; left_out < 4; ++left_out) {
       std::array<std::int32_t, 3> face{};
       for (std::size_t k = 0, f = 0; k < 4; ++k) {
@@ -87,8 +87,8 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
   return out;
 }
 
-/// Tissue of small strain without rotation: 1/2 V (2 mu |e|^2 + lambda (tr e)^2), e the symmetric part of F - 1. What
-/// theory of small strain is about, on the same mesh.
+/// Tissue of small strain without rotation: 1/2 V (2 mu |e|^2 + lambda (tr e)^2), e the symmetric part of F - 1. This
+/// is the material of small-strain theory, on the same mesh.
 class LinearTissue final : public Energy {
  public:
   explicit LinearTissue(const HandModel& mesh) {
@@ -155,8 +155,8 @@ class LinearTissue final : public Energy {
 
 struct Indentation {
   double force = 0;        // N, of the whole ball
-  double radius = 0;       // m, of the contact
-  double penetration = 0;  // m, of the contact's own springs: mean, weighted with the force
+  double radius = 0;       // m, of the contact area
+  double penetration = 0;  // m, mean depth of the contact springs, weighted by force
 };
 
 template <typename TissueTerm>
@@ -197,7 +197,7 @@ Indentation indent(const Parameters& p, int cells) {
     state.body_poses[0].position.y() = ball - depth * std::min(1.0, static_cast<double>(i) / steps);
     settle(solver, state, force_scale);
   }
-  // A chord instead of an arc takes this much of the circle.
+  // The wedge's edge is a chord instead of an arc, so the wedge covers this share of the full circle.
   const double share = std::sin(angle) / (2 * M_PI);
   Indentation result;
   double moment = 0;
@@ -209,15 +209,15 @@ Indentation indent(const Parameters& p, int cells) {
     result.penetration -= f / share * -contacts.offset(anchor, state).depth;
   }
   result.penetration /= result.force;
-  // Of Hertz's pressure p0 sqrt(1 - r^2/a^2) the mean r^2 is 2/5 a^2.
+  // With Hertz's pressure p0 sqrt(1 - r^2/a^2), the mean r^2 is 2/5 a^2.
   result.radius = std::sqrt(2.5 * moment / result.force);
   return result;
 }
 
 double contact_area(const Indentation& i) { return M_PI * i.radius * i.radius; }
 
-/// Of the contact on three meshes: limits beside what theory has for the tissue's depth, that is without the contact's
-/// own springs, which give way too.
+/// Presses the ball on three meshes and compares the limits with theory. Theory gets the depth of the tissue alone,
+/// without the depth of the contact springs.
 template <typename TissueTerm, typename Theory>
 std::vector<Measurement> press_ball(const Parameters& p, Theory&& theory) {
   const int cells = p.whole("cells");
@@ -237,8 +237,8 @@ std::vector<Measurement> hertz(const Parameters& p) {
   });
 }
 
-// Sneddon's ball in place of Hertz's paraboloid. Force alone: how the area is measured takes the pressure to be
-// Hertz's.
+// Sneddon's ball instead of Hertz's paraboloid. Only the force is compared, because the measured area assumes Hertz's
+// pressure.
 std::vector<Measurement> linear_ball(const Parameters& p) {
   std::vector<Measurement> force_and_area = press_ball<LinearTissue>(p, [](double ball, double depth, double modulus) {
     double low = 0, high = ball * (1 - 1e-9);
@@ -265,11 +265,12 @@ Parameters hertz_row(double depth) {
 std::vector<Case> indentation_cases() {
   const std::string force = "force, limit of the mesh", area = "contact area, limit of the mesh";
   const std::string reason =
-      "Hertz holds for small strain, and the peak strain is 0.2 at 0.5 mm, 0.28 at 1 mm. With tissue of small strain "
-      "on the same mesh (small_strain_ball) force is "
-      "right there; at 0.01 mm, same mesh in units of the contact's radius, this tissue's is";
+      "Hertz's formula holds for small strain, but the peak strain is 0.2 at 0.5 mm and 0.28 at 1 mm. On the same "
+      "mesh, "
+      "tissue of small strain (small_strain_ball) gives the right force at these depths. At 0.01 mm this tissue gives "
+      "the right force too, on the same mesh in units of the contact's radius.";
   return {{"hertz",
-           "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d; the contact's own depth subtracted",
+           "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, area pi R d, d without the depth of the contact springs",
            {hertz_row(0.01e-3), hertz_row(0.5e-3), hertz_row(1e-3)},
            hertz,
            1,

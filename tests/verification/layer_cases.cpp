@@ -14,7 +14,8 @@
 namespace softhand::verification {
 namespace {
 
-// A turn by `angle` about x, then a small one about y: the second derivative of 1/2 k |log R|^2 across the stretch.
+// A turn by `angle` about x, then a small turn about y. The case measures the second derivative of 1/2 k |log R|^2
+// across the stretch.
 std::vector<Measurement> transverse_stiffness(const Parameters& p) {
   const double angle = p["degrees"] * M_PI / 180, stiffness = p["stiffness"];
   State state;
@@ -52,7 +53,7 @@ Skeleton skeleton_of(const std::array<Pose, kJointCount>& joints, std::uint64_t 
   return out;
 }
 
-/// A hand held still at 90 Hz.
+/// A tracker that reports a motionless hand at 90 Hz.
 class StillTracker final : public TrackerSource {
  public:
   explicit StillTracker(const std::array<Pose, kJointCount>& joints) : joints_(joints) {}
@@ -69,9 +70,11 @@ class StillTracker final : public TrackerSource {
   std::uint64_t sequence_ = 0;
 };
 
-// The hand sinks under its own weight: each bone by f (1/k_2 + r/k_1), f what its coupling carries, k_2 the hand file's
-// stiffness, k_1 = 15 k_2 that to the tracker, r the share of f that comes back to the intermediate skeleton; r = 1 is
-// the text's symmetric chain. The couplings' sum is the weight.
+// The hand sinks under its own weight. Each bone sinks by f (1/k_2 + r/k_1), and the couplings' sum is the weight.
+// - f: Force of the bone's coupling.
+// - k_2: Stiffness in the hand file.
+// - k_1: Stiffness to the tracker, 15 k_2.
+// - r: Share of f that comes back to the intermediate skeleton. r = 1 is the text's symmetric chain.
 std::vector<Measurement> series(const Parameters& p) {
   const HandModel hand = testing::block_hand();
   Scene scene;
@@ -110,8 +113,8 @@ std::vector<Measurement> series(const Parameters& p) {
           {"offset, worst bone: distance from F (1/k_2 + r/k_1) over that", worst, 0, 0.01, "1", {}}};
 }
 
-// The simulated skeleton stands where the intermediate one was, again and again, each time at rest: both come to the
-// tracked one by k_f/(k_1 + k_f) an exchange, k_f = feedback_ratio k_2 and k_1 = stiffness_ratio k_2.
+// The simulated skeleton repeatedly takes the place of the intermediate skeleton, each time at rest. Both approach the
+// tracked skeleton by a factor k_f/(k_1 + k_f) per exchange. k_f = feedback_ratio k_2 and k_1 = stiffness_ratio k_2.
 std::vector<Measurement> exchange(const Parameters& p) {
   const HandModel hand = testing::block_hand();
   TrackingOptions options;
@@ -148,8 +151,8 @@ std::vector<Measurement> exchange(const Parameters& p) {
   return {{"contraction of an exchange, the last of 8", ratios.back(), reference, 1e-3 * reference, "1", {}}};
 }
 
-// The text's springs alone, both at rest at every exchange: a body between a still copy (k_1) and its own last place as
-// the other process returns it (k_2).
+// The text's springs alone, at rest at every exchange. A body hangs between a fixed copy (k_1) and its own last
+// position, which the other process returns (k_2).
 std::vector<Measurement> symmetric_exchange(const Parameters& p) {
   State state;
   state.node_positions.resize(3, 0);
@@ -196,12 +199,13 @@ std::vector<Case> layer_cases() {
         {{"feedback_ratio", 1}, {"stiffness_ratio", 15}, {"hand_rate", 90}, {"seconds", 3}}},
        series},
       {"quasi_static_exchange",
-       "k_f/(k_1 + k_f) an exchange of the tracking loop",
+       "k_f/(k_1 + k_f) per exchange of the tracking loop",
        {{{"stiffness_ratio", 15}, {"feedback_ratio", 0.1}, {"mass_fraction", 0.1}, {"hand_rate", 90}, {"steps", 200}},
         {{"stiffness_ratio", 1}, {"feedback_ratio", 0.4}, {"mass_fraction", 0.001}, {"hand_rate", 90}, {"steps", 200}}},
        exchange},
       {"symmetric_exchange",
-       "k_2/(k_1 + k_2) an exchange: 0.909, a time constant of 117 ms at 90 Hz; the loops refuse to start with it",
+       "k_2/(k_1 + k_2) per exchange: 0.909, a time constant of 117 ms at 90 Hz. The loops refuse this coupling at "
+       "start",
        {{{"near", 50}, {"far", 500}, {"rate", 90}}},
        symmetric_exchange},
   };

@@ -1,5 +1,5 @@
-// The tissue's material through the step's own kernels: stress and stiffness of a uniformly deformed box, read off its
-// nodal forces and Hessian.
+// The tissue's material through the step's own kernels. Stress and stiffness of a uniformly deformed box follow from
+// its nodal forces and Hessian.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 
@@ -30,7 +30,7 @@ class UniformBox {
     tissue_.bind(matrix_);
   }
   void deform(const Matrix3& f) { state_.node_positions = f * testing::rest_state(box_).node_positions; }
-  /// First Piola-Kirchhoff: sum over nodes of dU/dx X^T, per reference volume. Pa.
+  /// First Piola-Kirchhoff stress: sum over the nodes of dU/dx X^T, per reference volume. Pa.
   Matrix3 stress() const {
     VectorX gradient = VectorX::Zero(state_.layout().dof_count());
     tissue_.add_gradient(state_, gradient);
@@ -72,7 +72,8 @@ Parameters uniaxial_row(double ratio, double strain) {
           {"strain", strain}};
 }
 
-// c (e^2/e_m^2 - 1) above the limit; and its slope.
+// Factors of stress and tangent: 1 up to the limit. Above the limit the stress factor is 1 + c (e^2/e_m^2 - 1), and
+// `tangent` is the slope of factor times strain.
 struct LimitFactor {
   double stress = 1, tangent = 1;
 };
@@ -100,7 +101,7 @@ std::vector<Measurement> uniaxial_stress(const Parameters& p) {
 std::vector<Measurement> uniaxial_tangent(const Parameters& p) {
   UniformBox box(material_of(p));
   box.deform(uniaxial(p));
-  // Along the path F' = diag(1, -nu, -nu), whose lateral stresses stay zero.
+  // Measures along the path F' = diag(1, -nu, -nu). Its lateral stresses stay zero.
   Eigen::Matrix<double, 9, 1> along = Eigen::Matrix<double, 9, 1>::Zero();
   along[0] = 1;
   along[4] = along[8] = -p["poisson_ratio"];
@@ -126,8 +127,8 @@ std::vector<Measurement> shear_stress(const Parameters& p) {
   return {{"shear stress P12", box.stress()(0, 1), reference, 1e-9 * reference, "Pa", {}}};
 }
 
-// Eigenvalues of dP/dF at diag(s), below the limit: three twists, 2 mu five times, 2 mu + 3 lambda (Smith, De Goes and
-// Kim 2019).
+// Eigenvalues of dP/dF at diag(s) below the limit: three twists, 2 mu five times, and 2 mu + 3 lambda (Smith, De Goes
+// and Kim 2019).
 std::vector<Measurement> hessian_eigenvalues(const Parameters& p) {
   UniformBox box(material_of(p));
   const Vector3 s(p["s1"], p["s2"], p["s3"]);
@@ -180,7 +181,7 @@ std::vector<Measurement> stress_difference(const Parameters& p) {
            {}}};
 }
 
-/// A brick of 2 x 2 x 2 cells of six tetrahedra, every node moved by up to a tenth of a cell.
+/// A brick of 2 x 2 x 2 cells of six tetrahedra each. Every node is moved by up to a tenth of a cell per axis.
 HandModel distorted_brick(const Parameters& p) {
   HandModel box = testing::box_mesh({2, 2, 2}, Vector3(0.02, 0.02, 0.02), material_of(p));
   testing::Random random(static_cast<std::uint64_t>(p.whole("seed")));
@@ -200,7 +201,7 @@ std::vector<Measurement> patch_test(const Parameters& p) {
   slope << 0.02, 0.01, 0, 0, -0.01, 0.015, 0.005, 0, 0.01;
   const Matrix3 f = Matrix3::Identity() + p["amount"] * slope;
   state.node_positions = f * state.node_positions;
-  constexpr int interior = 13;  // of 3 x 3 x 3
+  constexpr int interior = 13;  // index of the interior node of 3 x 3 x 3 nodes
   const Vector3 expected = state.node_positions.col(interior);
   state.node_positions.col(interior) += Vector3(5e-4, -4e-4, 3e-4);
   for (int iteration = 0; iteration < 40; ++iteration) {
@@ -314,7 +315,7 @@ std::vector<Case> material_cases() {
        {stretched_row(1.2, 0.9, 0.7), stretched_row(1 + 1e-6, 1, 1), stretched_row(1.1, 0.8, -0.2)},
        stress_difference},
       {"patch_test",
-       "an affine boundary makes an affine inside and one stress, below and above the limit",
+       "an affine boundary gives an affine interior and a uniform stress, below and above the limit",
        {brick_row("amount", 1), brick_row("amount", 12)},
        patch_test},
       {"rotation", "no force under any rotation", rotations, rotation},

@@ -67,7 +67,7 @@ std::vector<Case> chosen_cases(const VerifyArguments& arguments) {
           refusal = which.name + ": " + error.what();
         }
       }
-      // Rows that have become the same are one.
+      // Rows that have become equal are run once.
       std::vector<Parameters> different;
       for (const Parameters& row : which.table) {
         if (std::find(different.begin(), different.end(), row) == different.end()) different.push_back(row);
@@ -135,12 +135,15 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
     if (row.name != last) text += fmt::format("| {} | {} |\n", row.name, row.statement);
     last = row.name;
   }
+  if (passed < static_cast<std::ptrdiff_t>(rows.size()))
+    text += "\nRows that fail:\n\n| case | quantity | parameters | cause |\n| --- | --- | --- | --- |\n";
   for (const Row& row : rows) {
     if (row.passed()) continue;
-    text += fmt::format("\n{}, {} ({}) fails: {}\n", row.name, row.measurement.quantity, text_of(row.parameters),
-                        !row.error.empty()           ? row.error
-                        : !row.known_failure.empty() ? row.known_failure
-                                                     : "not known why");
+    text += fmt::format("| {} | {} | {} | {} |\n", row.name, report::in_cell(row.measurement.quantity),
+                        text_of(row.parameters),
+                        report::in_cell(!row.error.empty()           ? row.error
+                                        : !row.known_failure.empty() ? row.known_failure
+                                                                     : "unknown"));
   }
   return text;
 }

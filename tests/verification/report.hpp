@@ -9,18 +9,25 @@
 
 namespace softhand::verification {
 
-/// One object a row: case, quantity, parameters, value, reference, tolerance, unit, order (observed) with
-/// order_expected and order_tolerance where there is one, status "pass" or "fail", statement, seconds, and where it
-/// applies error and known_failure. Numbers that are not finite are null.
+/// One object per row with these keys: case, quantity, parameters, value, reference, tolerance, unit, status ("pass" or
+/// "fail"), statement, seconds. Some rows also have:
+/// - order (observed), order_expected and order_tolerance, if the quantity is a limit
+/// - error, known_failure
+///
+/// Numbers that are not finite are null.
 nlohmann::ordered_json to_json(const std::vector<Row>& rows);
-/// The same without statement and times; parameters as "key=value key=value".
+/// The same rows without statement and times. Parameters are written as "key=value key=value".
 std::string to_csv(const std::vector<Row>& rows);
-/// A section "## Known answers" with the machine, compiler and commit, how many rows passed, and a table.
+/// A section "## Known answers" with machine, compiler, commit, the number of rows that passed, and tables.
 std::string to_markdown(const std::vector<Row>& rows, const std::string& command);
 
-/// `softhand report verify`: runs, prints and writes. Empty paths: not written. `which`: names of cases, empty = all.
-/// `settings`: "key=value" for the parameters of every row of a case that has the key; std::invalid_argument where none
-/// has it. Returns 0 when every row passed, else 1.
+/// `softhand report verify` runs the cases, prints the rows and writes the files. An empty path means that the file is
+/// not written.
+/// - `which`: names of cases; empty means all
+/// - `settings`: "key=value" for every row of the cases that have the key. Throws std::invalid_argument if no case has
+///   it.
+///
+/// Returns 0 if every row passed, else 1.
 struct VerifyArguments {
   bool quick = false;
   std::vector<std::string> which;

@@ -1,4 +1,4 @@
-// Walls and loads of static known answers.
+// Supports and loads of static known answers.
 #pragma once
 
 #include <stdexcept>
@@ -11,7 +11,8 @@
 
 namespace softhand::verification {
 
-/// sum over nodes of 1/2 (x - X)^T K (x - X): a wall, or with K = k n n^T a plane of symmetry. N/m.
+/// Energy of springs to fixed positions X: sum over the nodes of 1/2 (x - X)^T K (x - X), K in N/m. This is a wall.
+/// With K = k n n^T it is a plane of symmetry.
 class Supports final : public Energy {
  public:
   Supports(std::vector<int> nodes, const Matrix3& stiffness, Eigen::Matrix3Xd places)
@@ -64,14 +65,16 @@ class Load final : public Energy {
   Eigen::Matrix3Xd forces_;
 };
 
-inline constexpr double kRestStep = 1e4;  ///< s: so long that inertia is nothing
+inline constexpr double kRestStep = 1e4;  ///< s; so long that inertia has no effect
 
-/// Rest in one step. std::runtime_error where Newton's method does not get there. `force_scale`: the load, N.
+/// Brings the state to rest in one step. `force_scale` is the load, N. Throws std::runtime_error if Newton's method
+/// does not converge.
 inline void settle(NewtonSolver& solver, State& state, double force_scale) {
   const StepReport report = solver.step(state, kRestStep);
   if (report.residual > 1e-5 * force_scale) {
-    throw std::runtime_error("no rest: residual " + std::to_string(report.residual / force_scale) +
-                             " of the load after " + std::to_string(report.iterations) + " iterations");
+    throw std::runtime_error("the solver did not come to rest: residual " +
+                             std::to_string(report.residual / force_scale) + " of the load after " +
+                             std::to_string(report.iterations) + " iterations");
   }
   state.node_velocities.setZero();
 }

@@ -40,7 +40,7 @@ bool Parameters::include(const Parameters& others) const {
 
 bool Row::passed() const {
   const Measurement& m = measurement;
-  // Negated, so that not-a-number fails.
+  // The condition is negated so that NaN fails.
   if (!error.empty() || !(std::abs(m.value - m.reference) <= m.tolerance)) return false;
   return !m.order || std::abs(m.order->observed - m.order->expected) <= m.order->tolerance;
 }

@@ -1,8 +1,9 @@
-// Known answers: cases whose exact result is known, run through the project's own code. One library for the tests and
-// for `softhand report verify`.
+// Known answers: cases with a known exact result, run through the project's own code. One library serves the tests and
+// `softhand report verify`.
 //
-// A case has a table of parameters, one run a row of it; each run measures one or more quantities and computes the
-// reference of each from the formula that `statement` names. Nothing here knows how rows are printed. Everything SI.
+// A case has a table of parameters, with one run per row. Each run measures one or more quantities. It computes each
+// reference from the formula in `statement`. This library does not know how rows are printed. All quantities are in SI
+// units.
 #pragma once
 
 #include <cmath>
@@ -17,27 +18,27 @@
 
 namespace softhand::verification {
 
-/// By name; integers are whole doubles.
+/// Values by name. Integers are stored as whole doubles.
 class Parameters {
  public:
   Parameters(std::initializer_list<std::pair<const std::string, double>> values) : values_(values) {}
-  /// std::out_of_range, naming the key, where there is none.
+  /// Throws std::out_of_range with the key if the key is missing.
   double operator[](const std::string& key) const;
   int whole(const std::string& key) const { return static_cast<int>(std::lround((*this)[key])); }
-  /// std::invalid_argument, with the known keys, where there is none.
+  /// Throws std::invalid_argument with the known keys if the key is missing.
   void set(const std::string& key, double value);
-  /// These and one more, or another value of one.
+  /// A copy with one parameter added or changed.
   Parameters with(const std::string& key, double value) const;
   const std::map<std::string, double>& values() const { return values_; }
   bool operator==(const Parameters&) const = default;
-  /// Whether each of `others` is among these with its value.
+  /// True if each of `others` is among these parameters with the same value.
   bool include(const Parameters& others) const;
 
  private:
   std::map<std::string, double> values_;
 };
 
-/// The observed order of convergence, where a quantity is a limit.
+/// The observed order of convergence of a quantity that is a limit.
 struct Order {
   double observed = 0;
   double expected = 1;
@@ -53,8 +54,8 @@ struct Measurement {
   std::optional<Order> order;
 };
 
-/// A quantity that is known to miss its reference today, in the rows whose parameters include `where`, and why. It
-/// stays in the report as failed.
+/// A quantity that is known to miss its reference today, and the reason. It applies to rows whose parameters include
+/// `where`. The report still shows the row as failed.
 struct KnownFailure {
   std::string quantity;
   Parameters where;
@@ -65,10 +66,10 @@ inline constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 
 struct Case {
   std::string name;       ///< unique
-  std::string statement;  ///< the formula of the reference, or the law, in a line
+  std::string statement;  ///< the formula of the reference, or the law, in one line
   std::vector<Parameters> table;
   std::function<std::vector<Measurement>(const Parameters&)> run;
-  std::size_t quick_rows = kAll;  ///< so many rows of the table are run with `quick`
+  std::size_t quick_rows = kAll;  ///< number of rows that run with `quick`
   std::vector<KnownFailure> known_failures{};
 };
 
@@ -77,18 +78,19 @@ struct Row {
   std::string statement;
   Parameters parameters{};
   Measurement measurement;
-  double seconds = 0;         ///< of computing the run that it belongs to
-  std::string error;          ///< what the run threw, instead of a value
-  std::string known_failure;  ///< the reason, of a row that is known to fail; else empty
+  double seconds = 0;         ///< computing time of the run that the row belongs to
+  std::string error;          ///< message of an exception that the run threw
+  std::string known_failure;  ///< reason of a known failure; else empty
 
-  /// Value within tolerance of the reference and, where there is one, the order within its own.
+  /// True if the value is within tolerance of the reference and the order, if there is one, is within its own
+  /// tolerance.
   bool passed() const;
 };
 
-/// Every case, in the order of the report.
+/// All cases in the order of the report.
 const std::vector<Case>& all_cases();
 
-/// The rows of one case. A run that throws is a failed row.
+/// Runs the rows of one case. A run that throws gives a failed row.
 std::vector<Row> run(const Case& which, bool quick);
 
 }  // namespace softhand::verification

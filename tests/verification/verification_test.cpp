@@ -1,4 +1,4 @@
-// Every known answer, with the rows that `softhand report verify --quick` runs.
+// Tests every known answer with the rows of `softhand report verify --quick`.
 #include "verification/verification.hpp"
 
 #include <gtest/gtest.h>
@@ -10,13 +10,14 @@ namespace {
 
 class KnownAnswer : public ::testing::TestWithParam<Case> {};
 
-TEST_P(KnownAnswer, IsMet) {
+TEST_P(KnownAnswer, MatchesReference) {
   for (const Row& row : run(GetParam(), true)) {
     std::string parameters;
     for (const auto& [key, value] : row.parameters.values()) parameters += " " + key + "=" + std::to_string(value);
     const Measurement& m = row.measurement;
     if (!row.known_failure.empty()) {
-      EXPECT_FALSE(row.passed()) << m.quantity << parameters << ": mended; strike it from the case's known failures";
+      EXPECT_FALSE(row.passed()) << m.quantity << parameters
+                                 << ": passes now; remove it from the case's known failures";
       std::printf("  known failure: %s%s: %.9g, expected %.9g: %s\n", m.quantity.c_str(), parameters.c_str(), m.value,
                   m.reference, row.known_failure.c_str());
       continue;
@@ -30,7 +31,7 @@ TEST_P(KnownAnswer, IsMet) {
 INSTANTIATE_TEST_SUITE_P(All, KnownAnswer, ::testing::ValuesIn(all_cases()),
                          [](const auto& parameter) { return parameter.param.name; });
 
-TEST(Cases, HaveNamesOfTheirOwnAndTables) {
+TEST(Cases, HaveUniqueNamesAndTables) {
   std::set<std::string> names;
   for (const Case& which : all_cases()) {
     EXPECT_TRUE(names.insert(which.name).second) << which.name;
@@ -39,7 +40,7 @@ TEST(Cases, HaveNamesOfTheirOwnAndTables) {
   }
 }
 
-TEST(Rows, FailWhereTheyShould) {
+TEST(Rows, FailOnWrongValueWrongOrderNanOrException) {
   Row row;
   row.measurement = {"q", 1.0, 1.1, 0.2, "m", {}};
   EXPECT_TRUE(row.passed());

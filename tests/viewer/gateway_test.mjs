@@ -1,4 +1,4 @@
-// The gateway, asked by plain WebSocket clients.
+// Tests of the gateway with plain WebSocket clients.
 import assert from "node:assert/strict";
 import { connect } from "node:net";
 import { after, before, test } from "node:test";
@@ -8,7 +8,7 @@ const NODES = 1 << 2;
 const DESCRIPTION = 1 << 1;
 const CONTACTS = 1 << 6;
 const STATUS = 1 << 10;
-const RATE = 59; // Hz, of the publisher: in a second it has had every phase to the gateway's 60
+const RATE = 59; // Hz, of the publisher; in one second it takes every phase relative to the gateway's 60 Hz
 const TYPE_OF_NODES = 2;
 const SEQUENCE_AT = 16; // in a stamp
 
@@ -29,7 +29,7 @@ async function leave(one) {
   await one.closed;
 }
 
-test("serves the page, and nothing beside it", async () => {
+test("serves the page and no other file", async () => {
   const index = await fetch(`${viewer.url}/`);
   assert.equal(index.status, 200);
   assert.match(await index.text(), /<title>softhand<\/title>/);
@@ -38,7 +38,7 @@ test("serves the page, and nothing beside it", async () => {
     assert.equal((await fetch(viewer.url + path)).status, 404, path);
 });
 
-test("an answer has its time, however long the connection rested before", async () => {
+test("a response gets its full time after the connection was idle for long", async () => {
   const socket = connect(viewer.port, "127.0.0.1");
   const parts = [];
   socket.on("data", (part) => parts.push(part));
@@ -60,7 +60,7 @@ test("an answer has its time, however long the connection rested before", async 
   socket.destroy();
 });
 
-test("reads and sends what is shown, and only that", async () => {
+test("reads and sends only what a page shows", async () => {
   const one = await client();
   await pause(500);
   assert.deepEqual(
@@ -85,7 +85,7 @@ test("reads and sends what is shown, and only that", async () => {
   await leave(one);
 });
 
-test("a late page gets the description, and a slow rate where it asks for one", async () => {
+test("a late page gets the description, and gets a slow rate if it asks for one", async () => {
   const [fast, slow] = [await client(), await client()];
   for (const [one, rate] of [
     [fast, 0],
@@ -106,16 +106,20 @@ test("a late page gets the description, and a slow rate where it asks for one", 
   await Promise.all([leave(fast), leave(slow)]);
 });
 
-/** Of what was published in the next `seconds`, the part of the nodes that came to each of `clients`. */
+/** Share of the node samples published in the next `seconds` that arrived at each of `clients`. */
 async function arriving(clients, seconds) {
-  const now = () => clients.map(({ count, frames }) => [count.get(TYPE_OF_NODES), frames.get(TYPE_OF_NODES).readDoubleLE(SEQUENCE_AT)]);
+  const now = () =>
+    clients.map(({ count, frames }) => [
+      count.get(TYPE_OF_NODES),
+      frames.get(TYPE_OF_NODES).readDoubleLE(SEQUENCE_AT),
+    ]);
   await until("nodes", () => clients.every(({ count }) => count.get(TYPE_OF_NODES) > 5));
   const before = now();
   await pause(1000 * seconds);
   return now().map(([count, sequence], i) => (count - before[i][0]) / (sequence - before[i][1]));
 }
 
-test("three pages get each of nearly sixty samples a second, in whatever phase and however unevenly they come, and no more than the gateway's rate", async () => {
+test("three pages get nearly every sample in any phase, and never more than the gateway's rate", async () => {
   const slow = await gateway(0, "viewer.rate_hz=20");
   const clients = [viewer, viewer, viewer, slow].map(({ url }) => new Client(url));
   await Promise.all(clients.map(({ opened }) => opened));
@@ -127,7 +131,7 @@ test("three pages get each of nearly sixty samples a second, in whatever phase a
   assert.ok(Math.abs(parts[3] - 20 / RATE) < 0.03, `${parts}`);
 });
 
-test("a page that does not read loses frames, not the others", async () => {
+test("a page that does not read loses frames, other pages do not", async () => {
   const [stuck, well] = [await client(), await client()];
   stuck.socket.send(show(DESCRIPTION | NODES));
   well.socket.send(show(NODES | STATUS));
@@ -143,16 +147,24 @@ test("a page that does not read loses frames, not the others", async () => {
   await leave(well);
 });
 
-test("bad frames are refused, counted, and do no harm", async () => {
+test("bad frames are refused and counted, and the connection goes on", async () => {
   const one = await client();
   one.socket.send(show(STATUS));
   const before = (await one.state()).refused;
   const text = (fields) =>
-    Buffer.concat([Buffer.alloc(8), ...fields.map((field) => Buffer.concat([Buffer.from(field), Buffer.alloc(64)]).subarray(0, 64))]);
+    Buffer.concat([
+      Buffer.alloc(8),
+      ...fields.map((field) => Buffer.concat([Buffer.from(field), Buffer.alloc(64)]).subarray(0, 64)),
+    ]);
   const nan = Buffer.alloc(8);
   nan.writeFloatLE(NaN, 4);
   const bad = {
-    size: [Buffer.alloc(3), Buffer.alloc(0), frame(SHOW, Buffer.alloc(4)), frame(SHOW, Buffer.alloc(8), { length: 4000000000 })],
+    size: [
+      Buffer.alloc(3),
+      Buffer.alloc(0),
+      frame(SHOW, Buffer.alloc(4)),
+      frame(SHOW, Buffer.alloc(8), { length: 4000000000 }),
+    ],
     magic: [frame(SHOW, Buffer.alloc(8), { magic: 1 })],
     version: [frame(SHOW, Buffer.alloc(8), { version: 1 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
     type: [frame(2, Buffer.alloc(8)), frame(65535, Buffer.alloc(0)), "text"],
@@ -173,20 +185,22 @@ test("bad frames are refused, counted, and do no harm", async () => {
     );
   const seen = one.count.get(10) ?? 0;
   await until("status goes on", () => (one.count.get(10) ?? 0) > seen + 2);
-  one.socket.send(Buffer.alloc(1 << 20)); // huge: closed
+  one.socket.send(Buffer.alloc(1 << 20)); // a huge message closes the connection
   await one.closed;
   const other = await client();
   assert.equal((await other.state()).refused.size, before.size + bad.size.length + 1);
   await leave(other);
 });
 
-test("a module without messages of its own says so", async () => {
+test("a module without own messages answers that the key is unknown", async () => {
   const one = await client();
   const answers = [];
   one.socket.on("message", (data) => {
     for (let at = 0; at < data.length; at += 16 + data.readUInt32LE(at + 8)) {
       if (data.readUInt16LE(at + 6) !== 11) continue;
-      const [module, text] = [data.subarray(at + 32, at + 96), data.subarray(at + 96, at + 224)].map((field) => field.toString("latin1").replaceAll("\0", ""));
+      const [module, text] = [data.subarray(at + 32, at + 96), data.subarray(at + 96, at + 224)].map((field) =>
+        field.toString("latin1").replaceAll("\0", ""),
+      );
       if (module === "viewer") answers.push(`${data.readBigUInt64LE(at + 16)} ${text}`);
     }
   });
@@ -207,7 +221,7 @@ test("a module without messages of its own says so", async () => {
   await leave(one);
 });
 
-test("a page that goes on sending rubbish is closed", async () => {
+test("a page that keeps sending bad frames is disconnected", async () => {
   const one = await client();
   for (let i = 0; i < 200; ++i) one.socket.send(Buffer.alloc(20));
   await one.closed;

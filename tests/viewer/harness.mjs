@@ -1,4 +1,5 @@
-// Processes, browser and bytes for the viewer's tests. Environment: SOFTHAND_BUILD (build tree), SOFTHAND_SOURCE (source tree).
+// Processes, browser and frames for the viewer's tests.
+// Environment: SOFTHAND_BUILD (build tree), SOFTHAND_SOURCE (source tree).
 import { spawn } from "node:child_process";
 import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -13,7 +14,7 @@ export const { WebSocket } = require("ws");
 
 process.env.SOFTHAND_DOMAIN ??= String(100 + (process.pid % 100));
 
-/** Polls until `condition` gives something true, which it returns. */
+/** Polls until `condition` returns a true value, and returns this value. */
 export async function until(what, condition, seconds = 20) {
   const end = Date.now() + 1000 * seconds;
   for (;;) {
@@ -25,7 +26,7 @@ export async function until(what, condition, seconds = 20) {
 }
 export const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 
-/** A process whose output is kept by line; ends with the test at the latest. */
+/** A process whose output is collected. The process ends with the test at the latest. */
 export class Process {
   static all = new Set();
   static {
@@ -49,12 +50,23 @@ export class Process {
   }
 }
 
-export const publisher = (rate = 60) => new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/right_400.hand.json`, "0", String(rate));
+export const publisher = (rate = 60) =>
+  new Process(
+    `${build}/tests/viewer/viewer_publisher`,
+    `${source}/config/hands/right_400.hand.json`,
+    "0",
+    String(rate),
+  );
 
-/** A gateway and its address. */
+/** Starts a gateway. Returns its process and its address. */
 export async function gateway(port = 0, ...settings) {
   const overrides = [`viewer.port=${port}`, ...settings].flatMap((setting) => ["--set", setting]);
-  const process = new Process(`${build}/bin/softhand-viewer`, "--config", `${source}/config/scenes/demo.toml`, ...overrides);
+  const process = new Process(
+    `${build}/bin/softhand-viewer`,
+    "--config",
+    `${source}/config/scenes/demo.toml`,
+    ...overrides,
+  );
   const [, url] = await process.line(/see it at (\S+)/);
   return { process, url, port: Number(new URL(url).port) };
 }
@@ -68,7 +80,7 @@ export async function browser(...more) {
   });
 }
 
-// ---- frames, written here anew from docs/viewer.md so that an error in the page's own code shows ----
+// ---- frames, implemented again from docs/viewer.md, so that an error in the page's own code shows ----
 
 export const SHOW = 32;
 export const MESSAGE = 33;
@@ -87,7 +99,10 @@ export function show(types, rate = 0) {
   return frame(SHOW, payload);
 }
 
-/** The bytes (CDR, little-endian, behind its four of encapsulation) of what was published on `topic` in the next seconds, by way of `softhand record`. */
+/**
+ * The samples published on `topic` in the next `seconds`, recorded by `softhand record`. A sample is little-endian CDR
+ * without the four bytes of encapsulation.
+ */
 export async function recorded(topic, seconds) {
   const file = `${mkdtempSync(`${tmpdir()}/softhand_record_`)}/run.mcap`;
   await new Process(`${build}/bin/softhand`, "record", file, "--seconds", String(seconds)).ended;
@@ -98,14 +113,18 @@ export async function recorded(topic, seconds) {
   for (let at = 8; at + 9 <= bytes.length; ) {
     const size = Number(bytes.readBigUInt64LE(at + 1));
     const content = bytes.subarray(at + 9, at + 9 + size);
-    if (bytes[at] === 4 && content.subarray(8, 8 + content.readUInt32LE(4)).toString() === topic) channel = content.readUInt16LE(0);
+    if (bytes[at] === 4 && content.subarray(8, 8 + content.readUInt32LE(4)).toString() === topic)
+      channel = content.readUInt16LE(0);
     if (bytes[at] === 5 && content.readUInt16LE(0) === channel) samples.push(content.subarray(22 + 4));
     at += 9 + size;
   }
   return samples;
 }
 
-/** A page's WebSocket without a page. `frames`: newest payload by type, `newest`: by "type instance"; `count`: how many by type. */
+/**
+ * The WebSocket of a page, without a page. `frames` has the newest payload by type, `newest` has it by "type instance",
+ * and `count` has the number of frames by type.
+ */
 export class Client {
   frames = new Map();
   newest = new Map();

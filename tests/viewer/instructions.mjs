@@ -1,7 +1,12 @@
-// node instructions.mjs [PAGES] [SECONDS] [HAND_FILE] (3, 60, right_400): what pages cost the hand's service: its instructions a step while two fingers rest
-// on a post, where nobody reads anything of it but the world; where somebody reads its status, as `softhand up` does; and with so many pages that show
-// everything. Under callgrind (apt-get install valgrind), so the rig runs at a hundredth of its pace, and each takes SECONDS of real time and one
-// more minute. Prints JSON. Environment as for the tests (harness.mjs).
+// node instructions.mjs [PAGES] [SECONDS] [HAND_FILE] (3, 60, right_400) measures the cost of pages for the hand's
+// service and prints JSON. It counts the service's instructions per step while two fingers rest on a post, in three
+// cases.
+// - Only the world reads the service's data.
+// - A status reader is added, as in `softhand up`.
+// - PAGES pages that show everything are added.
+//
+// Callgrind counts the instructions (apt-get install valgrind), so the rig runs at a hundredth of its pace. Each case
+// takes SECONDS of real time and one more minute. The environment is that of the tests (harness.mjs).
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, readFileSync, readdirSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -9,22 +14,28 @@ import { Client, MESSAGE, Process, build, frame, gateway, pause, show, source, u
 
 const [pages = 3, seconds = 60, handFile = `${source}/config/hands/right_400.hand.json`] = process.argv.slice(2);
 const scene = `${source}/tests/integration/rig_touch_scene.toml`;
-const EVERYTHING = (1 << 12) - 2; // all that a page can ask for
+const EVERYTHING = (1 << 12) - 2; // all types that a page can request
 const STATUS = 1 << 10;
 const NODES = 2;
 const CONTACTS = 6;
-const CONTACT_COUNT_AT = 24 + 6 * 52; // in its payload
+const CONTACT_COUNT_AT = 24 + 6 * 52; // in the payload of contacts
 const RATE = 90; // Hz, of the hand
 const STATUS_RATE = 10; // Hz, by the real clock
-const PACE = 0.01; // the slowest
-const SETTLE = 20; // s from a change of what is read to the count: some steps, and discovery
+const PACE = 0.01; // the slowest pace
+const SETTLE = 20; // s between a change of the readers and the count; covers discovery and some steps
 
 const quiet = ["tracker.position_noise=0", "tracker.rotation_noise=0"]; // each step does the same work
-// Time under callgrind must not end a step.
-const settings = [...quiet, "hand.simulation.solver.work_budget=1000", `hand.model=${handFile}`].flatMap((setting) => ["--set", setting]);
+// The large work budget keeps the slow run under callgrind from ending a step early.
+const settings = [...quiet, "hand.simulation.solver.work_budget=1000", `hand.model=${handFile}`].flatMap((setting) => [
+  "--set",
+  setting,
+]);
 const folder = mkdtempSync(`${tmpdir()}/softhand_callgrind_`);
 
-/** Calls, and instructions with all that they call, of functions named like `pattern` by functions named like `by`, in a dump. */
+/**
+ * Calls of functions that match `pattern` from functions that match `by`, in the lines of a dump: their number, and
+ * their instructions including all callees.
+ */
 function inclusive(lines, pattern, by = /./) {
   const names = new Map();
   const sum = { calls: 0, instructions: 0 };
@@ -39,7 +50,7 @@ function inclusive(lines, pattern, by = /./) {
     }
     const calls = /^calls=(\d+)/.exec(lines[i]);
     if (!calls) continue;
-    ++i; // line of the call, and its cost
+    ++i; // the next line has the call's line number and its cost
     if (!pattern.test(callee) || !by.test(caller)) continue;
     sum.calls += Number(calls[1]);
     sum.instructions += Number(lines[i].split(" ").at(-1));
@@ -47,7 +58,10 @@ function inclusive(lines, pattern, by = /./) {
   return sum;
 }
 
-/** A step of the service and the parts of it, in instructions. Status is published by the real clock: its share of a step is what it would be at full pace. */
+/**
+ * Instructions per step of the service and of its parts. The status is published by the real clock, so its share of a
+ * step is converted to full pace.
+ */
 function readDump(path) {
   const lines = readFileSync(path, "latin1").split("\n");
   const main = /::run\(int, char\*\*\)::\{lambda\(long\)#\d+\}>::_M_invoke/;
@@ -73,9 +87,9 @@ start("softhand-world");
 const callgrind = ["--tool=callgrind", "--instr-atstart=no", `--callgrind-out-file=${folder}/out`];
 const hand = new Process("valgrind", ...callgrind, `${build}/bin/softhand-hand`, "--config", scene, ...settings);
 start("softhand-tracking");
-// Fingers rest on the post from 1.2 s of the motion on.
+// The fingers rest on the post from 1.2 s of the motion on.
 start("softhand-tracker-replay", "--set", "tracker.start_time=1.3");
-// A page that shows nothing steers: its gateway has been heard by the hand for long.
+// A page that shows nothing sends the commands, because the hand already knows the page's gateway.
 const steering = new Client(viewer.url);
 await steering.opened;
 function setPace(pace) {
@@ -86,22 +100,24 @@ function setPace(pace) {
 steering.socket.send(show(1 << NODES));
 await until("the hand", () => steering.count.get(NODES) > 2, 300);
 steering.socket.send(show(0));
-await pause(3000 * SETTLE); // on the post, until nothing moves any more
+await pause(3000 * SETTLE); // until the fingers on the post are at rest
 setPace(PACE);
-await pause(4000 * SETTLE); // some seventy steps, for many were missed before
+await pause(4000 * SETTLE); // about seventy steps, because many steps were missed before
 for (const one of Process.all)
   one.ended.then(() => {
     console.error(one.output);
     process.exit(1);
   });
 
-const control = (...options) => execFileSync("callgrind_control", [...options, String(hand.child.pid)], { stdio: "ignore" });
-/** Between whole steps, for a call under way when counting begins or ends would be counted wrong. */
+const control = (...options) =>
+  execFileSync("callgrind_control", [...options, String(hand.child.pid)], { stdio: "ignore" });
+/** Calls `run` between whole steps, because a call in progress at the start or end of counting is counted wrongly. */
 async function halted(run) {
   setPace(0);
   await pause(5000);
   run();
-  // Who is busy for two seconds, as callgrind may be at first, refuses a command as too old.
+  // A process that is busy for two seconds refuses a command as too old. Callgrind may be so slow at first, so the
+  // command is repeated.
   for (let i = 0; i < 3; ++i) {
     await pause(3000);
     setPace(PACE);
@@ -120,7 +136,8 @@ for (const [read, count, types] of [
   if (types === EVERYTHING)
     for (const client of clients) {
       await until("nodes", () => client.count.get(NODES) > 2, 120);
-      if (client.frames.get(CONTACTS).readUInt32LE(CONTACT_COUNT_AT) === 0) throw new Error("the fingers do not touch the post");
+      if (client.frames.get(CONTACTS).readUInt32LE(CONTACT_COUNT_AT) === 0)
+        throw new Error("the fingers do not touch the post");
     }
   await halted(() => control("-i", "on"));
   await pause(1000 * seconds);
@@ -128,11 +145,13 @@ for (const [read, count, types] of [
   await halted(() => control("-i", "off"));
   const [dump] = readdirSync(folder).sort((a, b) => Number(b.split(".")[1] ?? 0) - Number(a.split(".")[1] ?? 0));
   const counted = readDump(`${folder}/${dump}`);
-  if (!(counted.steps > 5 && counted.steps < 2 * RATE * PACE * (Number(seconds) + 30))) throw new Error(`${counted.steps} steps: the hand does not keep the pace`);
+  if (!(counted.steps > 5 && counted.steps < 2 * RATE * PACE * (Number(seconds) + 30)))
+    throw new Error(`${counted.steps} steps: the hand does not keep the pace`);
   turns.push({ read, pages: count, ...counted });
   for (const client of clients) client.socket.terminate();
 }
 const [nothing, status, everything] = turns.map((turn) => turn.instructions_per_step);
-console.log(JSON.stringify({ hand: handFile, turns, pages_over_status: everything / status, pages_over_nothing: everything / nothing }, null, 1));
+const ratios = { pages_over_status: everything / status, pages_over_nothing: everything / nothing };
+console.log(JSON.stringify({ hand: handFile, turns, ...ratios }, null, 1));
 rmSync(folder, { recursive: true });
 process.exit(0);

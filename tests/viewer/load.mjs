@@ -1,16 +1,19 @@
-// node load.mjs [SECONDS]: how much of 60 samples a second reaches 0, 1 and 3 pages that show skin, contacts, objects and status, of hands of many nodes; what
-// that costs the gateway; and how many pictures a second Chromium draws of 10,000 vertices of skin. Each figure takes SECONDS (8). Prints JSON.
-// Environment as for the tests (harness.mjs).
+// node load.mjs [SECONDS] measures the viewer with hands of many nodes and prints JSON. It measures:
+// - The share of 60 samples per second that reaches 0, 1 and 3 pages. Pages show skin, contacts, objects and status.
+// - The gateway's processor time.
+// - The pictures per second that Chromium draws of 10,000 vertices of skin.
+//
+// Each figure takes SECONDS (8). The environment is that of the tests (harness.mjs).
 import { readFileSync } from "node:fs";
 import { Client, Process, browser, build, gateway, pause, show, source, until } from "./harness.mjs";
 
 const [seconds = 8] = process.argv.slice(2).map(Number);
-const TICKS = 100; // a second, of /proc
+const TICKS = 100; // per second, in /proc
 const SHOWN = (1 << 1) | (1 << 2) | (1 << 6) | (1 << 7) | (1 << 8) | (1 << 10);
 const SEQUENCE_AT = 16; // in the payload of nodes
 const loads = [["right_1450"], ["right_6000", 10000]];
 
-/** Processor time that a process has used, s. */
+/** Processor time used by a process, s. */
 const used = ({ child }) => {
   const fields = readFileSync(`/proc/${child.pid}/stat`, "latin1").split(") ")[1].split(" ");
   return (Number(fields[11]) + Number(fields[12])) / TICKS;
@@ -47,7 +50,11 @@ async function gatewayLoad(viewer, count) {
 
 const out = [];
 for (const [hand, ...vertices] of loads) {
-  const publisher = new Process(`${build}/tests/viewer/viewer_publisher`, `${source}/config/hands/${hand}.hand.json`, ...vertices.map(String));
+  const publisher = new Process(
+    `${build}/tests/viewer/viewer_publisher`,
+    `${source}/config/hands/${hand}.hand.json`,
+    ...vertices.map(String),
+  );
   const viewer = await gateway();
   const runs = [];
   for (const count of [0, 1, 3]) runs.push(await gatewayLoad(viewer, count));
@@ -68,7 +75,12 @@ for (const [hand, ...vertices] of loads) {
       await pause(1000 * seconds);
       const last = await counts();
       const rate = (name) => Number(((1000 * (last[name] - first[name])) / (last.at - first.at)).toFixed(1));
-      load.chromium.push({ width, height, pictures_per_second: rate("drawn"), node_frames_shown_per_second: rate("nodes") });
+      load.chromium.push({
+        width,
+        height,
+        pictures_per_second: rate("drawn"),
+        node_frames_shown_per_second: rate("nodes"),
+      });
       await page.close();
     }
     await chromium.close();

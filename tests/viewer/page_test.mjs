@@ -1,4 +1,4 @@
-// The page in a browser, fed by a gateway over real DDS.
+// Tests of the page in a browser, with data from a gateway over real DDS.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { Process, browser, frame, gateway, pause, publisher, until } from "./harness.mjs";
@@ -19,14 +19,14 @@ after(async () => {
   await Promise.all([...Process.all].map((process) => process.end("SIGKILL")));
 });
 
-/** Part of the picture's pixels that differ between two calls of `pixels`. */
+/** Share of pixels that differ between two results of `pixels`. */
 function difference(a, b) {
   let differing = 0;
   for (let i = 0; i < a.length; i += 3)
     if (Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 24) ++differing;
   return differing / (a.length / 3);
 }
-/** The drawing alone, 200 x 125, RGB. */
+/** The canvas without the page's controls, scaled to 200 x 125 pixels, RGB. */
 const pixels = () =>
   page.evaluate(
     () =>
@@ -39,12 +39,12 @@ const pixels = () =>
         }),
       ),
   );
-/** Until the page has drawn what came before. */
+/** Waits until the page has drawn all earlier changes. */
 async function drawn(pictures = 4) {
   const end = (await page.evaluate(() => window.softhand.counts.drawn)) + pictures;
   await until("pictures", () => page.evaluate((n) => window.softhand.counts.drawn >= n, end), 60);
 }
-/** Until a paused picture stands still: skin and camera may still be on their way. */
+/** Waits until a paused picture stands still, because skin and camera may still move. Returns its pixels. */
 async function still() {
   let last = await pixels();
   await until("a picture that stands still", async () => {
@@ -57,7 +57,7 @@ async function still() {
   }, 60);
   return last;
 }
-/** By the panel's form. */
+/** Sends a message by the form of the page's panel. */
 async function tell(module, key, value) {
   await page.selectOption("#message select", module);
   await page.fill("#message [name=key]", key);
@@ -79,13 +79,13 @@ test("the page connects and draws the hand", async () => {
   assert.ok(difference(withHand, without) > 0.01, `the hand covers ${difference(withHand, without)} of the picture`);
   await page.click("#show-hand");
   await drawn();
-  assert.ok(difference(withHand, await pixels()) < 0.002, "and is back");
+  assert.ok(difference(withHand, await pixels()) < 0.002, "the hand must be visible again");
   await page.click("#live");
 });
 
 test("the hand moves", async () => {
   const first = await pixels();
-  await until("another picture", async () => difference(first, await pixels()) > 0.005);
+  await until("a different picture", async () => difference(first, await pixels()) > 0.005);
 });
 
 test("each toggle changes what is drawn, by mouse and by key", async () => {
@@ -116,7 +116,7 @@ test("each toggle changes what is drawn, by mouse and by key", async () => {
   await page.click("#live");
 });
 
-test("keys turn the view and come closer, and move the slider where it has the focus", async () => {
+test("keys turn and zoom the view, and move the slider if the slider has the focus", async () => {
   await page.click("#pause");
   await page.focus("#stage");
   for (const key of ["ArrowLeft", "ArrowUp", "+"]) {
@@ -135,7 +135,7 @@ test("keys turn the view and come closer, and move the slider where it has the f
   await page.click("#live");
 });
 
-test("the panel's figures are the topic's", async () => {
+test("the panel shows the figures of the published status", async () => {
   const row = page.locator('#modules tr[data-module="hand"]');
   await row.waitFor();
   const cell = (field) => row.locator(`[data-field="${field}"]`).textContent();
@@ -143,12 +143,16 @@ test("the panel's figures are the topic's", async () => {
   assert.equal(await cell("p50"), "2.75");
   assert.equal(await cell("p99"), "8.25");
   assert.equal(await cell("age"), "12.5");
-  // The publisher's misses are the status's own sequence number: row and status are one and the same.
-  const [misses, sequence] = await row.evaluate((tr) => [tr.querySelector('[data-field="misses"]').textContent, tr.dataset.sequence]);
+  // The publisher's misses equal the status's sequence number, so both values of the row must come from one status.
+  const [misses, sequence] = await row.evaluate((tr) => [
+    tr.querySelector('[data-field="misses"]').textContent,
+    tr.dataset.sequence,
+  ]);
   assert.equal(misses, sequence);
   assert.equal(await cell("p999"), "9.75");
   assert.equal(await cell("drops"), "4");
-  const physics = (module, field) => page.locator(`#physics [data-module="${module}"] [data-field="${field}"]`).textContent();
+  const physics = (module, field) =>
+    page.locator(`#physics [data-module="${module}"] [data-field="${field}"]`).textContent();
   for (const [module, figures] of Object.entries({
     hand: {
       residual: "0.0125 N",
@@ -165,24 +169,29 @@ test("the panel's figures are the topic's", async () => {
     },
     haptic: { passivity: "-250 mJ" },
   }))
-    for (const [field, text] of Object.entries(figures)) assert.equal(await physics(module, field), text, `${module}: ${field}`);
+    for (const [field, text] of Object.entries(figures))
+      assert.equal(await physics(module, field), text, `${module}: ${field}`);
   assert.equal(await page.locator("#force-index").textContent(), "1.50");
   assert.equal(await page.locator('#modules tr[data-module="haptic"] [data-field="age"]').textContent(), "1235 s");
-  // All of it is seen, and each figure on one line.
-  const wide = () => [...document.querySelectorAll("#panel, #panel .scroll")].filter((part) => part.scrollWidth > part.clientWidth).length;
+  // No part of the panel is cut off, and each figure is on one line.
+  const wide = () =>
+    [...document.querySelectorAll("#panel, #panel .scroll")].filter((part) => part.scrollWidth > part.clientWidth)
+      .length;
   assert.equal(await page.evaluate(wide), 0);
-  const lines = () => new Set([...document.querySelectorAll('#physics [data-module="hand"] dd')].map((figure) => figure.offsetHeight)).size;
+  const lines = () =>
+    new Set([...document.querySelectorAll('#physics [data-module="hand"] dd')].map((figure) => figure.offsetHeight))
+      .size;
   assert.equal(await page.evaluate(lines), 1);
 });
 
-test("a message goes out and its answer comes back", async () => {
+test("a message is sent and its reply is shown", async () => {
   await page.click("#reset");
   await source.line(/message \* reset now/);
   await until("the answer", async () => /hand: done as asked/.test(await page.locator("#replies").textContent()));
 });
 
 const badge = () => page.locator("#pace-badge").textContent();
-test("the simulation is halted, stepped and slowed down, and the page shows it", async () => {
+test("the page halts, steps and slows down the simulation, and shows the pace", async () => {
   assert.ok(await page.locator("#pace-badge").isHidden());
   await page.click("#halt");
   await source.line(/message \* pace 0\n/);
@@ -201,12 +210,12 @@ test("the simulation is halted, stepped and slowed down, and the page shows it",
   await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
-test("a key that is held halts the simulation once, and steps the picture on and on", async () => {
+test("a held key halts the simulation once, and steps the picture repeatedly", async () => {
   const said = () => source.output.split("message * pace").length;
   const before = said();
   await page.keyboard.down("x");
   await until("halted", async () => (await badge()) === "simulation halted");
-  for (let i = 0; i < 5; ++i) await page.keyboard.down("x"); // as a keyboard repeats it
+  for (let i = 0; i < 5; ++i) await page.keyboard.down("x"); // like the repetition of a keyboard
   await page.keyboard.up("x");
   await pause(500);
   assert.equal(said() - before, 1);
@@ -223,7 +232,7 @@ test("a key that is held halts the simulation once, and steps the picture on and
   await page.click("#live");
 });
 
-test("slower is the next slower pace, whatever the simulation goes at", async () => {
+test("the slower key selects the next slower pace from any pace", async () => {
   await tell("*", "pace", "0.3");
   await until("0.3", async () => (await badge()) === "simulation at 0.30");
   await page.keyboard.press("m");
@@ -232,19 +241,22 @@ test("slower is the next slower pace, whatever the simulation goes at", async ()
   await until("real time", () => page.locator("#pace-badge").isHidden());
 });
 
-test("a page whose panel is closed knows of the simulation, too", async () => {
+test("a page with a closed panel shows that the simulation is halted", async () => {
   await page.click("#panel-button");
   await page.keyboard.press("x");
-  await until("halted", async () => (await page.locator("#pace-badge").isVisible()) && (await badge()) === "simulation halted");
+  await until(
+    "halted",
+    async () => (await page.locator("#pace-badge").isVisible()) && (await badge()) === "simulation halted",
+  );
   await page.keyboard.press("x");
   await until("real time", () => page.locator("#pace-badge").isHidden());
   await page.click("#panel-button");
 });
 
-test("another scene is chosen of those that run, and motors are switched", async () => {
+test("the page selects another offered scene and switches motors off", async () => {
   await page.locator("#offer-scene").waitFor({ state: "visible" });
   assert.deepEqual(await page.locator("#offer-scene option").allTextContents(), ["demo", "pinch lift"]);
-  await until("what runs", async () => (await page.locator("#offer-scene").inputValue()) === "demo");
+  await until("the running scene", async () => (await page.locator("#offer-scene").inputValue()) === "demo");
   await page.selectOption("#offer-scene", "pinch_lift");
   await source.line(/message rig scene pinch_lift\n/);
   await pause(500);
@@ -256,16 +268,16 @@ test("another scene is chosen of those that run, and motors are switched", async
   assert.equal(await page.locator('#modules tr[data-module="rig"]').count(), 0);
 });
 
-test("what is offered is what the rig offers now, blanks and all", async () => {
+test("the page shows the scenes that the rig offers now, with blanks in their names", async () => {
   await tell("*", "offer", "scene my own");
   const options = page.locator("#offer-scene option");
   await until("the offer", async () => (await options.allTextContents()).join() === "demo,my own");
   await page.selectOption("#offer-scene", "my own");
   await source.line(/message rig scene my own\n/);
-  await until("what runs", async () => (await page.locator("#offer-scene").inputValue()) === "my own");
+  await until("the running scene", async () => (await page.locator("#offer-scene").inputValue()) === "my own");
 });
 
-test("an object that the world does not list any more is gone", async () => {
+test("an object that the world no longer lists disappears", async () => {
   const others = ["#show-hand", "#show-contacts", "#show-coupling", "#show-simulated"];
   const on = [];
   for (const id of others) if (await pressed(id)) on.push(id);
@@ -279,7 +291,7 @@ test("an object that the world does not list any more is gone", async () => {
   for (const id of on) await page.click(id);
 });
 
-test("pause freezes the picture, steps move it, live goes on", async () => {
+test("pause freezes the picture, steps move it, and live continues", async () => {
   await page.click("#pause");
   await drawn();
   const frozen = await pixels();
@@ -294,17 +306,21 @@ test("pause freezes the picture, steps move it, live goes on", async () => {
   assert.ok(await page.locator("#live").isDisabled());
 });
 
-test("what was seen is saved and played, and again, and keys go on", async () => {
+test("a run is saved and played twice, and keys still work", async () => {
   await page.focus("#save");
   const [download] = await Promise.all([page.waitForEvent("download"), page.keyboard.press("Enter")]);
   const file = await download.path();
-  await page.focus("#open"); // which keeps the focus afterwards
+  await page.focus("#open"); // the button keeps the focus afterwards
   await page.setInputFiles("#open", file);
   const plays = async () => !(await page.locator("#live").isDisabled());
   await until("it plays", plays);
   await page.keyboard.press("l");
-  await until("what happens now", async () => !(await plays()));
-  await page.setInputFiles("#open", { name: "notes.shv", mimeType: "application/octet-stream", buffer: Buffer.from("no recording at all, but long enough for a head") });
+  await until("live mode", async () => !(await plays()));
+  await page.setInputFiles("#open", {
+    name: "notes.shv",
+    mimeType: "application/octet-stream",
+    buffer: Buffer.from("no recording at all, but long enough for a head"),
+  });
   const refused = page.locator("#refused");
   await refused.waitFor({ state: "visible" });
   assert.match(await refused.textContent(), /notes\.shv was not opened: no recording/);
@@ -314,7 +330,7 @@ test("what was seen is saved and played, and again, and keys go on", async () =>
   await page.click("#live");
 });
 
-test("a plot has a file's samples once, however often it plays", async () => {
+test("a plot shows each sample of a file once, even after repeated playing", async () => {
   const contacts = (time) => {
     const payload = Buffer.alloc(344);
     payload.writeDoubleLE(time, 0);
@@ -327,9 +343,13 @@ test("a plot has a file's samples once, however often it plays", async () => {
     head.writeUInt32LE(content.length, 8);
     parts.push(head, content);
   }
-  await page.setInputFiles("#open", { name: "short.shv", mimeType: "application/octet-stream", buffer: Buffer.concat(parts) });
+  await page.setInputFiles("#open", {
+    name: "short.shv",
+    mimeType: "application/octet-stream",
+    buffer: Buffer.concat(parts),
+  });
   await pause(4000);
-  // Points of the longest line that is drawn in a second.
+  // Number of points of the longest line that is drawn during a second.
   const longest = await page.evaluate(
     () =>
       new Promise((done) => {
@@ -354,7 +374,7 @@ test("a plot has a file's samples once, however often it plays", async () => {
   await page.click("#live");
 });
 
-test("light or dark follows the system until it is chosen", async () => {
+test("the theme follows the system until the user selects one", async () => {
   const theme = () => page.evaluate(() => document.documentElement.dataset.theme);
   for (const colorScheme of ["dark", "light"]) {
     await page.emulateMedia({ colorScheme });
@@ -369,7 +389,7 @@ test("light or dark follows the system until it is chosen", async () => {
 
 test("a killed gateway is reported and recovered from", async () => {
   await viewer.process.end("SIGKILL");
-  await until("the loss is told", async () => (await state()) === "lost");
+  await until("the lost connection is shown", async () => (await state()) === "lost");
   assert.match(await page.locator("#connection").textContent(), /lost/);
   viewer = await gateway(viewer.port);
   await until("connected again", async () => (await state()) === "open");
@@ -377,7 +397,7 @@ test("a killed gateway is reported and recovered from", async () => {
   await until("nodes again", () => page.evaluate((n) => window.softhand.counts.nodes > n + 20, nodes), 60);
 });
 
-test("what another gateway does not tell is gone", async () => {
+test("data that a new gateway does not send disappears", async () => {
   const shown = ["#show-hand", "#show-objects", "#show-contacts", "#show-coupling", "#show-simulated"];
   for (const id of shown) if (await pressed(id)) await page.click(id);
   await drawn();
@@ -388,25 +408,25 @@ test("what another gateway does not tell is gone", async () => {
   assert.ok(difference(empty, await pixels()) > 0.01);
   await source.end();
   await viewer.process.end("SIGKILL");
-  await until("the loss is told", async () => (await state()) === "lost");
+  await until("the lost connection is shown", async () => (await state()) === "lost");
   viewer = await gateway(viewer.port);
   await until("connected again", async () => (await state()) === "open");
-  await pause(1500); // its state comes twice a second
+  await pause(1500); // the gateway's state comes twice per second
   await drawn();
   assert.equal(difference(empty, await pixels()), 0);
   source = publisher();
-  await until("what there is", async () => difference(empty, await pixels()) > 0.01);
+  await until("the new data", async () => difference(empty, await pixels()) > 0.01);
   for (const id of shown.slice(3)) await page.click(id);
 });
 
-test("a gateway that hangs is reported, and recovered from", async () => {
+test("a gateway that hangs is reported and recovered from", async () => {
   viewer.process.child.kill("SIGSTOP");
-  await until("the loss is told", async () => (await state()) === "lost", 10);
+  await until("the lost connection is shown", async () => (await state()) === "lost", 10);
   viewer.process.child.kill("SIGCONT");
   await until("connected again", async () => (await state()) === "open");
 });
 
-test("on a phone each part has its place, and all of them are reached", async () => {
+test("on a phone no part of the page overlaps another or leaves the screen", async () => {
   await page.setViewportSize({ width: 390, height: 844 });
   await page.click("#colour-strain");
   await page.keyboard.press("x");
@@ -429,7 +449,8 @@ test("on a phone each part has its place, and all of them are reached", async ()
       for (const each of ["#pause", "#back", "#forward", "#slow", "#scrub", "#live", "#save", "label.button"]) {
         const { left, right, top, bottom, width, height } = box(each);
         const bar = box("#time");
-        if (width < 24 || height < 16 || left < bar.left || right > bar.right || top < bar.top || bottom > bar.bottom) found.push(each);
+        if (width < 24 || height < 16 || left < bar.left || right > bar.right || top < bar.top || bottom > bar.bottom)
+          found.push(each);
       }
       return found;
     }, panel);
@@ -439,12 +460,12 @@ test("on a phone each part has its place, and all of them are reached", async ()
   await page.click("#colour-strain");
 });
 
-test("nothing went wrong on the way", async () => {
+test("the page threw no error and got no bad frame during these tests", async () => {
   assert.deepEqual(errors, []);
   assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
 });
 
-test("a browser that cannot draw is told so", async () => {
+test("a browser without WebGL shows the reason", async () => {
   const blind = await browser("--disable-3d-apis");
   try {
     const plain = await blind.newPage();
@@ -455,11 +476,14 @@ test("a browser that cannot draw is told so", async () => {
   }
 });
 
-test("a session that is refused is told of", async () => {
+test("the page shows why a session was refused", async () => {
   const plain = await chromium.newPage({ viewport: { width: 800, height: 500 } });
   await plain.addInitScript(() =>
     Object.defineProperty(navigator, "xr", {
-      value: { isSessionSupported: async () => true, requestSession: () => Promise.reject(new DOMException("hands are not allowed", "NotAllowedError")) },
+      value: {
+        isSessionSupported: async () => true,
+        requestSession: () => Promise.reject(new DOMException("hands are not allowed", "NotAllowedError")),
+      },
     }),
   );
   await plain.goto(viewer.url);

@@ -1,19 +1,29 @@
-// node pictures.mjs [NAME]...: makes the pictures of the viewer anew, or those named, in docs/images. One run of the demo is watched; all views of the page are
-// of one moment while the cube is held. Some minutes without a graphics card. Environment as for the tests (harness.mjs); deploy/pictures sets it.
+// node pictures.mjs [NAME]... makes the pictures of the viewer in docs/images again: all of them, or the named ones.
+// All pictures of the page come from one run of the demo and show one moment while the cube is held. This takes some
+// minutes without a graphics card. The environment is that of the tests (harness.mjs). deploy/pictures sets it.
 import { execFileSync } from "node:child_process";
 import { Process, browser, build, source, until } from "./harness.mjs";
 
-const SECONDS = 13; // of the demo, nearly as long as the page keeps
+const SECONDS = 13; // of the demo, nearly the time that the page keeps
 const [wide, phone] = [{ width: 1280, height: 800 }, { width: 390, height: 844 }];
 const images = `${source}/docs/images`;
 
 const scene = `${source}/config/scenes/pinch_lift.toml`;
 const rendered = {
-  lift: ["--at", "1.2", "--seconds", "5", "--rate", "12", "--width", "480", "--height", "320", "--view", "camera=-0.37,0.24,-0.33,0.01,0.1,0"],
-  pressure: ["--at", "3", "--width", "960", "--height", "600", "--view", "colour=pressure&theme=dark&show=hand&camera=-0.26,0.06,0.13,0,0.15,0.02"],
-  strain: ["--at", "3", "--width", "960", "--height", "600", "--view", "colour=strain&show=hand,objects,simulated,tracked,floor"],
+  lift: [
+    ...["--at", "1.2", "--seconds", "5", "--rate", "12", "--width", "480", "--height", "320"],
+    ...["--view", "camera=-0.37,0.24,-0.33,0.01,0.1,0"],
+  ],
+  pressure: [
+    ...["--at", "3", "--width", "960", "--height", "600"],
+    ...["--view", "colour=pressure&theme=dark&show=hand&camera=-0.26,0.06,0.13,0,0.15,0.02"],
+  ],
+  strain: [
+    ...["--at", "3", "--width", "960", "--height", "600"],
+    ...["--view", "colour=strain&show=hand,objects,simulated,tracked,floor"],
+  ],
 };
-// Of the page, in this order: what is pressed on the keyboard to come there from the one before.
+// Pictures of the page in this order. `keys` are the keys that lead from the previous picture to this one.
 const shots = [
   { name: "viewer", size: wide, keys: ["1", "2", "3", "f"] },
   { name: "viewer_pressure", size: wide, keys: ["k", "o", "c"] },
@@ -27,16 +37,21 @@ const names = process.argv.slice(2);
 const wanted = (name) => names.length === 0 || names.includes(name);
 
 for (const [name, words] of Object.entries(rendered))
-  if (wanted(name)) execFileSync(`${build}/bin/softhand`, ["render", scene, ...words, "--out", `${images}/${name}.png`], { stdio: "inherit" });
+  if (wanted(name))
+    execFileSync(`${build}/bin/softhand`, ["render", scene, ...words, "--out", `${images}/${name}.png`], {
+      stdio: "inherit",
+    });
 
-// Drawing without a graphics card takes the processors from the simulation whose figures are shown: a page draws seldom and small while that runs. Then its
-// time stands still, and nothing comes any more.
+// Drawing without a graphics card takes processor time from the simulation whose figures are shown. Therefore the page
+// draws rarely and in a small size while the simulation runs. After `standStill` the page's time stops, and the page
+// ignores further data.
 function holdTime() {
   const [draw, now] = [window.requestAnimationFrame.bind(window), performance.now.bind(performance)];
   let [stood, heard] = [null, 0];
   window.standStill = () => (stood = heard);
   performance.now = () => stood ?? now();
-  window.requestAnimationFrame = (run) => setTimeout(() => draw((time) => run(stood ?? time)), stood === null ? 4000 : 0);
+  window.requestAnimationFrame = (run) =>
+    setTimeout(() => draw((time) => run(stood ?? time)), stood === null ? 4000 : 0);
   const { set } = Object.getOwnPropertyDescriptor(WebSocket.prototype, "onmessage");
   Object.defineProperty(WebSocket.prototype, "onmessage", {
     set(take) {
@@ -49,7 +64,7 @@ function holdTime() {
   });
   Object.defineProperty(WebSocket.prototype, "onclose", { set() {} });
 }
-/** A headset whose wearer looks down at the table. */
+/** Emulates a headset whose wearer looks down at the table. */
 function wearHeadset() {
   const device = (window.emulated = new window.IWER.XRDevice(window.IWER.metaQuest3, { stereoEnabled: true }));
   device.installRuntime({ forceInstall: true });
@@ -58,11 +73,11 @@ function wearHeadset() {
   prototype.getOffsetReferenceSpace = function (offset) {
     return byMatrix.call(this, offset.matrix);
   };
-  device.fovy = 1; // so that what is near the middle is large
+  device.fovy = 1; // makes the centre of the view large
   device.position.set(0, 1.5, 0);
   device.quaternion.set(-0.34, 0, 0, 0.94);
 }
-/** Two thirds of the way through the longest time in which the thumb presses; throws where it never does. */
+/** Shows the moment at two thirds of the longest time in which the thumb presses. Throws if the thumb never presses. */
 function showHeld() {
   const [scrub, force] = ["scrub", "force-thumb"].map((id) => document.getElementById(id));
   const show = (at) => {
@@ -83,7 +98,10 @@ function showHeld() {
   show(Math.round(best[0] + (2 * (best[1] - best[0])) / 3));
 }
 
-/** A page on a run of the demo, at the moment that is shown; what it runs in ends with `close`. One at a time: a page behind another does not draw. */
+/**
+ * A page with a run of the demo, at the moment that the pictures show. `close` ends its browser. Only one page may
+ * exist at a time, because a page behind another page does not draw.
+ */
 async function watched(size, prepare) {
   const rig = new Process(`${build}/bin/softhand`, "up", `${source}/config/rigs/demo.toml`, "--set", "viewer.port=0");
   const [, url] = await rig.line(/see it at (\S+)/, 60);
@@ -92,8 +110,9 @@ async function watched(size, prepare) {
   page.setDefaultTimeout(300000);
   await page.addInitScript(holdTime);
   await prepare(page);
-  // What is not shown is not sent: all that some picture shows is, at first.
-  await page.goto(`${url}?quality=high&theme=light&show=hand,objects,tracked,intermediate,simulated,contacts,coupling,floor`);
+  // The gateway sends only shown data, so the page first shows everything that any picture shows.
+  const everything = "hand,objects,tracked,intermediate,simulated,contacts,coupling,floor";
+  await page.goto(`${url}?quality=high&theme=light&show=${everything}`);
   const small = await page.addStyleTag({ content: "#stage { width: 64px; height: 40px; }" });
   const kept = () => Number.parseFloat(document.getElementById("scrub").title);
   await until("enough of the demo", async () => (await page.evaluate(kept)) >= SECONDS, 300);

@@ -1,4 +1,4 @@
-// Pictures that `softhand render` makes.
+// Tests of the pictures that `softhand render` makes.
 import assert from "node:assert/strict";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -29,7 +29,7 @@ async function render(name, ...more) {
   Process.all.delete(process);
   return readFileSync(out);
 }
-/** Chunks of a PNG by type. */
+/** The chunks of a PNG file by type. */
 function chunks(png) {
   const found = {};
   for (let at = 8; at < png.length; at += 12 + png.readUInt32BE(at))
@@ -37,16 +37,16 @@ function chunks(png) {
   return found;
 }
 
-test("a picture", async () => {
+test("a picture has the requested size and shows the hand", async () => {
   const png = await render("still.png", "--at", "0.5");
   const { IHDR } = chunks(png);
   assert.deepEqual([IHDR[0].readUInt32BE(0), IHDR[0].readUInt32BE(4)], [160, 100]);
-  assert.ok(png.length > 3000, "something is drawn");
+  assert.ok(png.length > 3000, "the picture must not be empty");
   const other = await render("other.png", "--at", "0.5", "--view", "show=floor,objects");
-  assert.notDeepEqual(png, other, "without the hand it looks different");
+  assert.notDeepEqual(png, other, "the picture without the hand must differ");
 });
 
-test("an animation moves", async () => {
+test("an animation has the requested frames, and they differ", async () => {
   const { acTL, fcTL, fdAT } = chunks(await render("moving.png", "--at", "0.8", "--seconds", "1.2", "--rate", "2.5"));
   assert.equal(acTL[0].readUInt32BE(0), 3);
   assert.equal(fcTL.length, 3);
@@ -54,8 +54,14 @@ test("an animation moves", async () => {
   for (const change of fdAT) assert.ok(change.length > 300, `${change.length} bytes changed`);
 });
 
-test("a wrong scene is told, not drawn", async () => {
-  const process = new Process(`${build}/bin/softhand`, "render", `${source}/config/rigs/demo.toml`, "--out", join(folder, "none.png"));
+test("a file that is no scene is refused", async () => {
+  const process = new Process(
+    `${build}/bin/softhand`,
+    "render",
+    `${source}/config/rigs/demo.toml`,
+    "--out",
+    join(folder, "none.png"),
+  );
   assert.equal(await process.ended, 1);
   Process.all.delete(process);
 });

@@ -1,12 +1,20 @@
-// What the page keeps of the stream and of files, without a browser: its module alone, on a clock of the test's.
+// Tests of the page's timeline of the stream and of files. The module runs alone, without a browser, on a clock of the
+// test.
 import assert from "node:assert/strict";
 import { createRequire } from "node:module";
 import { test } from "node:test";
 import { build, source } from "./harness.mjs";
 
 const { buildSync } = createRequire(`${build}/services/viewer/page/work/`)("esbuild");
-const { outputFiles } = buildSync({ entryPoints: [`${source}/services/viewer/page/src/timeline.ts`], bundle: true, format: "esm", write: false });
-const { Timeline } = await import(`data:text/javascript;base64,${Buffer.from(outputFiles[0].contents).toString("base64")}`);
+const { outputFiles } = buildSync({
+  entryPoints: [`${source}/services/viewer/page/src/timeline.ts`],
+  bundle: true,
+  format: "esm",
+  write: false,
+});
+const { Timeline } = await import(
+  `data:text/javascript;base64,${Buffer.from(outputFiles[0].contents).toString("base64")}`
+);
 
 const [HAND, NODES, CONTACTS, OBJECT, STATUS] = [1, 2, 6, 8, 10];
 /** A frame whose payload is the number `value`. */
@@ -18,7 +26,7 @@ function frame(type, value, instance = 1) {
 }
 const text = ({ type, payload }) => `${type}:${payload.getFloat64(0, true)}`;
 
-/** A timeline, what it showed since the last look, and a stream of `streams` at 60 Hz. */
+/** A timeline, the frames that it showed since the last `look`, and a source of `streams` at 60 Hz. */
 function player(streams = [NODES]) {
   const made = { shown: [], now: 0, sent: 0 };
   made.timeline = new Timeline(
@@ -37,7 +45,7 @@ function player(streams = [NODES]) {
   };
   return made;
 }
-/** Frames of a file, in its order. */
+/** The frames of a saved file in their order. */
 async function saved(timeline) {
   const file = await timeline.save().arrayBuffer();
   const view = new DataView(file);
@@ -47,7 +55,7 @@ async function saved(timeline) {
   return { file, frames };
 }
 
-test("a paused picture keeps what is around it, however long it stands", async () => {
+test("a long pause keeps the samples around the paused picture", async () => {
   const player1 = player([NODES, CONTACTS]);
   const { timeline, run, look } = player1;
   run(20);
@@ -55,17 +63,20 @@ test("a paused picture keeps what is around it, however long it stands", async (
   run(5);
   const early = (await saved(timeline)).frames.length;
   run(300);
-  assert.ok((await saved(timeline)).frames.length < early + 2 * 60 * 15, `${(await saved(timeline)).frames.length} frames are kept after five minutes, ${early} after five seconds`);
+  assert.ok(
+    (await saved(timeline)).frames.length < early + 2 * 60 * 15,
+    `${(await saved(timeline)).frames.length} frames are kept after five minutes, ${early} after five seconds`,
+  );
   look();
   timeline.step(1);
-  assert.ok(look().includes(`${NODES}:1201`), "the next sample is the one that came next");
+  assert.ok(look().includes(`${NODES}:1201`), "a step must show the sample that follows the paused one");
   timeline.goLive();
   look();
   run(1 / 60);
-  assert.ok(look().includes(`${NODES}:${player1.sent}`), "and what happens now is at hand");
+  assert.ok(look().includes(`${NODES}:${player1.sent}`), "live mode must show the newest sample");
 });
 
-test("a file that was opened is saved with its own descriptions", async () => {
+test("an opened file is saved with its own descriptions", async () => {
   const [one, other] = [player(), player()];
   one.timeline.add(0, frame(HAND, 100));
   one.run(1);
@@ -76,7 +87,7 @@ test("a file that was opened is saved with its own descriptions", async () => {
   assert.deepEqual((await saved(other.timeline)).frames, frames);
 });
 
-test("modules are told of while a file plays", async () => {
+test("module status is shown while a file plays", async () => {
   const { timeline, run, look } = player();
   run(1);
   timeline.open((await saved(timeline)).file);
@@ -85,7 +96,7 @@ test("modules are told of while a file plays", async () => {
   assert.deepEqual(look(), [`${STATUS}:5`]);
 });
 
-test("what a file shows and what happens now are not mixed", async () => {
+test("frames of a file and live frames are not mixed", async () => {
   const [recorded, now] = [player(), player([NODES, CONTACTS])];
   recorded.timeline.add(0, frame(HAND, 100));
   recorded.run(1);
@@ -98,12 +109,12 @@ test("what a file shows and what happens now are not mixed", async () => {
   now.run(0.5);
   now.look();
   now.timeline.goLive();
-  // Of a simulation that is halted nothing more comes.
+  // A halted simulation sends no further frames.
   now.timeline.advance(now.now, 0);
   assert.deepEqual(now.look(), ["clear", `${HAND}:200`, `${OBJECT}:300`, `${NODES}:90`, `${CONTACTS}:90`]);
 });
 
-test("a step back shows another sample of the hand, and of skeletons where these alone are shown", () => {
+test("a step back shows another sample of the hand, or of skeletons if only these are shown", () => {
   const TRACKED = 3;
   for (const streams of [[NODES, CONTACTS], [TRACKED, CONTACTS]]) {
     const { timeline, run, look } = player(streams);
@@ -117,7 +128,7 @@ test("a step back shows another sample of the hand, and of skeletons where these
   }
 });
 
-test("of another stream nothing is mixed with what was shown before, and a paused picture stays", async () => {
+test("frames of a new stream are not mixed with earlier frames, and a paused picture stays", async () => {
   const { timeline, run, look } = player();
   timeline.add(0, frame(HAND, 100));
   run(1);
@@ -138,14 +149,19 @@ test("of another stream nothing is mixed with what was shown before, and a pause
   assert.deepEqual((await saved(timeline)).frames, [`${HAND}:200`, `${NODES}:122`]);
 });
 
-test("a file that is cut off, or in which a time is none, is refused, and what is shown stays", async () => {
+test("a truncated file or a file with a time that is not finite is refused, and the picture stays", async () => {
   const { timeline, run, look } = player();
   timeline.add(0, frame(HAND, 100));
   run(1);
   const { file } = await saved(timeline);
   look();
   const length = 12 + 24;
-  for (const cut of [length - 1, 11, 1]) assert.throws(() => timeline.open(file.slice(0, file.byteLength - length + cut)), /cut off/, `${cut} bytes of the last`);
+  for (const cut of [length - 1, 11, 1])
+    assert.throws(
+      () => timeline.open(file.slice(0, file.byteLength - length + cut)),
+      /cut off/,
+      `${cut} bytes of the last frame`,
+    );
   for (const time of [NaN, Infinity]) {
     const broken = file.slice(0);
     new DataView(broken).setFloat64(8 + 30 * length, time, true);

@@ -1,4 +1,4 @@
-// https and wss with the certificate that deploy/certificate makes: page, stream and tracker.
+// Tests of page, stream and tracker over https and wss, with the certificate that deploy/certificate makes.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
@@ -10,10 +10,17 @@ import { Client, Process, WebSocket, browser, build, gateway, publisher, show, s
 const folder = mkdtempSync(`${tmpdir()}/softhand_certificate_`);
 const NAME = "softhand.test";
 const trusted = { rejectUnauthorized: false };
-// Not localhost, which is a secure context anyway.
-const lan = Object.values(networkInterfaces()).flat().find(({ family, internal }) => family === "IPv4" && !internal)?.address;
+// An address other than localhost, because localhost is always a secure context.
+const lan = Object.values(networkInterfaces())
+  .flat()
+  .find(({ family, internal }) => family === "IPv4" && !internal)?.address;
 const tls = (part) =>
-  ["address=0.0.0.0", `hosts=${NAME} ${lan ?? ""}`, `certificate=${folder}/certificate.pem`, `key=${folder}/key.pem`].map((setting) => `${part}.${setting}`);
+  [
+    "address=0.0.0.0",
+    `hosts=${NAME} ${lan ?? ""}`,
+    `certificate=${folder}/certificate.pem`,
+    `key=${folder}/key.pem`,
+  ].map((setting) => `${part}.${setting}`);
 let chromium, viewer;
 
 before(async () => {
@@ -28,25 +35,38 @@ after(async () => {
   rmSync(folder, { recursive: true });
 });
 
-/** Status and headers for a request over plain HTTP. */
+/** Status and `location` header of a request over plain HTTP. */
 const get = (host, headers = {}) =>
   new Promise((done, failed) =>
-    http.get({ host: "127.0.0.1", port: viewer.port, path: "/?plain", headers: { host: `${host}:${viewer.port}`, ...headers } }, (response) => {
-      response.resume();
-      done({ status: response.statusCode, location: response.headers.location });
-    }).on("error", failed),
+    http
+      .get(
+        {
+          host: "127.0.0.1",
+          port: viewer.port,
+          path: "/?plain",
+          headers: { host: `${host}:${viewer.port}`, ...headers },
+        },
+        (response) => {
+          response.resume();
+          done({ status: response.statusCode, location: response.headers.location });
+        },
+      )
+      .on("error", failed),
   );
 
-test("the certificate names what it was asked for, and is kept while it is good", () => {
-  const text = execFileSync("openssl", ["x509", "-noout", "-text", "-in", `${folder}/certificate.pem`], { encoding: "utf8" });
+test("the certificate contains the requested names and is reused while it is valid", () => {
+  const text = execFileSync("openssl", ["x509", "-noout", "-text", "-in", `${folder}/certificate.pem`], {
+    encoding: "utf8",
+  });
   for (const name of ["DNS:localhost", "IP Address:127.0.0.1", `DNS:${NAME}`]) assert.ok(text.includes(name), name);
-  const serial = () => execFileSync("openssl", ["x509", "-noout", "-serial", "-in", `${folder}/certificate.pem`], { encoding: "utf8" });
+  const serial = () =>
+    execFileSync("openssl", ["x509", "-noout", "-serial", "-in", `${folder}/certificate.pem`], { encoding: "utf8" });
   const first = serial();
   execFileSync(`${source}/deploy/certificate`, [folder, NAME]);
   assert.equal(serial(), first);
 });
 
-test("the page comes by https, is a secure context, and draws the hand", async () => {
+test("the page over https is a secure context and draws the hand", async () => {
   assert.match(viewer.url, /^https:/);
   const context = await chromium.newContext({ ignoreHTTPSErrors: true });
   const page = await context.newPage();
@@ -57,20 +77,20 @@ test("the page comes by https, is a secure context, and draws the hand", async (
   await context.close();
 });
 
-test("localhost gets http on the same port, others are sent to https", async () => {
+test("localhost gets http on the same port, other hosts are redirected to https", async () => {
   assert.equal((await get("localhost")).status, 200);
   assert.deepEqual(await get(NAME), { status: 301, location: `https://${NAME}:${viewer.port}/?plain` });
   assert.equal((await get("elsewhere.test")).status, 403);
 });
 
-test("its addresses are told with the port that it got", async () => {
+test("the printed addresses have the port that the gateway got", async () => {
   const other = await gateway(viewer.port, ...tls("viewer"));
   assert.notEqual(other.port, viewer.port);
   await other.process.line(new RegExp(`elsewhere at https://${NAME.replace(".", "\\.")}:${other.port}\n`));
   await other.process.end();
 });
 
-test("the stream asks for the right origin over wss, too", async () => {
+test("the stream checks the origin over wss", async () => {
   const url = `https://127.0.0.1:${viewer.port}`;
   const own = new Client(url, { ...trusted, origin: url });
   await own.opened;
@@ -81,9 +101,14 @@ test("the stream asks for the right origin over wss, too", async () => {
   await assert.rejects(foreign.opened);
 });
 
-test("the webxr tracker takes wss from the page that came by https", async () => {
+test("the webxr tracker accepts wss from the page over https", async () => {
   const settings = ["tracker_webxr.port=0", ...tls("tracker_webxr")].flatMap((setting) => ["--set", setting]);
-  const tracker = new Process(`${build}/bin/softhand-tracker-webxr`, "--config", `${source}/config/scenes/demo.toml`, ...settings);
+  const tracker = new Process(
+    `${build}/bin/softhand-tracker-webxr`,
+    "--config",
+    `${source}/config/scenes/demo.toml`,
+    ...settings,
+  );
   const [, port] = await tracker.line(/listening at wss:\S+:(\d+)/);
   const opened = (url, options) =>
     new Promise((done) => {
@@ -96,8 +121,13 @@ test("the webxr tracker takes wss from the page that came by https", async () =>
   assert.ok(await opened(`ws://127.0.0.1:${port}`, { origin: `http://127.0.0.1:${viewer.port}` }));
 });
 
-test("a certificate that is none is refused by its name", async () => {
+test("a missing certificate is refused with its path", async () => {
   const settings = ["viewer.port=0", "viewer.certificate=/nowhere.pem"].flatMap((setting) => ["--set", setting]);
-  const wrong = new Process(`${build}/bin/softhand-viewer`, "--config", `${source}/config/scenes/demo.toml`, ...settings);
+  const wrong = new Process(
+    `${build}/bin/softhand-viewer`,
+    "--config",
+    `${source}/config/scenes/demo.toml`,
+    ...settings,
+  );
   await wrong.line(/certificate \/nowhere\.pem: /);
 });

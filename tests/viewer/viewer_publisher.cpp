@@ -1,7 +1,12 @@
-// viewer_publisher HAND_FILE [VERTICES [RATE]]: a hand, its skin refined to so many vertices, objects, contacts and a
-// module's status on this process's domain, with figures that a test knows by heart: the hand at rest, swaying by 5 cm
-// at 0.5 Hz, RATE (60) samples a second, of which every other comes a third of a period late, as on a busy machine.
-// Says on stdout when tissue_surface gets or loses its readers, and each message that arrives.
+// viewer_publisher HAND_FILE [VERTICES [RATE]] publishes test data on this process's domain, with figures that the
+// tests know:
+// - A hand at rest that sways by 5 cm at 0.5 Hz. Its skin is refined to VERTICES vertices.
+// - Objects, contacts and the status of modules.
+//
+// RATE is the number of samples per second (60). Every other sample comes a third of a period late, as on a busy
+// machine.
+//
+// Output on stdout: a line when tissue_surface gets or loses its readers, and a line for each message that arrives.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -21,8 +26,8 @@
 namespace {
 using namespace softhand;
 
-/// Splits the skin's longest edges in two, over and over, until it has so many vertices. A new one is carried by the
-/// tetrahedron of an end of its edge.
+/// Splits the longest edges of the skin in two until the skin has `vertices` vertices. Each new vertex is embedded in
+/// the tetrahedron of one end of its edge.
 void refine_skin(HandModel& hand, std::size_t vertices) {
   const auto corners = [&hand](const SkinVertex& vertex) {
     const auto& nodes = hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)];
@@ -123,11 +128,11 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   Skeleton skeleton;
   BoneWrench wrench;
   LoopStatus status;
-  double pace = 1;  // these as asked
+  double pace = 1;  // this value and the next ones change by message
   std::string chosen = "demo";
-  std::string other = "scene pinch_lift";  // than demo
+  std::string other = "scene pinch_lift";  // the scene besides demo
   bool motors = true;
-  bool listed = true;  // the cube among the objects
+  bool listed = true;  // the cube is among the objects
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -162,7 +167,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     contact.penetration = 0.0004;
     contacts->contacts.clear();
     contacts->contacts.push_back(contact);
-    // The fingers are pressed all over, lightly, so that pressure shows from every side.
+    // Light contacts all over the fingers, so that pressure shows from every side.
     Contact light = contact;
     light.force = {0, 0.05, 0};
     light.area = 1e-5;
@@ -199,7 +204,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       status.step_ms_p99 = 8.25;
       status.step_ms_p999 = 9.75;
       status.input_drops = 4;
-      status.deadline_misses = step;  // differs from status to status, so that the page must show the very same one
+      status.deadline_misses = step;  // differs in each status, so that a test can match a shown row with its status
       status.input_age_ms = 12.5;
       status.residual = 0.0125;
       status.iterations = 3;
@@ -218,7 +223,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       add_counter(status, "chord_steps", 17);
       add_counter(status, "pace", pace);
       statuses.write(status);
-      // Those that the page chooses from and switches.
+      // Modules whose counters the page offers for choosing and switching.
       LoopStatus rig;
       set_text(rig.module, "rig");
       for (const std::string_view offer : {std::string_view("scene demo"), std::string_view(other)})
@@ -227,7 +232,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
       haptic.nominal_rate_hz = 1000;
-      haptic.input_age_ms = 1'234'567.8;  // of a hand that stands for long
+      haptic.input_age_ms = 1'234'567.8;  // age for a hand that has not published for a long time
       haptic.passivity_energy = -0.25;
       add_counter(haptic, "motors", motors ? 1 : 0);
       statuses.write(haptic);

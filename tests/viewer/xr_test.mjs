@@ -1,4 +1,5 @@
-// A session in an emulated headset (iwer): hands and head reach tracked_skeleton and head_pose by way of page and softhand-tracker-webxr, in the world's frame.
+// Tests of a session in an emulated headset (iwer). The poses of hands and head go through the page and
+// softhand-tracker-webxr. They must arrive in tracked_skeleton and head_pose, in the world's frame.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { Client, Process, browser, build, gateway, pause, recorded, show, source, until } from "./harness.mjs";
@@ -6,17 +7,24 @@ import { Client, Process, browser, build, gateway, pause, recorded, show, source
 const TRACKED = 3;
 const WRIST = 1;
 const JOINT_BYTES = 36;
-// The head looks along the room's -X, so that the world's axes differ from the room's: world +X is room -Z, world +Z is room +X.
+// The head looks along the room's -X, so that the axes of world and room differ. World +X is room -Z, and world +Z is
+// room +X.
 const HEAD = [0.3, 1.5, 0.2];
 const ORIGIN = [HEAD[0] - 0.4, HEAD[1] - 0.45, HEAD[2]];
 const HEAD_IN_WORLD = [0, 0.45, 0.4];
-const SIDES = { left: 0, right: 1 }; // instances of user 0
+const SIDES = { left: 0, right: 1 }; // instances of user 0's hands
 
 let chromium, viewer, tracker, page, client;
 const errors = [];
 
 before(async () => {
-  tracker = new Process(`${build}/bin/softhand-tracker-webxr`, "--config", `${source}/config/scenes/demo.toml`, "--set", "tracker_webxr.port=0");
+  tracker = new Process(
+    `${build}/bin/softhand-tracker-webxr`,
+    "--config",
+    `${source}/config/scenes/demo.toml`,
+    "--set",
+    "tracker_webxr.port=0",
+  );
   const [, port] = await tracker.line(/listening at ws:\S+:(\d+)/);
   viewer = await gateway();
   client = new Client(viewer.url);
@@ -29,7 +37,7 @@ before(async () => {
   await page.addInitScript((head) => {
     const device = (window.emulated = new window.IWER.XRDevice(window.IWER.metaQuest3));
     device.installRuntime({ forceInstall: true });
-    // iwer 2.5.0 takes a matrix here; pages give an XRRigidTransform, as the standard says.
+    // iwer 2.5.0 expects a matrix here. Pages pass an XRRigidTransform, as the standard requires.
     const { prototype } = XRReferenceSpace;
     const byMatrix = prototype.getOffsetReferenceSpace;
     prototype.getOffsetReferenceSpace = function (offset) {
@@ -49,44 +57,46 @@ after(async () => {
 
 const samples = () => client.count.get(TRACKED) ?? 0;
 const session = () => page.evaluate(() => document.documentElement.dataset.session ?? null);
-/** The wrist that is tracked, world, once the hand of `side` has been at `position` (room) for some samples. */
+/** The tracked wrist (world) after the hand of `side` has been at `position` (room) for some samples. */
 async function wristAt(side, position) {
   await page.evaluate(([side, to]) => window.emulated.hands[side].position.set(...to), [side, position]);
-  // Late ones of before are passed over: those that were on their way, and what the page drew meanwhile.
+  // Skips old samples: those on their way, and those of pictures that the page draws meanwhile.
   const drawn = (await page.evaluate(() => window.softhand.counts.drawn)) + 3;
   await until("pictures in the headset", () => page.evaluate((n) => window.softhand.counts.drawn >= n, drawn), 60);
-  const seen = samples() + 6; // of two hands
+  const seen = samples() + 6; // of both hands
   await until("tracked_skeleton", () => samples() >= seen, 60);
   const payload = client.newest.get(`${TRACKED} ${SIDES[side]}`);
   assert.equal(payload.readUInt32LE(28), 0, "world frame");
   const at = 32 + WRIST * JOINT_BYTES;
-  assert.notEqual(payload.readUInt32LE(at + 32), 0, "the wrist is valid");
+  assert.notEqual(payload.readUInt32LE(at + 32), 0, "the wrist must be valid");
   return [0, 1, 2].map((axis) => payload.readFloatLE(at + 4 * axis));
 }
 function near(actual, expected, tolerance, what) {
-  actual.forEach((value, axis) => assert.ok(Math.abs(value - expected[axis]) < tolerance, `${what}: ${actual}, expected ${expected}`));
+  actual.forEach((value, axis) =>
+    assert.ok(Math.abs(value - expected[axis]) < tolerance, `${what}: ${actual}, expected ${expected}`),
+  );
 }
 
-test("a headset's browser is offered its sessions", async () => {
+test("a headset's browser shows the buttons of its sessions", async () => {
   await page.locator("#enter-vr").waitFor({ state: "visible" });
   await page.locator("#enter-ar").waitFor({ state: "visible" });
   assert.equal(samples(), 0);
 });
 
 for (const mode of ["vr", "ar"]) {
-  test(`the hands of an ${mode} session are tracked where they are before the user`, async () => {
-    await page.reload(); // iwer leaves the canvas in front of the page's buttons after a session.
+  test(`the hands of an ${mode} session are tracked at their place in front of the user`, async () => {
+    await page.reload(); // After a session, iwer leaves the canvas in front of the page's buttons.
     await page.click(`#enter-${mode}`);
     await until("a session", async () => (await session()) === `immersive-${mode}`);
     for (const side of Object.keys(SIDES)) {
       const first = await wristAt(side, ORIGIN);
-      near(first, [0, 0, 0], 0.15, `the ${side} hand where the world's origin is put`);
+      near(first, [0, 0, 0], 0.15, `the ${side} hand at the world's origin`);
       const moved = await wristAt(side, [ORIGIN[0] + 0.1, ORIGIN[1] + 0.05, ORIGIN[2] - 0.02]);
       near(
         moved.map((value, axis) => value - first[axis]),
         [0.02, 0.05, 0.1],
         1e-4,
-        `the ${side} hand's way`,
+        `movement of the ${side} hand`,
       );
     }
   });
@@ -98,12 +108,14 @@ for (const mode of ["vr", "ar"]) {
     assert.equal(pose.readUInt32LE(0), 0, "user");
     assert.equal(pose.readUInt32LE(144), 1, "valid");
     near([88, 96, 104].map((at) => pose.readDoubleLE(at)), HEAD_IN_WORLD, 1e-4, "position");
-    near([112, 120, 128].map((at) => pose.readDoubleLE(at)), [0, 0, 0], 1e-4, "it looks along the world's -Z");
+    const orientation = [112, 120, 128].map((at) => pose.readDoubleLE(at));
+    near(orientation, [0, 0, 0], 1e-4, "orientation: the head looks along the world's -Z");
   });
 
-  test(`recentring in an ${mode} session puts the world before the user anew`, async () => {
+  test(`recentring in an ${mode} session puts the world in front of the user again`, async () => {
     const first = await wristAt("right", ORIGIN);
-    // The head turns to the room's -Z, above the room's origin: the world goes with it, in place of the hand.
+    // The head moves above the room's origin and turns to the room's -Z. The world follows the head, so the hand must
+    // move to the world's new origin.
     await page.evaluate(() => window.emulated.recenter());
     const head = await page.evaluate(() => {
       const { x, y, z } = window.emulated.position;
@@ -118,7 +130,7 @@ for (const mode of ["vr", "ar"]) {
     }, HEAD);
   });
 
-  test(`the page goes on after the ${mode} session, the tracker hears no more`, async () => {
+  test(`after the ${mode} session the page goes on drawing and the tracker gets no samples`, async () => {
     await page.evaluate(() => window.emulated.activeSession.end());
     await until("the end", async () => (await session()) === null);
     await pause(300);
@@ -129,10 +141,10 @@ for (const mode of ["vr", "ar"]) {
   });
 }
 
-test("nothing went wrong on the way", async () => assert.deepEqual(errors, []));
+test("the page threw no error during these tests", async () => assert.deepEqual(errors, []));
 
-test("a browser without a headset offers none", async () => {
-  await page.close(); // Its drawing would slow the other's down.
+test("a browser without a headset shows no session button", async () => {
+  await page.close(); // Its drawing would slow down the other page.
   const plain = await chromium.newPage();
   await plain.goto(viewer.url);
   await until("pictures", () => plain.evaluate(() => window.softhand?.counts.drawn > 2), 60);
