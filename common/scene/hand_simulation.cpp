@@ -136,9 +136,14 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   std::vector<Linkage::Link> links(kBodyCount);
   for (const JointSite& joint : hand_joints(hand_))
     links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
-  solver_->allow_chord_steps(
-      Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this] {
-        return contact_count() == 0 && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
+  solver_->use_linkage(
+      Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this](Linkage& linkage) {
+        linkage.clear_touching();
+        if (contacts_) {
+          for (const ContactSet::Anchor& anchor : contacts_->anchors())
+            linkage.set_touching(hand_.node_body[static_cast<std::size_t>(anchor.node)]);
+        }
+        return !linkage.any_touching() && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
       });
 }
 

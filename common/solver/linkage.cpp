@@ -13,6 +13,7 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
     : layout_(layout),
       links_(std::move(links)),
       carriers_(std::move(carriers)),
+      is_straight_(static_cast<std::size_t>(layout.body_count), 0),
       kept_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
       levers_(links_.size(), Vector3::Zero()),
       turns_(kept_.size(), Matrix3::Identity()),
@@ -30,6 +31,72 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
     if (carrier < 0 || carrier >= layout.body_count)
       throw std::invalid_argument("Linkage: a carrier that does not exist");
   }
+}
+
+void Linkage::clear_touching() {
+  std::fill(is_straight_.begin(), is_straight_.end(), std::uint8_t{0});
+  any_touching_ = false;
+}
+
+void Linkage::set_touching(int body) {
+  any_touching_ = true;
+  while (body >= 0 && !is_straight_[static_cast<std::size_t>(body)]) {
+    is_straight_[static_cast<std::size_t>(body)] = 1;
+    body = body < linked_bodies() ? links_[static_cast<std::size_t>(body)].parent : -1;
+  }
+}
+
+void Linkage::move(State& state, const VectorX& increment, double scale, VectorX& tangent) {
+  for (int body = 0; body < layout_.body_count; ++body) {
+    const auto b = static_cast<std::size_t>(body);
+    const Vector3 linear = increment.segment<3>(translation(body)), angular = increment.segment<3>(rotation(body));
+    Pose& pose = state.body_poses[b];
+    then_[b] = pose.position;
+    now_[b] = linear;
+    coasted_[b] = rotation_exp(scale * angular).toRotationMatrix();
+    const int parent = b < links_.size() && !is_straight_[b] ? links_[b].parent : -1;
+    const Vector3 lever = parent < 0 ? Vector3(Vector3::Zero()) : Vector3(pose.orientation * links_[b].joint);
+    pose = softhand::increment(pose, scale * linear, scale * angular);
+    if (parent >= 0) {
+      const auto a = static_cast<std::size_t>(parent);
+      const Vector3 parent_angular = increment.segment<3>(rotation(parent));
+      const Vector3 arm = then_[b] + lever - then_[a];  // from the parent to the joint
+      // What the increment moves the joint in the child by, relative to the joint in the parent.
+      const Vector3 gap =
+          linear + angular.cross(lever) - increment.segment<3>(translation(parent)) - parent_angular.cross(arm);
+      const Vector3 turned_arm = coasted_[a] * (arm + scale * gap), turned_lever = coasted_[b] * lever;
+      pose.position = state.body_poses[a].position + turned_arm - turned_lever;
+      now_[b] = now_[a] + parent_angular.cross(turned_arm) + coasted_[a] * gap - angular.cross(turned_lever);
+    }
+    tangent.segment<3>(translation(body)) = now_[b];
+    tangent.segment<3>(rotation(body)) = angular;
+  }
+  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(carriers_[n]);
+    const auto column = static_cast<Eigen::Index>(n);
+    const Vector3 whole = increment.segment<3>(3 * column);
+    if (is_straight_[b]) {
+      state.node_positions.col(column) += scale * whole;
+      tangent.segment<3>(3 * column) = whole;
+      continue;
+    }
+    const Vector3 angular = increment.segment<3>(rotation(carriers_[n]));
+    const Vector3 arm = state.node_positions.col(column) - then_[b];
+    const Vector3 own = whole - increment.segment<3>(translation(carriers_[n])) - angular.cross(arm);
+    const Vector3 turned = coasted_[b] * (arm + scale * own);
+    state.node_positions.col(column) = state.body_poses[b].position + turned;
+    tangent.segment<3>(3 * column) = now_[b] + angular.cross(turned) + coasted_[b] * own;
+  }
+}
+
+double Linkage::prediction_error(const State& start, const State& state, double time_step) const {
+  double squares = 0;
+  for (std::size_t b = 0; b < links_.size(); ++b) {
+    squares +=
+        (state.body_poses[b].position - start.body_poses[b].position - time_step * start.body_velocities[b].linear)
+            .squaredNorm();
+  }
+  return links_.empty() ? 0.0 : std::sqrt(squares / static_cast<double>(links_.size()));
 }
 
 void Linkage::keep(const State& state) {

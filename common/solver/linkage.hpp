@@ -33,6 +33,19 @@ class Linkage {
   Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers);
 
   int linked_bodies() const { return static_cast<int>(links_.size()); }
+  /// No body touches an object.
+  void clear_touching();
+  /// This body touches an object. So `move` moves it, what carries it and what it carries along straight lines.
+  void set_touching(int body);
+  bool any_touching() const { return any_touching_; }
+  /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
+  /// a body's joint follows its parent, and a carried node turns with its body. So a large turn of a bone stretches no
+  /// tissue. Touching bodies and their nodes move straight, because contact is stiffer than tissue and the increment
+  /// meets it to first order. `tangent`: the derivative of the move by `scale` there.
+  void move(State& state, const VectorX& increment, double scale, VectorX& tangent);
+  /// RMS distance of the linked bodies in `state` from where they would be after `time_step` seconds with the
+  /// velocities of `start`, m.
+  double prediction_error(const State& start, const State& state, double time_step) const;
   /// `state` becomes the earlier state.
   void keep(const State& state);
   /// `state` becomes the later state.
@@ -57,11 +70,14 @@ class Linkage {
   DofLayout layout_;
   std::vector<Link> links_;
   std::vector<std::int32_t> carriers_;
+  std::vector<std::uint8_t> is_straight_;  // by body
+  bool any_touching_ = false;
   std::vector<Quaternion> kept_;     // by body, orientation at the earlier state
   std::vector<Vector3> levers_;      // by link, r_b
   std::vector<Matrix3> turns_;       // by body, W_b
-  std::vector<Matrix3> coasted_;     // scratch, by body: the turn of a step
-  std::vector<Vector3> then_, now_;  // scratch, by body: t_b and T_b, or their gradients
+  std::vector<Matrix3> coasted_;     // scratch, by body: the turn of a step or of a move
+  std::vector<Vector3> then_, now_;  // scratch, by body: t_b and T_b, or their gradients; in `move` the old position
+                                     // and the derivative of the new one
 };
 
 }  // namespace softhand

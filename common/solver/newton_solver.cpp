@@ -42,7 +42,9 @@ constexpr double kShort = 0.05;  // likewise short of the minimum, but for a ful
 constexpr double kFar = 0.6;     // likewise of a full step: with more left the Hessian is too stiff along it
 constexpr double kLeastStride = 1.5, kLongestStride = 4;  // of a step that goes on then, over the one before
 constexpr double kInside = 0.05;                          // of a bracket: how near to its ends the next trial may be
-constexpr double kNoise = 100;  // of the energy's rounding: what falls by less has no slope worth a search
+constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if velocities led farther off, chord steps fail
+constexpr int kContactSolves = 2;      // after a step that did not converge
+constexpr double kNoise = 100;         // of the energy's rounding: what falls by less has no slope worth a search
 
 double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -93,6 +95,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations &&
                    options.work_budget == 0),
       tries_exact_now_(tries_exact_),
+      local_newton_(layout),
       clock_(options.clock ? options.clock : steady_seconds) {
   if (terms_.size() > kMaxTerms)
     throw std::invalid_argument("NewtonSolver: at most " + std::to_string(kMaxTerms) + " terms");
@@ -141,13 +144,14 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
     }
     if (!kinked) first_kinked_ = order_.size();
   }
+  for (std::size_t k = first_kinked_; k < order_.size(); ++k) kinked_.push_back(terms_[order_[k]]);
   work_ = step_work({potential_blocks, linear_solver_->factor_operations(), linear_solver_->factor_entries()});
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
   potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ =
       VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
-  gradient_ = direction_ = displacement_ = VectorX::Zero(layout_.dof_count());
+  gradient_ = direction_ = tangent_ = displacement_ = VectorX::Zero(layout_.dof_count());
   start_ = base_ = best_ = empty_state(layout_);
 }
 
@@ -318,6 +322,30 @@ void NewtonSolver::count_factor(StepReport& report) const {
       work_.per_operation * factor_->last_operations() * (factor_ == precise_solver_.get() ? work_.per_double : 1.0);
 }
 
+// Moves `state` by `scale` times the direction, along the linkage if there is one.
+void NewtonSolver::move(State& state, double scale) {
+  if (prepare_) {
+    linkage_.move(state, direction_, scale, tangent_);
+  } else {
+    apply_increment(state, direction_, scale);
+    tangent_ = direction_;
+  }
+}
+
+// Moves the touched nodes and objects towards their equilibrium while everything else stays. Energy, residual and
+// gradient must be those of `state`. False if nothing was found or the energy does not fall.
+bool NewtonSolver::solve_contact(State& state, StepReport& report) {
+  const double begin = clock_();
+  const LocalNewton::Result result =
+      local_newton_.minimise(state, kinked_, curvature_, gradient_, hessian_, direction_);
+  report.timing.solve += clock_() - begin;
+  report.work += work_.contact_blocks + work_.per_local_operation * result.operations;
+  has_smooth_ = false;  // `hessian_` no longer belongs to the last factor
+  if (!result.found) return false;
+  ++report.contact_solves;
+  return search(state, report, true, false) > 0;
+}
+
 // Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of
 // the step that was taken; 0 where E does not fall in floating point (then `state` and `report` are unchanged).
 // `measured`: the energy and the gradient there are evaluated, at a full step with the Hessian too if it is wanted.
@@ -340,9 +368,9 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
     double high = 0, high_slope = 0;    // where it rises again, or has not fallen
     int side = 0;
     for (int trial = 0; trial <= kMaxBracketings; ++trial) {
-      apply_increment(state, direction_, scale);
+      move(state, scale);
       const bool finite = evaluate(state, report, with_hessian && trial == 0);
-      const double there = finite ? gradient_.dot(direction_) : 0.0;
+      const double there = finite ? gradient_.dot(tangent_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
       const bool is_bracketed = high > 0;
       const bool goes_on =
@@ -381,7 +409,7 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
     scale = low > 0 ? low : 0.5 * high;
   }
   for (int halving = 0; halving <= kMaxHalvings; ++halving, scale *= 0.5) {
-    apply_increment(state, direction_, scale);
+    move(state, scale);
     if (energy_at(state, report) <= bound(scale) &&
         (!measured || (evaluate(state, report, false) && report.energy <= bound(scale)))) {
       report.increment *= scale;
@@ -445,8 +473,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     return report;
   };
   bool begun = false;  // below the start already, in a chord step that did not converge
-  const bool is_quiet = options_.chord_tolerance > 0 && quiet_ && quiet_();
-  if (is_quiet) {
+  const bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
+  const bool touches = prepare_ && linkage_.any_touching();
+  if (may_be_chord && is_predictable_) {
     if (chord_step(state, time_step, report)) return report;
     // The fast mode takes its few iterations from the step's start, as the source does.
     begun = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
@@ -486,8 +515,11 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   const double kept_work = work_.solve + work_.evaluation;
   const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + kept_work;
   const double whole_work = work_.linearisation + work_.whole_factor + kept_work;
+  // The work of one solve of contact alone is kept for the end.
+  const double reserved = touches ? work_.contact_blocks + work_.evaluation : 0.0;
   const auto remaining_work = [&] {
-    return options_.work_budget > 0 ? options_.work_budget - report.work : std::numeric_limits<double>::infinity();
+    return options_.work_budget > 0 ? options_.work_budget - reserved - report.work
+                                    : std::numeric_limits<double>::infinity();
   };
   const auto has_whole_factor = [&] { return report.factorisations > report.kink_factors; };
   report.status = StepStatus::iteration_limit;
@@ -541,7 +573,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         if (!linearised) evaluate(state, report, true);
         factorised = factorize(state, report, in_double);
         if (!factorised) break;
-        if (is_quiet) linkage_.keep(state);
+        if (may_be_chord) linkage_.keep(state);
       }
       const double solve_begin = clock_();
       gradient_ = -gradient_;
@@ -573,7 +605,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       }
       // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for
       // ever.
-      apply_increment(state, direction_);
+      move(state, 1);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
     const double moved = (scale > 0 ? scale : 1.0) * largest_move(state);
@@ -608,6 +640,17 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     state = start_;
     return report;
   }
+  const bool is_cut_off = report.status == StepStatus::budget_spent ||
+                          (report.status == StepStatus::iteration_limit && options_.max_iterations < kFewIterations);
+  if (is_cut_off && touches && has_whole_factor() && report.shifts == 0) {
+    if (!evaluated) {
+      if (!evaluate(state, report, false)) return give_up();
+      evaluated = true;
+    }
+    for (int k = 0; k < kContactSolves && solve_contact(state, report); ++k) {
+    }
+  }
+  if (prepare_) is_predictable_ = linkage_.prediction_error(start_, state, time_step) <= kPredictable;
   const double end = clock_();
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
@@ -617,16 +660,16 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   was_cut_off_ = report.status == StepStatus::budget_spent;
   const bool may_carry = report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
   if (may_carry && (keeps || has_whole_factor())) carried_time_step_ = time_step;
-  if (is_quiet && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0)
+  if (may_be_chord && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0)
     kept_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
 }
 
-void NewtonSolver::allow_chord_steps(Linkage linkage, std::function<bool()> quiet) {
+void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare) {
   linkage_ = std::move(linkage);
-  quiet_ = std::move(quiet);
+  prepare_ = std::move(prepare);
 }
 
 void NewtonSolver::take_factor(const NewtonSolver& other) {
@@ -640,6 +683,7 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   kept_time_step_ = other.kept_time_step_;
   carried_time_step_ = other.carried_time_step_;
   contracts_slowly_ = other.contracts_slowly_;
+  is_predictable_ = other.is_predictable_;
   was_cut_off_ = other.was_cut_off_;
   potentials_ = other.potentials_;
   carried_ = other.carried_;
@@ -715,7 +759,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     report.timing.solve += clock_() - begin;
     report.work += work_.solve;
     if (!direction_.allFinite()) return give_up();
-    apply_increment(state, direction_);
+    move(state, 1);
     ++report.iterations;
     report.increment = direction_.lpNorm<Eigen::Infinity>();
     const double moved = linkage_.root_mean_square(direction_);
@@ -741,6 +785,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       report.state_changed = all_finite(state);
       report.chord = true;
       report.measured = true;
+      is_predictable_ = linkage_.prediction_error(start_, state, time_step) <= kPredictable;
       was_cut_off_ = false;
       return report.state_changed;
     }

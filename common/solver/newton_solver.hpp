@@ -30,6 +30,7 @@
 #include "runtime/options.hpp"
 #include "solver/linear_solver.hpp"
 #include "solver/linkage.hpp"
+#include "solver/local_newton.hpp"
 #include "solver/step_work.hpp"
 
 namespace softhand {
@@ -129,6 +130,7 @@ struct StepReport {
   int iterations = 0;      ///< Newton steps taken
   int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor, or that of the step before
   int kink_factors = 0;    ///< of them, new in the terms with kinks alone
+  int contact_solves = 0;  ///< of contact alone, after the last iteration (LocalNewton)
   int double_factors = 0;  ///< of them, taken in double because the float factor failed, or led nowhere
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
@@ -159,12 +161,14 @@ class NewtonSolver {
     measures_work_ = taken;
     measures_start_ = start_of_chord_steps;
   }
-  /// Where `quiet()` holds once the terms have begun a step, that step is tried as a chord step: from the state to
-  /// which the velocities of linked bodies and nodes lead, by Newton's method with the Hessian of an earlier chord
-  /// step, taken along by `linkage`. What does not contract becomes an ordinary step, from its start. `quiet` must mean
-  /// that the Hessian changes by little else than the turning of the linked bodies: no contact began or ended. It must
-  /// not allocate.
-  void allow_chord_steps(Linkage linkage, std::function<bool()> quiet);
+  /// Iterations move the state along `linkage`. `prepare` is called once the terms have begun a step. It marks the
+  /// touching bodies in the linkage, and returns whether the step may be a chord step. It must not allocate.
+  ///
+  /// A chord step starts from the state to which the velocities of linked bodies and nodes lead, and uses Newton's
+  /// method with the Hessian of an earlier chord step, turned along by the linkage. If it does not contract, an
+  /// ordinary step follows from the start. So `prepare` must return true only if the Hessian changes by little else
+  /// than the turning of the linked bodies: no contact began or ended.
+  void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare);
 
   /// Between steps: goes on with the factor that `other`, of as many terms of the same pattern, would go on with, and
   /// what else it kept, where both have linear solvers of one kind; else with its own.
@@ -184,6 +188,8 @@ class NewtonSolver {
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
   double largest_move(const State& state) const;
+  void move(State& state, double scale);
+  bool solve_contact(State& state, StepReport& report);
 
   std::vector<Energy*> terms_;
   std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept;
@@ -200,9 +206,12 @@ class NewtonSolver {
   StepWork work_;
   bool was_cut_off_ = false;  // the last step, by the budget
   std::unique_ptr<LinearSolver> linear_solver_;
-  // Chord steps.
+  LocalNewton local_newton_;
+  std::vector<Energy*> kinked_;  // the terms with kinks
   Linkage linkage_;
-  std::function<bool()> quiet_;
+  std::function<bool(Linkage&)> prepare_;  // null: no linkage
+  // Chord steps.
+  bool is_predictable_ = true;     // the last step ended near where velocities led
   double kept_time_step_ = 0;      // of the factor in `linear_solver_`; 0: it is not for chord steps
   bool contracts_slowly_ = false;  // the factor contracted slowly when last used
   double carried_time_step_ = 0;   // of the factor that the last step left, unless it was a chord step's; 0: none
@@ -218,6 +227,7 @@ class NewtonSolver {
   VectorX carried_, carried_before_, extrapolated_;
   double carried_for_ = 0;  // seconds, the step of `carried_`; 0: it says nothing of the next one
   VectorX gradient_, direction_;
+  VectorX tangent_;       // derivative of `move` by its scale, at the last move
   VectorX displacement_;  // the increment from start_ to the state evaluated last
   // What the potentials were where they were evaluated last: mostly the start of the next step.
   struct Potentials {

@@ -6,11 +6,12 @@ namespace softhand {
 namespace {
 
 // Relative times, in nanoseconds of the machine of docs/performance.md; only their ratios count.
-constexpr double kEvaluation = 11;     // a potential block
-constexpr double kLinearisation = 38;  // a potential block
-constexpr double kFrozen = 0.15;       // of an evaluation
-constexpr double kOperation = 0.018;   // a floating-point operation of the float factor
-constexpr double kEntry = 0.22;        // a number of the factor, in a solve
+constexpr double kEvaluation = 11;       // a potential block
+constexpr double kLinearisation = 38;    // a potential block
+constexpr double kFrozen = 0.15;         // of an evaluation
+constexpr double kOperation = 0.018;     // a floating-point operation of the float factor
+constexpr double kLocalOperation = 0.6;  // an operation of the factor of contact alone
+constexpr double kEntry = 0.22;          // a number of the factor, in a solve
 constexpr double kDouble = 1.8;
 
 }  // namespace
@@ -28,6 +29,7 @@ StepWork step_work(const ScenePattern& pattern) {
           .solve = unit * solve,
           .per_operation = unit * kOperation,
           .whole_factor = unit * factor,
+          .per_local_operation = unit * kLocalOperation,
           .per_double = kDouble};
 }
 

@@ -24,9 +24,10 @@ struct StepWork {
   double frozen_evaluation = 0;  ///< energy and gradient where those of tissue, attachments and joints are known
   double contact_blocks = 0;     ///< writing the blocks of contact and friction anew
   double solve = 0;
-  double per_operation = 0;  ///< of a float factorisation
-  double whole_factor = 0;   ///< of a whole float factorisation
-  double per_double = 0;     ///< a double factorisation over a float one
+  double per_operation = 0;        ///< of a float factorisation
+  double whole_factor = 0;         ///< of a whole float factorisation
+  double per_local_operation = 0;  ///< of the factorisations of `LocalNewton`
+  double per_double = 0;           ///< a double factorisation over a float one
 };
 
 StepWork step_work(const ScenePattern& pattern);

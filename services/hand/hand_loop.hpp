@@ -46,7 +46,7 @@ struct HandCounters {
   std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
   std::uint64_t failed_steps = 0;          ///< steps in which the solver failed and kept the state
   std::uint64_t budget_steps = 0;          ///< steps that reached the work budget before convergence
-  std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::allow_chord_steps`)
+  std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::use_linkage`)
   std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs near the hand while all slots were taken
 };
 

@@ -108,7 +108,7 @@ void check_stability(const TrackingOptions& options, double hand_rate_hz, const 
       better.stiffness_ratio = std::min(1000.0, better.stiffness_ratio * 1.1);
     }
   }
-  char text[320];
+  char text[640];
   std::snprintf(text, sizeof text,
                 "tracking: stiffness_ratio %g, feedback_ratio %g, mass_fraction %g at %g Hz with a hand at %g Hz: "
                 "small deviations grow by a factor of %.4f per hand period; expected less than 1, e.g. "

@@ -342,9 +342,8 @@ TEST(NewtonSolver, ChordStepDoesNotMistakeATooStiffFactorForConvergence) {
   Saboteur saboteur;
   const DofLayout layout = state.layout();
   NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors, &saboteur}, layout, SolverOptions{});
-  solver.allow_chord_steps(
-      Linkage(layout, {}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
-      [] { return true; });
+  solver.use_linkage(Linkage(layout, {}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
+                     [](Linkage&) { return true; });
   saboteur.curvature = 1e9;
   EXPECT_TRUE(solver.step(state, 0.01).chord);
   saboteur.curvature = 0;
@@ -363,9 +362,9 @@ TEST(NewtonSolver, ChordStepDoesNotRaiseTheEnergy) {
   inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
   const DofLayout layout = state.layout();
   NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors}, layout, SolverOptions{});
-  solver.allow_chord_steps(
+  solver.use_linkage(
       Linkage(layout, {Linkage::Link{}}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
-      [] { return true; });
+      [](Linkage&) { return true; });
   const auto energy = [&] {
     return inertia.kinetic_energy(state) + brick.tissue.value(state) + brick.anchors.value(state);
   };

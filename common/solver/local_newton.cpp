@@ -1,0 +1,234 @@
+#include "solver/local_newton.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr int kMaxIterations = 8;
+constexpr int kMaxHalvings = 5;
+constexpr double kArmijo = 1e-4;
+constexpr double kSmallMove = 1e-6;  // m and rad; contact forces change by 12 mN over it
+
+}  // namespace
+
+LocalNewton::LocalNewton(DofLayout layout)
+    : layout_(layout),
+      place_(static_cast<std::size_t>(layout.block_count()), -1),
+      order_(kMaxBlocks),
+      roots_(kMaxBlocks, 0),
+      first_(kMaxBlocks, 0),
+      smooth_(3 * kMaxBlocks, 3 * kMaxBlocks),
+      factor_(3 * kMaxBlocks, 3 * kMaxBlocks),
+      smooth_gradient_(3 * kMaxBlocks),
+      local_gradient_(3 * kMaxBlocks),
+      step_(3 * kMaxBlocks),
+      total_(3 * kMaxBlocks),
+      trial_total_(3 * kMaxBlocks),
+      kinked_gradient_(layout.dof_count()) {
+  blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
+  trial_.node_positions = trial_.node_velocities = Eigen::Matrix3Xd::Zero(3, layout.node_count);
+  trial_.body_poses.resize(static_cast<std::size_t>(layout.body_count));
+  trial_.body_velocities.resize(static_cast<std::size_t>(layout.body_count));
+}
+
+std::int32_t LocalNewton::root_of(std::int32_t place) const {
+  while (roots_[static_cast<std::size_t>(place)] != place) place = roots_[static_cast<std::size_t>(place)];
+  return place;
+}
+
+// Rows and columns of the stored blocks. Nodes of one patch of skin stand together and bodies stand last, so that the
+// factor stays sparse: fingers meet in the object alone.
+void LocalNewton::choose_blocks(const BlockMatrix& hessian) {
+  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
+  blocks_.clear();
+  const auto include = [this](std::int32_t block) {
+    std::int32_t& place = place_[static_cast<std::size_t>(block)];
+    if (place >= 0) return;
+    place = static_cast<std::int32_t>(blocks_.size());
+    blocks_.push_back(block);
+  };
+  for (const std::int32_t stored : stored_) {
+    const auto next = std::upper_bound(hessian.column_start().begin(), hessian.column_start().end(), stored);
+    include(static_cast<std::int32_t>(next - hessian.column_start().begin()) - 1);
+    include(hessian.row()[static_cast<std::size_t>(stored)]);
+  }
+  if (blocks_.size() > kMaxBlocks) return;
+  const auto for_each_pair = [&](auto visit) {
+    for (std::size_t i = 0; i < blocks_.size(); ++i) {
+      const auto column = static_cast<std::size_t>(blocks_[i]);
+      for (std::int32_t k = hessian.column_start()[column]; k < hessian.column_start()[column + 1]; ++k) {
+        const std::int32_t row = hessian.row()[static_cast<std::size_t>(k)];
+        const std::int32_t j = place_[static_cast<std::size_t>(row)];
+        if (j >= 0) visit(static_cast<std::int32_t>(i), j, row);
+      }
+    }
+  };
+  for (std::size_t i = 0; i < blocks_.size(); ++i) roots_[i] = static_cast<std::int32_t>(i);
+  for_each_pair([&](std::int32_t i, std::int32_t j, std::int32_t row) {
+    if (row >= layout_.node_count || blocks_[static_cast<std::size_t>(i)] >= layout_.node_count) return;
+    roots_[static_cast<std::size_t>(root_of(i))] = root_of(j);
+  });
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const std::int32_t block = blocks_[i];
+    order_[i] = {block >= layout_.node_count
+                     ? layout_.node_count
+                     : blocks_[static_cast<std::size_t>(root_of(place_[static_cast<std::size_t>(block)]))],
+                 block};
+  }
+  std::sort(order_.begin(), order_.begin() + static_cast<std::ptrdiff_t>(blocks_.size()));
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    blocks_[i] = order_[i].second;
+    place_[static_cast<std::size_t>(blocks_[i])] = static_cast<std::int32_t>(i);
+    first_[i] = static_cast<Eigen::Index>(i);
+  }
+  for_each_pair([&](std::int32_t i, std::int32_t j, std::int32_t) {
+    Eigen::Index& first = first_[static_cast<std::size_t>(std::max(i, j))];
+    first = std::min<Eigen::Index>(first, std::min(i, j));
+  });
+}
+
+// The whole symmetric matrix of the blocks that move.
+void LocalNewton::gather(const BlockMatrix& hessian, Dense& dense) const {
+  dense.topLeftCorner(size_, size_).setZero();
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const auto column = static_cast<std::size_t>(blocks_[i]);
+    for (std::int32_t k = hessian.column_start()[column]; k < hessian.column_start()[column + 1]; ++k) {
+      const std::int32_t j = place_[static_cast<std::size_t>(hessian.row()[static_cast<std::size_t>(k)])];
+      if (j < 0) continue;
+      const Eigen::Map<const Matrix3> block(hessian.values().data() + 9 * static_cast<std::ptrdiff_t>(k));
+      const auto c = 3 * static_cast<Eigen::Index>(i), r = 3 * static_cast<Eigen::Index>(j);
+      dense.block<3, 3>(r, c) = block;
+      dense.block<3, 3>(c, r) = block.transpose();
+    }
+  }
+}
+
+// Cholesky's factor within the envelope: a row has no entry before its first one. False if not positive definite.
+bool LocalNewton::factorise(double& operations) {
+  const auto first = [this](Eigen::Index row) { return 3 * first_[static_cast<std::size_t>(row / 3)]; };
+  for (Eigen::Index i = 0; i < size_; ++i) {
+    const Eigen::Index begin = first(i);
+    for (Eigen::Index j = begin; j <= i; ++j) {
+      const Eigen::Index from = std::max(begin, first(j)), count = std::max<Eigen::Index>(j - from, 0);
+      const double rest = factor_(i, j) - factor_.row(i).segment(from, count).dot(factor_.row(j).segment(from, count));
+      operations += 2.0 * static_cast<double>(count + 1);
+      if (j < i) {
+        factor_(i, j) = rest / factor_(j, j);
+      } else if (rest > 0) {
+        factor_(i, i) = std::sqrt(rest);
+      } else {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
+  const auto first = [this](Eigen::Index row) { return 3 * first_[static_cast<std::size_t>(row / 3)]; };
+  for (Eigen::Index i = 0; i < size_; ++i) {
+    const Eigen::Index begin = first(i);
+    step[i] = (step[i] - factor_.row(i).segment(begin, i - begin).dot(step.segment(begin, i - begin))) / factor_(i, i);
+  }
+  for (Eigen::Index i = size_; i-- > 0;) {
+    const Eigen::Index begin = first(i);
+    step[i] /= factor_(i, i);
+    step.segment(begin, i - begin) -= step[i] * factor_.row(i).segment(begin, i - begin).transpose();
+  }
+}
+
+double LocalNewton::kinked_energy(std::span<Energy* const> kinked, const State& state) {
+  kinked_gradient_.setZero();
+  double energy = 0;
+  for (const Energy* term : kinked) energy += term->add_gradient(state, kinked_gradient_);
+  return energy;
+}
+
+// `trial_` becomes `state` moved by an increment of the blocks that move; in all other blocks it is `state` already.
+void LocalNewton::move_to(const State& state, const Eigen::Ref<const VectorX>& move) {
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const std::int32_t block = blocks_[i];
+    const Vector3 own = move.segment<3>(3 * static_cast<Eigen::Index>(i));
+    if (block < layout_.node_count) {
+      trial_.node_positions.col(block) = state.node_positions.col(block) + own;
+      continue;
+    }
+    const int body = (block - layout_.node_count) / 2;
+    const Pose& start = state.body_poses[static_cast<std::size_t>(body)];
+    Pose& pose = trial_.body_poses[static_cast<std::size_t>(body)];
+    if (block == layout_.body_translation_block(body)) {
+      pose.position = start.position + own;
+    } else {
+      pose.orientation = increment(start, Vector3::Zero(), own).orientation;
+    }
+  }
+}
+
+LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature,
+                                          const VectorX& gradient, BlockMatrix& hessian, VectorX& direction) {
+  Result result;
+  const auto renew_kinked = [&](const State& at) {
+    hessian.take_back();
+    for (const Energy* term : kinked) term->add_hessian(at, hessian, curvature);
+  };
+  // A contact may act at only one of the two states.
+  stored_.assign(hessian.journal().begin(), hessian.journal().end());
+  renew_kinked(state);
+  stored_.insert(stored_.end(), hessian.journal().begin(), hessian.journal().end());
+  choose_blocks(hessian);
+  if (blocks_.empty() || blocks_.size() > kMaxBlocks) return result;
+  const Eigen::Index size = size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
+  const auto smooth = smooth_.topLeftCorner(size, size);
+  auto smooth_gradient = smooth_gradient_.head(size), local_gradient = local_gradient_.head(size),
+       step = step_.head(size), total = total_.head(size), trial_total = trial_total_.head(size);
+  const auto select = [this](const VectorX& full, auto part) {
+    for (std::size_t i = 0; i < blocks_.size(); ++i)
+      part.template segment<3>(3 * static_cast<Eigen::Index>(i)) = full.segment<3>(3 * blocks_[i]);
+  };
+  hessian.take_back();
+  gather(hessian, smooth_);
+  trial_.node_positions = state.node_positions;
+  trial_.body_poses = state.body_poses;
+  double energy = kinked_energy(kinked, state);
+  select(gradient, smooth_gradient);
+  select(kinked_gradient_, local_gradient);
+  smooth_gradient -= local_gradient;
+  total.setZero();
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    renew_kinked(trial_);
+    gather(hessian, factor_);
+    select(kinked_gradient_, local_gradient);
+    local_gradient += smooth_gradient;
+    local_gradient.noalias() += smooth * total;
+    if (!factorise(result.operations)) break;
+    step = -local_gradient;
+    solve(step);
+    if (!step.allFinite()) break;
+    const double slope = local_gradient.dot(step);
+    bool falls = false;
+    double scale = 1;
+    for (int halving = 0; halving <= kMaxHalvings && !falls; ++halving, scale *= 0.5) {
+      trial_total = total + scale * step;
+      move_to(state, trial_total);
+      local_gradient.noalias() = smooth * trial_total;
+      const double trial_energy =
+          kinked_energy(kinked, trial_) + smooth_gradient.dot(trial_total) + 0.5 * trial_total.dot(local_gradient);
+      falls = trial_energy <= energy + kArmijo * scale * slope;
+      if (falls) energy = trial_energy;
+    }
+    if (!falls) break;
+    total = trial_total;
+    result.found = true;
+    if (step.lpNorm<Eigen::Infinity>() < kSmallMove) break;
+  }
+  direction.setZero();
+  for (std::size_t i = 0; i < blocks_.size(); ++i)
+    direction.segment<3>(3 * blocks_[i]) = total.segment<3>(3 * static_cast<Eigen::Index>(i));
+  return result;
+}
+
+}  // namespace softhand
