@@ -46,6 +46,8 @@ void Linkage::set_touching(int body) {
   }
 }
 
+void Linkage::straighten() { std::fill(is_straight_.begin(), is_straight_.end(), std::uint8_t{1}); }
+
 void Linkage::move(State& state, const VectorX& increment, double scale, VectorX& tangent) {
   for (int body = 0; body < layout_.body_count; ++body) {
     const auto b = static_cast<std::size_t>(body);

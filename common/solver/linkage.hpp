@@ -37,6 +37,8 @@ class Linkage {
   void clear_touching();
   /// This body touches an object. So `move` moves it, what carries it and what it carries along straight lines.
   void set_touching(int body);
+  /// From now on `move` moves every body along straight lines, as `apply_increment` does.
+  void straighten();
   bool any_touching() const { return any_touching_; }
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
   /// a body's joint follows its parent, and a carried node turns with its body. So a large turn of a bone stretches no

@@ -222,9 +222,9 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     }
     if (!falls) break;
     total = trial_total;
-    result.found = true;
     if (step.lpNorm<Eigen::Infinity>() < kSmallMove) break;
   }
+  result.found = total.lpNorm<Eigen::Infinity>() > kSmallMove;
   direction.setZero();
   for (std::size_t i = 0; i < blocks_.size(); ++i)
     direction.segment<3>(3 * blocks_[i]) = total.segment<3>(3 * static_cast<Eigen::Index>(i));

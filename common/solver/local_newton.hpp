@@ -27,7 +27,7 @@ class LocalNewton {
   explicit LocalNewton(DofLayout layout);
 
   struct Result {
-    bool found = false;     ///< `direction` lowers the model's energy
+    bool found = false;     ///< `direction` lowers the model's energy, and moves something by more than 1 um
     double operations = 0;  ///< floating-point operations of the factors
   };
   /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.

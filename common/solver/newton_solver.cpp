@@ -43,6 +43,7 @@ constexpr double kFar = 0.6;     // likewise of a full step: with more left the 
 constexpr double kLeastStride = 1.5, kLongestStride = 4;  // of a step that goes on then, over the one before
 constexpr double kInside = 0.05;                          // of a bracket: how near to its ends the next trial may be
 constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if velocities led farther off, chord steps fail
+constexpr double kShortStep = 0.2;     // of an iteration: after a shorter one bones and tissue move straight
 constexpr int kContactSolves = 2;      // after a step that did not converge
 constexpr double kNoise = 100;         // of the energy's rounding: what falls by less has no slope worth a search
 
@@ -586,6 +587,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       linearised = !last && !may_keep && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
+      // Tissue that does not turn with its bone, for example because something else holds it.
+      if (prepare_ && scale < kShortStep) linkage_.straighten();
       linearised = linearised && scale == 1;
       if (scale > 0 || (renews && !renews_kinks && (!precise_solver_ || factor_ == precise_solver_.get()))) break;
       if (iteration > 0 && remaining_work() < whole_work) break;
