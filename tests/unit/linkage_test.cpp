@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 
 #include "math/rotation.hpp"
@@ -147,6 +148,99 @@ TEST(Linkage, RefusesIndicesOutOfRange) {
   EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}, Linkage::Link{}}, {0}), std::invalid_argument);
   EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}}, {1}), std::invalid_argument);
   EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}}, {}), std::invalid_argument);
+}
+
+void place(Chain& chain) {
+  for (int n = 0; n < kNodes; ++n) chain.state.node_positions.col(n) = 0.05 * chain.random.vector();
+  for (Pose& pose : chain.state.body_poses) pose.position = 0.05 * chain.random.vector();
+}
+
+double distance(const State& a, const State& b) {
+  double largest = (a.node_positions - b.node_positions).cwiseAbs().maxCoeff();
+  for (std::size_t k = 0; k < a.body_poses.size(); ++k) {
+    largest = std::max(largest, (a.body_poses[k].position - b.body_poses[k].position).norm());
+    largest =
+        std::max(largest, rotation_log(a.body_poses[k].orientation * b.body_poses[k].orientation.conjugate()).norm());
+  }
+  return largest;
+}
+
+TEST(Linkage, MoveIsTheIncrementToFirstOrder) {
+  Chain chain;
+  place(chain);
+  const VectorX x = chain.increment();
+  VectorX tangent(x.size());
+  double before = 0;
+  for (const double scale : {1e-2, 1e-3, 1e-4}) {
+    State along = chain.state, straight = chain.state;
+    chain.linkage.move(along, x, scale, tangent);
+    apply_increment(straight, x, scale);
+    const double apart = distance(along, straight);
+    if (before > 0) {
+      EXPECT_LT(apart, 0.02 * before) << "the difference must fall with the square of the scale";
+    }
+    before = apart;
+  }
+  State still = chain.state;
+  chain.linkage.move(still, x, 0, tangent);
+  EXPECT_LE((tangent - x).lpNorm<Eigen::Infinity>(), 1e-14);
+}
+
+TEST(Linkage, TangentIsTheDerivativeOfTheMove) {
+  Chain chain;
+  place(chain);
+  const VectorX x = chain.increment();
+  constexpr double kScale = 0.7, kStep = 1e-6;
+  VectorX tangent(x.size()), unused(x.size());
+  State ahead = chain.state, there = chain.state;
+  chain.linkage.move(ahead, x, kScale + kStep, unused);
+  chain.linkage.move(there, x, kScale, tangent);
+  State expected = there;
+  apply_increment(expected, tangent, kStep);
+  EXPECT_LE(distance(ahead, expected), 1e-10);
+}
+
+// An increment that turns a body with its nodes by 1 rad changes no distance between them.
+TEST(Linkage, MoveTurnsCarriedNodesWithoutStretch) {
+  Chain chain;
+  place(chain);
+  const Vector3 turn(0.4, -0.8, 0.45);
+  VectorX x = VectorX::Zero(3 * (kNodes + 8)), tangent(x.size());
+  const Vector3 pivot = chain.state.body_poses[0].position;
+  for (int n = 0; n < kNodes; ++n) x.segment<3>(3 * n) = turn.cross(Vector3(chain.state.node_positions.col(n)) - pivot);
+  for (int body = 0; body < 3; ++body) {
+    x.segment<3>(3 * (kNodes + 2 * body)) =
+        turn.cross(chain.state.body_poses[static_cast<std::size_t>(body)].position - pivot);
+    x.segment<3>(3 * (kNodes + 2 * body) + 3) = turn;
+  }
+  State moved = chain.state;
+  chain.linkage.move(moved, x, 1, tangent);
+  for (int a = 0; a < kNodes; ++a) {
+    for (int b = 0; b < a; ++b) {
+      EXPECT_NEAR((moved.node_positions.col(a) - moved.node_positions.col(b)).norm(),
+                  (chain.state.node_positions.col(a) - chain.state.node_positions.col(b)).norm(), 1e-14);
+    }
+  }
+  apply_increment(chain.state, x, 1);
+  EXPECT_GT(distance(moved, chain.state), 1e-3) << "straight lines stretch: this shows nothing otherwise";
+}
+
+TEST(Linkage, MovesTouchingBodiesAndTheirParentsStraight) {
+  Chain chain;
+  place(chain);
+  const VectorX x = chain.increment();
+  VectorX tangent(x.size());
+  State along = chain.state, straight = chain.state;
+  chain.linkage.set_touching(2);  // 2 hangs on 1, and 1 on 0
+  EXPECT_TRUE(chain.linkage.any_touching());
+  chain.linkage.move(along, x, 0.5, tangent);
+  apply_increment(straight, x, 0.5);
+  EXPECT_LE(distance(along, straight), 1e-14);
+  chain.linkage.clear_touching();
+  EXPECT_FALSE(chain.linkage.any_touching());
+  along = chain.state;
+  chain.linkage.move(along, x, 0.5, tangent);
+  EXPECT_GT(distance(along, straight), 1e-3);
 }
 
 }  // namespace
