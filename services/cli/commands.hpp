@@ -80,9 +80,10 @@ struct RenderArguments {
 };
 int run_render(const RenderArguments& arguments);
 
-/// `softhand bench`: replaces this process with softhand-bench. That is a separate program because it links CHOLMOD's
-/// GPL module for comparison. `json`: summary file; empty = none.
-int run_bench(const std::string& json);
+/// Replaces this process by a program that is installed beside `softhand`. `softhand bench` executes softhand-bench, a
+/// separate program because it links CHOLMOD's GPL module for comparison. `softhand report` executes softhand-report.
+/// Throws if the program was not built.
+int run_sibling(const std::string& program, const std::vector<std::string>& arguments);
 
 /// `softhand reference`: prints the generated page of options.
 int run_reference();
