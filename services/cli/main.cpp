@@ -40,23 +40,35 @@ int main(int argc, char** argv) {
         ->allow_extra_args(false);
   };
 
+  const auto up_options = [&](CLI::App* command, UpArguments& up) {
+    command->add_option("--seconds", up.seconds, "Stop after this time; default: run until Ctrl-C")
+        ->type_name("S")
+        ->check(CLI::NonNegativeNumber);
+    command->add_option("--json", up.json, "Listen to all topics and write a summary of the run (docs/outcome.md)")
+        ->type_name("FILE");
+    command
+        ->add_option("--hand", up.hand,
+                     "Hand file for every process instead of the scene's: a path, or a name in config/hands")
+        ->type_name("FILE");
+    overrides(command, up.overrides);
+  };
+
   UpArguments up;
   CLI::App* command = app.add_subcommand(
       "up",
       "Start the processes of a rig file in order, each when the previous one is ready; restart processes that die; "
       "Ctrl-C stops all");
   command->add_option("rig", up.rig, "Rig file, e.g. config/rigs/demo.toml")->required()->type_name("FILE");
-  command->add_option("--seconds", up.seconds, "Stop after this time; default: run until Ctrl-C")
-      ->type_name("S")
-      ->check(CLI::NonNegativeNumber);
-  command->add_option("--json", up.json, "Listen to all topics and write a summary of the run (docs/outcome.md)")
-      ->type_name("FILE");
-  command
-      ->add_option("--hand", up.hand,
-                   "Hand file for every process instead of the scene's: a path, or a name in config/hands")
-      ->type_name("FILE");
-  overrides(command, up.overrides);
+  command->add_option("--scene", up.scene, "Scene file instead of the rig's")->type_name("FILE");
+  up_options(command, up);
   command->callback([&] { run = [&up] { return run_up(up); }; });
+
+  DemoArguments demo;
+  command = app.add_subcommand(
+      "demo", "List the demonstrations, each with a line on what to watch; with a name: start it like `softhand up`");
+  command->add_option("name", demo.name, "Name in the list, e.g. pinch");
+  up_options(command, demo.up);
+  command->callback([&] { run = [&demo] { return run_demo(demo); }; });
 
   StatusArguments status;
   command = app.add_subcommand("status",
