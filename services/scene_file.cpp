@@ -53,6 +53,8 @@ const ObjectOptions* judged_object(const SceneOptions& options) {
 
 void describe(OptionVisitor& v, SceneOptions& o) {
   v.string("name", o.name, "Name of the scene.");
+  v.string("watch", o.watch,
+           "One line on what to watch. `softhand demo` lists the scenes of config/scenes that have this key.");
   v.integer("user", o.user, "1", {0, 15}, "User of the hand. It is part of the key of every topic about a hand.");
   v.string("motion", o.motion,
            "Recorded motion that the replay tracker plays: CSV of WebXR joint poses, columns in "

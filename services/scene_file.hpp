@@ -64,6 +64,7 @@ inline void describe(OptionVisitor& v, TactileOptions& o) {
 
 struct SceneOptions {
   std::string name = "scene";
+  std::string watch;  ///< empty = not a demonstration
   std::int64_t user = 0;
   std::string motion;  ///< file of a recording, or empty
   bool fit_hand = true;

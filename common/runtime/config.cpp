@@ -11,6 +11,8 @@
 #include <optional>
 #include <sstream>
 
+#include "runtime/config_json.hpp"
+
 namespace softhand::config_detail {
 namespace {
 

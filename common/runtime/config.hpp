@@ -1,9 +1,9 @@
-// Uses of described options (options.hpp): read TOML, override one key, print the reference page, dump effective
-// values. One description serves all four uses, so they cannot disagree. All of this runs before the loops start.
+// Uses of described options (options.hpp): read TOML, override one key, print the reference page, and in
+// config_json.hpp dump effective values. One description serves all four uses, so they cannot disagree. All of this
+// runs before the loops start.
 #pragma once
 
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -35,7 +35,6 @@ void read_toml_text(const Description& description, std::string_view text, const
 std::string read_whole_file(const std::string& path);
 AppliedOverride apply_override(const Description& description, std::string_view assignment);
 std::string reference_markdown(const Description& description, std::string_view title);
-nlohmann::ordered_json to_json(const Description& description);
 }  // namespace config_detail
 
 /// Reads TOML `text` into `options`. `path` is used only in error messages.
@@ -77,13 +76,6 @@ template <typename T>
 std::string reference_markdown(std::string_view title) {
   T defaults{};
   return config_detail::reference_markdown([&defaults](OptionVisitor& v) { describe(v, defaults); }, title);
-}
-
-/// All effective values in the order of the description, for the summary of a run.
-template <typename T>
-nlohmann::ordered_json options_to_json(const T& options) {
-  T copy = options;
-  return config_detail::to_json([&copy](OptionVisitor& v) { describe(v, copy); });
 }
 
 }  // namespace softhand

@@ -12,12 +12,20 @@ namespace softhand {
 /// `softhand up RIG`.
 struct UpArguments {
   std::string rig;
+  std::string scene;                   ///< scene file; empty = the rig's
   double seconds = 0;                  ///< 0 = until interrupted
   std::string json;                    ///< summary file; empty = none
   std::vector<std::string> overrides;  ///< --set, passed on to every process
   std::string hand;                    ///< hand file for every process; empty = the scene's
 };
 int run_up(const UpArguments& arguments);
+
+/// `softhand demo`: starts the demo rig with a scene of config/scenes that has the key `watch`.
+struct DemoArguments {
+  std::string name;  ///< file name of the scene without .toml; empty = list the scenes
+  UpArguments up;    ///< without rig and scene
+};
+int run_demo(const DemoArguments& arguments);
 
 /// `softhand status`: a live table, or one snapshot.
 struct StatusArguments {
@@ -80,9 +88,10 @@ struct RenderArguments {
 };
 int run_render(const RenderArguments& arguments);
 
-/// `softhand bench`: replaces this process with softhand-bench. That is a separate program because it links CHOLMOD's
-/// GPL module for comparison. `json`: summary file; empty = none.
-int run_bench(const std::string& json);
+/// Replaces this process by a program that is installed beside `softhand`. `softhand bench` executes softhand-bench, a
+/// separate program because it links CHOLMOD's GPL module for comparison. `softhand report` executes softhand-report.
+/// Throws if the program was not built.
+int run_sibling(const std::string& program, const std::vector<std::string>& arguments);
 
 /// `softhand reference`: prints the generated page of options.
 int run_reference();

@@ -110,6 +110,7 @@ class Desk {
         epoch_(make_epoch()) {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
+    if (!arguments.scene.empty()) rig_.scene = arguments.scene;
     scene_ = read_checked_scene(rig_.scene, overrides_);
     const fs::path folder = fs::path(rig_.scene).parent_path();
     for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {

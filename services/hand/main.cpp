@@ -1,9 +1,9 @@
 // softhand-hand: the simulation of one hand. For several hands run several processes. The key (user, side) of every
 // topic distinguishes them.
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <chrono>
+#include <cstdio>
 #include <type_traits>
 
 #include "hand/hand_loop.hpp"
@@ -22,6 +22,11 @@ double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+template <typename... Parts>
+void log_line(fmt::format_string<Parts...> text, Parts&&... parts) {
+  fmt::print(stderr, "softhand-hand: {}\n", fmt::format(text, std::forward<Parts>(parts)...));
+}
+
 HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, double budget) {
   std::vector<int> nodes;
   const double start = seconds_now();
@@ -34,12 +39,12 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
   for (std::size_t size = 0; size < nodes.size(); ++size) {
     measured += fmt::format("{}{} nodes {:.2f} ms", size == 0 ? "" : ", ", nodes[size], 1e3 * choice.fast_steps[size]);
   }
-  spdlog::info(
+  log_line(
       "hand.model = auto: a fast step takes {}; chose {}: its budget of {:.1f} ms is {:.1f} fast steps; measured in "
       "{:.2f} s",
       measured, kHandSizes[choice.size], 1e3 * budget, choice.budget_fast_steps, seconds_now() - start);
   if (choice.budget_fast_steps < 2)
-    spdlog::warn("this machine is too slow or too busy for the coarsest hand: steps will end before convergence");
+    log_line("this machine is too slow or too busy for the coarsest hand: steps will end before convergence");
   return choice;
 }
 
@@ -73,8 +78,8 @@ void run(int argc, char** argv) {
                                                     : measure_fast_step(hand, options, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
   if (work_budget == 0) work_budget = budget_seconds / fast_step;
-  spdlog::info("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps",
-               hand.node_count(), 1e3 * fast_step, work_budget);
+  log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),
+           1e3 * fast_step, work_budget);
 
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
   // service has set its urgency, because the helper inherits that urgency.
@@ -101,7 +106,7 @@ void run(int argc, char** argv) {
         loop.describe_object(d);
       } catch (const std::exception& error) {
         ++refused_objects;
-        spdlog::warn("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
+        log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
       }
     });
     HandInput input;

@@ -1,8 +1,6 @@
 // main() of a haptic or tactile driver: `run_device<Driver>(argc, argv, topic, kind, name, options)`.
 #pragma once
 
-#include <CLI/CLI.hpp>
-
 #include "device/device_loop.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -15,18 +13,14 @@ template <typename Driver, typename Input, typename OptionsOf>
 int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint32_t kind, const std::string& module,
                OptionsOf options_of) {
   return guarded_main("softhand-" + module, [&] {
-    std::uint32_t device = 0;
-    const ServiceArguments arguments =
-        parse_arguments(argc, argv, module, "Driver of a haptic or tactile device", [&](CLI::App& app) {
-          app.add_option("--device", device, "Id of this device (key of device_state)")->capture_default_str();
-        });
+    const DeviceArguments arguments = parse_device_arguments(argc, argv, module);
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     const HandKey hand = hand_key(scene);
     const auto& options = options_of(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);
     bus::Reader<Input> reader(service.participant(), topic, hand);
     bus::Writer<DeviceState> writer(service.participant(), bus::topics::device_state);
-    DeviceLoop<Input> loop(options.loop, std::make_unique<Driver>(options.driver), device, kind);
+    DeviceLoop<Input> loop(options.loop, std::make_unique<Driver>(options.driver), arguments.device, kind);
     auto input = std::make_unique<Input>();
     const auto publish = [&](DeviceState state) {
       service.stamp(state.stamp);

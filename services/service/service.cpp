@@ -26,10 +26,9 @@ std::string with_urgency(const std::string& module, double rate_hz, Urgency urge
   return module;
 }
 
-}  // namespace
-
-ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
-                                 const std::function<void(CLI::App&)>& extend) {
+// `extend` adds options to those that every service has.
+ServiceArguments parse_with(int argc, char** argv, const std::string& module, const std::string& about,
+                            const std::function<void(CLI::App&)>& extend) {
   ServiceArguments arguments;
   arguments.module = module;
   CLI::App app(about);
@@ -41,7 +40,7 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
       ->allow_extra_args(false);
   app.add_option("--module", arguments.module, "Module name of this process for messages and status")
       ->capture_default_str();
-  if (extend) extend(app);
+  extend(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -50,15 +49,31 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& modul
   return arguments;
 }
 
+}  // namespace
+
+ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about) {
+  return parse_with(argc, argv, module, about, [](CLI::App&) {});
+}
+
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
   TrackerArguments arguments;
-  static_cast<ServiceArguments&>(arguments) = parse_arguments(argc, argv, "tracker", about, [&](CLI::App& app) {
+  static_cast<ServiceArguments&>(arguments) = parse_with(argc, argv, "tracker", about, [&](CLI::App& app) {
     app.add_option("--strength", arguments.strength,
                    "Priority among several trackers of one hand: the strongest one owns the hand")
         ->capture_default_str()
         ->check(CLI::NonNegativeNumber);
     app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
   });
+  return arguments;
+}
+
+DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module) {
+  DeviceArguments arguments;
+  const auto extend = [&](CLI::App& app) {
+    app.add_option("--device", arguments.device, "Id of this device (key of device_state)")->capture_default_str();
+  };
+  static_cast<ServiceArguments&>(arguments) =
+      parse_with(argc, argv, module, "Driver of a haptic or tactile device", extend);
   return arguments;
 }
 

@@ -11,10 +11,6 @@
 #include "runtime/signals.hpp"
 #include "service/time_control.hpp"
 
-namespace CLI {
-class App;
-}
-
 namespace softhand {
 
 struct ServiceArguments {
@@ -23,10 +19,9 @@ struct ServiceArguments {
   std::vector<std::string> overrides;  ///< values of `--set`
 };
 
-/// Reads `--config`, `--set`, `--module` and the options that `extend` adds. Prints the help and exits on `--help`.
-/// Prints the error and exits on a wrong command line.
-ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about,
-                                 const std::function<void(CLI::App&)>& extend = {});
+/// Reads `--config`, `--set` and `--module`. Prints the help and exits on `--help`. Prints the error and exits on a
+/// wrong command line.
+ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about);
 
 struct TrackerArguments : ServiceArguments {
   int strength = 0;          ///< of several trackers of one hand, the strongest one owns it
@@ -34,6 +29,12 @@ struct TrackerArguments : ServiceArguments {
 };
 /// The same for a tracker, with `--strength` and `--source` added.
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about);
+
+struct DeviceArguments : ServiceArguments {
+  std::uint32_t device = 0;  ///< id of the device, the key of device_state
+};
+/// The same for a haptic or tactile device, with `--device` added.
+DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module);
 
 enum class Urgency {
   real_time,  ///< memory locked and priority raised (higher for faster loops); prints a warning if this is refused

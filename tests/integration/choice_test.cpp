@@ -1,11 +1,13 @@
 // Rigs that extend the demo, and a rig that messages restart with another scene and another tracker.
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
@@ -103,6 +105,28 @@ TEST_F(Choice, RestartsWithAnotherTrackerAndAnotherScene) {
   EXPECT_TRUE(ears.wait(20s, [&] { return ears.simulated.size() > 90; })) << up.output();
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(8s), 0) << up.output();
+}
+
+TEST_F(Choice, DemoRunsTheDemoRigWithTheNamedScene) {
+  const std::string summary = std::filesystem::temp_directory_path() / ("softhand_demo_" + std::to_string(getpid()));
+  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand", "demo", "fist", "--seconds", "5", "--json", summary};
+  command.insert(command.end(), kFreePorts.begin(), kFreePorts.end());
+  const Finished demo = run_program(command);
+  EXPECT_EQ(demo.exit_code, 0) << demo.output;
+  EXPECT_EQ(demo.output.rfind("fist: The hand closes", 0), 0u) << demo.output;
+  EXPECT_NE(demo.output.find("demo is up: "), std::string::npos) << demo.output;
+  std::ifstream in(summary);
+  const auto json = nlohmann::json::parse(in, nullptr, false);
+  std::filesystem::remove(summary);
+  ASSERT_TRUE(json.is_object());
+  EXPECT_EQ(std::filesystem::path(json["scene"].get<std::string>()).filename(), "fist.toml");
+  EXPECT_GT(json["loops"]["hand"]["rate_hz"], 0) << json.dump(1);
+}
+
+TEST_F(Choice, DemoRefusesAnUnknownName) {
+  const Finished demo = run_program({SOFTHAND_PROGRAMS "/softhand", "demo", "juggling"});
+  EXPECT_EQ(demo.exit_code, 1);
+  EXPECT_NE(demo.output.find("expected one of: fist, "), std::string::npos) << demo.output;
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-std::string scene() { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/demo.toml"; }
+std::string scene() { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml"; }
 
 /// A tracker on any free port. The destructor ends it.
 class Tracker {

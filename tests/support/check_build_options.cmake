@@ -1,11 +1,13 @@
 # Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake
 # FULL is a finished build with all options.
 cmake_minimum_required(VERSION 3.25)
-set(features viewer socket_trackers hand_builder)
+set(features viewer socket_trackers hand_builder tests)
 # Words in the commands of a build (compilations and links) that occur only if the build has the feature.
 set(only_viewer bin/softhand-viewer libsofthand_viewer_server.a)
 set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a)
 set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a cgal_mesh.cpp gmp mpfr)
+set(only_tests bin/softhand-report bin/softhand-bench libsofthand_cholmod_solver.a libgtest.a libbenchmark idlc
+    fastddsgen)
 # HTTP and TLS, for the viewer and for trackers that listen to sockets.
 set(only_web web_server.cpp libsofthand_web_server.a)
 
@@ -52,6 +54,13 @@ function(check name)
   endif()
   if(hand_builder IN_LIST off AND cache MATCHES "\nCGAL_DIR:")
     message(SEND_ERROR "${name}: CMake searched for CGAL although no feature needs it")
+  endif()
+  if(tests IN_LIST off)
+    foreach(entry GTest_DIR benchmark_DIR CycloneDDS_DIR FASTDDSGEN CHOLMOD_LIBRARY VALGRIND)
+      if(cache MATCHES "\n${entry}:")
+        message(SEND_ERROR "${name}: CMake searched for ${entry} although only tests need it")
+      endif()
+    endforeach()
   endif()
 endfunction()
 

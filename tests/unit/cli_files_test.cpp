@@ -6,11 +6,13 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <string>
 
 #include "cli/check.hpp"
 #include "cli/commands.hpp"
+#include "cli/demo.hpp"
 #include "cli/idl_text.hpp"
 #include "cli/rig.hpp"
 #include "cli/status_table.hpp"
@@ -204,6 +206,63 @@ TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
   ASSERT_EQ(scene.overrides.size(), 2u);
   EXPECT_EQ(scene.overrides[0].key, "objects.cube.mass");
   EXPECT_THROW(read_scene(path, {"objects.ball.mass=1"}), ConfigError);
+}
+
+TEST_F(FilesTest, ShippedDemosRunLiveWithoutEnd) {
+  const std::vector<Demo> demos = find_demos((kSource / "config/scenes").string());
+  std::set<std::string> names;
+  for (const Demo& demo : demos) {
+    names.insert(demo.name);
+    const SceneOptions options = read_scene(demo.scene).options;
+    EXPECT_TRUE(options.tracker.repeat) << demo.name;
+    EXPECT_EQ(options.hand.model, "auto") << demo.name;
+    EXPECT_EQ(options.motion, "") << demo.name << " needs a file that is not in the repository";
+    EXPECT_EQ(options.name, demo.name);
+    EXPECT_LE(demo.watch.size(), 110u) << demo.name << ": one line of a terminal";
+  }
+  EXPECT_EQ(names, (std::set<std::string>{"fist", "free_motion", "grasp", "pinch", "shake"}));
+}
+
+TEST_F(FilesTest, DemosAreTheScenesWithTheKeyWatch) {
+  write("b.toml", "watch = \"The second.\"\n");
+  write("a.toml", "name = \"other\"\nwatch = \"The first.\"\n");
+  write("no_demo.toml", "name = \"no demo\"\n");
+  write("broken.toml", "watch = \n");
+  write("number.toml", "watch = 3\n");
+  write("notes.txt", "watch = \"no scene\"\n");
+  const std::vector<Demo> demos = find_demos(folder_.string());
+  ASSERT_EQ(demos.size(), 2u);
+  EXPECT_EQ(demos[0].name, "a");
+  EXPECT_EQ(demos[1].watch, "The second.");
+  EXPECT_EQ(find_demo(demos, "b").scene, (folder_ / "b.toml").string());
+  const std::string list = demo_list(demos);
+  EXPECT_EQ(list.rfind("a  The first.\nb  The second.\n\n", 0), 0u) << list;
+  try {
+    find_demo(demos, "c");
+    FAIL() << "an unknown name was accepted";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "no demonstration is called 'c'; expected one of: a, b");
+  }
+}
+
+TEST_F(FilesTest, AFolderWithoutDemosIsRefusedByItsName) {
+  for (const std::string& folder : {folder_.string(), (folder_ / "gone").string()}) {
+    try {
+      find_demos(folder);
+      FAIL() << folder << " was accepted";
+    } catch (const std::runtime_error& error) {
+      EXPECT_EQ(std::string(error.what()).rfind(folder + ": expected scenes", 0), 0u) << error.what();
+    }
+  }
+}
+
+TEST_F(FilesTest, DemoWithoutNameListsTheScenesAndStartsNone) {
+  testing::internal::CaptureStdout();
+  const int code = run_demo({});
+  const std::string list = testing::internal::GetCapturedStdout();
+  EXPECT_EQ(code, 0);
+  for (const Demo& demo : find_demos((kSource / "config/scenes").string()))
+    EXPECT_NE(list.find(demo.watch), std::string::npos) << list;
 }
 
 TEST_F(FilesTest, CommittedReferencePageEqualsTheGeneratedOne) {

@@ -63,7 +63,7 @@ std::string scene_path(const char* name) { return std::string(SOFTHAND_SOURCE_DI
 
 // Processes other than the hand's use only joints and bones. They must not depend on the size that the hand chose.
 TEST(HandSize, AllShippedSizesHaveTheSameSkeleton) {
-  const Scene scene = read_scene(scene_path("demo.toml"));
+  const Scene scene = read_scene(scene_path("pinch.toml"));
   ASSERT_TRUE(chooses_hand_size(scene));
   const HandModel stand_in = load_scene_hand(scene);
   const std::vector<HandModel> hands = load_possible_hands(scene);
@@ -93,8 +93,8 @@ TEST(HandSize, AllShippedSizesHaveTheSameSkeleton) {
 }
 
 TEST(HandSize, LoadsTheStandInHandIfTheSizeIsChosenAtStart) {
-  EXPECT_EQ(load_scene_hand(read_scene(scene_path("demo.toml"))).name, "right_1450");
-  const Scene fixed = read_scene(scene_path("demo.toml"), {"hand.model=right_750.hand.json"});
+  EXPECT_EQ(load_scene_hand(read_scene(scene_path("pinch.toml"))).name, "right_1450");
+  const Scene fixed = read_scene(scene_path("pinch.toml"), {"hand.model=right_750.hand.json"});
   EXPECT_FALSE(chooses_hand_size(fixed));
   ASSERT_EQ(load_possible_hands(fixed).size(), 1u);
   EXPECT_EQ(load_possible_hands(fixed)[0].name, "right_750");

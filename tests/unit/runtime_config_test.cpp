@@ -3,6 +3,7 @@
 #include <fstream>
 
 #include "runtime/config.hpp"
+#include "runtime/config_json.hpp"
 
 namespace softhand {
 namespace {

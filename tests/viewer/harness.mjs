@@ -64,7 +64,7 @@ export async function gateway(port = 0, ...settings) {
   const process = new Process(
     `${build}/bin/softhand-viewer`,
     "--config",
-    `${source}/config/scenes/demo.toml`,
+    `${source}/config/scenes/pinch.toml`,
     ...overrides,
   );
   const [, url] = await process.line(/see it at (\S+)/);

@@ -106,7 +106,7 @@ test("the webxr tracker accepts wss from the page over https", async () => {
   const tracker = new Process(
     `${build}/bin/softhand-tracker-webxr`,
     "--config",
-    `${source}/config/scenes/demo.toml`,
+    `${source}/config/scenes/pinch.toml`,
     ...settings,
   );
   const [, port] = await tracker.line(/listening at wss:\S+:(\d+)/);
@@ -126,7 +126,7 @@ test("a missing certificate is refused with its path", async () => {
   const wrong = new Process(
     `${build}/bin/softhand-viewer`,
     "--config",
-    `${source}/config/scenes/demo.toml`,
+    `${source}/config/scenes/pinch.toml`,
     ...settings,
   );
   await wrong.line(/certificate \/nowhere\.pem: /);

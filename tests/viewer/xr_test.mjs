@@ -21,7 +21,7 @@ before(async () => {
   tracker = new Process(
     `${build}/bin/softhand-tracker-webxr`,
     "--config",
-    `${source}/config/scenes/demo.toml`,
+    `${source}/config/scenes/pinch.toml`,
     "--set",
     "tracker_webxr.port=0",
   );
