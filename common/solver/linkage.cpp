@@ -21,15 +21,15 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
       then_(kept_.size(), Vector3::Zero()),
       now_(kept_.size(), Vector3::Zero()) {
   if (carriers_.size() != static_cast<std::size_t>(layout.node_count))
-    throw std::invalid_argument("Linkage: one carrier a node expected");
+    throw std::invalid_argument("Linkage: expected one carrier per node");
   if (links_.size() > kept_.size()) throw std::invalid_argument("Linkage: more links than bodies");
   for (std::size_t b = 0; b < links_.size(); ++b) {
     if (links_[b].parent >= static_cast<int>(b))
-      throw std::invalid_argument("Linkage: a parent comes before its children");
+      throw std::invalid_argument("Linkage: a parent must have a smaller index than its children");
   }
   for (const std::int32_t carrier : carriers_) {
     if (carrier < 0 || carrier >= layout.body_count)
-      throw std::invalid_argument("Linkage: a carrier that does not exist");
+      throw std::invalid_argument("Linkage: the carrier of a node is not a body of the state");
   }
 }
 
@@ -61,7 +61,7 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
       const auto a = static_cast<std::size_t>(parent);
       const Vector3 parent_angular = increment.segment<3>(rotation(parent));
       const Vector3 arm = then_[b] + lever - then_[a];  // from the parent to the joint
-      // What the increment moves the joint in the child by, relative to the joint in the parent.
+      // Displacement of the joint in the child relative to the joint in the parent, by the increment.
       const Vector3 gap =
           linear + angular.cross(lever) - increment.segment<3>(translation(parent)) - parent_angular.cross(arm);
       const Vector3 turned_arm = coasted_[a] * (arm + scale * gap), turned_lever = coasted_[b] * lever;
@@ -207,7 +207,7 @@ void Linkage::to_then(VectorX& gradient) {
     }
     gradient.segment<3>(rotation(body)) = rotated;
   }
-  // A parent's own part is whole once all its children have added theirs.
+  // The sum of a parent is complete only after all its children have added their parts.
   for (int body = 0; body < layout_.body_count; ++body)
     gradient.segment<3>(translation(body)) = then_[static_cast<std::size_t>(body)];
 }
