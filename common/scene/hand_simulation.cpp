@@ -24,8 +24,7 @@ constexpr double kStandardGravity = 9.81;  // m/s^2
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is
-// critical.
+// By bone: its own mass plus the mass of the tissue that is nearest to it. It determines the critical damping.
 std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::vector<double>& node_masses) {
   std::array<double, kBodyCount> masses{};
   for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
@@ -76,7 +75,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
 
-  // Terms about tissue exist only where there is some.
+  // Tissue terms exist only if the hand has tissue.
   if (!hand_.tetrahedra.empty()) {
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
@@ -108,7 +107,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   coupling_ = coupling.get();
   terms_.push_back(std::move(coupling));
 
-  // Terms about objects exist only where there are slots for objects.
+  // Object terms exist only if there are slots for objects.
   if (slot_count() > 0) {
     contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_,
                                              slot_count());
@@ -167,7 +166,7 @@ void HandSimulation::restore(const State& state) {
       state.node_velocities.cols() != state_.node_velocities.cols() ||
       state.body_poses.size() != state_.body_poses.size() ||
       state.body_velocities.size() != state_.body_velocities.size()) {
-    throw std::invalid_argument("HandSimulation: a state of another layout");
+    throw std::invalid_argument("HandSimulation: the restored state has another layout than the hand");
   }
   state_ = state;
   if (contacts_) contacts_->reset();
@@ -228,7 +227,7 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
   const bool was_dynamic = slot_mode(slot) == SlotMode::dynamic;
   modes_[static_cast<std::size_t>(slot)] = SlotMode::dynamic;
   if (planes_ != nullptr) {
-    // What floats until it is touched weighs something afterwards.
+    // An object that floats until it is touched has weight afterwards: use at least standard gravity.
     const double weight = object.mass * std::max(kStandardGravity, gravity.norm());
     if (was_dynamic) {
       planes_->set_weight(slot, weight);
@@ -266,8 +265,8 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
-  // A state from outside may be any: what would throw bones and objects in its first step is put right before it, and
-  // before the books begin.
+  // A restored state can be anything. Tissue that would throw bones and objects in the first step is put back before
+  // this step and before the ledger starts.
   if (std::exchange(restored_, false) && tissue_ != nullptr) {
     untangled_nodes_ += static_cast<std::uint64_t>(untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_));
   }
@@ -292,9 +291,9 @@ StepReport HandSimulation::step(double time_step) {
   return report;
 }
 
-// A step that was cut off leaves tissue out of balance, and the way that a node went in it says little about where the
-// node goes next. Contacts are predicted from velocities, so each node takes that of the bone that carries it, where
-// that is slower: no energy is put in.
+// After a step that was cut off, tissue is out of balance, and a node's velocity does not predict its next movement.
+// But contacts are predicted from velocities. So each node gets the velocity of its bone at the node, if this is
+// slower. This adds no energy.
 void HandSimulation::calm_nodes() {
   for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) {
     const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
@@ -314,24 +313,26 @@ void HandSimulation::keep_ledger(bool keep) {
 
 void HandSimulation::enter_step(const StepReport& report) {
   if (!report.state_changed) {
-    // A step that was given up half way has confused the terms' own books; one that was not begun has changed nothing.
+    // A step that was aborted leaves the terms' own ledger entries inconsistent. A step that did not begin changed
+    // nothing.
     if (report.status == StepStatus::nonfinite) ledger_.restart();
     return;
   }
   EnergyFlow step;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const TermEnergy& term = report.terms[t];
-    // Only potentials of the state alone ask for the start, and what they stored when the last step ended is that.
+    // Only potentials that depend on the state alone use the start. Their energy at the end of the last step is the
+    // energy at the start of this step.
     const double start = report.chord && stored_holds_ ? stored_[t] : term.start;
     EnergyFlow flow = terms_[t]->flow(start, term.joules, term.taken);
-    // Nodes that were put back before the step; inertia and contacts keep account of that themselves.
+    // Energy change of nodes that were put back before the step. Inertia and contacts account for it themselves.
     if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += start - stored_[t];
     stored_[t] = flow.stored;
     step += flow;
   }
   untangled_ = false;
   stored_holds_ = report.measured;
-  // Without the derivatives of the result there is nothing to enter.
+  // Without the derivatives at the result, the step cannot be entered.
   if (report.measured) {
     ledger_.add(step);
   } else {
