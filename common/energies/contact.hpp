@@ -11,11 +11,10 @@
 // - In eq. 32, n n^T (x_a - x_n) uses an n that is fixed in the world. Here n rotates with the object, so the energy is
 //   invariant under a rigid motion of node and object. Then force and torque balance exactly: the opposite of the
 //   node's force acts on the object at the node's position.
-// - A contact is one-sided (n . (x_n - x_a) < 0): it only pushes. Exception: if a node is predicted to cross the
-//   surface
-//   within the step, its anchor is put at the crossing at the step's start, and is two-sided for this step. Otherwise a
-//   step of one Newton iteration would miss the contact, because it starts before the crossing. A tip at 1 m/s would
-//   sink 11 mm before the first force.
+// - A contact is one-sided (n . (x_n - x_a) < 0): it only pushes. Exception: a node that is predicted to cross the
+//   surface within the step. Its anchor is put at the crossing at the step's start, and is two-sided for this step.
+//   Otherwise a step of one Newton iteration would miss the contact, because it starts before the crossing. A tip at 1
+//   m/s would sink 11 mm before the first force.
 // - A node that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
 //   at 1 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
@@ -85,16 +84,13 @@ class ContactSet {
   };
 
   /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state. The first `moving_slots` of them
-  /// may
-  /// be movable. `stiffness` is k_c, N/m, of a node with the mean area. `node_masses` (kg) are used only to estimate
-  /// the
-  /// normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
+  /// may be movable. `stiffness` is k_c, N/m, of a node with the mean area. `node_masses` (kg) are used only to
+  /// estimate the normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
   ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots,
              int slots);
 
   /// Puts an object into a slot, or changes its friction. Contacts persist if shape and id are the same. `geometry`
-  /// must
-  /// outlive its time in the slot. `friction` is Coulomb's mu, >= 0.
+  /// must outlive its time in the slot. `friction` is Coulomb's mu, >= 0.
   void set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id, ContactObject kind);
   /// Removes the object and ends its contacts.
   void clear_object(int slot);

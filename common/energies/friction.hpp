@@ -13,12 +13,10 @@
 // - Anchors slide at the end of the step (ContactSet), by the normal force at that time. A sticking anchor does not
 //   move at all: no creep.
 // - s_0 is the stretch at the start of the first step of a fresh contact, because its anchor lies ahead at the
-//   crossing.
-//   In later steps s_0 is zero.
+//   crossing. In later steps s_0 is zero.
 // - At the step's start, the projected Hessian is a choice at the kink between sticking and sliding. An anchor that
-//   slid
-//   and moves on uses the sliding Hessian. A fresh anchor uses the secant to the predicted stretch. So a step of one
-//   Newton iteration does not stick if the converged step slides.
+//   slid and moves on uses the sliding Hessian. A fresh anchor uses the secant to the predicted stretch. So a step of
+//   one Newton iteration does not stick if the converged step slides.
 #pragma once
 
 #include "energies/contact.hpp"

@@ -39,8 +39,7 @@ struct MirroredObject {
 };
 
 /// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, without
-/// this
-/// spring.
+/// this spring.
 struct ObjectSpring {
   double linear_stiffness = 0;   ///< N/m
   double angular_stiffness = 0;  ///< N m/rad
