@@ -77,7 +77,7 @@ double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
 
 // Fraction of the cost of the whole factorisation. The update matrices of cheaper subtrees are not stored: these
 // subtrees are factorised again together with their parents.
-constexpr double kKeptSubtree = 0.08;
+constexpr double kStoredSubtree = 0.08;
 
 double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 
@@ -169,7 +169,7 @@ struct Visit {
 
 // The group of each node. Whole subtrees are assigned to the first two groups. The assignment minimises the cost of the
 // more expensive group plus the cost of the ancestors, which depend on both groups.
-std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
+std::vector<std::uint8_t> assign_groups(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
   const auto own_cost = [&nodes](Index n) {
     const Supernode& node = nodes[at(n)];
     return front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
@@ -181,29 +181,29 @@ std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const st
     for (const Index child : nodes[at(visit.node)].children) cost[at(visit.node)] += cost[at(child)];
     if (visit.depth == 0) roots.push_back(visit.node);
   }
-  const auto dearer = [&cost](Index a, Index b) { return std::pair(cost[at(a)], a) > std::pair(cost[at(b)], b); };
-  std::vector<Index> dealt[2], best[2];
+  const auto costlier = [&cost](Index a, Index b) { return std::pair(cost[at(a)], a) > std::pair(cost[at(b)], b); };
+  std::vector<Index> assigned[2], best[2];
   double ancestors = 0, least = std::numeric_limits<double>::infinity();
   constexpr std::size_t kMostSubtrees = 64;
   while (!roots.empty() && roots.size() < kMostSubtrees) {
-    std::sort(roots.begin(), roots.end(), dearer);
+    std::sort(roots.begin(), roots.end(), costlier);
     double load[2] = {0, 0};
-    dealt[0].clear();
-    dealt[1].clear();
+    assigned[0].clear();
+    assigned[1].clear();
     for (const Index root : roots) {
       const int lighter = load[1] < load[0] ? 1 : 0;
       load[lighter] += cost[at(root)];
-      dealt[lighter].push_back(root);
+      assigned[lighter].push_back(root);
     }
     if (ancestors + std::max(load[0], load[1]) < least) {
       least = ancestors + std::max(load[0], load[1]);
-      std::copy(std::begin(dealt), std::end(dealt), std::begin(best));
+      std::copy(std::begin(assigned), std::end(assigned), std::begin(best));
     }
     // Replace the most expensive subtree by its children.
-    const Index dearest = roots.front();
-    ancestors += own_cost(dearest);
+    const Index costliest = roots.front();
+    ancestors += own_cost(costliest);
     roots.erase(roots.begin());
-    roots.insert(roots.end(), nodes[at(dearest)].children.begin(), nodes[at(dearest)].children.end());
+    roots.insert(roots.end(), nodes[at(costliest)].children.begin(), nodes[at(costliest)].children.end());
   }
   std::vector<std::uint8_t> group(nodes.size(), kAncestors);
   for (std::uint8_t g = 0; g < 2; ++g) {
@@ -235,7 +235,7 @@ std::vector<Visit> elimination_order(const std::vector<Supernode>& nodes) {
     for (const Index child : nodes[at(visit.node)].children) pending.push_back({child, visit.depth + 1});
   }
   std::reverse(result.begin(), result.end());
-  const std::vector<std::uint8_t> group = deal_out(nodes, result);
+  const std::vector<std::uint8_t> group = assign_groups(nodes, result);
   for (Visit& visit : result) visit.group = group[at(visit.node)];
   std::stable_sort(result.begin(), result.end(), [](const Visit& a, const Visit& b) { return a.group < b.group; });
   return result;
@@ -300,7 +300,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   // factorisation.
   std::int64_t top[3][2] = {}, highest[3][2] = {};
   std::vector<double> cost(visits.size(), 0.0);  // of the front's subtree
-  keeps_update_.assign(visits.size(), 0);
+  stores_update_.assign(visits.size(), 0);
   for (std::size_t f = 0; f < visits.size(); ++f) {
     const Supernode& node = nodes[at(visits[f].node)];
     cost[f] += front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
@@ -334,8 +334,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     const int parity = visits[f].depth % 2;
     const std::int64_t size =
         static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
-    if (cost[f] >= kKeptSubtree * total_cost) {
-      keeps_update_[f] = 1;
+    if (cost[f] >= kStoredSubtree * total_cost) {
+      stores_update_[f] = 1;
       front.update = update_size;
       update_size += size;
     } else {
@@ -346,7 +346,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     // The updates of its children are no longer needed: pop them. The updates of the two groups' subtrees stay at the
     // bottom of their groups' stacks.
     const auto is_stacked = [&](Index child) {
-      return visits[at(child)].group == group && keeps_update_[at(child)] == 0;
+      return visits[at(child)].group == group && stores_update_[at(child)] == 0;
     };
     const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_stacked);
     if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
@@ -364,7 +364,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     }
   }
   for (std::size_t f = 0; f < visits.size(); ++f) {
-    if (keeps_update_[f] == 0) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
+    if (stores_update_[f] == 0) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
   }
 
   const auto panel_row = [](const CholeskyFront& front, const Index* rows, Index position) {
@@ -462,7 +462,7 @@ bool BlockCholesky<Scalar>::refactorize(std::span<const std::int32_t> changed) {
   // The updates of small subtrees are not stored: factorise these subtrees again below each stale front.
   for (std::size_t f = fronts_.size(); f-- > 0;) {
     for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) {
-      if (keeps_update_[at(child_[at(k)])] == 0) stale_[at(child_[at(k)])] |= stale_[f];
+      if (stores_update_[at(child_[at(k)])] == 0) stale_[at(child_[at(k)])] |= stale_[f];
     }
   }
   return factorize_stale();

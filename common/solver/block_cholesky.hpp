@@ -82,7 +82,7 @@ class BlockCholesky final : public LinearSolver {
   std::vector<CholeskyEntry> entries_;
   std::vector<CholeskyTileRows> tile_rows_;
   std::vector<std::int32_t> front_of_stored_;  // by stored block of the matrix
-  std::vector<std::uint8_t> keeps_update_;     // by front: its update matrix is stored after the factorisation
+  std::vector<std::uint8_t> stores_update_;    // by front: its update matrix is stored after the factorisation
   std::vector<std::uint8_t> stale_;            // by front: it must be factorised again
   bool has_updates_ = false;                   // the stored update matrices are complete and of the last matrix
   const double* values_ = nullptr;             // of the loaded matrix

@@ -184,23 +184,24 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
     panel[row_offset(c, step) + c * kTile] = Scalar(1);
   for (const CholeskyEntry* entry = plan.entry + front.entry_begin; entry != plan.entry + front.entry_end; ++entry) {
     // Prefetch: the matrix has another order and is larger than the caches near the core.
-    const std::int32_t soon = entry[kCholeskyEntriesAhead].source;
-    const double* const block_ahead = values + 9 * static_cast<std::ptrdiff_t>(soon < 0 ? ~soon : soon);
+    const std::int32_t prefetched = entry[kCholeskyEntriesAhead].source;
+    const double* const block_ahead =
+        values + 9 * static_cast<std::ptrdiff_t>(prefetched < 0 ? ~prefetched : prefetched);
     __builtin_prefetch(block_ahead);
     __builtin_prefetch(block_ahead + 8);
     const bool transposed = entry->source < 0;
     const double* const block = values + 9 * static_cast<std::ptrdiff_t>(transposed ? ~entry->source : entry->source);
     Scalar* const to = panel + entry->place;
-    const int left = kTile - static_cast<int>(entry->place % kTile);  // rows to the tile's end
+    const int remaining = kTile - static_cast<int>(entry->place % kTile);  // rows to the tile's end
     const auto copy = [&](int down, int across, std::ptrdiff_t beyond) {
 #pragma GCC unroll 3
       for (int c = 0; c < 3; ++c) {
 #pragma GCC unroll 3
         for (int r = 0; r < 3; ++r)
-          to[c * kTile + r + (r < left ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
+          to[c * kTile + r + (r < remaining ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
       }
     };
-    if (left < 3) {
+    if (remaining < 3) {
       copy(transposed ? 3 : 1, transposed ? 1 : 3, step - kTile);
     } else if (transposed) {
       copy(3, 1, 0);

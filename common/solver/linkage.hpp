@@ -32,9 +32,9 @@ class Linkage {
     Vector3 joint = Vector3::Zero();  ///< in the body's own frame
   };
   Linkage() = default;
-  /// `links`: for the first bodies of the state. The other bodies have no joints. `carriers`: by node, the body that
+  /// `links`: for the first bodies of the state. The other bodies have no joints. `node_bodies`: by node, the body that
   /// the node is attached to. Throws std::invalid_argument if an index is out of range.
-  Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers);
+  Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> node_bodies);
 
   int linked_bodies() const { return static_cast<int>(links_.size()); }
   /// No body touches an object.
@@ -52,9 +52,9 @@ class Linkage {
   /// velocities of `start`, m.
   double prediction_error(const State& start, const State& state, double time_step) const;
   /// `state` becomes the earlier state.
-  void keep(const State& state);
+  void set_earlier_state(const State& state);
   /// `state` becomes the later state.
-  void turn(const State& state);
+  void set_later_state(const State& state);
   /// RMS of an increment's translations, m: the larger of two values, one of the nodes and one of the linked bodies.
   double root_mean_square(const VectorX& increment) const;
   /// Moves the linked bodies of `state` for `time_step` seconds at constant velocity. Their attached nodes keep their
@@ -74,13 +74,13 @@ class Linkage {
 
   DofLayout layout_;
   std::vector<Link> links_;
-  std::vector<std::int32_t> carriers_;
+  std::vector<std::int32_t> node_bodies_;
   std::vector<std::uint8_t> is_straight_;  // by body: `move` moves it along a straight line
   bool any_touching_ = false;
-  std::vector<Quaternion> kept_;  // by body, orientation at the earlier state
-  std::vector<Vector3> levers_;   // by link, r_b
-  std::vector<Matrix3> turns_;    // by body, W_b
-  std::vector<Matrix3> coasted_;  // scratch, by body: the rotation of a step or of a move
+  std::vector<Quaternion> earlier_orientations_;  // by body, orientation at the earlier state
+  std::vector<Vector3> levers_;                   // by link, r_b
+  std::vector<Matrix3> turns_;                    // by body, W_b
+  std::vector<Matrix3> coasted_;                  // scratch, by body: the rotation of a step or of a move
   // Scratch, by body: t_b and T_b, or their gradients. In `move`: the old position and the derivative of the new one.
   std::vector<Vector3> then_, now_;
 };

@@ -25,8 +25,8 @@ constexpr double kNoEnergy = 1e-12;  // J, 1 mN over 1 nm: smaller energy differ
 // With fewer iterations than this, a step cannot measure how well a reused factor contracts.
 constexpr std::int64_t kFewIterations = 3;
 // This many iterations with a reused factor cost as much as one iteration with a new Hessian and factor.
-constexpr double kWorthProjected = 8;
-constexpr double kWorthExact = 4;  // the same if the new Hessian is exact: then it converges faster
+constexpr double kEquivalentIterationsProjected = 8;
+constexpr double kEquivalentIterationsExact = 4;  // the same if the new Hessian is exact: then it converges faster
 // m. If a body moves less than kFullMove in the step, its tolerance shrinks in proportion. The tolerance stops
 // shrinking at a movement of kLeastMove.
 constexpr double kFullMove = 0.05;
@@ -152,7 +152,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   for (std::size_t k = first_kinked_; k < order_.size(); ++k) kinked_.push_back(terms_[order_[k]]);
   work_ = step_work({potential_blocks, linear_solver_->factor_operations(), linear_solver_->factor_entries()});
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
-  potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ =
+  potentials_.gradient = potentials_.of_nodes = node_gradient_ = previous_node_gradient_ = extrapolated_ =
       VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
@@ -172,7 +172,7 @@ void NewtonSolver::measure_displacement(const State& state) {
   }
 }
 
-bool NewtonSolver::knows_potentials(const State& state) const {
+bool NewtonSolver::has_potentials_of(const State& state) const {
   if (!potentials_.known || potentials_.positions != state.node_positions) return false;
   for (std::size_t b = 0; b < potentials_.bodies; ++b) {
     const Pose &then = potentials_.poses[b], &now = state.body_poses[b];
@@ -183,10 +183,10 @@ bool NewtonSolver::knows_potentials(const State& state) const {
 
 // Evaluates the energy of each term, the gradient and, if `with_hessian`, the Hessian at `state`. Returns false if a
 // value is NaN or infinite. `may_be_result`: `state` may be the result of the step, so the work of the step so far is
-// measured if `measure_work` requests this. `carried`: an extrapolated gradient of the potentials that depend on nodes
-// only. These potentials are then not evaluated, and their energy is the last known one.
+// measured if `measure_work` requests this. `extrapolated`: an extrapolated gradient of the potentials that depend on
+// nodes only. These potentials are then not evaluated, and their energy is the last known one.
 bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result,
-                            const VectorX* carried) {
+                            const VectorX* extrapolated) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -204,10 +204,10 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   double taken = 0;
   std::size_t known = 0;  // this many terms, in order, are not evaluated
   const Curvature smooth = with_hessian && tries_exact_now_ ? Curvature::exact : curvature_;
-  if (carried != nullptr) {
+  if (extrapolated != nullptr) {
     known = first_bodily_;
-    gradient_ = *carried;
-  } else if (!with_hessian && !with_work && knows_potentials(state)) {
+    gradient_ = *extrapolated;
+  } else if (!with_hessian && !with_work && has_potentials_of(state)) {
     known = first_frozen_;
     gradient_ = potentials_.gradient;
   }
@@ -483,14 +483,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.state_changed = false;
     return report;
   };
-  bool begun = false;  // a chord step did not converge, but its state has less energy than the start
+  bool continues_chord_step = false;  // a chord step did not converge, but its state has less energy than the start
   const bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
   const bool touches = prepare_ && linkage_.any_touching();
   if (may_be_chord && is_predictable_) {
     if (chord_step(state, time_step, report)) return report;
     // In the fast mode the iterations begin at the step's start, as in the source.
-    begun = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
-    if (!begun) {
+    continues_chord_step = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
+    if (!continues_chord_step) {
       state = start_;
       const StepTiming spent = report.timing;
       const double work = report.work;
@@ -499,24 +499,25 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.work = work;
     }
   }
-  kept_time_step_ = carried_for_ = 0;
+  chord_time_step_ = node_gradient_time_step_ = 0;
   tries_exact_now_ = tries_exact_;
   // Whether a factor may be reused in several iterations, including the factor of the last step. Steps with few
   // iterations use plain Newton iterations.
-  const bool may_keep =
+  const bool may_reuse =
       options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations && !was_cut_off_;
-  const double worth = tries_exact_ ? kWorthExact : kWorthProjected;
+  const double equivalent_iterations = tries_exact_ ? kEquivalentIterationsExact : kEquivalentIterationsProjected;
   // Whether the next iteration reuses the last factor.
-  bool keeps = may_keep && (carried_time_step_ == time_step || (begun && report.factorisations > 0));
-  carried_time_step_ = 0;
+  bool reuses_factor =
+      may_reuse && (reusable_time_step_ == time_step || (continues_chord_step && report.factorisations > 0));
+  reusable_time_step_ = 0;
   bool have_best = false;
-  bool evaluated = true;      // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = !keeps;   // `hessian_` is that of `state`
-  bool in_double = false;     // the next factors are in double
-  bool needs_double = false;  // a float factor made no progress
-  bool double_helps = true;   // double converges better than float if float converges slowly; true until disproved
+  bool evaluated = true;             // the report's energy and residual, and `gradient_`, are those of `state`
+  bool linearised = !reuses_factor;  // `hessian_` is that of `state`
+  bool in_double = false;            // the next factors are in double
+  bool needs_double = false;         // a float factor made no progress
+  bool double_helps = true;  // double converges better than float if float converges slowly; true until disproved
   // Number of consecutive iterations so far whose factor was renewed only in the terms with kinks.
-  int kinks_in_turn = keeps ? 0 : kMostKinksInTurn;
+  int kinks_in_turn = reuses_factor ? 0 : kMostKinksInTurn;
   double best_energy = 0;
   double moved_before = 0;
   double contraction = 0;
@@ -526,9 +527,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   };
   // Work of an iteration: with the last factor, with a factor renewed in the terms with kinks, and with a new Hessian
   // and factor.
-  const double kept_work = work_.solve + work_.evaluation;
-  const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + kept_work;
-  const double whole_work = work_.linearisation + work_.whole_factor + kept_work;
+  const double reuse_work = work_.solve + work_.evaluation;
+  const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + reuse_work;
+  const double whole_work = work_.linearisation + work_.whole_factor + reuse_work;
   // The work of one solve of contact alone is reserved for the end.
   const double reserved = touches ? work_.contact_blocks + work_.evaluation : 0.0;
   const auto remaining_work = [&] {
@@ -538,7 +539,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   const auto has_whole_factor = [&] { return report.factorisations > report.kink_factors; };
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, linearised, false)) return give_up();
-  if (!begun) {
+  if (!continues_chord_step) {
     for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   }
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
@@ -553,23 +554,23 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    bool renews = !keeps;
-    bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() &&
+    bool renews = !reuses_factor;
+    bool renews_kinks = renews && may_reuse && has_smooth_ && first_kinked_ < order_.size() &&
                         kinks_in_turn < kMostKinksInTurn && !in_double;
     if (const double remaining = remaining_work();
-        (iteration > 0 || (begun && report.iterations > 0)) && std::isfinite(remaining)) {
+        (iteration > 0 || (continues_chord_step && report.iterations > 0)) && std::isfinite(remaining)) {
       // A new Hessian and factor gains most. So its work is reserved until the step has had one. After that, all
       // remaining work may be spent.
       const double reserve = has_whole_factor() ? 0.0 : whole_work;
       const bool affords_whole = remaining >= whole_work;
-      if (!renews && !has_whole_factor() && affords_whole && remaining - kept_work < whole_work &&
-          iterations_until(remaining_move, 1, contraction) * kept_work > remaining)
+      if (!renews && !has_whole_factor() && affords_whole && remaining - reuse_work < whole_work &&
+          iterations_until(remaining_move, 1, contraction) * reuse_work > remaining)
         renews = true;
       if (renews_kinks && remaining < kinks_work + reserve) renews_kinks = !affords_whole && remaining >= kinks_work;
       if (renews && !renews_kinks && !affords_whole) renews = false;
       // If a chord step did not factorise in this step, its factor is not usable here.
       const bool has_factor = iteration > 0 || report.factorisations > 0;
-      if (remaining < kept_work || (!renews && !has_factor)) {
+      if (remaining < reuse_work || (!renews && !has_factor)) {
         report.status = StepStatus::budget_spent;
         break;
       }
@@ -587,7 +588,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         if (!linearised) evaluate(state, report, true);
         factorised = factorize(state, report, in_double);
         if (!factorised) break;
-        if (may_be_chord) linkage_.keep(state);
+        if (may_be_chord) linkage_.set_earlier_state(state);
       }
       const double solve_begin = clock_();
       gradient_ = -gradient_;
@@ -597,7 +598,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.work += work_.solve;
       if (!direction_.allFinite()) return give_up();
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-      linearised = !last && !may_keep && kUsualReduction * report.residual > options_.residual_tolerance;
+      linearised = !last && !may_reuse && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
       linearised = linearised && scale == 1;
@@ -629,9 +630,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     contraction = renews || moved_before == 0 ? of_residual : moved / moved_before;
     remaining_move = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
     moved_before = moved;
-    keeps = may_keep && scale == 1 &&
-            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
-                     iterations_until(remaining_move, 1, contraction)) <= worth;
+    reuses_factor = may_reuse && scale == 1 &&
+                    std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
+                             iterations_until(remaining_move, 1, contraction)) <= equivalent_iterations;
     kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
     if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
       double_helps = double_helps && !in_double;
@@ -673,10 +674,11 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   // A failed step has no factor to reuse. A step that was cut off is far from the minimum: there only plain Newton
   // iterations make progress.
   was_cut_off_ = report.status == StepStatus::budget_spent;
-  const bool may_carry = report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
-  if (may_carry && (keeps || has_whole_factor())) carried_time_step_ = time_step;
+  const bool is_reusable =
+      report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
+  if (is_reusable && (reuses_factor || has_whole_factor())) reusable_time_step_ = time_step;
   if (may_be_chord && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0)
-    kept_time_step_ = time_step;
+    chord_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -695,41 +697,41 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   has_smooth_ = other.has_smooth_;
   if (has_smooth_) hessian_ = other.hessian_;
   linkage_ = other.linkage_;
-  kept_time_step_ = other.kept_time_step_;
-  carried_time_step_ = other.carried_time_step_;
+  chord_time_step_ = other.chord_time_step_;
+  reusable_time_step_ = other.reusable_time_step_;
   contracts_slowly_ = other.contracts_slowly_;
   is_predictable_ = other.is_predictable_;
   was_cut_off_ = other.was_cut_off_;
   potentials_ = other.potentials_;
-  carried_ = other.carried_;
-  carried_before_ = other.carried_before_;
-  carried_for_ = other.carried_for_;
+  node_gradient_ = other.node_gradient_;
+  previous_node_gradient_ = other.previous_node_gradient_;
+  node_gradient_time_step_ = other.node_gradient_time_step_;
 }
 
 // Returns false if the iteration does not contract or if its work would exceed the budget. Then, if a state below the
 // energy of the step's start was reached, `state` is the lowest such state and `report.chord` is set. Otherwise `state`
 // is the step's start.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
-  carried_time_step_ = 0;
+  reusable_time_step_ = 0;
   if (measures_start_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }
   double before = 0;
-  bool renews = contracts_slowly_ || kept_time_step_ != time_step;
-  const bool knows = knows_potentials(state);
-  const bool extrapolates = knows && carried_for_ == time_step && !renews;
-  if (knows) {
-    carried_before_.swap(carried_);
-    carried_ = potentials_.of_nodes;
-    linkage_.to_bodies(state, carried_);
+  bool renews = contracts_slowly_ || chord_time_step_ != time_step;
+  const bool has_potentials = has_potentials_of(state);
+  const bool extrapolates = has_potentials && node_gradient_time_step_ == time_step && !renews;
+  if (has_potentials) {
+    previous_node_gradient_.swap(node_gradient_);
+    node_gradient_ = potentials_.of_nodes;
+    linkage_.to_bodies(state, node_gradient_);
   }
-  carried_for_ = knows ? time_step : 0;
+  node_gradient_time_step_ = has_potentials ? time_step : 0;
   // The least energy so far. It includes the start, from which an ordinary step would descend, and the predicted state,
   // if these are evaluated.
   double least = std::numeric_limits<double>::infinity();
   // The energy of `best_`. If the energy of the start is unknown, no state is known to lie below it.
   double lowest = -std::numeric_limits<double>::infinity();
-  if (knows) {
+  if (has_potentials) {
     if (!evaluate(state, report, false, false)) return false;
     for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
     least = lowest = report.energy;
@@ -748,7 +750,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   };
   linkage_.coast(state, time_step);
   if (extrapolates) {
-    extrapolated_ = 2 * carried_ - carried_before_;
+    extrapolated_ = 2 * node_gradient_ - previous_node_gradient_;
     linkage_.to_world(state, extrapolated_);
   }
   if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return give_up();
@@ -763,12 +765,12 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       return give_up();
     if (renews) {
       if (!factorize(state, report, false) || report.shifts > 0) return give_up();
-      linkage_.keep(state);
-      kept_time_step_ = time_step;
+      linkage_.set_earlier_state(state);
+      chord_time_step_ = time_step;
     }
     const double begin = clock_();
     gradient_ = -gradient_;
-    linkage_.turn(state);
+    linkage_.set_later_state(state);
     linkage_.to_then(gradient_);
     factor_->solve(gradient_, direction_);
     linkage_.to_now(direction_);

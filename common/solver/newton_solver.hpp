@@ -182,8 +182,8 @@ class NewtonSolver {
 
  private:
   bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true,
-                const VectorX* carried = nullptr);
-  bool knows_potentials(const State& state) const;
+                const VectorX* extrapolated = nullptr);
+  bool has_potentials_of(const State& state) const;
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
   bool factorize(const State& state, StepReport& report, bool in_double);
@@ -217,9 +217,9 @@ class NewtonSolver {
   std::function<bool(Linkage&)> prepare_;  // null: no linkage
   // Chord steps.
   bool is_predictable_ = true;     // the last step ended near the state predicted from velocities
-  double kept_time_step_ = 0;      // time step of the factor in `linear_solver_`; 0: not usable for chord steps
+  double chord_time_step_ = 0;     // time step of the factor in `linear_solver_`; 0: not usable for chord steps
   bool contracts_slowly_ = false;  // the factor contracted slowly when last used
-  double carried_time_step_ = 0;   // time step of the factor of the last ordinary step; 0: none to reuse
+  double reusable_time_step_ = 0;  // time step of the factor of the last ordinary step; 0: none to reuse
   std::unique_ptr<LinearSolver> precise_solver_;  // fallback in double for a float factor; else null
   LinearSolver* factor_ = nullptr;                // the solver of these two that holds the last factor
   std::function<double()> clock_;
@@ -229,8 +229,8 @@ class NewtonSolver {
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
   // For chord steps: `potentials_.of_nodes` at the start of this step and of the last step, in the axes of the nodes'
   // bodies, and the extrapolation of the two.
-  VectorX carried_, carried_before_, extrapolated_;
-  double carried_for_ = 0;  // s, the time step of `carried_`; 0: it is not usable in the next step
+  VectorX node_gradient_, previous_node_gradient_, extrapolated_;
+  double node_gradient_time_step_ = 0;  // s, the time step of `node_gradient_`; 0: it is not usable in the next step
   VectorX gradient_, direction_;
   VectorX tangent_;       // derivative of `move` with respect to its scale, at the last move
   VectorX displacement_;  // the increment from start_ to the state evaluated last
