@@ -110,16 +110,16 @@ Pose ContactSet::body_pose(int slot, const State& state) const {
 
 template <typename Ends>
 void ContactSet::remove_if(Ends&& ends) {
-  std::size_t kept = 0;
+  std::size_t retained = 0;
   for (std::size_t i = 0; i < anchors_.size(); ++i) {
     if (ends(anchors_[i])) {
       has_anchor_[pair(anchors_[i].slot, anchors_[i].node)] = 0;
       continue;
     }
-    if (kept != i) anchors_[kept] = anchors_[i];
-    ++kept;
+    if (retained != i) anchors_[retained] = anchors_[i];
+    ++retained;
   }
-  anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(kept), anchors_.end());
+  anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(retained), anchors_.end());
 }
 
 void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id,
@@ -172,7 +172,7 @@ bool ContactSet::hooks(const Anchor& anchor, const State& state, const Eigen::Ma
 void ContactSet::mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const {
   std::fill(hooked.begin(), hooked.end(), std::uint8_t{0});
   for (const Anchor& anchor : anchors_) {
-    if (anchor.kept_recess > 0) continue;  // the node started inside and moves out
+    if (anchor.saved_recess > 0) continue;  // the node started inside and moves out
     const Vector3 bone = to_local(body_pose(anchor.slot, state), bones.col(anchor.node));
     const Vector3 way = bone - anchor.anchor;
     if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0)
@@ -195,7 +195,7 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
   return end;
 }
 
-double ContactSet::held(std::span<const std::uint8_t> nodes) const {
+double ContactSet::stored_energy(std::span<const std::uint8_t> nodes) const {
   double energy = 0;
   for (const Anchor& anchor : anchors_) {
     if (nodes[static_cast<std::size_t>(anchor.node)] != 0) energy += anchor.normal_energy + anchor.friction_energy;
@@ -203,8 +203,8 @@ double ContactSet::held(std::span<const std::uint8_t> nodes) const {
   return energy;
 }
 
-double ContactSet::held_where_put(const State& state, std::span<const std::uint8_t> nodes,
-                                  const Eigen::Matrix3Xd& bones) const {
+double ContactSet::stored_energy_at(const State& state, std::span<const std::uint8_t> nodes,
+                                    const Eigen::Matrix3Xd& bones) const {
   double energy = 0;
   for (const Anchor& anchor : anchors_) {
     if (nodes[static_cast<std::size_t>(anchor.node)] == 0 || hooks(anchor, state, bones)) continue;
@@ -244,8 +244,8 @@ ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector
   Anchor anchor;
   anchor.node = node;
   anchor.slot = slot;
-  anchor.anchor = anchor.kept_anchor = point;
-  anchor.normal = anchor.kept_normal = normal;
+  anchor.anchor = anchor.saved_anchor = point;
+  anchor.normal = anchor.saved_normal = normal;
   anchor.stiffness = stiffness_ * weights_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])];
   anchor.friction = at(slot).friction;
   anchor.friction_stiffness = friction_stiffness(anchor.stiffness, anchor.friction);
@@ -316,7 +316,7 @@ void ContactSet::find_candidates(int slot, const State& state) {
           inside = next;
         }
       }
-      if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->kept_recess = -surface.distance;
+      if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->saved_recess = -surface.distance;
     } else if (const auto met = meeting(s, position, position + time_step_ * state.node_velocities.col(node))) {
       if (Anchor* anchor = create(slot, node, met->point, met->normal)) anchor->fresh = true;
     }
@@ -324,10 +324,10 @@ void ContactSet::find_candidates(int slot, const State& state) {
 }
 
 void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
-  anchor.anchor = anchor.kept_anchor;
-  anchor.normal = anchor.kept_normal;
-  anchor.recess = anchor.kept_recess;
-  anchor.sliding = anchor.kept_sliding;
+  anchor.anchor = anchor.saved_anchor;
+  anchor.normal = anchor.saved_normal;
+  anchor.recess = anchor.saved_recess;
+  anchor.sliding = anchor.saved_sliding;
   anchor.ahead = false;
   const double out = std::min(anchor.recess, kExitSpeed * time_step_);
   anchor.anchor += out * anchor.normal;
@@ -379,11 +379,12 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   const Vector3 first =
       tangential(to_local(body_pose(anchor.slot, state), position) - anchor.anchor) - anchor.stretch_origin;
   if ((first - anchor.stretch_start).norm() < kLittleMotion) anchor.stretch_start = first;
-  const Vector3 left = before - anchor.anchor;
-  anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(left));
-  const double held =
+  const Vector3 from_anchor = before - anchor.anchor;
+  anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(from_anchor));
+  const double elastic_stretch =
       anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
-  anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
+  anchor.start_excess =
+      swept ? 0.0 : std::max(0.0, (tangential(from_anchor) - anchor.stretch_origin).norm() - elastic_stretch);
 }
 
 // The object moved from pose `from` to pose `to`. Returns whether the normal `now` points to the same side in the world
@@ -508,10 +509,10 @@ void ContactSet::end_step(const State& state) {
     s.seen = true;
   }
   for (Anchor& anchor : anchors_) {
-    anchor.kept_anchor = anchor.anchor;
-    anchor.kept_normal = anchor.normal;
-    anchor.kept_recess = anchor.recess;
-    anchor.kept_sliding = anchor.sliding;
+    anchor.saved_anchor = anchor.anchor;
+    anchor.saved_normal = anchor.normal;
+    anchor.saved_recess = anchor.recess;
+    anchor.saved_sliding = anchor.sliding;
     anchor.known = true;
     normal_flow_.stored += anchor.normal_energy;
     friction_flow_.stored += anchor.friction_energy;
@@ -554,10 +555,10 @@ void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push,
   // Motion from outside: between the steps, and within this step if the motion is prescribed.
   const bool fixed = s.kind == ContactObject::fixed;
   const Vector3 point = s.end_pose.orientation.conjugate() * end.lever;
-  const Vector3 carried = (fixed ? s.end_pose : s.start_pose) * point - pose_before(anchor) * point;
-  normal_flow_.work += push.dot(carried);
-  friction_flow_.work += drag.dot(carried);
-  Vector3 object_moved = carried;
+  const Vector3 external_motion = (fixed ? s.end_pose : s.start_pose) * point - pose_before(anchor) * point;
+  normal_flow_.work += push.dot(external_motion);
+  friction_flow_.work += drag.dot(external_motion);
+  Vector3 object_moved = external_motion;
   if (!fixed) object_moved += s.moved + s.turned.cross(end.lever);  // to first order, as in the solver's increment
   const Vector3 moved = node_moved - object_moved;
   const double energy = normal_energy(anchor, end.depth);
@@ -574,8 +575,8 @@ void ContactSet::settle(Anchor& anchor, const Offset& offset) {
   double friction = 0;
   if (anchor.friction_stiffness > 0) {
     const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -offset.depth);
-    const double held = std::min(offset.stretch.norm(), limit / anchor.friction_stiffness);
-    friction = 0.5 * anchor.friction_stiffness * held * held;
+    const double elastic_stretch = std::min(offset.stretch.norm(), limit / anchor.friction_stiffness);
+    friction = 0.5 * anchor.friction_stiffness * elastic_stretch * elastic_stretch;
   }
   normal_flow_.anchoring += normal - anchor.normal_energy;
   friction_flow_.anchoring += friction - anchor.friction_energy;
@@ -595,10 +596,10 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   const double stretch = o.stretch.norm();
   const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
   // A contact that ends stores no energy.
-  const double held =
+  const double elastic_stretch =
       anchor.friction_stiffness > 0 ? std::min(stretch - distance, limit / anchor.friction_stiffness) : 0.0;
-  const double heat = drag * std::max(0.0, stretch - held - anchor.start_excess);
-  anchor.friction_energy = 0.5 * anchor.friction_stiffness * held * held;
+  const double heat = drag * std::max(0.0, stretch - elastic_stretch - anchor.start_excess);
+  anchor.friction_energy = 0.5 * anchor.friction_stiffness * elastic_stretch * elastic_stretch;
   friction_flow_.friction += heat;
   friction_flow_.integrator -= anchor.friction_energy + heat;
   dissipated_ += heat;

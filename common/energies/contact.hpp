@@ -68,10 +68,10 @@ class ContactSet {
     Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that exerts no force (fresh, ahead; else zero)
     Vector3 stretch_start = Vector3::Zero();   ///< tangential stretch at the step's start
     // Values between steps. Each step starts from them.
-    Vector3 kept_anchor = Vector3::Zero();
-    Vector3 kept_normal = Vector3::UnitY();
-    double kept_recess = 0;
-    bool kept_sliding = false;
+    Vector3 saved_anchor = Vector3::Zero();
+    Vector3 saved_normal = Vector3::UnitY();
+    double saved_recess = 0;
+    bool saved_sliding = false;
     // Results of the last step.
     Vector3 force = Vector3::Zero();  ///< on the node, N, world
     double slip_speed = 0;            ///< m/s
@@ -106,10 +106,10 @@ class ContactSet {
   /// nodes always `to`.
   Vector3 stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const;
   /// Energy of the nodes in U_n and U_f at the end of the last step, J.
-  double held(std::span<const std::uint8_t> nodes) const;
+  double stored_energy(std::span<const std::uint8_t> nodes) const;
   /// Energy that the nodes would have at their positions in `state`, J. Contacts that do not hook persist, and nodes
   /// inside an object are pushed out. Infinite if a node's bone is inside an object.
-  double held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
+  double stored_energy_at(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
   /// Ends the contacts of the nodes. No path starts at the old positions: the next step uses the positions at its
   /// start.
   void release(std::span<const std::uint8_t> nodes);

@@ -99,7 +99,7 @@ class HandSimulation {
 
   StepReport step(double time_step);
   /// Whether steps are entered into the energy ledger from now on (off at first). Switching it on restarts the ledger.
-  void keep_ledger(bool keep);
+  void enable_ledger(bool enable);
 
   // Results of the last step.
   Pose joint_pose(Joint joint) const;
@@ -133,7 +133,7 @@ class HandSimulation {
  private:
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
-  void calm_nodes();
+  void limit_node_velocities();
   double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
@@ -161,10 +161,10 @@ class HandSimulation {
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
   std::array<Vector3, kBodyCount> bone_contact_forces_{};
-  bool keeps_ledger_ = false;
+  bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger
-  bool stored_holds_ = false;               // stored_ is valid: since then only steps moved tissue or bones
+  bool stored_is_valid_ = false;            // stored_ is valid: since then only steps moved tissue or bones
 };
 
 }  // namespace softhand

@@ -467,7 +467,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWa
   mirror_objects(now);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
-  simulation_->keep_ledger(wants.ledger);
+  simulation_->enable_ledger(wants.ledger);
   output_.report = simulation_->step(time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
   if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
@@ -590,7 +590,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.coupling_stretch = simulation_->largest_coupling_stretch();
   simulation_->for_each_stored(
       [&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
-  if (simulation_->ledger().begun()) {
+  if (simulation_->ledger().started()) {
     simulation_->ledger().for_each_row(
         [&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   }

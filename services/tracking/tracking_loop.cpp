@@ -436,7 +436,7 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const double age = input_.age(now);
   status.input_age_ms = age < 0 ? -1 : age * 1e3;
   status.coupling_stretch = coupling_stretch_;
-  if (ledger_.begun())
+  if (ledger_.started())
     ledger_.for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   const TrackedInputCounters& c = input_.counters();
   const auto add = [&status](std::string_view name, std::uint64_t value) {

@@ -47,7 +47,7 @@ class Books {
       step += terms_[t]->flow(term.start, term.joules, term.taken);
       taken += term.taken;
     }
-    if (ledger.begun()) left_over += taken;
+    if (ledger.started()) left_over += taken;
     ledger.add(step);
   }
   void run(State& state, int steps, double time_step = kStep) {

@@ -93,7 +93,7 @@ Vector3 pad_of(const HandModel& hand, Finger finger) {
 
 Findings let_go(const Release& release) {
   HandSimulation simulation(release.hand, {}, 1, 1);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   hold_bones(simulation, {});
   const Eigen::Matrix3Xd rest = simulation.state().node_positions;
   State disturbed = simulation.state();
@@ -139,7 +139,7 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
   const ShapeGeometry geometry(object.shape);
   const bool moving = object.mass > 0;
   HandSimulation simulation(event.hand, event.options, 1, 1);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   const int slot = moving ? 0 : 1;
   const double mass = moving ? object.mass : 1;
   MirroredObject mirrored{7, &geometry, mass, mass / geometry.solid().volume * geometry.solid().inertia,

@@ -175,7 +175,7 @@ TEST(HandSimulation, LedgerContinuesAlikeAfterTakeState) {
   HandSimulation one(hand(), options(), 0, 0), two(hand(), options(), 0, 0);
   for (HandSimulation* simulation : {&one, &two}) {
     set_rest_targets(*simulation, {});
-    simulation->keep_ledger(true);
+    simulation->enable_ledger(true);
     simulation->step(kStep);
   }
   scatter_nodes(one);
@@ -530,7 +530,7 @@ TEST(HandSimulation, EnergyLedgerCloses) {
   exact.solver.residual_tolerance = 1e-8;
   exact.solver.chord_tolerance = 0;
   HandSimulation simulation(hand(), exact, 1, 0);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   const ShapeGeometry geometry(cube_shape(0.02));
   simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
   simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
@@ -562,9 +562,9 @@ TEST(HandSimulation, EnergyLedgerCloses) {
   EXPECT_GT(ledger.total().damping, 0);
   EXPECT_LE(ledger.defect(), 1e-4);
   EXPECT_LE(ledger.excess(), 0.01);
-  simulation.keep_ledger(false);
-  simulation.keep_ledger(true);
-  EXPECT_FALSE(ledger.begun());
+  simulation.enable_ledger(false);
+  simulation.enable_ledger(true);
+  EXPECT_FALSE(ledger.started());
 }
 
 // A hand moves and touches nothing, with and without chord steps. Its fingers open and close, and its wrist moves and
@@ -651,7 +651,7 @@ TEST(HandSimulation, CopyInTheAirContinuesLikeTheOriginal) {
 // the air costs no evaluation. The exceptions are the first step and a step after the nodes were moved from outside.
 TEST(HandSimulation, LedgerOfAHandInTheAirCostsNoEvaluation) {
   HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
-  booked.keep_ledger(true);
+  booked.enable_ledger(true);
   const auto evaluations = [](HandSimulation& simulation, int step) {
     const std::uint64_t before = simulation.work().tissue_elements;
     set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * step), 0, 0),
@@ -666,8 +666,8 @@ TEST(HandSimulation, LedgerOfAHandInTheAirCostsNoEvaluation) {
         stretched.node_positions *= 1.001;
         simulation->restore(stretched);
       }
-      booked.keep_ledger(false);
-      booked.keep_ledger(true);
+      booked.enable_ledger(false);
+      booked.enable_ledger(true);
     }
     EXPECT_EQ(evaluations(booked, i), evaluations(plain, i) + (i % 30 == 0 ? 1 : 0)) << i;
     if (i == 29) {

@@ -114,7 +114,7 @@ TEST(Tracking, EnergyLedgerClosesAndTheDampersDissipateTheWork) {
   TrackingInput unwanted;
   unwanted.ledger_wanted = false;
   loop.step(kStart + 3000 * kMillisecond, unwanted);
-  EXPECT_FALSE(loop.ledger().begun());
+  EXPECT_FALSE(loop.ledger().started());
 }
 
 TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {
