@@ -74,7 +74,7 @@ int main(int argc, char** argv) {
   compare("tracking", 50 * pairs, 1e-3, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {
     TrackingInput input;
     if (skeleton.stamp.sequence % 11 == 1) input.tracked = input.simulated = &skeleton;
-    input.ledger_wanted = kept;
+    input.ledger_requested = kept;
     (kept ? books : none).step(now, input);
   });
   return 0;

@@ -49,11 +49,11 @@ bool starts_with(const std::string& text, const std::string& prefix) { return te
 
 // Only files below `place` may include a path that matches `pattern` (ignoring case). At least one file must.
 void expect_only_below(const std::string& place, const char* pattern) {
-  const std::regex wanted(pattern, std::regex::icase);
+  const std::regex matcher(pattern, std::regex::icase);
   int found = 0;
   for (const auto& [file, list] : includes()) {
     for (const std::string& include : list) {
-      if (!std::regex_search(include, wanted)) continue;
+      if (!std::regex_search(include, matcher)) continue;
       ++found;
       EXPECT_TRUE(starts_with(file, place)) << file << " includes " << include;
     }

@@ -617,7 +617,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
     std::vector<State> states;
     bool touched = false;
   };
-  const auto run = [&model](const HandOptions& options, const HandWants& wants, std::uint32_t far_objects) {
+  const auto run = [&model](const HandOptions& options, const RequestedOutputs& requested, std::uint32_t far_objects) {
     HandLoop loop(model, options, {});
     loop.describe_object(cube(3));
     for (std::uint32_t id = 0; id < far_objects; ++id) loop.describe_object(cube(100 + id));
@@ -630,7 +630,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
       WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), now);
       for (std::uint32_t id = 0; id < far_objects; ++id)
         world.objects.push_back(world_with(100 + id, Vector3(1 + 0.1 * id, 0, 0), now).objects[0]);
-      loop.step(now, {&sample, nullptr, &world}, wants);
+      loop.step(now, {&sample, nullptr, &world}, requested);
       result.states.push_back(loop.simulation().state());
       result.touched = result.touched || loop.simulation().contact_count() > 0;
     }
@@ -647,7 +647,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
     }
     return largest;
   };
-  const HandWants nothing{false, false, false, false}, everything{true, true, true, true};
+  const RequestedOutputs nothing{false, false, false, false}, everything{true, true, true, true};
   const Run plain = run(loop_options(), nothing, 0);
   ASSERT_TRUE(plain.touched);
   EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics with readers";

@@ -169,25 +169,25 @@ TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
       [](PostureSolver& s) {
         for (const std::size_t posture : {0u, 1u}) {
           const auto pad = s.pad(Finger::middle, posture);
-          s.want_point(20, posture, pad.body, pad.position, Vector3(0.1, 0.2, 0.3));
+          s.add_point_goal(20, posture, pad.body, pad.position, Vector3(0.1, 0.2, 0.3));
         }
       },
       [](PostureSolver& s) {
         const auto pad = s.pad(Finger::thumb, 0);
-        s.want_direction(2, 0, pad.body, pad.normal, Vector3(0.6, 0, 0.8));
+        s.add_direction_goal(2, 0, pad.body, pad.normal, Vector3(0.6, 0, 0.8));
       },
       [](PostureSolver& s) {
         const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
         const Vector3 between = index.position - thumb.position, axis = between.normalized();
-        s.want(3, between.norm() - 0.01,
-               {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+        s.add_residual(3, between.norm() - 0.01,
+                       {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
       },
       [](PostureSolver& s) {
-        s.want_apart(0, {Finger::index, Finger::middle}, 0.07);
+        s.add_distance_goal(0, {Finger::index, Finger::middle}, 0.07);
       },
       [](PostureSolver& s) {
-        s.want_start(1.5);
-        s.want_wrist_turned_little(3);
+        s.add_start_goal(1.5);
+        s.add_wrist_rotation_goal(3);
       }};
   for (std::size_t g = 0; g < goals.size(); ++g) {
     VectorX values = solver.values(), gradient, unused;

@@ -111,9 +111,9 @@ TEST(Tracking, EnergyLedgerClosesAndTheDampersDissipateTheWork) {
   LoopStatus status;
   loop.fill_status(status, kStart);
   ASSERT_FALSE(status.ledger.empty());
-  TrackingInput unwanted;
-  unwanted.ledger_wanted = false;
-  loop.step(kStart + 3000 * kMillisecond, unwanted);
+  TrackingInput without_ledger;
+  without_ledger.ledger_requested = false;
+  loop.step(kStart + 3000 * kMillisecond, without_ledger);
   EXPECT_FALSE(loop.ledger().started());
 }
 
