@@ -52,13 +52,13 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
     new_tetrahedron[t] = static_cast<std::int32_t>(out.tetrahedra.size());
     auto nodes = hand.tetrahedra[t];
     for (std::int32_t& node : nodes) {
-      std::int32_t& kept = new_node[static_cast<std::size_t>(node)];
-      if (kept < 0) {
-        kept = static_cast<std::int32_t>(out.nodes.size());
+      std::int32_t& renumbered = new_node[static_cast<std::size_t>(node)];
+      if (renumbered < 0) {
+        renumbered = static_cast<std::int32_t>(out.nodes.size());
         out.nodes.push_back(hand.nodes[static_cast<std::size_t>(node)]);
         out.node_body.push_back(hand.node_body[static_cast<std::size_t>(node)]);
       }
-      node = kept;
+      node = renumbered;
     }
     out.tetrahedra.push_back(nodes);
     out.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
@@ -66,8 +66,8 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
   // The surface keeps the finger's skin triangles. The cut through the finger's root is inside and gets no contact.
   out.surface.clear();
   for (auto triangle : hand.surface) {
-    const auto is_kept = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
-    if (!std::all_of(triangle.begin(), triangle.end(), is_kept)) continue;
+    const auto is_used = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
+    if (!std::all_of(triangle.begin(), triangle.end(), is_used)) continue;
     for (std::int32_t& node : triangle) node = new_node[static_cast<std::size_t>(node)];
     out.surface.push_back(triangle);
   }

@@ -182,12 +182,12 @@ std::function<void(double, Samples&)> duplicates() {
 
 // Delivers every other sample after its successor.
 std::function<void(double, Samples&)> swaps() {
-  return [kept = Samples{}, n = 0](double, Samples& samples) mutable {
+  return [delayed = Samples{}, n = 0](double, Samples& samples) mutable {
     if (n++ % 2 == 0) {
-      kept = samples;
+      delayed = samples;
       samples.clear();
     } else {
-      samples.push_back(kept.front());
+      samples.push_back(delayed.front());
     }
   };
 }

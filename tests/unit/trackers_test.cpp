@@ -225,13 +225,13 @@ Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, c
   return frames[at(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) - pad_place.y() * towards;
 }
 // The least clearance between the object of `distance` and the capsules of all bodies from the metacarpals on. Bodies
-// for which `left_out` is true do not count.
-template <typename Distance, typename LeftOut>
-double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, LeftOut left_out) {
+// for which `is_excluded` is true do not count.
+template <typename Distance, typename IsExcluded>
+double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, IsExcluded is_excluded) {
   double least = 1;
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    if (left_out(body)) continue;
+    if (is_excluded(body)) continue;
     const std::size_t from = at(joint_of(body)), to = at(end_joint_of(body));
     for (double s = 0; s <= 1; s += 0.1) {
       least = std::min(least, distance((1 - s) * frames[from].position + s * frames[to].position) -
