@@ -384,16 +384,16 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
       const double there = finite ? gradient_.dot(tangent_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
       const bool is_bracketed = high > 0;
-      const bool goes_on =
+      const bool continues =
           falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
       const bool level =
           there <= -kLevel * slope && (there >= kShort * slope || !is_bracketed || trial == kMaxBracketings);
-      if (falls && !goes_on && (level || -slope <= kNoise * rounding)) {
+      if (falls && !continues && (level || -slope <= kNoise * rounding)) {
         report.increment *= scale;
         return scale;
       }
       state = base_;
-      if (goes_on) {
+      if (continues) {
         const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low)
                                               : std::numeric_limits<double>::infinity();
         low = scale;

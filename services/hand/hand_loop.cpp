@@ -244,14 +244,14 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     reposition_asked_ = false;
     // Joints without a valid sample move rigidly with the wrist.
     const JointSample& wrist_before = before.joints[index(Joint::wrist)];
-    const Pose leap =
+    const Pose displacement =
         (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
     for (std::size_t j = 0; j < kJointCount; ++j) {
       if (usable(skeleton.joints[j])) continue;
       JointSample& joint = skeleton_.joints[j];
-      const Pose carried = leap * to_pose(joint);
-      joint.position = to_wire(carried.position);
-      joint.orientation = to_wire(carried.orientation);
+      const Pose moved = displacement * to_pose(joint);
+      joint.position = to_wire(moved.position);
+      joint.orientation = to_wire(moved.orientation);
       joint.linear_velocity = joint.angular_velocity = {};
     }
   }

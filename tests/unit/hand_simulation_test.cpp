@@ -481,14 +481,14 @@ TEST(HandSimulation, HoldsAnObjectAsWellWithAReusedFactor) {
     simulation->set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
     simulation->set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
   }
-  int carried = 0;
+  int reused_steps = 0;
   for (int i = 0; i < 120; ++i) {
     const Pose pressed{Vector3(2e-4 * std::sin(0.3 * i), -0.004, 0), Quaternion::Identity()};
     set_rest_targets(quick, pressed);
     set_rest_targets(slow, pressed);
     const StepReport report = quick.step(kStep);
     slow.step(kStep);
-    if (quick.touched(0)) carried += report.factorisations == 0;
+    if (quick.touched(0)) reused_steps += report.factorisations == 0;
     ASSERT_LE((quick.state().node_positions - slow.state().node_positions).norm() /
                   std::sqrt(static_cast<double>(hand().node_count())),
               5e-5)
@@ -499,7 +499,7 @@ TEST(HandSimulation, HoldsAnObjectAsWellWithAReusedFactor) {
           << i;
     }
   }
-  EXPECT_GE(carried, 60);
+  EXPECT_GE(reused_steps, 60);
 }
 
 TEST(HandSimulation, TwoThreadsGiveTheBitsOfOne) {

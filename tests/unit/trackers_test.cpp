@@ -360,8 +360,8 @@ TEST_P(ShippedGrip, PowerGraspWrapsTheCylinder) {
       expect_in_range(hand, frames, time);
       ASSERT_GT(clearance(hand, frames, table, [](Body) { return false; }), 5e-3) << time;
       if (time > shut) continue;
-      const double room = clearance(hand, frames, cylinder, [](Body) { return false; });
-      ASSERT_GT(room, time <= o.approach_time ? 3e-3 : -o.closing_depth - 2e-3) << time;
+      const double distance = clearance(hand, frames, cylinder, [](Body) { return false; });
+      ASSERT_GT(distance, time <= o.approach_time ? 3e-3 : -o.closing_depth - 2e-3) << time;
     }
   }
 }

@@ -143,9 +143,9 @@ struct PinchGoals {
         continue;
       const double margin = grips ? 1e-3 - closing_depth : kClear;
       const Distance cube = outside_cube(sphere.centre, half);
-      const double room = cube.value - sphere.radius;
-      if (room < margin)
-        s.add_residual(clear, margin - room, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
+      const double clearance = cube.value - sphere.radius;
+      if (clearance < margin)
+        s.add_residual(clear, margin - clearance, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
     }
   }
 };

@@ -206,9 +206,9 @@ void PostureSolver::add_direction_goal(double weight, std::size_t posture, Body 
 
 void PostureSolver::add_distance_goal(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {
   const std::span<const GripHand::Sphere> all = spheres(posture);
-  const auto separate = [&](const GripHand::Sphere& s, Finger other, double room) {
+  const auto separate = [&](const GripHand::Sphere& s, Finger other, double clearance) {
     const GripHand::Sphere* nearest = nullptr;
-    double least = room;
+    double least = clearance;
     for (int b = index_of(distal_of(other)) - (other == Finger::thumb ? 1 : 2); b <= index_of(distal_of(other)); ++b) {
       for (int k = 0; k < GripHand::kSpheresPerBone; ++k) {
         const GripHand::Sphere& o = all[static_cast<std::size_t>((b - 2) * GripHand::kSpheresPerBone + k)];
@@ -220,7 +220,7 @@ void PostureSolver::add_distance_goal(std::size_t posture, std::initializer_list
     }
     if (!nearest) return;
     const Vector3 away = (s.centre - nearest->centre).normalized();
-    add_residual(kPerMetre, room - least,
+    add_residual(kPerMetre, clearance - least,
                  {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
   };
   for (const GripHand::Sphere& s : all) {

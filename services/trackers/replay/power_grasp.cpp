@@ -68,8 +68,8 @@ struct GraspGoals {
     const Vector3 direction = out.normalized();
     return (radial(Vector3::Unit(i)) - direction * direction[i]) / out.norm();
   }
-  // Goal: the distance between the cylinder and the nearest sphere of `body` is `room`.
-  void add_clearance_goal(PostureSolver& s, Body body, double weight, double room) const {
+  // Goal: the distance between the cylinder and the nearest sphere of `body` is `clearance`.
+  void add_clearance_goal(PostureSolver& s, Body body, double weight, double clearance) const {
     const GripHand::Sphere* nearest = nullptr;
     double least = 1;
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
@@ -79,7 +79,8 @@ struct GraspGoals {
       nearest = &sphere;
     }
     if (nearest)
-      s.add_residual(weight, least - room, {by_point(0, body, nearest->centre, radial(nearest->centre).normalized())});
+      s.add_residual(weight, least - clearance,
+                     {by_point(0, body, nearest->centre, radial(nearest->centre).normalized())});
   }
   void wrap(PostureSolver& s) const {
     for (const Finger finger : kFourFingers) {
@@ -143,9 +144,9 @@ JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& s
       Vector3 from = radial(sphere.centre);
       if (from.z() < 0) from.z() = 0;  // in the frame of the hand the cylinder arrives along +Z
       const double margin = is_metacarpal(sphere.body) ? kBack : 0.5 * opening;
-      const double room = from.norm() - radius - sphere.radius;
-      if (room < margin)
-        s.add_residual(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
+      const double clearance = from.norm() - radius - sphere.radius;
+      if (clearance < margin)
+        s.add_residual(2 * kPerMetre, clearance - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
     // Use a large weight. Otherwise an open little finger would clear the cylinder by hanging below it, through the
     // table.
@@ -237,9 +238,10 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
     between.solve([&](PostureSolver& s) {
       for (const GripHand::Sphere& sphere : s.spheres(0)) {
         const Vector3 out = radial(sphere.centre);
-        const double room = out.norm() - radius - sphere.radius;
-        if (room < deepest(o))
-          s.add_residual(kPerMetre, room - deepest(o), {by_point(0, sphere.body, sphere.centre, out.normalized())});
+        const double clearance = out.norm() - radius - sphere.radius;
+        if (clearance < deepest(o))
+          s.add_residual(kPerMetre, clearance - deepest(o),
+                         {by_point(0, sphere.body, sphere.centre, out.normalized())});
       }
       s.add_start_goal(1);
     });
