@@ -13,8 +13,8 @@
 //   node's force acts on the object at the node's position.
 // - A contact is one-sided (n . (x_n - x_a) < 0): it only pushes. Exception: a node that is predicted to cross the
 //   surface within the step. Its anchor is put at the crossing at the step's start, and is two-sided for this step.
-//   Otherwise a step of one Newton iteration would miss the contact, because it starts before the crossing. A tip at 1
-//   m/s would sink 11 mm before the first force.
+//   Otherwise a step of one Newton iteration would miss the contact, because it starts before the crossing. Then a
+//   tip at 1 m/s would sink 11 mm before the first force.
 // - A node that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
 //   at 1 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the

@@ -295,7 +295,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
 
   std::int64_t panel_size = 0, update_size = 0;
-  // Each group has two stacks of update matrices, for even and odd depths: the update of a front is written while those
+  // Each group has two stacks of update matrices, for even and odd depths. The update of a front is written while those
   // of its children exist. The updates of large subtrees have their own memory, so that they persist after the
   // factorisation.
   std::int64_t top[3][2] = {}, highest[3][2] = {};

@@ -34,8 +34,8 @@ constexpr double kLeastMove = 1e-5;
 constexpr double kKinkFraction = 0.6;  // expected cost of renewing contact and friction, in whole factors
 // Relative change of the blocks of contact and friction. If they change less, the rest of the Hessian is what is stale.
 constexpr double kKinkChange = 0.05;
-constexpr int kMostKinksInTurn = 2;  // after this many, the rest of the Hessian may be stale
-constexpr double kSlowest = 0.9;     // cap on the ratio of two increments when the remaining movement is estimated
+constexpr int kMaxConsecutiveKinkFactors = 2;  // after this many, the rest of the Hessian may be stale
+constexpr double kSlowest = 0.9;  // cap on the ratio of two increments when the remaining movement is estimated
 // Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
 // with the next gradient.
 constexpr double kUsualReduction = 0.01;
@@ -401,8 +401,8 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
         scale = std::clamp(root, kLeastStride * low, kLongestStride * low);
         continue;
       }
-      // Regula falsi with the Illinois rule: if an end of the bracket stays twice, its slope is halved, so that it
-      // moves (Dowell and Jarratt 1971, BIT 11:168).
+      // Regula falsi with the Illinois rule (Dowell and Jarratt 1971, BIT 11:168): if an end of the bracket stays
+      // twice, its slope is halved, so that it moves.
       if (falls && there < 0) {
         low = scale;
         low_slope = there;
@@ -517,7 +517,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool needs_double = false;         // a float factor made no progress
   bool double_helps = true;  // double converges better than float if float converges slowly; true until disproved
   // Number of consecutive iterations so far whose factor was renewed only in the terms with kinks.
-  int kinks_in_turn = reuses_factor ? 0 : kMostKinksInTurn;
+  int consecutive_kink_factors = reuses_factor ? 0 : kMaxConsecutiveKinkFactors;
   double best_energy = 0;
   double moved_before = 0;
   double contraction = 0;
@@ -556,7 +556,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     }
     bool renews = !reuses_factor;
     bool renews_kinks = renews && may_reuse && has_smooth_ && first_kinked_ < order_.size() &&
-                        kinks_in_turn < kMostKinksInTurn && !in_double;
+                        consecutive_kink_factors < kMaxConsecutiveKinkFactors && !in_double;
     if (const double remaining = remaining_work();
         (iteration > 0 || (continues_chord_step && report.iterations > 0)) && std::isfinite(remaining)) {
       // A new Hessian and factor gains most. So its work is reserved until the step has had one. After that, all
@@ -633,7 +633,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     reuses_factor = may_reuse && scale == 1 &&
                     std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
                              iterations_until(remaining_move, 1, contraction)) <= equivalent_iterations;
-    kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
+    consecutive_kink_factors = renews_kinks ? consecutive_kink_factors + 1 : 0;
     if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
       double_helps = double_helps && !in_double;
       in_double = needs_double || double_helps;
