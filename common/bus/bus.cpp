@@ -296,9 +296,9 @@ class ReaderImpl final : public dds::DataReaderListener {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
     // Fast DDS 2.9 first puts a sample into the history and then checks the owner. It then removes the sample of a
     // weaker writer. Without extra depth, the weaker sample would push out an unread sample of the owner.
-    TopicRow roomy = row;
-    if (row.exclusive) roomy.depth = std::max(row.depth, kOwnersDepth);
-    apply(qos, roomy);
+    TopicRow adjusted = row;
+    if (row.exclusive) adjusted.depth = std::max(row.depth, kOwnersDepth);
+    apply(qos, adjusted);
     // The buffers may grow. Then a payload that is too long reaches our decoder, which refuses and counts it.
     const auto policy = memory_policy(codec);
     qos.endpoint().history_memory_policy =

@@ -136,7 +136,7 @@ class Reader {
     std::int64_t newest = 0;
     std::int64_t time = 0;
     while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time)) {
-      if (!wanted(scratch_->value) || (found && time < newest)) continue;
+      if (!passes_filter(scratch_->value) || (found && time < newest)) continue;
       newest = time;
       found = true;
       scratch_.swap(newest_);
@@ -152,7 +152,7 @@ class Reader {
     std::size_t count = 0;
     std::int64_t time = 0;
     while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time)) {
-      if (!wanted(scratch_->value)) continue;
+      if (!passes_filter(scratch_->value)) continue;
       ++count;
       f(std::as_const(scratch_->value));
     }
@@ -169,7 +169,7 @@ class Reader {
   ReaderCounters counters() const noexcept { return endpoint_.counters(); }
 
  private:
-  bool wanted(const T& message) const {
+  bool passes_filter(const T& message) const {
     if constexpr (detail::AboutAHand<T>) return !only_ || message.hand == *only_;
     return true;
   }

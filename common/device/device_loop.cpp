@@ -61,7 +61,7 @@ bool DeviceGuard::fresh(Nanoseconds now) const {
   return age <= options_.stale_after;
 }
 
-const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> wanted, bool source_live) {
+const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> requested, bool source_live) {
   const bool live = fresh(now) && source_live;
   if (was_live_ && !live) ++state_.stale;
   was_live_ = live;
@@ -76,7 +76,7 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> w
   const double reach = limits_.slew * elapsed;
   bool clamped = false, slewed = false;
   for (std::size_t i = 0; i < limits_.actuators; ++i) {
-    double command = gain_ * wanted[i];
+    double command = gain_ * requested[i];
     if (!std::isfinite(command)) {
       ++counters_.nonfinite;
       state_.commands[i] = 0;

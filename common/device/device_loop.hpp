@@ -1,7 +1,7 @@
 // The SDK for drivers of haptic and tactile devices: the interface of a driver, and the safety layer around every
 // driver.
 //
-// A driver converts simulation output into wanted commands, one number per actuator. It also writes commands to its
+// A driver converts simulation output into requested commands, one number per actuator. It also writes commands to its
 // device. `DeviceLoop` stands between the two and holds everything that keeps a person safe: force clamp, slew limit,
 // and zero commands. Commands are zero on stale input, on non-finite numbers, when disabled and on exit. A driver is
 // one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
@@ -33,9 +33,9 @@ class DeviceDriver {
  public:
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
-  /// Computes the wanted commands for this input, one number per actuator. `wanted` is zero on entry. The values need
-  /// not respect the limits. Real-time.
-  virtual void command(const Input& input, std::span<double> wanted) = 0;
+  /// Computes the requested commands for this input, one number per actuator. `requested` is zero on entry. The values
+  /// need not respect the limits. Real-time.
+  virtual void command(const Input& input, std::span<double> requested) = 0;
   /// Sends commands within the limits to the device. Real-time: must not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
 };
@@ -53,7 +53,7 @@ void describe(OptionVisitor& v, DeviceLoopOptions& o);
 struct DeviceCounters {
   std::uint64_t accepted = 0;   ///< inputs
   std::uint64_t repeated = 0;   ///< inputs with an old sequence; they do not count as fresh
-  std::uint64_t nonfinite = 0;  ///< wanted commands that were not finite and were replaced by zero
+  std::uint64_t nonfinite = 0;  ///< requested commands that were not finite and were replaced by zero
 };
 
 /// The part of the safety layer that is the same for every kind of input.
@@ -66,14 +66,15 @@ class DeviceGuard {
   bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
   /// True while the newest input is not older than `stale_after`.
   bool fresh(Nanoseconds now) const;
-  /// Computes the commands of this step from `wanted` (its size is the number of actuators). `source_live` is false if
-  /// the input itself says that its source is dead.
-  const DeviceState& limit(Nanoseconds now, std::span<const double> wanted, bool source_live);
+  /// Computes the commands of this step from `requested` (its size is the number of actuators). `source_live` is false
+  /// if the input itself says that its source is dead.
+  const DeviceState& limit(Nanoseconds now, std::span<const double> requested, bool source_live);
   /// Sets all commands to zero immediately. Used on exit.
   const DeviceState& zero(Nanoseconds now);
   MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status, Nanoseconds now) const;
-  /// Share of the driver's wanted command (before clamp and slew limit) that the device receives since the last step.
+  /// Share of the driver's requested command (before clamp and slew limit) that the device receives since the last
+  /// step.
   double share() const { return enabled_ && state_.live != 0 ? gain_ : 0.0; }
 
   std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
@@ -122,11 +123,11 @@ class DeviceLoop {
   const DeviceState& step(Nanoseconds now, const Input* input) {
     if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
       observe(passivity_, *input);
-      wanted_.fill(0);
-      driver_->command(*input, {wanted_.data(), actuators_});
+      requested_.fill(0);
+      driver_->command(*input, {requested_.data(), actuators_});
       source_live_ = source_is_live(*input);
     }
-    const DeviceState& state = guard_.limit(now, {wanted_.data(), actuators_}, source_live_);
+    const DeviceState& state = guard_.limit(now, {requested_.data(), actuators_}, source_live_);
     passivity_.set_share(guard_.share());
     driver_->write(now, guard_.commands());
     return state;
@@ -151,7 +152,7 @@ class DeviceLoop {
   DeviceGuard guard_;
   PassivityObserver passivity_;
   std::size_t actuators_;
-  std::array<double, kMaxActuators> wanted_{};
+  std::array<double, kMaxActuators> requested_{};
   bool source_live_ = false;
   bool stopped_ = false;
 };

@@ -96,27 +96,27 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
     return true;
   }
   if (frame != 1 || head_count_ == 0) return false;
-  const std::uint64_t kept = std::min<std::uint64_t>(head_count_, heads_.size());
+  const std::uint64_t stored = std::min<std::uint64_t>(head_count_, heads_.size());
   const auto back = [this](std::uint64_t i) -> const TimedPose& {
     return heads_[(head_count_ - 1 - i) % heads_.size()];
   };
   // Interpolates between the two head poses around `time`. A sample newer than the newest head pose is extrapolated
   // from the last two head poses, at most by `extrapolation_limit` (default 50 ms).
   std::uint64_t i = 1;
-  while (i + 1 < kept && back(i).time > time) ++i;
-  if (kept == 1) {
+  while (i + 1 < stored && back(i).time > time) ++i;
+  if (stored == 1) {
     out = back(0).pose * headset_mount_;
     return true;
   }
   const TimedPose& older = back(i);
   const TimedPose& newer = back(i - 1);
   const double span = static_cast<double>(newer.time - older.time) * kSecondsPerNanosecond;
-  const double wanted = static_cast<double>(time - older.time) * kSecondsPerNanosecond;
+  const double offset = static_cast<double>(time - older.time) * kSecondsPerNanosecond;
   const Vector3 moved = newer.pose.position - older.pose.position;
   const Vector3 turn = rotation_log(newer.pose.orientation * older.pose.orientation.conjugate());
   // A jump of the head, for example when an XR runtime is recentred, is not extrapolated.
   const bool jumped = moved.norm() > options_.maximum_speed * span || turn.norm() > kMaximumAngularSpeed * span;
-  const double fraction = std::clamp(wanted, 0.0, span + (jumped ? 0.0 : options_.extrapolation_limit)) / span;
+  const double fraction = std::clamp(offset, 0.0, span + (jumped ? 0.0 : options_.extrapolation_limit)) / span;
   out = increment(older.pose, fraction * moved, fraction * turn) * headset_mount_;
   return true;
 }
@@ -185,7 +185,7 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   // Unseen joints move rigidly with their neighbour: first the wrist with the middle metacarpal, then every bone with
   // its parent, which has the lower index. If the neighbour is missing too, a joint stays where it was.
   std::array<bool, kJointCount> placed = good;
-  const auto carry = [&](Joint joint) {
+  const auto infer = [&](Joint joint) {
     const std::size_t j = index(joint);
     if (placed[j] || !tracks_[j].seen) return;
     const std::size_t n = index(neighbour_of(joint));
@@ -193,9 +193,9 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     placed[j] = true;
     ++counters_.inferred;
   };
-  carry(Joint::wrist);
+  infer(Joint::wrist);
   for (std::size_t j = index(Joint::thumb_metacarpal); j < kJointCount; ++j) {
-    if (joint_of(body_of(static_cast<Joint>(j))) == static_cast<Joint>(j)) carry(static_cast<Joint>(j));
+    if (joint_of(body_of(static_cast<Joint>(j))) == static_cast<Joint>(j)) infer(static_cast<Joint>(j));
   }
 
   const double elapsed = static_cast<double>(time - time_) * kSecondsPerNanosecond;

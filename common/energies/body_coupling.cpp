@@ -11,7 +11,7 @@ namespace {
 
 /// Rotation of a target in one step beyond which it counts as a jump, rad. A finger flick at 90 Hz reaches half of
 /// this.
-constexpr double kLeap = 1.0;
+constexpr double kJump = 1.0;
 
 // A spring of stiffness k whose force is capped; d is the length of its stretch.
 struct CappedSpring {
@@ -95,13 +95,13 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     s.pulls = s.active;
     if (!s.pulls) continue;
     s.start = state.body_poses[static_cast<std::size_t>(s.body)];
-    // If the body is not where the last step left it, body and target were repositioned. A target that jumped (kLeap)
+    // If the body is not where the last step left it, body and target were repositioned. A target that jumped (kJump)
     // has no unique path either. In both cases no work is computed along the path. The change of the springs' energy
     // counts as work.
-    const bool goes_on = s.pulled && s.start.position == s.end.position &&
-                         s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
-                         rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kLeap;
-    if (!goes_on) s.end_target = s.target;
+    const bool continues = s.pulled && s.start.position == s.end.position &&
+                           s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
+                           rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kJump;
+    if (!continues) s.end_target = s.target;
     s.start_energy = spring_energy(s, s.start, s.end_target);
     const Pose start = s.start * s.body_from_frame;
     const double damping = s.gains.linear_damping / time_step;
@@ -192,12 +192,12 @@ void BodyCoupling::end_step(State& state) {
     const Wrench whole = wrench(site, state);
     const Vector3 damper = -whole.force - spring;
     const Vector3 angular_damper = -whole.torque - angular_spring;
-    const Vector3 carried = time_step_ * s.target_velocity.linear;
-    const Vector3 angular_carried = time_step_ * s.target_velocity.angular;
+    const Vector3 target_drift = time_step_ * s.target_velocity.linear;
+    const Vector3 target_turn = time_step_ * s.target_velocity.angular;
     flow_.stored += s.stored;
-    flow_.work += s.start_energy - spring.dot(target_moved) - angular_spring.dot(target_turned) - damper.dot(carried) -
-                  angular_damper.dot(angular_carried);
-    flow_.damping += damper.dot(moved - carried) + angular_damper.dot(turned - angular_carried);
+    flow_.work += s.start_energy - spring.dot(target_moved) - angular_spring.dot(target_turned) -
+                  damper.dot(target_drift) - angular_damper.dot(target_turn);
+    flow_.damping += damper.dot(moved - target_drift) + angular_damper.dot(turned - target_turn);
     flow_.integrator +=
         s.start_energy - s.stored + spring.dot(moved - target_moved) + angular_spring.dot(turned - target_turned);
   }

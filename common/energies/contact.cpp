@@ -15,17 +15,18 @@
 namespace softhand {
 namespace {
 
-constexpr double kExitSpeed = 1.0;      // m/s, of a node that started inside
-constexpr double kTeleport = 0.25;      // m; an object that moved farther between two steps was put there, not moved
+constexpr double kExitSpeed = 1.0;      // m/s, of the anchor of a node that started inside
+constexpr double kTeleport = 0.25;      // m; an object that moved farther than this between two steps was teleported
 constexpr double kSmoothTurn = 0.94;    // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr double kOffSurface = 1e-12;   // m; an anchor nearer to the surface than this lies on it
-constexpr double kSamePlace = 1e-9;     // m; an object that is nearer to where the last step left it has not jumped
-constexpr double kLittleMotion = 1e-6;  // m within a step, less than what friction's springs stretch
-constexpr int kArcPoints = 8;  // pieces of the way round an object that turns, at whose ends it is looked for inside
-constexpr double kAwayFromBone = 0.8;     // cosine; a contact that pushes a node away from its bone so straight hooks.
-                                          // Round an edge a finger's contacts push aside
+constexpr double kSamePlace = 1e-9;     // m; an object that moved less than this between two steps has not jumped
+constexpr double kLittleMotion = 1e-6;  // m per step; less than the stretch of the friction springs
+constexpr int kArcPoints = 8;           // the arc of a node around a turning object is sampled in this many pieces
+// Cosine. A contact hooks if it pushes a node away from its bone at a smaller angle than this. At an edge, the contacts
+// of a finger push sideways.
+constexpr double kAwayFromBone = 0.8;
 constexpr double kSweptTurn = 0.996;      // cosine of 5 degrees; a surface that turns farther needs a new plane
-constexpr double kSweptHalfTurn = 0.999;  // cosine of half of that
+constexpr double kSweptHalfTurn = 0.999;  // cosine of half that angle
 
 std::vector<std::int32_t> skin_of(const HandModel& hand) {
   std::vector<std::int32_t> nodes;
@@ -92,7 +93,7 @@ ContactSet::ContactSet(const HandModel& hand, std::vector<double> node_masses, d
   }
   const double mean = total / static_cast<double>(std::max<std::size_t>(1, skin_nodes_.size()));
   for (const double area : areas_) weights_.push_back(area / mean);
-  // A node between two objects has two anchors; more is a clutter that the hand could not be in.
+  // A node between two objects has two anchors. A hand does not fit between more objects than that.
   anchors_.reserve(2 * skin_nodes_.size());
   sorted_.reserve(2 * skin_nodes_.size());
 }
@@ -109,16 +110,16 @@ Pose ContactSet::body_pose(int slot, const State& state) const {
 
 template <typename Ends>
 void ContactSet::remove_if(Ends&& ends) {
-  std::size_t kept = 0;
+  std::size_t retained = 0;
   for (std::size_t i = 0; i < anchors_.size(); ++i) {
     if (ends(anchors_[i])) {
       has_anchor_[pair(anchors_[i].slot, anchors_[i].node)] = 0;
       continue;
     }
-    if (kept != i) anchors_[kept] = anchors_[i];
-    ++kept;
+    if (retained != i) anchors_[retained] = anchors_[i];
+    ++retained;
   }
-  anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(kept), anchors_.end());
+  anchors_.erase(anchors_.begin() + static_cast<std::ptrdiff_t>(retained), anchors_.end());
 }
 
 void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id,
@@ -135,7 +136,8 @@ void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double fric
   s.geometry = geometry;
   s.friction = friction;
   s.id = id;
-  // What the hand gives back goes on from where the world's copy is: it was not carried there through the hand.
+  // An object that the hand gives back continues at the pose of the world's copy. It did not move there through the
+  // hand, so no path is used.
   if (s.kind == ContactObject::moving && kind == ContactObject::fixed) s.seen = false;
   s.kind = kind;
   for (Anchor& anchor : anchors_) {
@@ -170,7 +172,7 @@ bool ContactSet::hooks(const Anchor& anchor, const State& state, const Eigen::Ma
 void ContactSet::mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const {
   std::fill(hooked.begin(), hooked.end(), std::uint8_t{0});
   for (const Anchor& anchor : anchors_) {
-    if (anchor.kept_recess > 0) continue;  // it started inside and is on its way out
+    if (anchor.saved_recess > 0) continue;  // the node started inside and moves out
     const Vector3 bone = to_local(body_pose(anchor.slot, state), bones.col(anchor.node));
     const Vector3 way = bone - anchor.anchor;
     if (anchor.normal.dot(way) > -kAwayFromBone * way.norm() || at(anchor.slot).geometry->signed_distance(bone) < 0)
@@ -193,7 +195,7 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
   return end;
 }
 
-double ContactSet::held(std::span<const std::uint8_t> nodes) const {
+double ContactSet::stored_energy(std::span<const std::uint8_t> nodes) const {
   double energy = 0;
   for (const Anchor& anchor : anchors_) {
     if (nodes[static_cast<std::size_t>(anchor.node)] != 0) energy += anchor.normal_energy + anchor.friction_energy;
@@ -201,8 +203,8 @@ double ContactSet::held(std::span<const std::uint8_t> nodes) const {
   return energy;
 }
 
-double ContactSet::held_where_put(const State& state, std::span<const std::uint8_t> nodes,
-                                  const Eigen::Matrix3Xd& bones) const {
+double ContactSet::stored_energy_at(const State& state, std::span<const std::uint8_t> nodes,
+                                    const Eigen::Matrix3Xd& bones) const {
   double energy = 0;
   for (const Anchor& anchor : anchors_) {
     if (nodes[static_cast<std::size_t>(anchor.node)] == 0 || hooks(anchor, state, bones)) continue;
@@ -217,7 +219,7 @@ double ContactSet::held_where_put(const State& state, std::span<const std::uint8
       if (nodes[static_cast<std::size_t>(skin_nodes_[i])] == 0) continue;
       const Vector3 point = state.node_positions.col(skin_nodes_[i]), bone = bones.col(skin_nodes_[i]);
       const double radius = s.geometry->bounding_radius();
-      // Tissue around a bone that is inside an object belongs outside, on no side in particular.
+      // If a bone is inside an object, its tissue belongs outside, but no side of the object is the right one.
       if ((bone - pose.position).norm() <= radius && s.geometry->signed_distance(to_local(pose, bone)) < 0)
         return std::numeric_limits<double>::infinity();
       if ((point - pose.position).norm() > radius) continue;
@@ -242,8 +244,8 @@ ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector
   Anchor anchor;
   anchor.node = node;
   anchor.slot = slot;
-  anchor.anchor = anchor.kept_anchor = point;
-  anchor.normal = anchor.kept_normal = normal;
+  anchor.anchor = anchor.saved_anchor = point;
+  anchor.normal = anchor.saved_normal = normal;
   anchor.stiffness = stiffness_ * weights_[static_cast<std::size_t>(skin_index_[static_cast<std::size_t>(node)])];
   anchor.friction = at(slot).friction;
   anchor.friction_stiffness = friction_stiffness(anchor.stiffness, anchor.friction);
@@ -252,7 +254,7 @@ ContactSet::Anchor* ContactSet::create(int slot, std::int32_t node, const Vector
   return &anchors_.back();
 }
 
-// How far a point of the object near the hand moves between two poses, at most.
+// Upper bound of the movement of any point of the object near the hand between two poses.
 double ContactSet::reach(const Slot& slot, const Pose& from, const Pose& to) const {
   const double lever = std::min(slot.geometry->bounding_radius() + 0.1, groups_.farthest(from.position));
   return (to.position - from.position).norm() +
@@ -296,8 +298,8 @@ void ContactSet::find_candidates(int slot, const State& state) {
     if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return;
     if (s.jumped) {
       if (const auto crossing = s.geometry->first_crossing(before, now)) {
-        // Of an object that turned under it a node that stays outside only grazes the chord of its way; one that is
-        // behind it now was passed.
+        // If the object turned under a node that stays outside, only the chord of the node's path crosses the surface.
+        // A node that is now behind the object was passed by the surface.
         if (nearest.distance < 0 || !same_side(s.last_pose, crossing->normal, s.start_pose, nearest.normal)) {
           create(slot, node, crossing->point, crossing->normal);
           return;
@@ -314,7 +316,7 @@ void ContactSet::find_candidates(int slot, const State& state) {
           inside = next;
         }
       }
-      if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->kept_recess = -surface.distance;
+      if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->saved_recess = -surface.distance;
     } else if (const auto met = meeting(s, position, position + time_step_ * state.node_velocities.col(node))) {
       if (Anchor* anchor = create(slot, node, met->point, met->normal)) anchor->fresh = true;
     }
@@ -322,10 +324,10 @@ void ContactSet::find_candidates(int slot, const State& state) {
 }
 
 void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
-  anchor.anchor = anchor.kept_anchor;
-  anchor.normal = anchor.kept_normal;
-  anchor.recess = anchor.kept_recess;
-  anchor.sliding = anchor.kept_sliding;
+  anchor.anchor = anchor.saved_anchor;
+  anchor.normal = anchor.saved_normal;
+  anchor.recess = anchor.saved_recess;
+  anchor.sliding = anchor.saved_sliding;
   anchor.ahead = false;
   const double out = std::min(anchor.recess, kExitSpeed * time_step_);
   anchor.anchor += out * anchor.normal;
@@ -340,7 +342,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   const bool swept = sweep(anchor, position, end, anchor.friction * force_before);
   const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
   const Vector3 next = to_local(s.end_pose, end) - anchor.anchor;
-  // A plane that lies where the node will end says nothing about the start.
+  // A swept plane is at the predicted end of the node's path, so it gives no stretch at the start.
   const Vector3 now = swept ? next : Vector3(to_local(s.start_pose, position) - anchor.anchor);
   Vector3 stretch = tangential(now);
   const Vector3 movement = tangential(next - now);
@@ -360,7 +362,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
     ++queries_;
     const SurfacePoint there = s.geometry->closest(anchor.anchor + movement);
     if (std::abs(there.distance) > kOffSurface && there.normal.dot(anchor.normal) > kSmoothTurn) {
-      // The stretch goes with the surface: same length, turned into the new plane.
+      // The stretch follows the surface: it keeps its length and is rotated into the new plane.
       const Vector3 turned = Quaternion::FromTwoVectors(anchor.normal, there.normal) * stretch;
       const Vector3 from_there = now + anchor.anchor - there.point;
       anchor.anchor = there.point;
@@ -370,32 +372,34 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
       stretch = tangential(from_there);
     }
   }
-  // A minimiser begins with the node at its start and a fixed object at its end. Where the object moves little, what
-  // friction's Hessian is there is chosen by where the node goes; where it moves far, by the stretch that there is.
+  // A minimiser begins with the node at its start pose and a fixed object at its end pose. The Hessian of friction
+  // there is a choice. If the object moves little, the choice uses the predicted path of the node. If it moves far, the
+  // choice uses the actual stretch.
   anchor.stretch_start = stretch - anchor.stretch_origin;
   const Vector3 first =
       tangential(to_local(body_pose(anchor.slot, state), position) - anchor.anchor) - anchor.stretch_origin;
   if ((first - anchor.stretch_start).norm() < kLittleMotion) anchor.stretch_start = first;
-  const Vector3 left = before - anchor.anchor;
-  anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(left));
-  const double held =
+  const Vector3 from_anchor = before - anchor.anchor;
+  anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(from_anchor));
+  const double elastic_stretch =
       anchor.friction_stiffness > 0 ? std::sqrt(2.0 * anchor.friction_energy / anchor.friction_stiffness) : 0.0;
-  anchor.start_excess = swept ? 0.0 : std::max(0.0, (tangential(left) - anchor.stretch_origin).norm() - held);
+  anchor.start_excess =
+      swept ? 0.0 : std::max(0.0, (tangential(from_anchor) - anchor.stretch_origin).norm() - elastic_stretch);
 }
 
-// Whether the surface with normal `now` has come to where that with `before` was when the object went from one pose to
-// the other, and not the far side of the object. Object's frame.
+// The object moved from pose `from` to pose `to`. Returns whether the normal `now` points to the same side in the world
+// as the normal `before` did. Otherwise `now` belongs to the far side of the object. Normals are in the object's frame.
 bool ContactSet::same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now) {
   return (from.orientation * before).dot(to.orientation * now) > 0;
 }
 
-// Whether an object turns so far that a plane which turns along is no longer the surface under a node.
+// Whether an object turns so far that a plane that rotates with it is no longer the surface under a node.
 bool ContactSet::turns_far(const Pose& from, const Pose& to) {
   return std::abs(from.orientation.dot(to.orientation)) < kSweptHalfTurn;
 }
 
-// Where the object's surface meets a node that goes from `start` to `end` in the world, while the object goes through
-// this step. In the frame of an object that turns, the node's path is an arc, and a crossing is one of its chord.
+// The point where the object's surface meets a node that moves from `start` to `end` in the world during this step. If
+// the object turns, the node's path in the object's frame is an arc, and the crossing is that of its chord.
 std::optional<Crossing> ContactSet::meeting(const Slot& s, const Vector3& start, const Vector3& end) {
   std::optional<Crossing> met = s.geometry->first_crossing(to_local(s.start_pose, start), to_local(s.end_pose, end));
   if (!met || s.start_pose.orientation.coeffs() == s.end_pose.orientation.coeffs()) return met;
@@ -410,8 +414,8 @@ std::optional<Crossing> ContactSet::meeting(const Slot& s, const Vector3& start,
   return met;
 }
 
-// Whether a node that goes from `start` to `end` in the world, both outside of the object, never is inside it: a ball
-// that spins beside a node does not touch it.
+// Whether a node that moves from `start` to `end` in the world is never inside the object. Both ends are outside.
+// Example: a ball that spins beside a node does not touch it.
 bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
                                  const Vector3& end) {
   const Vector3 turn = rotation_log(to.orientation * from.orientation.conjugate());
@@ -425,16 +429,17 @@ bool ContactSet::only_turns_past(const ShapeGeometry& geometry, const Pose& from
   return true;
 }
 
-// The pose of the anchor's object from which on its motion counts: also what moved it between the steps.
+// The pose from which the motion of the anchor's object counts. For a known anchor this includes the motion between the
+// steps.
 const Pose& ContactSet::pose_before(const Anchor& anchor) const {
   const Slot& s = at(anchor.slot);
   return anchor.known && s.jumped ? s.last_pose : s.start_pose;
 }
 
-// An object of given motion may carry anchor and plane away from under the node: a drum that turns by 64 degrees in a
-// step. Such a contact slides. It goes on in the plane of the surface where the node will be, stretched by as much of
-// the surface as goes past. `start`, `end`: of the node, world; `limit`: mu f_n, N. False: it sticks, or keeps its
-// plane.
+// An object with prescribed motion may move anchor and plane away from under the node. Example: a drum that turns by 64
+// degrees in a step. Such a contact slides. It continues in the plane of the surface at the node's predicted position.
+// Its stretch is the length of surface that passes the node. `start`, `end`: of the node, world. `limit`: mu f_n, N.
+// Returns false if the contact sticks or keeps its plane.
 bool ContactSet::sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit) {
   const Slot& s = at(anchor.slot);
   const bool turns =
@@ -483,7 +488,7 @@ void ContactSet::end_step(const State& state) {
     const Offset o = offset(anchor, state);
     settle(anchor, o);
     const double depth = o.depth;
-    if (depth > 0 && anchor.recess > 0) {  // out faster than the anchor: take it along
+    if (depth > 0 && anchor.recess > 0) {  // the node moves out faster than the anchor: the anchor follows
       const double out = std::min(depth, anchor.recess);
       anchor.anchor += out * anchor.normal;
       anchor.recess -= out;
@@ -504,10 +509,10 @@ void ContactSet::end_step(const State& state) {
     s.seen = true;
   }
   for (Anchor& anchor : anchors_) {
-    anchor.kept_anchor = anchor.anchor;
-    anchor.kept_normal = anchor.normal;
-    anchor.kept_recess = anchor.recess;
-    anchor.kept_sliding = anchor.sliding;
+    anchor.saved_anchor = anchor.anchor;
+    anchor.saved_normal = anchor.normal;
+    anchor.saved_recess = anchor.recess;
+    anchor.saved_sliding = anchor.sliding;
     anchor.known = true;
     normal_flow_.stored += anchor.normal_energy;
     friction_flow_.stored += anchor.friction_energy;
@@ -534,26 +539,27 @@ double ContactSet::normal_energy(const Anchor& anchor, double depth) const {
   return 0.5 * anchor.stiffness * sunk * sunk;
 }
 
-// Whoever takes a contact away takes what it holds.
+// Counts the energy of a contact that is removed. Always returns true.
 bool ContactSet::clear(const Anchor& anchor) {
   cleared_normal_ += anchor.normal_energy;
   cleared_friction_ += anchor.friction_energy;
   return true;
 }
 
-// Rows of the ledger but for what sliding does to them: `push` and `drag` act on the node at the step's end.
+// Adds the contact to the energy ledger, without the effect of sliding. `push` and `drag` act on the node at the step's
+// end.
 void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag,
                          const State& state) {
   const Slot& s = at(anchor.slot);
   const Vector3 node_moved = state.node_positions.col(anchor.node) - start_positions_.col(anchor.node);
-  // From outside: between the steps, and within this one where the motion is given.
+  // Motion from outside: between the steps, and within this step if the motion is prescribed.
   const bool fixed = s.kind == ContactObject::fixed;
   const Vector3 point = s.end_pose.orientation.conjugate() * end.lever;
-  const Vector3 carried = (fixed ? s.end_pose : s.start_pose) * point - pose_before(anchor) * point;
-  normal_flow_.work += push.dot(carried);
-  friction_flow_.work += drag.dot(carried);
-  Vector3 object_moved = carried;
-  if (!fixed) object_moved += s.moved + s.turned.cross(end.lever);  // as the solver sees it
+  const Vector3 external_motion = (fixed ? s.end_pose : s.start_pose) * point - pose_before(anchor) * point;
+  normal_flow_.work += push.dot(external_motion);
+  friction_flow_.work += drag.dot(external_motion);
+  Vector3 object_moved = external_motion;
+  if (!fixed) object_moved += s.moved + s.turned.cross(end.lever);  // to first order, as in the solver's increment
   const Vector3 moved = node_moved - object_moved;
   const double energy = normal_energy(anchor, end.depth);
   normal_flow_.anchoring += anchor.start_energy - anchor.normal_energy;
@@ -562,15 +568,15 @@ void ContactSet::account(Anchor& anchor, const Offset& end, const Vector3& push,
   anchor.normal_energy = energy;
 }
 
-// What the contact holds with its anchor and plane as they are between steps; the difference is what putting them there
-// did.
+// Computes the energy of the contact with the anchor and plane that it has between steps. The difference to the energy
+// before is the effect of moving the anchor and plane.
 void ContactSet::settle(Anchor& anchor, const Offset& offset) {
   const double normal = normal_energy(anchor, offset.depth);
   double friction = 0;
   if (anchor.friction_stiffness > 0) {
     const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -offset.depth);
-    const double held = std::min(offset.stretch.norm(), limit / anchor.friction_stiffness);
-    friction = 0.5 * anchor.friction_stiffness * held * held;
+    const double elastic_stretch = std::min(offset.stretch.norm(), limit / anchor.friction_stiffness);
+    friction = 0.5 * anchor.friction_stiffness * elastic_stretch * elastic_stretch;
   }
   normal_flow_.anchoring += normal - anchor.normal_energy;
   friction_flow_.anchoring += friction - anchor.friction_energy;
@@ -578,10 +584,10 @@ void ContactSet::settle(Anchor& anchor, const Offset& offset) {
   anchor.friction_energy = friction;
 }
 
-// The anchor follows over the surface until |f_t| = mu |f_n|; a sticking one is not touched. `drag`: |f_t| of the step,
-// N, whose work on the slide is heat.
+// A sliding anchor follows the node over the surface until |f_t| = mu |f_n|. A sticking anchor does not move. `drag`:
+// |f_t| of the step, N. Its work over the sliding distance is heat.
 void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
-  // A fresh anchor's true stretch is that from the crossing on; of one ahead it is that of the energy.
+  // The true stretch of a fresh anchor starts at the crossing. For an anchor ahead, it is the stretch of the energy.
   const bool ahead = std::exchange(anchor.ahead, false);
   if (!ahead) anchor.stretch_origin.setZero();
   anchor.fresh = false;
@@ -589,11 +595,11 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -o.depth);
   const double stretch = o.stretch.norm();
   const double distance = o.depth < 0 ? friction_of(anchor).slide(stretch, limit) : 0.0;
-  // A contact that ends holds nothing any more.
-  const double held =
+  // A contact that ends stores no energy.
+  const double elastic_stretch =
       anchor.friction_stiffness > 0 ? std::min(stretch - distance, limit / anchor.friction_stiffness) : 0.0;
-  const double heat = drag * std::max(0.0, stretch - held - anchor.start_excess);
-  anchor.friction_energy = 0.5 * anchor.friction_stiffness * held * held;
+  const double heat = drag * std::max(0.0, stretch - elastic_stretch - anchor.start_excess);
+  anchor.friction_energy = 0.5 * anchor.friction_stiffness * elastic_stretch * elastic_stretch;
   friction_flow_.friction += heat;
   friction_flow_.integrator -= anchor.friction_energy + heat;
   dissipated_ += heat;
@@ -734,7 +740,7 @@ void ContactSet::write(const State& state, Contacts& out) {
     sum.slip += pressure * anchor.slip_speed;
     sum.area += areas_[skin];
     ++sum.count;
-    // More than nothing, so that what is touched without pressure yet comes before what is not touched.
+    // Slightly more than zero, so that an object touched without pressure comes before an object that is not touched.
     finger_forces_[static_cast<std::size_t>(finger) * slots_.size() + static_cast<std::size_t>(anchor.slot)] +=
         pressure + std::numeric_limits<double>::min();
   }

@@ -2,26 +2,27 @@
 //
 //   U_n = sum 1/2 k_c w min(0, u)^2,   u = n . e,   e = R^T (x_n - x_b) - a
 //
-// a and n are the anchor and its outward normal in the object's frame, (x_b, R) the object's body, w = nodal area /
-// mean nodal area. Degrees of freedom: the node; translation and rotation of the object's body where it yields. Units:
-// J, m, N/m.
+// a and n are the anchor and its outward normal in the object's frame. (x_b, R) is the object's body. w = nodal area /
+// mean nodal area. Degrees of freedom: the node, and the translation and rotation of the object's body if the object
+// is movable. Units: J, m, N/m.
 //
-// Departures from the source.
-// - eq. 32 measures n n^T (x_a - x_n) with n in the world. Here n turns with the object, so that the energy is
-//   invariant under a rigid motion of both and force and torque balance exactly: the object takes the opposite of the
-//   node's force where the node is.
-// - One-sided (n . (x_n - x_a) < 0): a contact pushes. Exception: a node that is about to cross within the step has its
-//   anchor put at the crossing already at the step's start, and for this one step it holds two-sidedly. Otherwise a
-//   step of one Newton iteration, which starts at the state before the crossing, would not feel it, and a tip at 1 m/s
-//   would sink 11 mm before the first force.
-// - A node that starts inside is anchored at itself, and the anchor moves out to the nearest surface point at 1 m/s at
-//   most.
-// - The plane is frozen within a step, but of an anchor that slides over a curved surface it is the plane ahead, where
-//   the node's velocity takes it: the one behind would lift a node at 0.5 m/s off a finger-thick cylinder (v dt)^2 / 2R
-//   = 0.8 mm, and the contact would chatter.
-// - A fixed object moves within the step by its velocity. The energy takes the pose of the step's end, like the
-//   positions that it is a function of. What concerns the step's start takes the pose of the start: paths, and the
-//   friction's bound. So only relative motion counts.
+// Departures from the source:
+//
+// - In eq. 32, n n^T (x_a - x_n) uses an n that is fixed in the world. Here n rotates with the object, so the energy is
+//   invariant under a rigid motion of node and object. Then force and torque balance exactly: the opposite of the
+//   node's force acts on the object at the node's position.
+// - A contact is one-sided (n . (x_n - x_a) < 0): it only pushes. Exception: a node that is predicted to cross the
+//   surface within the step. Its anchor is put at the crossing at the step's start, and is two-sided for this step.
+//   Otherwise a step of one Newton iteration would miss the contact, because it starts before the crossing. Then a
+//   tip at 1 m/s would sink 11 mm before the first force.
+// - A node that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
+//   at 1 m/s at most.
+// - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
+//   position that the node's velocity predicts. The plane behind would lift a node at 0.5 m/s off a finger-thick
+//   cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
+// - A fixed object moves within the step by its velocity. The energy uses the pose at the step's end, because it is a
+//   function of the positions at the step's end. Paths and the friction bound use the pose at the step's start. So only
+//   relative motion counts.
 #pragma once
 
 #include <cstdint>
@@ -37,81 +38,83 @@
 
 namespace softhand {
 
-/// How an object's slot takes part.
+/// How the object in a slot reacts to contact.
 enum class ContactObject : std::uint8_t {
-  moving,  ///< the object yields: its body's degrees of freedom take the opposite force
-  fixed,   ///< its motion is given: the state's pose is that of the step's start; the wrench is reported only
+  moving,  ///< movable: the opposite force acts on the degrees of freedom of its body
+  fixed,   ///< prescribed motion: the state has the pose of the step's start; the wrench is only reported
 };
 
-/// The touched nodes of one hand: creates, slides and ends anchors. `ContactEnergy` drives it (begin_step, end_step);
-/// `FrictionEnergy` reads it and comes after `ContactEnergy` in the list of terms. Nothing after the terms are bound
-/// allocates.
+/// The touched nodes of one hand. Creates, slides and ends anchors. `ContactEnergy` calls begin_step and end_step.
+/// `FrictionEnergy` only reads the set, and must come after `ContactEnergy` in the list of terms. After the terms are
+/// bound, nothing allocates.
 class ContactSet {
  public:
   /// One touching (or about to touch) node. Vectors in the object's frame unless said otherwise.
   struct Anchor {
     std::int32_t node = 0;
     std::int32_t slot = 0;
-    Vector3 anchor = Vector3::Zero();   ///< a: the surface point, drawn in by `recess`
+    Vector3 anchor = Vector3::Zero();   ///< a: the surface point, moved inwards by `recess`
     Vector3 normal = Vector3::UnitY();  ///< n
-    double recess = 0;                  ///< m still to move out, of a node that started inside
-    double stiffness = 0;               ///< k_c w, N/m
-    double friction = 0;                ///< mu
-    double friction_stiffness = 0;      ///< k_c w min(mu, 1), N/m
+    double recess = 0;              ///< distance that the anchor of a node that started inside must still move out, m
+    double stiffness = 0;           ///< k_c w, N/m
+    double friction = 0;            ///< mu
+    double friction_stiffness = 0;  ///< k_c w min(mu, 1), N/m
     // Fixed within the step.
-    bool fresh = false;           ///< about to cross: two-sided
-    bool sliding = false;         ///< slid in the last step and still moves that way
-    bool ahead = false;           ///< anchor and normal are those that the node slides to
-    double friction_bound = 0;    ///< mu f_n, N, f_n from the step's start
-    double predicted_secant = 0;  ///< of the friction of a fresh anchor at the predicted end of the step, N/m
-    Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that counts as none (fresh, ahead; else zero)
+    bool fresh = false;           ///< predicted to cross in this step: two-sided
+    bool sliding = false;         ///< slid in the last step and still moves in that direction
+    bool ahead = false;           ///< anchor and normal are at the point to which the node slides
+    double friction_bound = 0;    ///< mu f_n, N, with f_n from the step's start
+    double predicted_secant = 0;  ///< secant of a fresh anchor's friction at the predicted end of the step, N/m
+    Vector3 stretch_origin = Vector3::Zero();  ///< tangential stretch that exerts no force (fresh, ahead; else zero)
     Vector3 stretch_start = Vector3::Zero();   ///< tangential stretch at the step's start
-    // As between steps; what a step begins with.
-    Vector3 kept_anchor = Vector3::Zero();
-    Vector3 kept_normal = Vector3::UnitY();
-    double kept_recess = 0;
-    bool kept_sliding = false;
+    // Values between steps. Each step starts from them.
+    Vector3 saved_anchor = Vector3::Zero();
+    Vector3 saved_normal = Vector3::UnitY();
+    double saved_recess = 0;
+    bool saved_sliding = false;
     // Results of the last step.
     Vector3 force = Vector3::Zero();  ///< on the node, N, world
     double slip_speed = 0;            ///< m/s
     // For the energy ledger.
-    bool known = false;          ///< was there at the end of the last step
-    double normal_energy = 0;    ///< 1/2 k min(0, u)^2 as the last step left it, J
-    double friction_energy = 0;  ///< 1/2 k_t |s|^2, |s| at most mu f_n / k_t, likewise
-    double start_energy = 0;     ///< normal, with the plane of this step, J
-    double start_excess = 0;     ///< of |s| over what `friction_energy` holds, m
+    bool known = false;          ///< existed at the end of the last step
+    double normal_energy = 0;    ///< 1/2 k min(0, u)^2 at the end of the last step, J
+    double friction_energy = 0;  ///< 1/2 k_t |s|^2 at the end of the last step, J; |s| is at most mu f_n / k_t
+    double start_energy = 0;     ///< normal energy at the step's start, with the plane of this step, J
+    double start_excess = 0;     ///< excess of |s| over the stretch stored in `friction_energy`, m
   };
 
-  /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state; the first `moving_slots` of them
-  /// may yield. `stiffness` is k_c, N/m of a mean node. `node_masses` (kg) serve only the estimate of a fresh contact's
-  /// normal force. Throws std::invalid_argument when k_c is not finite and > 0.
+  /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state. The first `moving_slots` of them
+  /// may be movable. `stiffness` is k_c, N/m, of a node with the mean area. `node_masses` (kg) are used only to
+  /// estimate the normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
   ContactSet(const HandModel& hand, std::vector<double> node_masses, double stiffness, int first_body, int moving_slots,
              int slots);
 
-  /// Puts an object into a slot, or changes its friction; contacts stay when shape and id are the same. `geometry`
-  /// outlives its stay. `friction` is Coulomb's mu, >= 0.
+  /// Puts an object into a slot, or changes its friction. Contacts persist if shape and id are the same. `geometry`
+  /// must outlive its time in the slot. `friction` is Coulomb's mu, >= 0.
   void set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id, ContactObject kind);
-  /// Ends its contacts.
+  /// Removes the object and ends its contacts.
   void clear_object(int slot);
-  /// The hand was moved at one stroke: all contacts end, no path is drawn from where it was.
+  /// Call this after the hand was teleported. All contacts end, and no path starts at the old positions.
   void reset();
 
-  // For nodes that are put elsewhere at one stroke. `nodes`: by node, 1 where meant; `bones`: by node, a point of its
-  // bone, world.
+  // For nodes that are teleported. `nodes`: by node, 1 for the nodes concerned. `bones`: by node, a point of its bone,
+  // world.
   /// Marks in `hooked` (by node) the nodes that a contact pushes straight away from their bones: they are on the far
   /// side of the object.
   void mark_hooked(const State& state, const Eigen::Matrix3Xd& bones, std::span<std::uint8_t> hooked) const;
-  /// How far a skin node comes on the way from its bone to `to`: up to the first surface. Other nodes come to `to`.
+  /// The end of a skin node's path from its bone to `to`: the first surface that it meets, otherwise `to`. For inner
+  /// nodes always `to`.
   Vector3 stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const;
-  /// J that the nodes hold in U_n and U_f since the last step.
-  double held(std::span<const std::uint8_t> nodes) const;
-  /// J that they would hold where they are in `state`: contacts that do not hook go on, and what is inside an object is
-  /// pushed out. Infinite where a node's bone is inside an object.
-  double held_where_put(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
-  /// Ends their contacts. No path is drawn from where they were: a step sees where it starts.
+  /// Energy of the nodes in U_n and U_f at the end of the last step, J.
+  double stored_energy(std::span<const std::uint8_t> nodes) const;
+  /// Energy that the nodes would have at their positions in `state`, J. Contacts that do not hook persist, and nodes
+  /// inside an object are pushed out. Infinite if a node's bone is inside an object.
+  double stored_energy_at(const State& state, std::span<const std::uint8_t> nodes, const Eigen::Matrix3Xd& bones) const;
+  /// Ends the contacts of the nodes. No path starts at the old positions: the next step uses the positions at its
+  /// start.
   void release(std::span<const std::uint8_t> nodes);
 
-  /// A step that began and never ended (refused, failed) leaves no trace in the next.
+  /// A step that began and did not end (refused or failed) has no effect on the next step.
   void begin_step(const State& state, double time_step);
   void end_step(const State& state);
   void add_pattern(BlockPattern& pattern) const;
@@ -121,33 +124,34 @@ class ContactSet {
   std::span<const Anchor> anchors() const { return anchors_; }
   int count() const { return static_cast<int>(anchors_.size()); }
   int count(int slot) const { return at(slot).count; }
-  /// Of the hand on the object in the last step, about its centre of mass, world axes.
+  /// Wrench of the hand on the object in the last step, about the object's centre of mass, world axes.
   const Wrench& wrench(int slot) const { return at(slot).wrench; }
-  /// k-th of 0..1 of the penetrations now (1: the largest), metres; 0 without contact. Sorts a copy; allocates nothing.
+  /// Quantile `fraction` (0 to 1; 1: the largest) of the penetrations in `state`, metres. 0 without contact. Sorts a
+  /// copy. Does not allocate.
   double penetration_quantile(const State& state, double fraction);
   /// Heat of sliding since construction, J.
   double dissipated() const { return dissipated_; }
-  /// Of the step that ended last: of U_n, whose energy counts where a contact pushes, and of U_f.
+  /// Energy flows of U_n and U_f in the last step. The energy of U_n counts only while a contact pushes.
   const EnergyFlow& normal_flow() const { return normal_flow_; }
   const EnergyFlow& friction_flow() const { return friction_flow_; }
-  /// Searches for where a node meets an object since construction: closest points and crossings.
+  /// Number of searches for a contact point since construction: closest points and crossings.
   std::uint64_t queries() const { return queries_; }
-  /// Anchors that found no room since construction.
+  /// Number of anchors since construction that were dropped because the list was full.
   std::uint64_t dropped() const { return dropped_; }
-  /// Contacts and sums per finger, at the end of the last step. Leaves key and stamp alone.
+  /// Writes contacts and sums per finger at the end of the last step. Does not write key and stamp.
   void write(const State& state, Contacts& out);
 
-  /// e = R^T (x_n - x_b) - a in world axes, with what its derivatives need.
+  /// e = R^T (x_n - x_b) - a in world axes, with the values that its derivatives need.
   struct Offset {
     Vector3 offset;    ///< R e
     Vector3 normal;    ///< R n
     Vector3 lever;     ///< x_n - x_b
     double depth = 0;  ///< u; negative: penetrating
     Vector3 stretch;   ///< R (T e - s_0), tangential
-    double moved = 0;  ///< of the stretch since the step's start, m
+    double moved = 0;  ///< change of the stretch since the step's start, m
   };
   Offset offset(const Anchor& anchor, const State& state) const;
-  /// Gradient and Hessian of a function of e with gradient y (N, world axes) and stiffness K (N/m).
+  /// Add gradient and Hessian of a function of e with gradient y (N, world axes) and stiffness K (N/m).
   void scatter_gradient(const Anchor& anchor, const Vector3& lever, const Vector3& y, VectorX& gradient) const;
   void scatter_hessian(const Anchor& anchor, const Vector3& lever, const Vector3& y, const Matrix3& stiffness,
                        BlockMatrix& hessian, Curvature curvature) const;
@@ -158,11 +162,11 @@ class ContactSet {
     double friction = 0;
     std::uint32_t id = 0;
     ContactObject kind = ContactObject::fixed;
-    bool seen = false;    // last_pose holds
+    bool seen = false;    // last_pose is valid
     Pose last_pose;       // at the end of the last step
-    Pose start_pose;      // at the start of this one
-    bool jumped = false;  // between the two: it was moved from outside
-    Pose end_pose;        // at the end of this one, by its twist: exact of a fixed object, predicted of a moving one
+    Pose start_pose;      // at the start of this step
+    bool jumped = false;  // the caller moved the object between last_pose and start_pose
+    Pose end_pose;        // at the end of this step, by its twist: exact if fixed, predicted if moving
     Vector3 moved = Vector3::Zero(), turned = Vector3::Zero();  // within the step, by the solver
     Wrench wrench;
     int count = 0;
@@ -203,7 +207,7 @@ class ContactSet {
   int node_count_;
   std::vector<double> node_masses_;
   std::vector<std::int32_t> skin_nodes_;
-  std::vector<std::int32_t> skin_index_;  // by node, -1 inside
+  std::vector<std::int32_t> skin_index_;  // by node; -1: not a skin node
   std::vector<double> areas_;             // by skin index, m^2
   std::vector<double> weights_;           // by skin index, w
   std::vector<std::uint8_t> bodies_;      // by skin index
@@ -222,11 +226,11 @@ class ContactSet {
   double dissipated_ = 0;
   std::uint64_t dropped_ = 0;
   EnergyFlow normal_flow_, friction_flow_;
-  double cleared_normal_ = 0, cleared_friction_ = 0;  // J that contacts held which were taken away since the last step
+  double cleared_normal_ = 0, cleared_friction_ = 0;  // energy of the contacts removed since the last step, J
   std::uint64_t queries_ = 0;
 };
 
-/// U_n of all anchors, and the driver of the set.
+/// U_n of all anchors. It also calls the set's begin_step and end_step.
 class ContactEnergy final : public Energy {
  public:
   explicit ContactEnergy(ContactSet& contacts) : contacts_(contacts) {}

@@ -44,8 +44,8 @@ class EnergyLedger {
  public:
   /// Adds one step, all terms together. The first call starts the ledger: only its stored energy counts.
   void add(const EnergyFlow& step) {
-    if (!begun_) {
-      begun_ = true;
+    if (!started_) {
+      started_ = true;
       initial_ = step.stored;
       total_.stored = step.stored;
       return;
@@ -59,7 +59,7 @@ class EnergyLedger {
   /// Clears the ledger. The next step starts a new one.
   void restart() { *this = EnergyLedger(); }
 
-  bool begun() const { return begun_; }
+  bool started() const { return started_; }
   double initial() const { return initial_; }
   /// `stored` is the current value. All other members are sums since the ledger began.
   const EnergyFlow& total() const { return total_; }
@@ -91,7 +91,7 @@ class EnergyLedger {
   }
 
  private:
-  bool begun_ = false;
+  bool started_ = false;
   double initial_ = 0;
   EnergyFlow total_;
   double turnover_ = 0;

@@ -5,7 +5,7 @@
 namespace softhand {
 namespace {
 
-// The step's start, up to rounding, metres.
+// A stretch that moved less than this is at the step's start, metres. It allows for rounding.
 constexpr double kAtStart = 1e-12;
 
 CoulombSpring spring_of(const ContactSet::Anchor& anchor) { return {anchor.friction_stiffness, anchor.friction_bound}; }

@@ -2,19 +2,21 @@
 //
 //   U_f = sum over anchors of CoulombSpring(k_c w min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
 //
-// with e and n of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
+// e and n are those of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
 //
-// Departures from the source.
-// - eq. 33's mu scales a stiffness; here it bounds the force by Coulomb's law (coulomb.hpp). Within a step the bound
-//   takes the normal force of the step's start, so that the energy is a fixed convex function; of a fresh contact it
-//   takes the force that stops the node alone on an unmoved object, k u / (1 + k dt^2/m) at its predicted depth u.
-// - Anchors slide at the end of the step (ContactSet), by the normal force then. A sticking anchor does not move at
-//   all: no creep.
-// - s_0 is the stretch at the start of a fresh contact's first step, whose anchor lies ahead at the crossing; zero
-//   afterwards.
-// - The projected Hessian at the step's start is a choice at the kink between sticking and sliding: sliding for an
-//   anchor that slid and goes on, the secant to the predicted stretch for a fresh one. So a step of one Newton
-//   iteration does not stick where the converged slides.
+// Departures from the source:
+//
+// - In eq. 33, mu scales a stiffness. Here mu bounds the force by Coulomb's law (coulomb.hpp). Within a step, the bound
+//   uses the normal force at the step's start, so that the energy is a fixed convex function.
+// - For a fresh contact the bound uses the force that stops the node alone on an unmoved object. This force is
+//   k u / (1 + k dt^2/m) at the predicted depth u of the node.
+// - Anchors slide at the end of the step (ContactSet), by the normal force at that time. A sticking anchor does not
+//   move at all: no creep.
+// - s_0 is the stretch at the start of the first step of a fresh contact, because its anchor lies ahead at the
+//   crossing. In later steps s_0 is zero.
+// - At the step's start, the projected Hessian is a choice at the kink between sticking and sliding. An anchor that
+//   slid and moves on uses the sliding Hessian. A fresh anchor uses the secant to the predicted stretch. So a step of
+//   one Newton iteration does not stick if the converged step slides.
 #pragma once
 
 #include "energies/contact.hpp"
@@ -23,7 +25,7 @@ namespace softhand {
 
 class FrictionEnergy final : public Energy {
  public:
-  /// Comes after the set's `ContactEnergy` in the list of terms.
+  /// Must come after the set's `ContactEnergy` in the list of terms.
   explicit FrictionEnergy(ContactSet& contacts) : contacts_(contacts) {}
   std::string_view name() const override { return "friction"; }
   bool has_kinks() const override { return true; }

@@ -27,7 +27,7 @@ PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
     : first_body_(first_body),
       slots_(static_cast<std::size_t>(slots)),
       points_(static_cast<std::size_t>(slots) * kMaxNeighbourPlanes * kPoints),
-      kept_(kMaxNeighbourPlanes * kPoints),
+      saved_points_(kMaxNeighbourPlanes * kPoints),
       resting_(kPoints) {
   for (int slot = 0; slot < slots; ++slot) {
     at(slot).blocks =
@@ -76,7 +76,7 @@ void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) 
   const std::size_t old_count = s.plane_count;
   for (std::size_t p = 0; p < old_count; ++p) {
     std::copy_n(points_.begin() + static_cast<std::ptrdiff_t>(old[p].first_point), old[p].points,
-                kept_.begin() + static_cast<std::ptrdiff_t>(p * kPoints));
+                saved_points_.begin() + static_cast<std::ptrdiff_t>(p * kPoints));
   }
   const double stiffness = std::max(kLeastStiffness, (s.weight + kExtraLoad) / kAllowedSink);
   s.plane_count = std::min(planes.size(), kMaxNeighbourPlanes);
@@ -100,7 +100,7 @@ void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) 
       }
     }
     for (std::size_t i = 0; i < plane.points; ++i) {
-      points_[plane.first_point + i] = same < old_count ? kept_[same * kPoints + i] : Point{};
+      points_[plane.first_point + i] = same < old_count ? saved_points_[same * kPoints + i] : Point{};
     }
   }
 }
@@ -142,11 +142,11 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
   const double damping = 2.0 * std::sqrt(plane.stiffness * slot.mass) / sharing / time_step_;
   const double inertia = slot.mass / sharing / (time_step_ * time_step_);
   const Pose next = increment(body, time_step_ * twist.linear, time_step_ * twist.angular);
-  const Vector3 carried = time_step_ * plane.velocity;
+  const Vector3 plane_motion = time_step_ * plane.velocity;
   for (std::size_t i = 0; i < points.size(); ++i) {
     Point& point = points[i];
     const double start = height(body, resting_[i]);
-    const double predicted = height(next, resting_[i]) - plane.normal.dot(carried);
+    const double predicted = height(next, resting_[i]) - plane.normal.dot(plane_motion);
     point.resting = resting_[i];
     point.material = resting_[i].centre - resting_[i].radius * local_normal;
     point.material_start = body * point.material;
@@ -154,9 +154,9 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
     point.spring = k;
     point.start_height = std::min(start, 0.0);
     point.target = damping / point.stiffness * point.start_height;
-    point.fresh = start - plane.normal.dot(carried) >= point.target && predicted < point.target;
+    point.fresh = start - plane.normal.dot(plane_motion) >= point.target && predicted < point.target;
     point.stretch -= plane.normal.dot(point.stretch) * plane.normal;
-    const Vector3 movement = next * point.material - point.material_start - carried;
+    const Vector3 movement = next * point.material - point.material_start - plane_motion;
     const Vector3 along = movement - plane.normal.dot(movement) * plane.normal;
     double pressure = point.normal_force;
     if (point.fresh && !(pressure > 0))
@@ -166,7 +166,7 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
     point.predicted_secant = point.friction.bound > 0 ? point.friction.secant((point.stretch + along).norm()) : 0.0;
     point.sliding = point.sliding && point.stretch.dot(along) > 0;
   }
-  plane.point += carried;
+  plane.point += plane_motion;
 }
 
 double PlaneContact::stored(const Point& point, double height) {
@@ -276,7 +276,7 @@ void PlaneContact::end_step(State& state) {
                                                 : Vector3(Vector3::Zero());
     for (std::size_t p = 0; p < slot.plane_count; ++p) {
       const Plane& plane = slot.planes[p];
-      const Vector3 carried = time_step_ * plane.velocity;
+      const Vector3 plane_motion = time_step_ * plane.velocity;
       for (Point& point : points_of(plane)) {
         const Response r = respond(plane, point, body);
         slot.wrench.force -= r.normal_force + r.friction_force;
@@ -297,12 +297,12 @@ void PlaneContact::end_step(State& state) {
         const Vector3 spring = point.spring * std::min(r.height, 0.0) * plane.normal;
         const Vector3 damper = r.normal_force - spring;
         // Motion relative to the plane, as the solver sees it.
-        const Vector3 normal_moved = moved + turned.cross(r.normal_arm) - carried;
-        const Vector3 friction_moved = moved + turned.cross(r.friction_arm) - carried;
+        const Vector3 normal_moved = moved + turned.cross(r.normal_arm) - plane_motion;
+        const Vector3 friction_moved = moved + turned.cross(r.friction_arm) - plane_motion;
         const double heat = r.friction_force.norm() * distance;
         slot.stored += after;
         flow_.stored += after;
-        flow_.work -= (r.normal_force + r.friction_force).dot(carried);
+        flow_.work -= (r.normal_force + r.friction_force).dot(plane_motion);
         flow_.damping += damper.dot(normal_moved);
         flow_.friction += heat;
         flow_.integrator += before - after + spring.dot(normal_moved) + r.friction_force.dot(friction_moved) - heat;

@@ -134,8 +134,8 @@ class PlaneContact final : public Energy {
 
   int first_body_;
   std::vector<Slot> slots_;
-  std::vector<Point> points_;  // most_resting_points for each plane of each slot
-  std::vector<Point> kept_;    // points of one slot, saved while its planes are set
+  std::vector<Point> points_;        // most_resting_points for each plane of each slot
+  std::vector<Point> saved_points_;  // points of one slot, saved while its planes are set
   std::vector<RestingPoint> resting_;
   double time_step_ = 0;
   double dissipated_ = 0;

@@ -119,9 +119,9 @@ SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
   // A short column is orthogonal to the long column only up to the rounding error of the long column.
   svd.u[1] = (one / square_root(square[1])) * a[1];
   svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
-  const Lanes left = square_root(dot(svd.u[1], svd.u[1]));
-  const Choice directed = left > kNoDirection;
-  svd.u[1] = (one / left) * svd.u[1];
+  const Lanes length = square_root(dot(svd.u[1], svd.u[1]));
+  const Choice directed = length > kNoDirection;
+  svd.u[1] = (one / length) * svd.u[1];
   if (any(!directed)) svd.u[1] = select(directed, svd.u[1], perpendicular(svd.u[0]));
   svd.u[2] = cross(svd.u[0], svd.u[1]);
 #pragma GCC unroll 3

@@ -101,7 +101,7 @@ void BlockMatrix::take_back() {
 }
 
 double BlockMatrix::change_since_taken_back() const {
-  double removed = 0, added = 0, kept = 0, change = 0;  // squared norms
+  double removed = 0, added = 0, replaced = 0, change = 0;  // squared norms
   for (const double entry : removed_parts_) removed += entry * entry;
   for (std::size_t k = 0; k < journal_.size(); ++k) {
     const double* const value = values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k]);
@@ -110,11 +110,11 @@ double BlockMatrix::change_since_taken_back() const {
       const double now = value[i] - before_[9 * k + i];
       const double then = place < 0 ? 0.0 : removed_parts_[9 * static_cast<std::size_t>(place) + i];
       added += now * now;
-      kept += then * then;
+      replaced += then * then;
       change += (now - then) * (now - then);
     }
   }
-  change += std::max(0.0, removed - kept);  // blocks to which nothing was added since
+  change += std::max(0.0, removed - replaced);  // blocks to which nothing was added since
   const double largest = std::max(removed, added);
   return largest > 0 ? std::sqrt(change / largest) : 0.0;
 }

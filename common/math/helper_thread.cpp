@@ -5,7 +5,7 @@
 namespace softhand {
 namespace {
 
-constexpr std::chrono::microseconds kPatience{500};
+constexpr std::chrono::microseconds kSpinTime{500};
 
 void relax() {
 #if defined(__x86_64__)
@@ -64,19 +64,19 @@ void HelperThread::await() {
 
 void HelperThread::serve() {
   using Clock = std::chrono::steady_clock;
-  Clock::time_point patient_until = Clock::now() + kPatience;
+  Clock::time_point spin_until = Clock::now() + kSpinTime;
   while (!stop_.load()) {
     const std::uint32_t seen = offers_.load();
     std::uint32_t expected = kOffered;
     if (state_.compare_exchange_strong(expected, kTaken)) {
       work_(context_);
       state_.store(kDone, std::memory_order_release);
-      patient_until = Clock::now() + kPatience;
-    } else if (Clock::now() < patient_until) {
+      spin_until = Clock::now() + kSpinTime;
+    } else if (Clock::now() < spin_until) {
       for (int i = 0; i < 32; ++i) relax();
     } else {
       offers_.wait(seen);  // returns at once if an offer changed the counter after `seen` was read
-      patient_until = Clock::now() + kPatience;
+      spin_until = Clock::now() + kSpinTime;
     }
   }
 }

@@ -227,24 +227,24 @@ void drop_loose_nodes(HandModel& hand) {
   const std::size_t count = hand.nodes.size();
   if (hand.node_body.size() != count) return;  // `validate` refuses this hand
   std::vector<std::int32_t> renumbered(count, -1);
-  const auto keep = [&renumbered](const auto& nodes) {
+  const auto mark_used = [&renumbered](const auto& nodes) {
     for (const std::int32_t node : nodes) {
       if (node >= 0 && static_cast<std::size_t>(node) < renumbered.size())
         renumbered[static_cast<std::size_t>(node)] = 0;
     }
   };
-  for (const auto& tetrahedron : hand.tetrahedra) keep(tetrahedron);
-  for (const auto& triangle : hand.surface) keep(triangle);
-  std::int32_t kept = 0;
+  for (const auto& tetrahedron : hand.tetrahedra) mark_used(tetrahedron);
+  for (const auto& triangle : hand.surface) mark_used(triangle);
+  std::int32_t used = 0;
   for (std::size_t n = 0; n < count; ++n) {
     if (renumbered[n] < 0) continue;
-    hand.nodes[static_cast<std::size_t>(kept)] = hand.nodes[n];
-    hand.node_body[static_cast<std::size_t>(kept)] = hand.node_body[n];
-    renumbered[n] = kept++;
+    hand.nodes[static_cast<std::size_t>(used)] = hand.nodes[n];
+    hand.node_body[static_cast<std::size_t>(used)] = hand.node_body[n];
+    renumbered[n] = used++;
   }
-  if (static_cast<std::size_t>(kept) == count) return;
-  hand.nodes.resize(static_cast<std::size_t>(kept));
-  hand.node_body.resize(static_cast<std::size_t>(kept));
+  if (static_cast<std::size_t>(used) == count) return;
+  hand.nodes.resize(static_cast<std::size_t>(used));
+  hand.node_body.resize(static_cast<std::size_t>(used));
   const auto renumber = [&renumbered](auto& list) {
     for (auto& nodes : list) {
       for (std::int32_t& node : nodes) {

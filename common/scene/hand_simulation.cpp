@@ -24,9 +24,8 @@ constexpr double kStandardGravity = 9.81;  // m/s^2
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
-// What the bone carries along when it moves: its own mass and the tissue nearest to it. Sets how much damping is
-// critical.
-std::array<double, kBodyCount> carried_masses(const HandModel& hand, const std::vector<double>& node_masses) {
+// By bone: its own mass plus the mass of the tissue that is nearest to it. It determines the critical damping.
+std::array<double, kBodyCount> attached_masses(const HandModel& hand, const std::vector<double>& node_masses) {
   std::array<double, kBodyCount> masses{};
   for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
   for (std::size_t n = 0; n < node_masses.size(); ++n) masses[hand.node_body[n]] += node_masses[n];
@@ -63,7 +62,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   const DofLayout layout = state_.layout();
   const std::vector<double> masses = lumped_masses(hand_);
-  const auto carried = carried_masses(hand_, masses);
+  const auto attached = attached_masses(hand_, masses);
   const Vector3 weight = options.gravity ? Vector3(0, -kStandardGravity, 0) : Vector3(Vector3::Zero());
 
   auto inertia = std::make_unique<Inertia>(masses, bodies);
@@ -76,7 +75,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
 
-  // Terms about tissue exist only where there is some.
+  // Tissue terms exist only if the hand has tissue.
   if (!hand_.tetrahedra.empty()) {
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
@@ -96,8 +95,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     gains.linear_stiffness = body.coupling_linear_stiffness;
     gains.angular_stiffness = body.coupling_angular_stiffness;
     gains.linear_damping = 2 * options.coupling_damping_ratio *
-                           std::sqrt(body.coupling_linear_stiffness * carried[static_cast<std::size_t>(b)]);
-    const double turning_inertia = body.inertia.trace() / 3 * carried[static_cast<std::size_t>(b)] / body.mass;
+                           std::sqrt(body.coupling_linear_stiffness * attached[static_cast<std::size_t>(b)]);
+    const double turning_inertia = body.inertia.trace() / 3 * attached[static_cast<std::size_t>(b)] / body.mass;
     gains.angular_damping =
         2 * options.coupling_damping_ratio * std::sqrt(body.coupling_angular_stiffness * turning_inertia);
     gains.force_cap = body.coupling_force_cap;
@@ -108,7 +107,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   coupling_ = coupling.get();
   terms_.push_back(std::move(coupling));
 
-  // Terms about objects exist only where there are slots for objects.
+  // Object terms exist only if there are slots for objects.
   if (slot_count() > 0) {
     contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_,
                                              slot_count());
@@ -159,7 +158,7 @@ void HandSimulation::reposition(const Pose& wrist) {
     state_.body_velocities[b] = {};
   }
   if (contacts_) contacts_->reset();
-  stored_holds_ = false;
+  stored_is_valid_ = false;
 }
 
 void HandSimulation::restore(const State& state) {
@@ -167,13 +166,13 @@ void HandSimulation::restore(const State& state) {
       state.node_velocities.cols() != state_.node_velocities.cols() ||
       state.body_poses.size() != state_.body_poses.size() ||
       state.body_velocities.size() != state_.body_velocities.size()) {
-    throw std::invalid_argument("HandSimulation: a state of another layout");
+    throw std::invalid_argument("HandSimulation: the restored state has another layout than the hand");
   }
   state_ = state;
   if (contacts_) contacts_->reset();
   if (planes_ != nullptr) planes_->reset();
   ledger_.restart();
-  stored_holds_ = false;
+  stored_is_valid_ = false;
   restored_ = true;
 }
 
@@ -228,7 +227,7 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
   const bool was_dynamic = slot_mode(slot) == SlotMode::dynamic;
   modes_[static_cast<std::size_t>(slot)] = SlotMode::dynamic;
   if (planes_ != nullptr) {
-    // What floats until it is touched weighs something afterwards.
+    // An object that floats until it is touched has weight afterwards: use at least standard gravity.
     const double weight = object.mass * std::max(kStandardGravity, gravity.norm());
     if (was_dynamic) {
       planes_->set_weight(slot, weight);
@@ -255,7 +254,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   bone_contact_forces_ = other.bone_contact_forces_;
   ledger_ = other.ledger_;
   stored_ = other.stored_;
-  stored_holds_ = other.stored_holds_;
+  stored_is_valid_ = other.stored_is_valid_;
   *inertia_ = *other.inertia_;
   *coupling_ = *other.coupling_;
   if (contacts_ != nullptr) *contacts_ = *other.contacts_;
@@ -266,72 +265,77 @@ void HandSimulation::take_state(const HandSimulation& other) {
 
 StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
-  // A state from outside may be any: what would throw bones and objects in its first step is put right before it, and
-  // before the books begin.
+  // A restored state can be anything. Tissue that would throw bones and objects in the first step is put back before
+  // this step and before the ledger starts.
   if (std::exchange(restored_, false) && tissue_ != nullptr) {
-    untangled_nodes_ += static_cast<std::uint64_t>(untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_));
+    untangled_nodes_ +=
+        static_cast<std::uint64_t>(untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_));
   }
-  solver_->measure_work(keeps_ledger_, keeps_ledger_ && !stored_holds_);
+  solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
-  if (report.status == StepStatus::budget_spent) calm_nodes();
+  if (report.status == StepStatus::budget_spent) limit_node_velocities();
   collect_bone_contacts();
-  if (keeps_ledger_) enter_step(report);
+  if (ledger_enabled_) enter_step(report);
   if (report.state_changed && tissue_ != nullptr) {
     const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));
     int moved = 0;
-    if (due == Untangler::Due::look)
-      moved = untangler_.look(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
-    if (due == Untangler::Due::glance) moved = untangler_.glance(state_, contacts_.get(), *tissue_, *attachments_);
+    if (due == Untangler::Due::full_check)
+      moved = untangler_.full_check(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
+    if (due == Untangler::Due::quick_check)
+      moved = untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_);
     if (moved > 0) {
       untangled_nodes_ += static_cast<std::uint64_t>(moved);
       untangled_ = true;
-      stored_holds_ = false;
+      stored_is_valid_ = false;
     }
   }
   return report;
 }
 
-// A step that was cut off leaves tissue out of balance, and the way that a node went in it says little about where the
-// node goes next. Contacts are predicted from velocities, so each node takes that of the bone that carries it, where
-// that is slower: no energy is put in.
-void HandSimulation::calm_nodes() {
+// After a step that was cut off, tissue is out of balance, and a node's velocity does not predict its next movement.
+// But contacts are predicted from velocities. So each node gets the velocity of its bone at the node, if this is
+// slower. This adds no energy.
+void HandSimulation::limit_node_velocities() {
   for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) {
     const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
     const Vector3 lever = state_.node_positions.col(n) - state_.body_poses[bone].position;
-    const Vector3 carried = at_point(state_.body_velocities[bone], lever).linear;
-    if (carried.squaredNorm() < state_.node_velocities.col(n).squaredNorm()) state_.node_velocities.col(n) = carried;
+    const Vector3 bone_velocity = at_point(state_.body_velocities[bone], lever).linear;
+    if (bone_velocity.squaredNorm() < state_.node_velocities.col(n).squaredNorm())
+      state_.node_velocities.col(n) = bone_velocity;
   }
 }
 
-void HandSimulation::keep_ledger(bool keep) {
-  if (keep && !keeps_ledger_) {
+void HandSimulation::enable_ledger(bool enable) {
+  if (enable && !ledger_enabled_) {
     ledger_.restart();
-    stored_holds_ = false;
+    stored_is_valid_ = false;
   }
-  keeps_ledger_ = keep;
+  ledger_enabled_ = enable;
 }
 
 void HandSimulation::enter_step(const StepReport& report) {
   if (!report.state_changed) {
-    // A step that was given up half way has confused the terms' own books; one that was not begun has changed nothing.
+    // A step that was aborted leaves the terms' own ledger entries inconsistent. A step that did not begin changed
+    // nothing.
     if (report.status == StepStatus::nonfinite) ledger_.restart();
     return;
   }
   EnergyFlow step;
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const TermEnergy& term = report.terms[t];
-    // Only potentials of the state alone ask for the start, and what they stored when the last step ended is that.
-    const double start = report.chord && stored_holds_ ? stored_[t] : term.start;
+    // Only potentials that depend on the state alone use the start. Their energy at the end of the last step is the
+    // energy at the start of this step.
+    const double start = report.chord && stored_is_valid_ ? stored_[t] : term.start;
     EnergyFlow flow = terms_[t]->flow(start, term.joules, term.taken);
-    // Nodes that were put back before the step; inertia and contacts keep account of that themselves.
+    // Energy change of nodes that were put back before the step. Inertia and contacts account for it themselves.
     if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += start - stored_[t];
     stored_[t] = flow.stored;
     step += flow;
   }
   untangled_ = false;
-  stored_holds_ = report.measured;
-  // Without the derivatives of the result there is nothing to enter.
+  stored_is_valid_ = report.measured;
+  // Without the derivatives at the result, the step cannot be entered.
   if (report.measured) {
     ledger_.add(step);
   } else {

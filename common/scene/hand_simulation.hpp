@@ -1,8 +1,8 @@
-// One simulated hand with the objects that it can touch: the only place that names every energy term.
+// One simulated hand with the objects that it can touch. Only this file and its .cpp name every energy term.
 //
-// Bodies of the state: 0..20 the bones, then `mirrored_slots` objects that may move, then `static_slots` that may not.
-// An object's slot is empty, kinematic (its motion is given; it yields to nothing) or dynamic (the twin carries mass,
-// inertia and gravity).
+// Bodies of the state: 0..20 are the bones, then come `mirrored_slots` objects that may move, then `static_slots`
+// objects that may not move. A slot is empty, kinematic or dynamic. The motion of a kinematic object is prescribed, and
+// no force changes it. A dynamic object is a twin with mass, inertia and gravity.
 #pragma once
 
 #include <array>
@@ -29,33 +29,33 @@ class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
 
-/// What the simulation must know of an object that it mirrors.
+/// Data of an object that the simulation mirrors.
 struct MirroredObject {
   std::uint32_t id = 0;
-  const ShapeGeometry* shape = nullptr;   ///< outlives its stay in the slot
+  const ShapeGeometry* shape = nullptr;   ///< must outlive its time in the slot
   double mass = 1;                        ///< kg, > 0
   Matrix3 inertia = Matrix3::Identity();  ///< kg m^2, body axes
   double friction = 0;
 };
 
-/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, no such
-/// spring.
+/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, without
+/// this spring.
 struct ObjectSpring {
   double linear_stiffness = 0;   ///< N/m
   double angular_stiffness = 0;  ///< N m/rad
-  double damping_ratio = 0;      ///< over the critical damping of the object in the slot
+  double damping_ratio = 0;      ///< relative to the critical damping of the object in the slot
 };
 
-/// What was computed since construction, counted where it is computed. Exactly 0 for what a scene has not.
+/// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
   std::uint64_t tissue_elements = 0;   ///< evaluations of a tetrahedron
-  std::uint64_t contact_queries = 0;   ///< searches for where a node meets an object
+  std::uint64_t contact_queries = 0;   ///< searches for the point where a node meets an object
   std::uint64_t factorised_steps = 0;  ///< steps that factorised a matrix
 };
 
 class HandSimulation {
  public:
-  /// The hand stands at rest with its wrist at the world's origin; all slots are empty.
+  /// The hand is at rest with its wrist at the world's origin. All slots are empty.
   HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
                  const ObjectSpring& object_spring = {});
   ~HandSimulation();
@@ -65,47 +65,48 @@ class HandSimulation {
   int slot_count() const { return mirrored_slots_ + static_slots_; }
   bool slot_is_static(int slot) const { return slot >= mirrored_slots_; }
 
-  /// Moves the whole hand rigidly, so that its wrist joint comes to `wrist`; velocities and contacts end.
+  /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Velocities become zero and contacts
+  /// end.
   void reposition(const Pose& wrist);
-  /// Goes on from another state of this layout, such as one that was kept; contacts end, the books begin anew. Throws
-  /// std::invalid_argument where the layout is another.
+  /// Continues from another state of the same layout, for example a stored one. Contacts end and the energy ledger
+  /// restarts. Throws std::invalid_argument if the layout differs.
   void restore(const State& state);
 
-  /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. Holds until
-  /// changed.
+  /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. It is valid
+  /// until changed.
   void set_target(Body body, const Pose& joint, const Twist& velocity);
-  /// Of all bones: none is pulled until it has a target again.
+  /// Clears the targets of all bones. A bone is not pulled until it has a target again.
   void clear_targets();
 
   void set_slot(int slot, const MirroredObject& object);
   void clear_slot(int slot);
   SlotMode slot_mode(int slot) const { return modes_[static_cast<std::size_t>(slot)]; }
-  /// Of a kinematic slot, or at the moment a slot changes its mode: the pose at the start of the next step, and the
-  /// velocity in that step. A kinematic slot moves on with its velocity until this is called again.
+  /// Sets the pose at the start of the next step and the velocity in that step. Call it for a kinematic slot, or when a
+  /// slot changes its mode. A kinematic slot moves with this velocity until the next call.
   void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);
   void make_kinematic(int slot);
   void make_dynamic(int slot, const Vector3& gravity);
   Pose slot_pose(int slot) const { return state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)]; }
   Twist slot_velocity(int slot) const { return state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)]; }
-  /// What stops a dynamic slot in the world (mode owner).
+  /// Planes that stop a dynamic slot in the world (mode owner).
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
   /// Target of U'_crb, the world's copy (mode symmetric).
   void set_object_target(int slot, const Pose& pose, const Twist& velocity);
 
-  /// Becomes what `other` is, contacts and all: both then go on alike. `other` was made of the same hand with as many
-  /// slots; shapes in its slots outlive this.
+  /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hand
+  /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
 
   StepReport step(double time_step);
-  /// Whether steps are entered into the ledger from now on (off at first). Switched on, the books begin anew.
-  void keep_ledger(bool keep);
+  /// Whether steps are entered into the energy ledger from now on (off at first). Switching it on restarts the ledger.
+  void enable_ledger(bool enable);
 
   // Results of the last step.
   Pose joint_pose(Joint joint) const;
   Twist joint_velocity(Joint joint) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
   Wrench coupling_wrench(Body body) const;
-  /// Of the hand on the object in the slot, about its centre of mass.
+  /// Wrench of the hand on the object in the slot, about the object's centre of mass.
   Wrench contact_wrench(int slot) const;
   Wrench object_coupling_wrench(int slot) const;
   /// Whether any node touches the object.
@@ -113,14 +114,14 @@ class HandSimulation {
   void write_contacts(Contacts& out) const;
   /// Sum of contact forces on the tissue around each bone, N.
   const std::array<Vector3, kBodyCount>& bone_contact_forces() const { return bone_contact_forces_; }
-  /// J, of nodes and moving bodies.
+  /// Kinetic energy of nodes and moving bodies, J.
   double kinetic_energy() const;
   int inverted_elements() const;
-  /// Nodes that were put back because they were tangled for good, since construction (untangle.hpp).
+  /// Number of tangled nodes that were put back since construction (untangle.hpp).
   std::uint64_t untangled_nodes() const { return untangled_nodes_; }
   int contact_count() const;
   const EnergyLedger& ledger() const { return ledger_; }
-  /// Calls f(name, joules) for each term: what it stored when a step was last entered.
+  /// Calls f(name, joules) for each term, with its stored energy when a step was last entered into the ledger.
   template <typename F>
   void for_each_stored(F&& f) const {
     for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);
@@ -132,7 +133,7 @@ class HandSimulation {
  private:
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
-  void calm_nodes();
+  void limit_node_velocities();
   double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
@@ -144,26 +145,26 @@ class HandSimulation {
   std::vector<SlotMode> modes_;
   std::vector<MirroredObject> objects_;
   std::vector<std::unique_ptr<Energy>> terms_;
-  // The terms that the simulation talks to, owned by `terms_`.
+  // The terms that the simulation calls directly. `terms_` owns them.
   Inertia* inertia_ = nullptr;
   BodyCoupling* coupling_ = nullptr;
   BodyCoupling* object_coupling_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
-  Tissue* tissue_ = nullptr;  // null: the hand is bones alone
+  Tissue* tissue_ = nullptr;  // null: the hand has only bones
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;
-  bool restored_ = false;  // since the last step
+  bool restored_ = false;  // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
-  bool untangled_ = false;  // after the last step
+  bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
-  std::array<Pose, kJointCount> joint_in_body_{};  // every joint's frame in the body that carries it
+  std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
   std::array<Vector3, kBodyCount> bone_contact_forces_{};
-  bool keeps_ledger_ = false;
+  bool ledger_enabled_ = false;
   EnergyLedger ledger_;
-  std::array<double, kMaxTerms> stored_{};  // J, by term, in the state that the last step entered left
-  bool stored_holds_ = false;               // nobody but a step has moved tissue or bones since
+  std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger
+  bool stored_is_valid_ = false;            // stored_ is valid: since then only steps moved tissue or bones
 };
 
 }  // namespace softhand

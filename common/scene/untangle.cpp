@@ -14,11 +14,11 @@ constexpr double kTwistedEnergy = 20e-3;  // J to release; a hand's tissue under
 constexpr double kAtRest = 0.1;           // largest kinetic energy, relative to the released energy
 // Rings of neighbours that move with a cluster. The last value means the whole connected tissue.
 constexpr std::array<int, 6> kRings{1, 2, 4, 8, 16, 1000};
-constexpr double kWorthMore = 0.1;   // relative extra energy that a larger region must release
-constexpr double kOfViolent = 0.5;   // share of a violent hand's energy that must be released
-constexpr double kOfTangled = 0.5;   // share of the tangled tetrahedra's energy that must be released
-constexpr int kClustersPerLook = 2;  // each costs a dozen evaluations of the tissue's energy
-constexpr std::uint8_t kPause = 4;   // full checks to skip after a try that released nothing
+constexpr double kExtraRelease = 0.1;   // relative extra energy that a larger region must release
+constexpr double kReleasedShare = 0.5;  // share of the energy that must be released if it exceeds `mirrored_energy_`
+constexpr double kReleasedTangledShare = 0.5;  // share of the tangled tetrahedra's energy that must be released
+constexpr int kClustersPerFullCheck = 2;       // each costs a dozen evaluations of the tissue's energy
+constexpr std::uint8_t kPause = 4;             // full checks to skip after a try that released nothing
 
 Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
   const Vector3 along = to - from;
@@ -28,13 +28,13 @@ Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3
 
 }  // namespace
 
-Untangler::Untangler(const HandModel& hand, double patience)
-    : patience_(patience),
+Untangler::Untangler(const HandModel& hand, double full_check_period)
+    : full_check_period_(full_check_period),
       tetrahedra_(hand.tetrahedra),
       node_body_(hand.node_body),
       tangled_(hand.tetrahedra.size(), 0),
       wait_(hand.tetrahedra.size(), 0),
-      stays_(hand.tetrahedra.size(), 0),
+      persistent_(hand.tetrahedra.size(), 0),
       hooked_(hand.nodes.size(), 0),
       move_(hand.nodes.size(), 0),
       more_(hand.nodes.size(), 0),
@@ -54,7 +54,7 @@ Untangler::Untangler(const HandModel& hand, double patience)
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
     const CorotationalMaterial law =
         corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
-    violent_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
+    mirrored_energy_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
   }
 }
 
@@ -72,15 +72,15 @@ void Untangler::put_back(const View& view, std::size_t node) const {
 }
 
 Untangler::Due Untangler::due(double time_step, double energy) {
-  if (patience_ <= 0) return Due::nothing;
+  if (full_check_period_ <= 0) return Due::nothing;
   waited_ += time_step;
-  if (waited_ >= patience_) {
+  if (waited_ >= full_check_period_) {
     waited_ = 0;
-    glanced_ = false;
-    return Due::look;
+    quick_check_done_ = false;
+    return Due::full_check;
   }
   // A quick check that found no lower energy is not repeated in every step.
-  return energy > violent_ && !std::exchange(glanced_, true) ? Due::glance : Due::nothing;
+  return energy > mirrored_energy_ && !std::exchange(quick_check_done_, true) ? Due::quick_check : Due::nothing;
 }
 
 double Untangler::stored(const View& view) const {
@@ -89,10 +89,10 @@ double Untangler::stored(const View& view) const {
 
 // Energy in J released by putting back `move_`. `before`: the stored energy before. The contacts of the nodes are still
 // those from before.
-double Untangler::fall(const View& view, double before) const {
+double Untangler::released_energy(const View& view, double before) const {
   double released = before - stored(view);
   if (view.contacts != nullptr)
-    released += view.contacts->held(move_) - view.contacts->held_where_put(view.state, move_, bones_);
+    released += view.contacts->stored_energy(move_) - view.contacts->stored_energy_at(view.state, move_, bones_);
   return released;
 }
 
@@ -102,7 +102,7 @@ void Untangler::place_bones(const State& state) {
 }
 
 // Accepts the new places of the nodes in `move_`: ends their contacts. Returns the number of nodes.
-int Untangler::keep(const View& view) {
+int Untangler::accept_move(const View& view) {
   if (view.contacts != nullptr) view.contacts->release(move_);
   // The marks from before the move say nothing about the state after it.
   std::fill(tangled_.begin(), tangled_.end(), 0);
@@ -111,28 +111,28 @@ int Untangler::keep(const View& view) {
 
 // Tissue at rest has at most the energy of the rest shape moved rigidly with the bones, because it could relax from
 // there. Tissue at rest with more energy is caught in another minimum.
-int Untangler::put_all_back(const View& view, double kinetic_energy, bool patient) {
+int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_twist) {
   State& state = view.state;
   const double before = stored(view);
   place_bones(state);
   // Tissue pressed around an edge may have more energy than if it were put back. So if there are no inverted tetrahedra
   // or hooks, only a hand without contacts can count as twisted.
-  patient = patient && (view.contacts == nullptr || view.contacts->count() == 0);
-  if (!patient) twisted_ = false;
-  if (!patient && before <= violent_) return 0;
+  tests_twist = tests_twist && (view.contacts == nullptr || view.contacts->count() == 0);
+  if (!tests_twist) twisted_ = false;
+  if (!tests_twist && before <= mirrored_energy_) return 0;
   positions_ = state.node_positions;
   velocities_ = state.node_velocities;
   std::fill(move_.begin(), move_.end(), 1);
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
-  const double released = fall(view, before);
-  bool tangled = before > violent_ && released > kOfViolent * before;
-  if (patient) {
-    const bool stays = std::exchange(twisted_, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
-    tangled = tangled || (twisted_ && stays);
+  const double released = released_energy(view, before);
+  bool tangled = before > mirrored_energy_ && released > kReleasedShare * before;
+  if (tests_twist) {
+    const bool was_twisted = std::exchange(twisted_, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
+    tangled = tangled || (twisted_ && was_twisted);
   }
   if (tangled) {
     twisted_ = false;
-    return keep(view);
+    return accept_move(view);
   }
   state.node_positions.swap(positions_);
   state.node_velocities.swap(velocities_);
@@ -160,22 +160,23 @@ int Untangler::grow() {
 int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   State& state = view.state;
   std::fill(move_.begin(), move_.end(), 0);
-  double held = 0;
+  double tangled_energy = 0;
   bool hooks = false;
   for (const std::int32_t n : tetrahedra_[seed]) move_[static_cast<std::size_t>(n)] = 1;
   for (bool grown = true; grown;) {
     grown = false;
     for (std::size_t t = seed; t < tetrahedra_.size(); ++t) {
       const auto& nodes = tetrahedra_[t];
-      if (stays_[t] == 0 || std::none_of(nodes.begin(), nodes.end(),
-                                         [this](std::int32_t n) { return move_[static_cast<std::size_t>(n)] != 0; }))
+      if (persistent_[t] == 0 || std::none_of(nodes.begin(), nodes.end(), [this](std::int32_t n) {
+            return move_[static_cast<std::size_t>(n)] != 0;
+          }))
         continue;
       for (const std::int32_t n : nodes) {
         move_[static_cast<std::size_t>(n)] = 1;
         hooks = hooks || hooked_[static_cast<std::size_t>(n)] != 0;
       }
-      held += view.tissue.energy(state, static_cast<int>(t));
-      stays_[t] = 0;
+      tangled_energy += view.tissue.energy(state, static_cast<int>(t));
+      persistent_[t] = 0;
       wait_[t] = kPause;
       grown = true;
     }
@@ -183,17 +184,17 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   const double before = stored(view);
   positions_ = state.node_positions;
   velocities_ = state.node_velocities;
-  double most = hooks ? -std::numeric_limits<double>::infinity() : kOfTangled * held;
+  double most = hooks ? -std::numeric_limits<double>::infinity() : kReleasedTangledShare * tangled_energy;
   bool found = false;
   int rings = 0;
-  for (const int wanted : kRings) {
+  for (const int ring_count : kRings) {
     int grown = 1;
-    for (; rings < wanted && grown > 0; ++rings) grown = grow();
+    for (; rings < ring_count && grown > 0; ++rings) grown = grow();
     for (std::size_t n = 0; n < move_.size(); ++n) {
       if (move_[n] != 0) put_back(view, n);
     }
-    const double released = fall(view, before);
-    if (found ? released - most > kWorthMore * std::abs(most) : released > most) {
+    const double released = released_energy(view, before);
+    if (found ? released - most > kExtraRelease * std::abs(most) : released > most) {
       most = released;
       best_ = move_;
       found = true;
@@ -207,15 +208,15 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   for (std::size_t n = 0; n < move_.size(); ++n) {
     if (move_[n] != 0) put_back(view, n);
   }
-  return keep(view);
+  return accept_move(view);
 }
 
-int Untangler::glance(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments) {
-  return patience_ > 0 ? put_all_back({state, contacts, tissue, attachments}, 0, false) : 0;
+int Untangler::quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments) {
+  return full_check_period_ > 0 ? put_all_back({state, contacts, tissue, attachments}, 0, false) : 0;
 }
 
-int Untangler::look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
-                    const Energy& attachments) {
+int Untangler::full_check(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
+                          const Energy& attachments) {
   const View view{state, contacts, tissue, attachments};
   if (const int moved = put_all_back(view, kinetic_energy, true)) return moved;
   if (contacts != nullptr) contacts->mark_hooked(state, bones_, hooked_);
@@ -229,12 +230,12 @@ int Untangler::look(State& state, ContactSet* contacts, double kinetic_energy, c
     } else if (wait_[t] > 0) {
       --wait_[t];
     }
-    stays_[t] = tangled && tangled_[t] != 0 && wait_[t] == 0 ? 1 : 0;
+    persistent_[t] = tangled && tangled_[t] != 0 && wait_[t] == 0 ? 1 : 0;
     tangled_[t] = tangled ? 1 : 0;
   }
   int moved = 0, clusters = 0;
-  for (std::size_t t = 0; t < tetrahedra_.size() && clusters < kClustersPerLook; ++t) {
-    if (stays_[t] == 0) continue;
+  for (std::size_t t = 0; t < tetrahedra_.size() && clusters < kClustersPerFullCheck; ++t) {
+    if (persistent_[t] == 0) continue;
     moved += untangle_cluster(view, t);
     ++clusters;
   }

@@ -26,21 +26,23 @@ namespace softhand {
 
 class Untangler {
  public:
-  /// `patience`: s between two full checks (`look`). Tissue that is tangled in both is put back. 0: never.
-  Untangler(const HandModel& hand, double patience);
+  /// `full_check_period`: s between two full checks (`full_check`). Tissue that is tangled in both is put back. 0:
+  /// never.
+  Untangler(const HandModel& hand, double full_check_period);
 
-  enum class Due : std::uint8_t { nothing, glance, look };
+  enum class Due : std::uint8_t { nothing, quick_check, full_check };
   /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
   /// due.
   Due due(double time_step, double energy);
   /// Quick check, for a state from outside and when due. Puts all of the tissue back at once under two conditions. It
   /// has so much energy that it would throw bones and objects. It has less at its rest place relative to the bones.
   /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
-  /// As in `look`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
-  int glance(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
-  /// Full check. Puts back what was tangled in the last full check too, or does the same as `glance`. `kinetic_energy`:
-  /// of the hand, J.
-  int look(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue, const Energy& attachments);
+  /// As in `full_check`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
+  int quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
+  /// Full check. Puts back what was tangled in the last full check too, or does the same as `quick_check`.
+  /// `kinetic_energy`: of the hand, J.
+  int full_check(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
+                 const Energy& attachments);
 
  private:
   // The parts of the simulation that a check uses.
@@ -51,26 +53,26 @@ class Untangler {
     const Energy& attachments;
   };
   double stored(const View& view) const;
-  double fall(const View& view, double before) const;
+  double released_energy(const View& view, double before) const;
   void put_back(const View& view, std::size_t node) const;
   void place_bones(const State& state);
-  int put_all_back(const View& view, double kinetic_energy, bool patient);
+  int put_all_back(const View& view, double kinetic_energy, bool tests_twist);
   int untangle_cluster(const View& view, std::size_t seed);
   int grow();
-  int keep(const View& view);
+  int accept_move(const View& view);
 
-  double patience_;
-  double violent_ = 0;  // J; energy of the tissue if every tetrahedron were mirrored
+  double full_check_period_;
+  double mirrored_energy_ = 0;  // J; energy of the tissue if every tetrahedron were mirrored
   double waited_ = 0;
-  bool glanced_ = false;  // a quick check was done since the last full check
-  bool twisted_ = false;  // in the last full check
+  bool quick_check_done_ = false;  // a quick check was done since the last full check
+  bool twisted_ = false;           // in the last full check
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;
   std::vector<std::uint8_t> node_body_;
-  std::vector<Vector3> rest_in_body_;  // per node, in the nearest bone's body frame
-  std::vector<Vector3> bone_in_body_;  // per node: the nearest point of the bone's axis at rest
-  std::vector<std::uint8_t> tangled_;  // per tetrahedron, in the last full check: folded, or hooked behind an object
-  std::vector<std::uint8_t> wait_;     // per tetrahedron: full checks until it is tried again
-  std::vector<std::uint8_t> stays_;    // per tetrahedron: tangled in both checks, and not in a cluster yet
+  std::vector<Vector3> rest_in_body_;     // per node, in the nearest bone's body frame
+  std::vector<Vector3> bone_in_body_;     // per node: the nearest point of the bone's axis at rest
+  std::vector<std::uint8_t> tangled_;     // per tetrahedron, in the last full check: folded, or hooked behind an object
+  std::vector<std::uint8_t> wait_;        // per tetrahedron: full checks until it is tried again
+  std::vector<std::uint8_t> persistent_;  // per tetrahedron: tangled in both checks, and not in a cluster yet
   std::vector<std::uint8_t> hooked_, move_, more_, best_;  // per node
   Eigen::Matrix3Xd positions_, velocities_;                // before a try
   Eigen::Matrix3Xd bones_;                                 // per node, world: the point of the bone's axis

@@ -20,7 +20,7 @@ namespace {
 
 constexpr std::size_t kAlignment = 64;
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
-constexpr std::uint8_t kAncestors = 2;  // the group of what waits for both others
+constexpr std::uint8_t kAncestors = 2;  // the group of the fronts that depend on both other groups
 
 using Index = std::int32_t;
 
@@ -28,9 +28,9 @@ std::size_t at(Index i) { return static_cast<std::size_t>(i); }
 
 Index tiles_of(Index scalars) { return (scalars + kCholeskyTile - 1) / kCholeskyTile; }
 
-// Elimination order of the blocks: order[k] is eliminated k-th. Approximate minimum degree, which breaks ties by the
-// blocks' numbers: those are shuffled with `seed`, 0 as they are. `dense`: blocks with more than this times the root of
-// the blocks' number of neighbours come last (AMD_DENSE); negative: none.
+// Elimination order of the blocks: order[k] is eliminated k-th. Approximate minimum degree breaks ties by the numbers
+// of the blocks. The numbers are shuffled with `seed` (0: not shuffled). `dense` is AMD_DENSE: blocks with more than
+// `dense` times the square root of the number of blocks as neighbours come last. Negative: no block counts as dense.
 std::vector<Index> minimum_degree(const BlockMatrix& matrix, double dense, std::uint32_t seed) {
   const Index count = matrix.block_count();
   std::vector<Index> label(at(count)), order(at(count)), block(at(count));
@@ -63,7 +63,7 @@ struct Supernode {
   std::vector<Index> children;
 };
 
-// Time of a front in cycles of the AVX-512 kernels in double, measured roughly: a column of a tile is one fused
+// Time of a front in cycles of the AVX-512 kernels in double, roughly measured. A column of a tile is one fused
 // multiply-add.
 double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
   const double pivots = 3.0 * static_cast<double>(pivot_blocks);
@@ -75,17 +75,18 @@ double front_cost(std::size_t pivot_blocks, std::size_t row_blocks) {
          q * (q + 1) / 2 * (8.8 * pivots + kPerUpdateTile);
 }
 
-constexpr double kKeptSubtree =
-    0.08;  // of the whole factorisation: those that cost less are done again with what they are part of
+// Fraction of the cost of the whole factorisation. The update matrices of cheaper subtrees are not stored: these
+// subtrees are factorised again together with their parents.
+constexpr double kStoredSubtree = 0.08;
 
 double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>(rows * rows); }
 
-// Columns of the factor as supernodes, children before parents; merged ones are left empty.
+// Columns of the factor as supernodes, children before parents. Supernodes that were merged into others are empty.
 std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::vector<Index>& order) {
   const Index count = matrix.block_count();
   std::vector<Index> place(at(count));
   for (Index k = 0; k < count; ++k) place[at(order[at(k)])] = k;
-  // Below, blocks are named by their place in `order`.
+  // From here on, blocks are numbered by their place in `order`.
   std::vector<Supernode> nodes(at(count));
   for (Index column = 0; column < count; ++column) {
     for (Index k = matrix.column_start()[at(column)]; k < matrix.column_start()[at(column) + 1]; ++k) {
@@ -107,7 +108,8 @@ std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::v
     if (node.rows.empty()) continue;
     nodes[at(*std::min_element(node.rows.begin(), node.rows.end()))].children.push_back(j);
   }
-  // Bottom up, each takes in the child that gains most until none does: the product has the parent's rows.
+  // Bottom up, each supernode merges the child with the largest gain, until no merge gains. The result has the parent's
+  // rows.
   for (Supernode& parent : nodes) {
     while (true) {
       double best_gain = 0;
@@ -138,7 +140,7 @@ std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::v
   return nodes;
 }
 
-// The cheapest by that model of the orderings that are tried.
+// The supernodes of the cheapest of several orderings, by the model of `front_cost`.
 std::vector<Supernode> cheapest_supernodes(const BlockMatrix& matrix) {
   constexpr std::uint32_t kSeeds = 4;
   std::vector<Supernode> best;
@@ -165,9 +167,9 @@ struct Visit {
   std::uint8_t group = kAncestors;
 };
 
-// Into which group each node falls: whole subtrees into the first two, so that the dearer of them together with the
-// ancestors, which wait for both, costs least.
-std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
+// The group of each node. Whole subtrees are assigned to the first two groups. The assignment minimises the cost of the
+// more expensive group plus the cost of the ancestors, which depend on both groups.
+std::vector<std::uint8_t> assign_groups(const std::vector<Supernode>& nodes, const std::vector<Visit>& children_first) {
   const auto own_cost = [&nodes](Index n) {
     const Supernode& node = nodes[at(n)];
     return front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
@@ -179,29 +181,29 @@ std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const st
     for (const Index child : nodes[at(visit.node)].children) cost[at(visit.node)] += cost[at(child)];
     if (visit.depth == 0) roots.push_back(visit.node);
   }
-  const auto dearer = [&cost](Index a, Index b) { return std::pair(cost[at(a)], a) > std::pair(cost[at(b)], b); };
-  std::vector<Index> dealt[2], best[2];
+  const auto costlier = [&cost](Index a, Index b) { return std::pair(cost[at(a)], a) > std::pair(cost[at(b)], b); };
+  std::vector<Index> assigned[2], best[2];
   double ancestors = 0, least = std::numeric_limits<double>::infinity();
   constexpr std::size_t kMostSubtrees = 64;
   while (!roots.empty() && roots.size() < kMostSubtrees) {
-    std::sort(roots.begin(), roots.end(), dearer);
+    std::sort(roots.begin(), roots.end(), costlier);
     double load[2] = {0, 0};
-    dealt[0].clear();
-    dealt[1].clear();
+    assigned[0].clear();
+    assigned[1].clear();
     for (const Index root : roots) {
       const int lighter = load[1] < load[0] ? 1 : 0;
       load[lighter] += cost[at(root)];
-      dealt[lighter].push_back(root);
+      assigned[lighter].push_back(root);
     }
     if (ancestors + std::max(load[0], load[1]) < least) {
       least = ancestors + std::max(load[0], load[1]);
-      std::copy(std::begin(dealt), std::end(dealt), std::begin(best));
+      std::copy(std::begin(assigned), std::end(assigned), std::begin(best));
     }
-    // The dearest gives way to its children.
-    const Index dearest = roots.front();
-    ancestors += own_cost(dearest);
+    // Replace the most expensive subtree by its children.
+    const Index costliest = roots.front();
+    ancestors += own_cost(costliest);
     roots.erase(roots.begin());
-    roots.insert(roots.end(), nodes[at(dearest)].children.begin(), nodes[at(dearest)].children.end());
+    roots.insert(roots.end(), nodes[at(costliest)].children.begin(), nodes[at(costliest)].children.end());
   }
   std::vector<std::uint8_t> group(nodes.size(), kAncestors);
   for (std::uint8_t g = 0; g < 2; ++g) {
@@ -216,7 +218,7 @@ std::vector<std::uint8_t> deal_out(const std::vector<Supernode>& nodes, const st
   return group;
 }
 
-// Group by group; in each, children before parents and what belongs to one subtree in one piece.
+// Sorted by group. In each group, children come before parents, and each subtree is contiguous.
 std::vector<Visit> elimination_order(const std::vector<Supernode>& nodes) {
   std::vector<Visit> pending, result;
   std::vector<bool> is_child(nodes.size(), false);
@@ -233,7 +235,7 @@ std::vector<Visit> elimination_order(const std::vector<Supernode>& nodes) {
     for (const Index child : nodes[at(visit.node)].children) pending.push_back({child, visit.depth + 1});
   }
   std::reverse(result.begin(), result.end());
-  const std::vector<std::uint8_t> group = deal_out(nodes, result);
+  const std::vector<std::uint8_t> group = assign_groups(nodes, result);
   for (Visit& visit : result) visit.group = group[at(visit.node)];
   std::stable_sort(result.begin(), result.end(), [](const Visit& a, const Visit& b) { return a.group < b.group; });
   return result;
@@ -254,11 +256,11 @@ typename BlockCholesky<Scalar>::Buffer BlockCholesky<Scalar>::make_buffer(std::s
   Buffer buffer(static_cast<Scalar*>(std::aligned_alloc(alignment, rounded)));
   if (!buffer) throw std::bad_alloc();
 #if defined(__linux__)
-  // A factor of some megabytes is walked front by front: in small pages the translation of addresses costs a tenth. A
-  // hint; refused, nothing changes.
+  // A factor has some megabytes and is read front by front. With small pages, address translation costs a tenth of the
+  // time. This is only a hint: if the kernel refuses it, the result is the same.
   if (alignment == kHugePage) madvise(buffer.get(), rounded, MADV_HUGEPAGE);
 #endif
-  std::fill_n(buffer.get(), count, Scalar(0));  // touched now rather than in the first step
+  std::fill_n(buffer.get(), count, Scalar(0));  // page faults happen here and not in the first step
   return buffer;
 }
 
@@ -293,11 +295,12 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   }
 
   std::int64_t panel_size = 0, update_size = 0;
-  // Each group has two stacks of updates, for even and odd depths: a front's update is made while its children's exist.
-  // Those of large subtrees have a place of their own, where they outlast the factorisation.
+  // Each group has two stacks of update matrices, for even and odd depths. The update of a front is written while those
+  // of its children exist. The updates of large subtrees have their own memory, so that they persist after the
+  // factorisation.
   std::int64_t top[3][2] = {}, highest[3][2] = {};
   std::vector<double> cost(visits.size(), 0.0);  // of the front's subtree
-  keeps_update_.assign(visits.size(), 0);
+  stores_update_.assign(visits.size(), 0);
   for (std::size_t f = 0; f < visits.size(); ++f) {
     const Supernode& node = nodes[at(visits[f].node)];
     cost[f] += front_cost(node.pivots.size(), node.rows.size()) + extend_add_cost(node.rows.size());
@@ -331,8 +334,8 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     const int parity = visits[f].depth % 2;
     const std::int64_t size =
         static_cast<std::int64_t>(front.row_tiles) * front.row_tiles * kCholeskyTile * kCholeskyTile;
-    if (cost[f] >= kKeptSubtree * total_cost) {
-      keeps_update_[f] = 1;
+    if (cost[f] >= kStoredSubtree * total_cost) {
+      stores_update_[f] = 1;
       front.update = update_size;
       update_size += size;
     } else {
@@ -340,9 +343,10 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
       top[group][parity] += size;
       highest[group][parity] = std::max(highest[group][parity], top[group][parity]);
     }
-    // Its children's are used up; those of the two groups' subtrees stay below what their groups still stack.
+    // The updates of its children are no longer needed: pop them. The updates of the two groups' subtrees stay at the
+    // bottom of their groups' stacks.
     const auto is_stacked = [&](Index child) {
-      return visits[at(child)].group == group && keeps_update_[at(child)] == 0;
+      return visits[at(child)].group == group && stores_update_[at(child)] == 0;
     };
     const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_stacked);
     if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
@@ -360,7 +364,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     }
   }
   for (std::size_t f = 0; f < visits.size(); ++f) {
-    if (keeps_update_[f] == 0) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
+    if (stores_update_[f] == 0) fronts_[f].update += stack[visits[f].group][visits[f].depth % 2];
   }
 
   const auto panel_row = [](const CholeskyFront& front, const Index* rows, Index position) {
@@ -455,10 +459,10 @@ bool BlockCholesky<Scalar>::refactorize(std::span<const std::int32_t> changed) {
   for (std::size_t f = 0; f < fronts_.size(); ++f) {
     for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) stale_[f] |= stale_[at(child_[at(k)])];
   }
-  // What small subtrees gave to a front is no more.
+  // The updates of small subtrees are not stored: factorise these subtrees again below each stale front.
   for (std::size_t f = fronts_.size(); f-- > 0;) {
     for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) {
-      if (keeps_update_[at(child_[at(k)])] == 0) stale_[at(child_[at(k)])] |= stale_[f];
+      if (stores_update_[at(child_[at(k)])] == 0) stale_[at(child_[at(k)])] |= stale_[f];
     }
   }
   return factorize_stale();

@@ -1,12 +1,12 @@
-// The baseline's kernels, and the choice among all.
+// The baseline's kernels, and the choice of the kernel for an instruction set.
 #include "solver/block_cholesky_kernel.hpp"
 
 #include "solver/block_cholesky_kernel_source.hpp"
 
 namespace softhand {
 
-// Defined in the files of these names, which CMake compiles with their instruction set's flags. The argument only picks
-// the type.
+// Defined in the files of these names. CMake compiles them with the flags of their instruction set. The argument only
+// selects the type.
 CholeskyKernel<double> cholesky_kernel_avx2(double);
 CholeskyKernel<float> cholesky_kernel_avx2(float);
 CholeskyKernel<double> cholesky_kernel_avx512(double);

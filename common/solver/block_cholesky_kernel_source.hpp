@@ -1,6 +1,7 @@
-// The one source of the factorisation's kernels: see block_cholesky_kernel.hpp. Include it once in a file per
-// instruction set. All of it has internal linkage and nothing of the standard library or Eigen is instantiated: a
-// function shared with the rest of the program could be the one with this file's instructions.
+// The single source of the factorisation's kernels: see block_cholesky_kernel.hpp. Include it once in one file per
+// instruction set. Everything here has internal linkage, and no template of the standard library or Eigen is
+// instantiated. Reason: the linker could use such a shared function, with this file's instructions, in the whole
+// program.
 #pragma once
 
 #include "solver/block_cholesky_kernel.hpp"
@@ -23,8 +24,8 @@ constexpr int kVectorBytes = 32, kRegisters = 16;
 constexpr int kVectorBytes = 16, kRegisters = 16;
 #endif
 
-// A tile's column in machine vectors. Floats fill a tile with half an AVX-512 vector: as fast on processors that split
-// those, and one layout for all.
+// A tile's column in machine vectors. A column of floats is half an AVX-512 vector. On processors that split these
+// vectors this is as fast, and all instruction sets share one layout.
 template <typename Scalar>
 struct Shape {
   static constexpr int kTileBytes = kTile * static_cast<int>(sizeof(Scalar));
@@ -48,7 +49,7 @@ SOFTHAND_INLINE const typename Shape<Scalar>::Vector& vector_at(const Scalar* at
 }
 
 // C = [C] - A B^T for `Tiles` tiles of A below each other and `Columns` rows of a tile of B, over `depth` columns of
-// both. `tile_step` from tile to tile of A, `c_tile_step` and `c_column_step` in C.
+// both. Strides: `tile_step` from tile to tile of A, `c_tile_step` and `c_column_step` in C.
 template <typename Scalar, int Tiles, int Columns, bool Accumulate>
 SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, const Scalar* b, std::ptrdiff_t depth,
                                     Scalar* c, std::ptrdiff_t c_tile_step, std::ptrdiff_t c_column_step) {
@@ -89,7 +90,7 @@ SOFTHAND_INLINE void multiply_block(const Scalar* a, std::ptrdiff_t tile_step, c
   }
 }
 
-// The same for a column of `tiles` tiles and all rows of the tile of B.
+// The same for a column of `tiles` tiles of A and all rows of the tile of B.
 template <typename Scalar, bool Accumulate>
 void multiply(const Scalar* a, std::ptrdiff_t tile_step, int tiles, const Scalar* b, std::ptrdiff_t depth, Scalar* c,
               std::ptrdiff_t c_tile_step, std::ptrdiff_t c_column_step) {
@@ -115,7 +116,8 @@ void multiply(const Scalar* a, std::ptrdiff_t tile_step, int tiles, const Scalar
   }
 }
 
-// Cholesky factor of one tile in place; the strictly upper triangle is left as garbage that nobody reads.
+// Computes the Cholesky factor of one tile in place. The strictly upper triangle is garbage afterwards and must not be
+// read.
 template <typename Scalar>
 SOFTHAND_INLINE bool factorize_tile(Scalar* tile, Scalar* inverse_diagonal) {
   using S = Shape<Scalar>;
@@ -181,24 +183,25 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
   for (std::ptrdiff_t c = front.pivots; c < static_cast<std::ptrdiff_t>(front.pivot_tiles) * kTile; ++c)
     panel[row_offset(c, step) + c * kTile] = Scalar(1);
   for (const CholeskyEntry* entry = plan.entry + front.entry_begin; entry != plan.entry + front.entry_end; ++entry) {
-    // The matrix lies in another order and is larger than the caches near the core.
-    const std::int32_t soon = entry[kCholeskyEntriesAhead].source;
-    const double* const block_ahead = values + 9 * static_cast<std::ptrdiff_t>(soon < 0 ? ~soon : soon);
+    // Prefetch: the matrix has another order and is larger than the caches near the core.
+    const std::int32_t prefetched = entry[kCholeskyEntriesAhead].source;
+    const double* const block_ahead =
+        values + 9 * static_cast<std::ptrdiff_t>(prefetched < 0 ? ~prefetched : prefetched);
     __builtin_prefetch(block_ahead);
     __builtin_prefetch(block_ahead + 8);
     const bool transposed = entry->source < 0;
     const double* const block = values + 9 * static_cast<std::ptrdiff_t>(transposed ? ~entry->source : entry->source);
     Scalar* const to = panel + entry->place;
-    const int left = kTile - static_cast<int>(entry->place % kTile);  // rows to the tile's end
+    const int remaining = kTile - static_cast<int>(entry->place % kTile);  // rows to the tile's end
     const auto copy = [&](int down, int across, std::ptrdiff_t beyond) {
 #pragma GCC unroll 3
       for (int c = 0; c < 3; ++c) {
 #pragma GCC unroll 3
         for (int r = 0; r < 3; ++r)
-          to[c * kTile + r + (r < left ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
+          to[c * kTile + r + (r < remaining ? 0 : beyond)] = static_cast<Scalar>(block[across * c + down * r]);
       }
     };
-    if (left < 3) {
+    if (remaining < 3) {
       copy(transposed ? 3 : 1, transposed ? 1 : 3, step - kTile);
     } else if (transposed) {
       copy(3, 1, 0);
@@ -208,12 +211,12 @@ SOFTHAND_INLINE void assemble_entries(const CholeskyPlan& plan, const CholeskyFr
   }
 }
 
-// Which rows of a tile are meant, as the instruction set wants it. `add_to_tile` adds numbers that lie together to
-// these rows of a tile's column, and may read a tile's length of them.
+// A set of rows of a tile, in the form that suits the instruction set. `add_to_tile` adds contiguous numbers to these
+// rows of a tile's column. It may read as many numbers as a tile has rows.
 template <typename Scalar>
 struct ChosenRows;
 #if defined(__AVX2__)
-// A byte for each row of a tile: how many chosen ones come before it; -1 where it is not chosen itself.
+// A byte for each row of a tile: the number of chosen rows before it, or -1 if it is not chosen itself.
 struct RowsBefore {
   std::uint64_t of[1 << kTile] = {};
   constexpr RowsBefore() {
@@ -228,7 +231,7 @@ SOFTHAND_INLINE __m128i rows_before(std::uint32_t rows) {
   return _mm_cvtsi64_si128(static_cast<long long>(kRowsBefore.of[rows]));
 }
 #endif
-// A permutation of a vector that was loaded costs less than one that expands (vexpandps).
+// A permutation of a loaded vector costs less than an expanding load (vexpandps).
 #if defined(__AVX512F__)
 template <>
 struct ChosenRows<double> {
@@ -255,7 +258,7 @@ SOFTHAND_INLINE void add_to_tile(float* to, const float* from, const ChosenRows<
 #elif defined(__AVX2__)
 template <>
 struct ChosenRows<double> {
-  __m256i pair[2];  // of half a tile each, where a double's two halves come from
+  __m256i pair[2];  // for each half of a tile: the sources of the two halves of each double
   __m256i none[2];
   int first;  // of the second half
   explicit ChosenRows(std::uint32_t rows) : first(__builtin_popcount(rows & 15)) {
@@ -298,8 +301,8 @@ SOFTHAND_INLINE void add_to_tile(Scalar* to, const Scalar* from, const ChosenRow
 }
 #endif
 
-// Columns [begin, end) of blocks of the child's update matrix, added into the parent's panel (those that it eliminates)
-// or update matrix.
+// Adds the block columns [begin, end) of the child's update matrix to the parent. Columns that the parent eliminates go
+// into its panel, the others into its update matrix.
 template <typename Scalar, bool IntoPanel>
 SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& child, const Scalar* update,
                                 std::int32_t begin, std::int32_t end, const CholeskyFront& parent, Scalar* target) {
@@ -319,8 +322,8 @@ SOFTHAND_INLINE void extend_add(const CholeskyPlan& plan, const CholeskyFront& c
       add_to_tile(to + column * to_step + (rows.tile - skipped) * tile_step, from + column * from_step + first, chosen);
     };
     while (tile->tile < row / kTile) ++tile;
-    // From the diagonal down to its tile's end; where a tile begins within the block, the columns before it have all of
-    // it below them.
+    // From the diagonal down to the end of its tile. If a tile begins inside the block, the whole tile is below the
+    // columns before it.
     for (int column = 0; column < 3; ++column) {
       const std::int32_t diagonal = row + column;
       if (tile->tile < diagonal / kTile) {
@@ -367,7 +370,7 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
         inverse_diagonal[front.first_pivot + j * kTile + c] = inverse[c];
       divide(diagonal + step, step, tiles - j - 1, diagonal, inverse);
     }
-    // The update matrix is written first and its children's added after: it need not be cleared.
+    // The update matrix is written first, and those of the children are added later. So it need not be cleared.
     Scalar* const update = updates + front.update;
     const Scalar* const below = panel + front.pivot_tiles * step;
     const std::ptrdiff_t height = static_cast<std::ptrdiff_t>(front.row_tiles) * kTile;
@@ -395,7 +398,7 @@ void solve(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse
     Scalar* const pivot = x + front.first_pivot;
     const Scalar* const inverse = inverse_diagonal + front.first_pivot;
     const int tiles = front.pivot_tiles + front.row_tiles;
-    // Tile by tile: what the solved pivots before it take from a tile, then the triangle on the diagonal.
+    // Tile by tile: the contribution of the solved pivots before the tile, then the triangle on the diagonal.
     for (int t = 0; t < tiles; ++t) {
       const bool on_diagonal = t < front.pivot_tiles;
       const std::int32_t depth = on_diagonal ? t * kTile : front.pivots;

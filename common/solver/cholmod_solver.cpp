@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-// Present in OpenBLAS only; other BLAS libraries choose their threads by environment variables.
+// Only OpenBLAS has this function. Other BLAS libraries read the number of threads from environment variables.
 extern "C" void openblas_set_num_threads(int count) __attribute__((weak));
 
 namespace softhand {
@@ -16,7 +16,7 @@ struct CholmodSolver::Workspace {
   cholmod_common common{};
   cholmod_sparse* matrix = nullptr;  // lower triangle by scalar columns
   cholmod_factor* factor = nullptr;
-  cholmod_dense* solution = nullptr;  // reused by cholmod_solve2, as the two below
+  cholmod_dense* solution = nullptr;  // reused by cholmod_solve2, like the two below
   cholmod_dense* scratch_y = nullptr;
   cholmod_dense* scratch_e = nullptr;
   std::vector<std::int32_t> gather;  // entry of the scalar matrix <- entry of the block values

@@ -1,5 +1,5 @@
-// Supernodal sparse Cholesky L L^T of SuiteSparse, approximate minimum degree ordering, one BLAS thread. Its supernodal
-// module is GPL.
+// Supernodal sparse Cholesky L L^T of SuiteSparse, with approximate minimum degree ordering and one BLAS thread. The
+// supernodal module is GPL.
 #pragma once
 
 #include <memory>

@@ -9,27 +9,27 @@
 
 namespace softhand {
 
-Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers)
+Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> node_bodies)
     : layout_(layout),
       links_(std::move(links)),
-      carriers_(std::move(carriers)),
+      node_bodies_(std::move(node_bodies)),
       is_straight_(static_cast<std::size_t>(layout.body_count), 0),
-      kept_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
+      earlier_orientations_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
       levers_(links_.size(), Vector3::Zero()),
-      turns_(kept_.size(), Matrix3::Identity()),
-      coasted_(kept_.size(), Matrix3::Identity()),
-      then_(kept_.size(), Vector3::Zero()),
-      now_(kept_.size(), Vector3::Zero()) {
-  if (carriers_.size() != static_cast<std::size_t>(layout.node_count))
-    throw std::invalid_argument("Linkage: one carrier a node expected");
-  if (links_.size() > kept_.size()) throw std::invalid_argument("Linkage: more links than bodies");
+      turns_(earlier_orientations_.size(), Matrix3::Identity()),
+      coasted_(earlier_orientations_.size(), Matrix3::Identity()),
+      then_(earlier_orientations_.size(), Vector3::Zero()),
+      now_(earlier_orientations_.size(), Vector3::Zero()) {
+  if (node_bodies_.size() != static_cast<std::size_t>(layout.node_count))
+    throw std::invalid_argument("Linkage: expected one body per node");
+  if (links_.size() > earlier_orientations_.size()) throw std::invalid_argument("Linkage: more links than bodies");
   for (std::size_t b = 0; b < links_.size(); ++b) {
     if (links_[b].parent >= static_cast<int>(b))
-      throw std::invalid_argument("Linkage: a parent comes before its children");
+      throw std::invalid_argument("Linkage: a parent must have a smaller index than its children");
   }
-  for (const std::int32_t carrier : carriers_) {
-    if (carrier < 0 || carrier >= layout.body_count)
-      throw std::invalid_argument("Linkage: a carrier that does not exist");
+  for (const std::int32_t body_of_node : node_bodies_) {
+    if (body_of_node < 0 || body_of_node >= layout.body_count)
+      throw std::invalid_argument("Linkage: the body of a node is not a body of the state");
   }
 }
 
@@ -63,7 +63,7 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
       const auto a = static_cast<std::size_t>(parent);
       const Vector3 parent_angular = increment.segment<3>(rotation(parent));
       const Vector3 arm = then_[b] + lever - then_[a];  // from the parent to the joint
-      // What the increment moves the joint in the child by, relative to the joint in the parent.
+      // Displacement of the joint in the child relative to the joint in the parent, by the increment.
       const Vector3 gap =
           linear + angular.cross(lever) - increment.segment<3>(translation(parent)) - parent_angular.cross(arm);
       const Vector3 turned_arm = coasted_[a] * (arm + scale * gap), turned_lever = coasted_[b] * lever;
@@ -73,8 +73,8 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
     tangent.segment<3>(translation(body)) = now_[b];
     tangent.segment<3>(rotation(body)) = angular;
   }
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
-    const auto b = static_cast<std::size_t>(carriers_[n]);
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto column = static_cast<Eigen::Index>(n);
     const Vector3 whole = increment.segment<3>(3 * column);
     if (is_straight_[b]) {
@@ -82,9 +82,9 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
       tangent.segment<3>(3 * column) = whole;
       continue;
     }
-    const Vector3 angular = increment.segment<3>(rotation(carriers_[n]));
+    const Vector3 angular = increment.segment<3>(rotation(node_bodies_[n]));
     const Vector3 arm = state.node_positions.col(column) - then_[b];
-    const Vector3 own = whole - increment.segment<3>(translation(carriers_[n])) - angular.cross(arm);
+    const Vector3 own = whole - increment.segment<3>(translation(node_bodies_[n])) - angular.cross(arm);
     const Vector3 turned = coasted_[b] * (arm + scale * own);
     state.node_positions.col(column) = state.body_poses[b].position + turned;
     tangent.segment<3>(3 * column) = now_[b] + angular.cross(turned) + coasted_[b] * own;
@@ -101,14 +101,15 @@ double Linkage::prediction_error(const State& start, const State& state, double 
   return links_.empty() ? 0.0 : std::sqrt(squares / static_cast<double>(links_.size()));
 }
 
-void Linkage::keep(const State& state) {
-  for (std::size_t b = 0; b < kept_.size(); ++b) kept_[b] = state.body_poses[b].orientation;
-  for (std::size_t b = 0; b < links_.size(); ++b) levers_[b] = kept_[b] * links_[b].joint;
+void Linkage::set_earlier_state(const State& state) {
+  for (std::size_t b = 0; b < earlier_orientations_.size(); ++b)
+    earlier_orientations_[b] = state.body_poses[b].orientation;
+  for (std::size_t b = 0; b < links_.size(); ++b) levers_[b] = earlier_orientations_[b] * links_[b].joint;
 }
 
-void Linkage::turn(const State& state) {
-  for (std::size_t b = 0; b < kept_.size(); ++b)
-    turns_[b] = (state.body_poses[b].orientation * kept_[b].conjugate()).toRotationMatrix();
+void Linkage::set_later_state(const State& state) {
+  for (std::size_t b = 0; b < earlier_orientations_.size(); ++b)
+    turns_[b] = (state.body_poses[b].orientation * earlier_orientations_[b].conjugate()).toRotationMatrix();
 }
 
 double Linkage::root_mean_square(const VectorX& increment) const {
@@ -126,8 +127,8 @@ void Linkage::coast(State& state, double time_step) {
     coasted_[b] = rotation_exp(time_step * velocity.angular).toRotationMatrix();
     state.body_poses[b] = increment(state.body_poses[b], time_step * velocity.linear, time_step * velocity.angular);
   }
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
-    const auto b = static_cast<std::size_t>(carriers_[n]);
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto column = static_cast<Eigen::Index>(n);
     if (b >= links_.size()) {
       state.node_positions.col(column) += time_step * state.node_velocities.col(column);
@@ -141,16 +142,16 @@ void Linkage::coast(State& state, double time_step) {
 }
 
 void Linkage::to_bodies(const State& state, VectorX& gradient) const {
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
     auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
-    row = state.body_poses[static_cast<std::size_t>(carriers_[n])].orientation.conjugate() * Vector3(row);
+    row = state.body_poses[static_cast<std::size_t>(node_bodies_[n])].orientation.conjugate() * Vector3(row);
   }
 }
 
 void Linkage::to_world(const State& state, VectorX& gradient) const {
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
     auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
-    row = state.body_poses[static_cast<std::size_t>(carriers_[n])].orientation * Vector3(row);
+    row = state.body_poses[static_cast<std::size_t>(node_bodies_[n])].orientation * Vector3(row);
   }
 }
 
@@ -170,8 +171,8 @@ void Linkage::to_now(VectorX& increment) {
     increment.segment<3>(translation(body)) = now_[b];
     increment.segment<3>(rotation(body)) = turn * rotated;
   }
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
-    const auto b = static_cast<std::size_t>(carriers_[n]);
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto first = static_cast<Eigen::Index>(3 * n);
     increment.segment<3>(first) = Vector3(now_[b] + turns_[b] * (increment.segment<3>(first) - then_[b]));
   }
@@ -183,8 +184,8 @@ void Linkage::to_then(VectorX& gradient) {
     now_[b] = gradient.segment<3>(translation(body));
     then_[b].setZero();
   }
-  for (std::size_t n = 0; n < carriers_.size(); ++n) {
-    const auto b = static_cast<std::size_t>(carriers_[n]);
+  for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto first = static_cast<Eigen::Index>(3 * n);
     const Vector3 now = gradient.segment<3>(first);
     const Vector3 then = turns_[b].transpose() * now;
@@ -209,7 +210,7 @@ void Linkage::to_then(VectorX& gradient) {
     }
     gradient.segment<3>(rotation(body)) = rotated;
   }
-  // A parent's own part is whole once all its children have added theirs.
+  // The sum of a parent is complete only after all its children have added their parts.
   for (int body = 0; body < layout_.body_count; ++body)
     gradient.segment<3>(translation(body)) = then_[static_cast<std::size_t>(body)];
 }

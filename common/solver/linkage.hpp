@@ -1,17 +1,21 @@
-// Increments of a jointed body with what it carries, taken from one state to another.
+// Maps increments of jointed bodies and their attached nodes from an earlier state to a later state.
 //
-// Stiffness turns with what is stiff. A matrix of second derivatives that was made at an earlier state serves at a
-// later one as well as its blocks are turned along: A_now ~ G^-T A_then G^-1, with G the map that takes increments at
-// the earlier state to the increments at the later one which stretch the same springs alike. Turning each block with
-// its own body would tear the joints, the stiffest springs of all: two bodies that have turned differently no longer
-// meet. So a body keeps its increment *relative to its parent at their joint*, and what it carries keeps its increment
-// relative to the body:
+// A Hessian that was computed at an earlier state is a good Hessian of a later state if its blocks are rotated along:
+// A_now ~ G^-T A_then G^-1. The map G takes an increment at the earlier state to an increment at the later state. Both
+// increments stretch the same springs equally. It is not enough to rotate each block with its own body. Two bodies that
+// rotated differently would then separate at their joint, and joints are the stiffest springs. So G preserves the
+// increment of a body *relative to its parent at their joint*. It also preserves the increment of an attached node
+// relative to its body.
 //
-//   rotation     Phi_b = W_b phi_b,   W_b = R_b now (R_b then)^T translation  T_b   = T_a + W_a (t_b - t_a) + (W_a -
-//   W_b)(phi_b x r_b),   a its parent, r_b from its centre of mass to the joint, then, in world axes carried      Y_n
-//   = T_b + W_b (y_n - t_b)
+//   rotation       Phi_b = W_b phi_b,   W_b = R_b,now (R_b,then)^T
+//   translation    T_b = T_a + W_a (t_b - t_a) + (W_a - W_b) (phi_b x r_b)
+//   attached node  Y_n = T_b + W_b (y_n - t_b)
 //
-// Exact where all turned alike, for the springs of joints, and for everything between one body and what it carries.
+// Small letters are increments at the earlier state, capitals at the later state. The parent of b is a. The lever r_b
+// goes from the centre of mass of b to the joint. It is taken at the earlier state, in world axes.
+//
+// The map is exact in three cases: all bodies rotated equally, the springs of joints, and everything between one body
+// and its attached nodes.
 #pragma once
 
 #include <cstdint>
@@ -24,45 +28,46 @@ namespace softhand {
 class Linkage {
  public:
   struct Link {
-    int parent = -1;                  ///< a body with a smaller index; -1: it hangs at none
+    int parent = -1;                  ///< a body with a smaller index; -1: no parent
     Vector3 joint = Vector3::Zero();  ///< in the body's own frame
   };
   Linkage() = default;
-  /// `links`: of the first bodies of the state; the others are each alone. `carriers`: by node, the body that carries
-  /// it. std::invalid_argument where an index is out of range.
-  Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> carriers);
+  /// `links`: for the first bodies of the state. The other bodies have no joints. `node_bodies`: by node, the body that
+  /// the node is attached to. Throws std::invalid_argument if an index is out of range.
+  Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> node_bodies);
 
   int linked_bodies() const { return static_cast<int>(links_.size()); }
   /// No body touches an object.
   void clear_touching();
-  /// This body touches an object. So `move` moves it, what carries it and what it carries along straight lines.
+  /// This body touches an object. So `move` moves the body, its ancestors and their attached nodes along straight
+  /// lines.
   void set_touching(int body);
   /// From now on `move` moves every body along straight lines, as `apply_increment` does.
   void straighten();
   bool any_touching() const { return any_touching_; }
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
-  /// a body's joint follows its parent, and a carried node turns with its body. So a large turn of a bone stretches no
-  /// tissue. Touching bodies and their nodes move straight, because contact is stiffer than tissue and the increment
-  /// meets it to first order. `tangent`: the derivative of the move by `scale` there.
+  /// a body's joint follows its parent, and an attached node turns with its body. So a large turn of a bone stretches
+  /// no tissue. Touching bodies and their nodes move straight: contact is stiffer than tissue, and the increment
+  /// satisfies contact only to first order. `tangent` becomes the derivative of the move with respect to `scale`.
   void move(State& state, const VectorX& increment, double scale, VectorX& tangent);
   /// RMS distance of the linked bodies in `state` from where they would be after `time_step` seconds with the
   /// velocities of `start`, m.
   double prediction_error(const State& start, const State& state, double time_step) const;
   /// `state` becomes the earlier state.
-  void keep(const State& state);
+  void set_earlier_state(const State& state);
   /// `state` becomes the later state.
-  void turn(const State& state);
-  /// Of an increment's translations, m: of the nodes or of the linked bodies, whichever is more.
+  void set_later_state(const State& state);
+  /// RMS of an increment's translations, m: the larger of two values, one of the nodes and one of the linked bodies.
   double root_mean_square(const VectorX& increment) const;
-  /// Moves the linked bodies of `state` on for `time_step` seconds as their velocities lead, and what they carry as it
-  /// moves on them.
+  /// Moves the linked bodies of `state` for `time_step` seconds at constant velocity. Their attached nodes keep their
+  /// velocity relative to the body. Nodes of other bodies move at constant velocity.
   void coast(State& state, double time_step);
-  /// The nodes' rows of a gradient, from world axes to those of the bodies that carry them, and back.
+  /// Rotate the nodes' rows of a gradient from world axes to the axes of their bodies, and back.
   void to_bodies(const State& state, VectorX& gradient) const;
   void to_world(const State& state, VectorX& gradient) const;
   /// increment := G increment.
   void to_now(VectorX& increment);
-  /// gradient := G^T gradient, from the later state to the earlier.
+  /// gradient := G^T gradient, from the later state to the earlier state.
   void to_then(VectorX& gradient);
 
  private:
@@ -71,15 +76,15 @@ class Linkage {
 
   DofLayout layout_;
   std::vector<Link> links_;
-  std::vector<std::int32_t> carriers_;
-  std::vector<std::uint8_t> is_straight_;  // by body
+  std::vector<std::int32_t> node_bodies_;
+  std::vector<std::uint8_t> is_straight_;  // by body: `move` moves it along a straight line
   bool any_touching_ = false;
-  std::vector<Quaternion> kept_;     // by body, orientation at the earlier state
-  std::vector<Vector3> levers_;      // by link, r_b
-  std::vector<Matrix3> turns_;       // by body, W_b
-  std::vector<Matrix3> coasted_;     // scratch, by body: the turn of a step or of a move
-  std::vector<Vector3> then_, now_;  // scratch, by body: t_b and T_b, or their gradients; in `move` the old position
-                                     // and the derivative of the new one
+  std::vector<Quaternion> earlier_orientations_;  // by body, orientation at the earlier state
+  std::vector<Vector3> levers_;                   // by link, r_b
+  std::vector<Matrix3> turns_;                    // by body, W_b
+  std::vector<Matrix3> coasted_;                  // scratch, by body: the rotation of a step or of a move
+  // Scratch, by body: t_b and T_b, or their gradients. In `move`: the old position and the derivative of the new one.
+  std::vector<Vector3> then_, now_;
 };
 
 }  // namespace softhand

@@ -11,7 +11,7 @@ namespace {
 constexpr int kMaxIterations = 8;
 constexpr int kMaxHalvings = 5;
 constexpr double kArmijo = 1e-4;
-constexpr double kSmallMove = 1e-6;  // m and rad; contact forces change by 12 mN over it
+constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
 }  // namespace
 
@@ -40,8 +40,8 @@ std::int32_t LocalNewton::root_of(std::int32_t place) const {
   return place;
 }
 
-// Rows and columns of the stored blocks. Nodes of one patch of skin stand together and bodies stand last, so that the
-// factor stays sparse: fingers meet in the object alone.
+// Chooses the rows and columns of the stored blocks. Nodes of one patch of skin are adjacent, and bodies come last. So
+// the factor is sparse: fingers are coupled only through the object.
 void LocalNewton::choose_blocks(const BlockMatrix& hessian) {
   for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
   blocks_.clear();
@@ -107,7 +107,8 @@ void LocalNewton::gather(const BlockMatrix& hessian, Dense& dense) const {
   }
 }
 
-// Cholesky's factor within the envelope: a row has no entry before its first one. False if not positive definite.
+// Computes the Cholesky factor within the envelope: a row stores no entry before its first one. Returns false if the
+// matrix is not positive definite.
 bool LocalNewton::factorise(double& operations) {
   const auto first = [this](Eigen::Index row) { return 3 * first_[static_cast<std::size_t>(row / 3)]; };
   for (Eigen::Index i = 0; i < size_; ++i) {
@@ -148,7 +149,7 @@ double LocalNewton::kinked_energy(std::span<Energy* const> kinked, const State& 
   return energy;
 }
 
-// `trial_` becomes `state` moved by an increment of the blocks that move; in all other blocks it is `state` already.
+// `trial_` becomes `state` moved by an increment of the moving blocks. In all other blocks it already equals `state`.
 void LocalNewton::move_to(const State& state, const Eigen::Ref<const VectorX>& move) {
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
     const std::int32_t block = blocks_[i];
@@ -175,7 +176,7 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     hessian.take_back();
     for (const Energy* term : kinked) term->add_hessian(at, hessian, curvature);
   };
-  // A contact may act at only one of the two states.
+  // Blocks of both states are needed: a contact may act at only one of them.
   stored_.assign(hessian.journal().begin(), hessian.journal().end());
   renew_kinked(state);
   stored_.insert(stored_.end(), hessian.journal().begin(), hessian.journal().end());

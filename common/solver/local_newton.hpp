@@ -1,10 +1,10 @@
-// Newton's method over a few blocks of unknowns while all other blocks stay where they are.
+// Newton's method over a few blocks of unknowns. All other blocks are fixed.
 //
-// A step that ends before it converges is out of balance, and contact is its stiffest part: a node that is 0.1 mm too
-// deep pushes with 1 N. Here only the touched nodes and the touched objects move. Contact and friction are exact. The
-// other terms are the quadratic model that the last Hessian gives. So an iteration costs the terms of contact and a
-// small factor, and no evaluation of the tissue. The result is a direction: the caller's line search decides on
-// the true energy.
+// A step that ends before it converges is out of balance. Contact is its stiffest part: a node that is 0.1 mm too deep
+// pushes with 1 N. Here only the touched nodes and the touched objects move. Contact and friction are exact. The other
+// terms are replaced by the quadratic model of the last Hessian. So an iteration costs the contact terms and a small
+// factorisation. It does not evaluate the tissue. The result is a direction: the caller's line search decides with the
+// true energy.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,7 +21,7 @@ namespace softhand {
 
 class LocalNewton {
  public:
-  /// Most blocks that move. A power grasp with 1,450 nodes touches with 64 of them.
+  /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with 64 of them.
   static constexpr int kMaxBlocks = 128;
 
   explicit LocalNewton(DofLayout layout);
@@ -31,8 +31,8 @@ class LocalNewton {
     double operations = 0;  ///< floating-point operations of the factors
   };
   /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.
-  /// `hessian`: of all terms at a state nearby, with the part of `kinked` in its journal; this part is lost.
-  /// `direction` is overwritten with an increment of `state`, 0 in the blocks that stay. Does not allocate.
+  /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
+  /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. Does not allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
                   BlockMatrix& hessian, VectorX& direction);
 
@@ -49,10 +49,10 @@ class LocalNewton {
 
   DofLayout layout_;
   std::vector<std::int32_t> stored_;                          // scratch: stored blocks that the kinked terms touch
-  std::vector<std::int32_t> blocks_;                          // that move
-  std::vector<std::int32_t> place_;                           // by block: its place in `blocks_`, -1: it stays
+  std::vector<std::int32_t> blocks_;                          // the blocks that move
+  std::vector<std::int32_t> place_;                           // by block: its place in `blocks_`, -1: it is fixed
   std::vector<std::pair<std::int32_t, std::int32_t>> order_;  // scratch: sort key and block
-  std::vector<std::int32_t> roots_;  // by place: a place of the same patch of skin, itself at the patch's root
+  std::vector<std::int32_t> roots_;  // by place: another place of the same patch of skin; itself if it is the root
   std::vector<Eigen::Index> first_;  // by place: the first place that it shares a stored block with
   Eigen::Index size_ = 0;            // rows in use
   Dense smooth_, factor_;

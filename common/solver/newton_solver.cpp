@@ -14,38 +14,43 @@ namespace softhand {
 namespace {
 
 constexpr int kMaxShifts = 8;
-constexpr double kFirstShift = 1e-4;  // of the diagonal entry; times ten each time
+constexpr double kFirstShift = 1e-4;  // fraction of the diagonal entry; each retry has ten times more
 constexpr int kMaxHalvings = 30;
 constexpr double kArmijo = 1e-4;
 constexpr int kMaxChordIterations = 6;
-constexpr double kSlowContraction =
-    0.15;  // of two increments: beyond it a new factor costs less than the iterations that it saves
-constexpr double kStalled = 0.5;            // of two increments of a chord step, or two residuals
-constexpr double kNoEnergy = 1e-12;         // J, of a millinewton over a nanometre: at rest all energies are rounding
-constexpr std::int64_t kFewIterations = 3;  // fewer than these leave no time to learn what a factor is worth
-constexpr double kWorthProjected =
-    8;  // iterations with a kept factor that cost as much as one with a new Hessian and factor
-constexpr double kWorthExact = 4;      // likewise where the new Hessian is exact, and converges faster
-constexpr double kFullMove = 0.05;     // m; a body that moves less in the step may be off by as much less than a node
-constexpr double kLeastMove = 1e-5;    // m; but not by less than one that moves this
-constexpr double kKinkFraction = 0.6;  // of a whole factor, what renewing contact and friction is expected to cost
-constexpr double kKinkChange =
-    0.05;  // of the blocks of contact and friction: with less change the rest of the Hessian is too old
-constexpr int kMostKinksInTurn = 2;  // then the rest of the Hessian may be what is too old
-constexpr double kSlowest = 0.9;     // of two increments, when the rest is estimated: beyond it a series says nothing
-constexpr double kUsualReduction =
-    0.01;  // of the residual by an iteration: decides only whether the Hessian is computed along with the next gradient
+// Ratio of two increments. Above it, a new factor costs less than the iterations that it saves.
+constexpr double kSlowContraction = 0.15;
+constexpr double kStalled = 0.5;     // ratio of two increments of a chord step, or of two residuals
+constexpr double kNoEnergy = 1e-12;  // J, 1 mN over 1 nm: smaller energy differences are rounding errors
+// With fewer iterations than this, a step cannot measure how well a reused factor contracts.
+constexpr std::int64_t kFewIterations = 3;
+// This many iterations with a reused factor cost as much as one iteration with a new Hessian and factor.
+constexpr double kEquivalentIterationsProjected = 8;
+constexpr double kEquivalentIterationsExact = 4;  // the same if the new Hessian is exact: then it converges faster
+// m. If a body moves less than kFullMove in the step, its tolerance shrinks in proportion. The tolerance stops
+// shrinking at a movement of kLeastMove.
+constexpr double kFullMove = 0.05;
+constexpr double kLeastMove = 1e-5;
+constexpr double kKinkFraction = 0.6;  // expected cost of renewing contact and friction, in whole factors
+// Relative change of the blocks of contact and friction. If they change less, the rest of the Hessian is what is stale.
+constexpr double kKinkChange = 0.05;
+constexpr int kMaxConsecutiveKinkFactors = 2;  // after this many, the rest of the Hessian may be stale
+constexpr double kSlowest = 0.9;  // cap on the ratio of two increments when the remaining movement is estimated
+// Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
+// with the next gradient.
+constexpr double kUsualReduction = 0.01;
 constexpr int kMaxBracketings = 6;
-constexpr double kLevel =
-    0.5;  // of the slope at the start: no more may be left at the end of a line search, beyond the minimum
-constexpr double kShort = 0.05;  // likewise short of the minimum, but for a full step
-constexpr double kFar = 0.6;     // likewise of a full step: with more left the Hessian is too stiff along it
-constexpr double kLeastStride = 1.5, kLongestStride = 4;  // of a step that goes on then, over the one before
-constexpr double kInside = 0.05;                          // of a bracket: how near to its ends the next trial may be
-constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if velocities led farther off, chord steps fail
-constexpr double kShortStep = 0.2;     // of an iteration: after a shorter one bones and tissue move straight
+// Limits of the slope at the end of a line search, as fractions of the slope at its start.
+constexpr double kLevel = 0.5;   // beyond the minimum
+constexpr double kShort = 0.05;  // before the minimum, unless it is a full step
+constexpr double kFar = 0.6;  // before the minimum, after a full step: above it the Hessian is too stiff along the step
+// Growth of the scale if the search goes on beyond a full step.
+constexpr double kLeastStride = 1.5, kLongestStride = 4;
+constexpr double kInside = 0.05;       // fraction of a bracket: least distance of the next trial from the ends
+constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if the prediction error is larger, chord steps fail
+constexpr double kShortStep = 0.2;     // scale of an iteration: if it is shorter, all further moves are straight
 constexpr int kContactSolves = 2;      // after a step that did not converge
-constexpr double kNoise = 100;         // of the energy's rounding: what falls by less has no slope worth a search
+constexpr double kNoise = 100;         // times the rounding of the energy: no search if the slope promises less
 
 double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -59,14 +64,14 @@ State empty_state(DofLayout layout) {
   return state;
 }
 
-// By how much the sum of the terms may differ for no other reason, J.
+// Bound of the rounding error of the sum of the terms, J.
 double rounding_of_energy(const StepReport& report) {
   double sum = 0;
   for (std::size_t t = 0; t < report.term_count; ++t) sum += std::abs(report.terms[t].joules);
   return 1e-14 * sum;
 }
 
-// How many more iterations it takes at this contraction.
+// The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
   if (now <= tolerance) return 0;
   return contraction < 1 ? std::log(tolerance / now) / std::log(contraction) : std::numeric_limits<double>::infinity();
@@ -91,8 +96,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       layout_(layout),
       options_(options),
       curvature_(options.curvature == "exact" ? Curvature::exact : Curvature::projected),
-      // Where the exact Hessian is not positive definite its factor was work for nothing, which a budget has no room
-      // for.
+      // If the exact Hessian is not positive definite, the work of its factor is lost. A work budget cannot afford
+      // this.
       tries_exact_(options.curvature == "adaptive" && options.max_iterations >= kFewIterations &&
                    options.work_budget == 0),
       tries_exact_now_(tries_exact_),
@@ -148,7 +153,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   for (std::size_t k = first_kinked_; k < order_.size(); ++k) kinked_.push_back(terms_[order_[k]]);
   work_ = step_work({potential_blocks, linear_solver_->factor_operations(), linear_solver_->factor_entries()});
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
-  potentials_.gradient = potentials_.of_nodes = carried_ = carried_before_ = extrapolated_ =
+  potentials_.gradient = potentials_.of_nodes = node_gradient_ = previous_node_gradient_ = extrapolated_ =
       VectorX::Zero(layout_.dof_count());
   potentials_.positions = Eigen::Matrix3Xd::Zero(3, layout_.node_count);
   potentials_.poses.resize(static_cast<std::size_t>(layout_.body_count));
@@ -168,7 +173,7 @@ void NewtonSolver::measure_displacement(const State& state) {
   }
 }
 
-bool NewtonSolver::knows_potentials(const State& state) const {
+bool NewtonSolver::has_potentials_of(const State& state) const {
   if (!potentials_.known || potentials_.positions != state.node_positions) return false;
   for (std::size_t b = 0; b < potentials_.bodies; ++b) {
     const Pose &then = potentials_.poses[b], &now = state.body_poses[b];
@@ -177,11 +182,12 @@ bool NewtonSolver::knows_potentials(const State& state) const {
   return true;
 }
 
-// Energy by term, gradient and, where asked for, Hessian at `state`; false where a number is not finite.
-// `may_be_result`: where work is measured, that of the step so far is; a step's start and what it surely goes on from
-// do without. `carried`: the gradient of the potentials of nodes alone, which are then not evaluated, nor their energy.
+// Evaluates the energy of each term, the gradient and, if `with_hessian`, the Hessian at `state`. Returns false if a
+// value is NaN or infinite. `may_be_result`: `state` may be the result of the step, so the work of the step so far is
+// measured if `measure_work` requests this. `extrapolated`: an extrapolated gradient of the potentials that depend on
+// nodes only. These potentials are then not evaluated, and their energy is the last known one.
 bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result,
-                            const VectorX* carried) {
+                            const VectorX* extrapolated) {
   double time = clock_();
   gradient_.setZero();
   if (with_hessian) {
@@ -197,12 +203,12 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
   const bool with_work = measures_work_ && may_be_result;
   if (with_work) measure_displacement(state);
   double taken = 0;
-  std::size_t known = 0;  // of the terms
+  std::size_t known = 0;  // this many terms, in order, are not evaluated
   const Curvature smooth = with_hessian && tries_exact_now_ ? Curvature::exact : curvature_;
-  if (carried != nullptr) {
+  if (extrapolated != nullptr) {
     known = first_bodily_;
-    gradient_ = *carried;
-  } else if (!with_hessian && !with_work && knows_potentials(state)) {
+    gradient_ = *extrapolated;
+  } else if (!with_hessian && !with_work && has_potentials_of(state)) {
     known = first_frozen_;
     gradient_ = potentials_.gradient;
   }
@@ -264,17 +270,17 @@ bool NewtonSolver::factorize(const State& state, StepReport& report, bool in_dou
       return true;
     }
     if (hessian_is_exact_) {
-      // Nor are the next ones of the step likely to be positive definite.
+      // The next exact Hessians of the step are not likely to be positive definite either.
       tries_exact_now_ = false;
       evaluate(state, report, true);
       continue;
     }
     if (precise_solver_ && factor_ != precise_solver_.get()) {
-      // Not positive definite in float says little.
+      // The matrix may still be positive definite in double.
       factor_ = precise_solver_.get();
       continue;
     }
-    // Each entry by its own size: metres and radians differ by orders of magnitude.
+    // The shift of each entry is relative to the entry: entries per metre and per radian differ by orders of magnitude.
     const double next = attempt++ == 0 ? kFirstShift : 10.0 * shift;
     double largest = 0;
     const auto entry = [this](std::int32_t block, int k) -> double& {
@@ -294,8 +300,9 @@ bool NewtonSolver::factorize(const State& state, StepReport& report, bool in_dou
   return false;
 }
 
-// The part of the last factor's matrix that has kinks becomes that at `state`; the rest stays. False where that part
-// hardly changed, or where the sum is not positive definite: then all of the Hessian must be renewed.
+// Renews the part of the terms with kinks in the last factor's matrix, at `state`. The rest of the matrix is unchanged.
+// Returns false if that part hardly changed or if the sum is not positive definite. Then the whole Hessian must be
+// renewed.
 bool NewtonSolver::renew_kinks(const State& state, StepReport& report) {
   double time = clock_();
   changed_.assign(hessian_.journal().begin(), hessian_.journal().end());
@@ -347,26 +354,30 @@ bool NewtonSolver::solve_contact(State& state, StepReport& report) {
   return search(state, report, true, false) > 0;
 }
 
-// Seeks along the direction a place where E has fallen by Armijo's rule and is near its minimum. Returns the part of
-// the step that was taken; 0 where E does not fall in floating point (then `state` and `report` are unchanged).
-// `measured`: the energy and the gradient there are evaluated, at a full step with the Hessian too if it is wanted.
+// Line search. Finds a state along the direction where E has fallen by Armijo's rule and is near its minimum. Returns
+// the scale of the step. Returns 0 if E does not fall in floating point. Then `state` and `report` are unchanged,
+// except for time and work. `measured`: energy and gradient are evaluated at the result. `with_hessian`: the Hessian is
+// evaluated too at a full step.
 //
-// E has kinks in its slope's slope: contacts that begin and end, friction that sticks and slides. Short of one the
-// Hessian does not know what lies beyond, and steps that were halved until E falls would come nearer in each iteration
-// and never cross. So the search brackets the minimum by the slope and ends at it or beyond, where the next Hessian is
-// another. And a full step may stop far short: a Hessian made positive semi-definite is too stiff where tissue snaps
-// through, for dozens of iterations. There the search goes on.
+// The second derivative of E jumps at kinks: contacts begin and end, friction sticks and slides. The Hessian before a
+// kink does not know the far side. Steps that are only halved until E falls would approach the kink in each iteration
+// and never cross it. So the search brackets the minimum by the slope and ends at the minimum or beyond, where the next
+// Hessian is different.
+//
+// A full step may also end far before the minimum. A Hessian that was made positive semi-definite is too stiff where
+// tissue snaps through, for dozens of iterations. In this case the search continues beyond the full step.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
   const double slope = gradient_.dot(direction_);
   const double rounding = rounding_of_energy(report);
   const StepReport before = report;
   base_ = state;
-  // Close to the minimum the fall is below rounding and E can only be asked not to rise by more than that.
+  // Close to the minimum, the decrease of E is below the rounding error. Then E must only not rise by more than that
+  // error.
   const auto bound = [&](double scale) { return before.energy + kArmijo * scale * slope + rounding; };
   double scale = 1;
   if (measured) {
-    double low = 0, low_slope = slope;  // where E still falls
-    double high = 0, high_slope = 0;    // where it rises again, or has not fallen
+    double low = 0, low_slope = slope;  // scale at which E still falls
+    double high = 0, high_slope = 0;    // scale at which E rises again, or did not fall enough
     int side = 0;
     for (int trial = 0; trial <= kMaxBracketings; ++trial) {
       move(state, scale);
@@ -374,16 +385,16 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
       const double there = finite ? gradient_.dot(tangent_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
       const bool is_bracketed = high > 0;
-      const bool goes_on =
+      const bool continues =
           falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
       const bool level =
           there <= -kLevel * slope && (there >= kShort * slope || !is_bracketed || trial == kMaxBracketings);
-      if (falls && !goes_on && (level || -slope <= kNoise * rounding)) {
+      if (falls && !continues && (level || -slope <= kNoise * rounding)) {
         report.increment *= scale;
         return scale;
       }
       state = base_;
-      if (goes_on) {
+      if (continues) {
         const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low)
                                               : std::numeric_limits<double>::infinity();
         low = scale;
@@ -391,8 +402,8 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
         scale = std::clamp(root, kLeastStride * low, kLongestStride * low);
         continue;
       }
-      // Regula falsi; an end that stays twice is taken for less than it is, so that the other moves (Illinois: Dowell
-      // and Jarratt 1971, BIT 11:168).
+      // Regula falsi with the Illinois rule (Dowell and Jarratt 1971, BIT 11:168): if an end of the bracket stays
+      // twice, its slope is halved, so that it moves.
       if (falls && there < 0) {
         low = scale;
         low_slope = there;
@@ -426,10 +437,10 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
   return 0;
 }
 
-// Of the last iteration's increment: the largest move of a node or body, over what it may be off by. A rotation counts
-// as the length that it moves the body's stiffness by: sqrt(tr H_rr / tr H_tt), of a free body its radius of gyration.
-// A body that moves far in the step must be off by less than a part of that, whatever its mass: residuals say nothing
-// about what is light.
+// Returns the largest movement of a node or body in the last iteration's increment, relative to its tolerance. A
+// rotation counts as a length, with the lever sqrt(tr H_rr / tr H_tt). For a free body this is its radius of gyration.
+// The tolerance of a body is proportional to its movement in the step, whatever its mass. Reason: residuals do not show
+// the error of light bodies.
 double NewtonSolver::largest_move(const State& state) const {
   const double most = std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   double largest =
@@ -473,14 +484,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.state_changed = false;
     return report;
   };
-  bool begun = false;  // below the start already, in a chord step that did not converge
+  bool continues_chord_step = false;  // a chord step did not converge, but its state has less energy than the start
   const bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
   const bool touches = prepare_ && linkage_.any_touching();
   if (may_be_chord && is_predictable_) {
     if (chord_step(state, time_step, report)) return report;
-    // The fast mode takes its few iterations from the step's start, as the source does.
-    begun = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
-    if (!begun) {
+    // In the fast mode the iterations begin at the step's start, as in the source.
+    continues_chord_step = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
+    if (!continues_chord_step) {
       state = start_;
       const StepTiming spent = report.timing;
       const double work = report.work;
@@ -489,34 +500,38 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.work = work;
     }
   }
-  kept_time_step_ = carried_for_ = 0;
+  chord_time_step_ = node_gradient_time_step_ = 0;
   tries_exact_now_ = tries_exact_;
-  // Whether a factor serves for more than one iteration, that of the step before too. Few iterations are Newton's own.
-  const bool may_keep =
+  // Whether a factor may be reused in several iterations, including the factor of the last step. Steps with few
+  // iterations use plain Newton iterations.
+  const bool may_reuse =
       options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations && !was_cut_off_;
-  const double worth = tries_exact_ ? kWorthExact : kWorthProjected;
-  // The next iteration takes the last factor.
-  bool keeps = may_keep && (carried_time_step_ == time_step || (begun && report.factorisations > 0));
-  carried_time_step_ = 0;
+  const double equivalent_iterations = tries_exact_ ? kEquivalentIterationsExact : kEquivalentIterationsProjected;
+  // Whether the next iteration reuses the last factor.
+  bool reuses_factor =
+      may_reuse && (reusable_time_step_ == time_step || (continues_chord_step && report.factorisations > 0));
+  reusable_time_step_ = 0;
   bool have_best = false;
-  bool evaluated = true;      // the report's energy and residual, and `gradient_`, are those of `state`
-  bool linearised = !keeps;   // so is `hessian_`
-  bool in_double = false;     // factors from now on
-  bool needs_double = false;  // one in float led nowhere
-  bool double_helps = true;   // as far as is known, where float does little
-  int kinks_in_turn = keeps ? 0 : kMostKinksInTurn;  // iterations up to here whose factor was new in its kinks alone
+  bool evaluated = true;             // the report's energy and residual, and `gradient_`, are those of `state`
+  bool linearised = !reuses_factor;  // `hessian_` is that of `state`
+  bool in_double = false;            // the next factors are in double
+  bool needs_double = false;         // a float factor made no progress
+  bool double_helps = true;  // double converges better than float if float converges slowly; true until disproved
+  // Number of consecutive iterations so far whose factor was renewed only in the terms with kinks.
+  int consecutive_kink_factors = reuses_factor ? 0 : kMaxConsecutiveKinkFactors;
   double best_energy = 0;
   double moved_before = 0;
   double contraction = 0;
-  double remaining_move = std::numeric_limits<double>::infinity();  // over what is tolerated
+  double remaining_move = std::numeric_limits<double>::infinity();  // relative to the tolerance
   const auto has_converged = [&] {
     return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move <= 1;
   };
-  // Work of an iteration with the last factor, with one that is new in its kinks, and with a new Hessian and factor.
-  const double kept_work = work_.solve + work_.evaluation;
-  const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + kept_work;
-  const double whole_work = work_.linearisation + work_.whole_factor + kept_work;
-  // The work of one solve of contact alone is kept for the end.
+  // Work of an iteration: with the last factor, with a factor renewed in the terms with kinks, and with a new Hessian
+  // and factor.
+  const double reuse_work = work_.solve + work_.evaluation;
+  const double kinks_work = work_.contact_blocks + kKinkFraction * work_.whole_factor + reuse_work;
+  const double whole_work = work_.linearisation + work_.whole_factor + reuse_work;
+  // The work of one solve of contact alone is reserved for the end.
   const double reserved = touches ? work_.contact_blocks + work_.evaluation : 0.0;
   const auto remaining_work = [&] {
     return options_.work_budget > 0 ? options_.work_budget - reserved - report.work
@@ -525,7 +540,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   const auto has_whole_factor = [&] { return report.factorisations > report.kink_factors; };
   report.status = StepStatus::iteration_limit;
   if (!evaluate(state, report, linearised, false)) return give_up();
-  if (!begun) {
+  if (!continues_chord_step) {
     for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
   }
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
@@ -540,23 +555,23 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         have_best = true;
       }
     }
-    bool renews = !keeps;
-    bool renews_kinks = renews && may_keep && has_smooth_ && first_kinked_ < order_.size() &&
-                        kinks_in_turn < kMostKinksInTurn && !in_double;
+    bool renews = !reuses_factor;
+    bool renews_kinks = renews && may_reuse && has_smooth_ && first_kinked_ < order_.size() &&
+                        consecutive_kink_factors < kMaxConsecutiveKinkFactors && !in_double;
     if (const double remaining = remaining_work();
-        (iteration > 0 || (begun && report.iterations > 0)) && std::isfinite(remaining)) {
-      // A new Hessian and factor is worth most, so its work is kept in reserve until the step has had one; then the
-      // rest goes where it may.
+        (iteration > 0 || (continues_chord_step && report.iterations > 0)) && std::isfinite(remaining)) {
+      // A new Hessian and factor gains most. So its work is reserved until the step has had one. After that, all
+      // remaining work may be spent.
       const double reserve = has_whole_factor() ? 0.0 : whole_work;
       const bool affords_whole = remaining >= whole_work;
-      if (!renews && !has_whole_factor() && affords_whole && remaining - kept_work < whole_work &&
-          iterations_until(remaining_move, 1, contraction) * kept_work > remaining)
+      if (!renews && !has_whole_factor() && affords_whole && remaining - reuse_work < whole_work &&
+          iterations_until(remaining_move, 1, contraction) * reuse_work > remaining)
         renews = true;
       if (renews_kinks && remaining < kinks_work + reserve) renews_kinks = !affords_whole && remaining >= kinks_work;
       if (renews && !renews_kinks && !affords_whole) renews = false;
-      // The factor of a chord step that made none in this step does not hold here.
+      // If a chord step did not factorise in this step, its factor is not usable here.
       const bool has_factor = iteration > 0 || report.factorisations > 0;
-      if (remaining < kept_work || (!renews && !has_factor)) {
+      if (remaining < reuse_work || (!renews && !has_factor)) {
         report.status = StepStatus::budget_spent;
         break;
       }
@@ -566,15 +581,15 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     const double before = report.residual;
     double scale = 0;
     bool factorised = true;
-    // Once; again with a new factor where the kept one leads nowhere, and with one in double where that does not
-    // either.
+    // Usually one pass. If a reused factor makes no progress, retry with a new factor. If that fails too, retry in
+    // double.
     for (;;) {
       if (renews_kinks) renews_kinks = renew_kinks(state, report);
       if (renews && !renews_kinks) {
         if (!linearised) evaluate(state, report, true);
         factorised = factorize(state, report, in_double);
         if (!factorised) break;
-        if (may_be_chord) linkage_.keep(state);
+        if (may_be_chord) linkage_.set_earlier_state(state);
       }
       const double solve_begin = clock_();
       gradient_ = -gradient_;
@@ -584,7 +599,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       report.work += work_.solve;
       if (!direction_.allFinite()) return give_up();
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-      linearised = !last && !may_keep && kUsualReduction * report.residual > options_.residual_tolerance;
+      linearised = !last && !may_reuse && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
       // Tissue that does not turn with its bone, for example because something else holds it.
@@ -606,21 +621,22 @@ StepReport NewtonSolver::step(State& state, double time_step) {
         report.increment = 0;
         break;
       }
-      // A kink (the polar rotation jumps where s_2 + s_3 = 0): the plain step leaves it, standing still would be for
-      // ever.
+      // The state is at a kink (the polar rotation jumps where s_2 + s_3 = 0). A full step leaves the kink. Without it,
+      // the state would stay here for ever.
       move(state, 1);
       if (evaluated && !evaluate(state, report, linearised)) return give_up();
     }
     const double moved = (scale > 0 ? scale : 1.0) * largest_move(state);
-    // With one factor increments shrink alike; a new one's contraction shows in the residual alone.
+    // With one factor, the increments shrink by a constant ratio. For a new factor, only the residual shows the
+    // contraction.
     const double of_residual = before > 0 ? report.residual / before : 0.0;
     contraction = renews || moved_before == 0 ? of_residual : moved / moved_before;
     remaining_move = std::min(contraction, kSlowest) / (1 - std::min(contraction, kSlowest)) * moved;
     moved_before = moved;
-    keeps = may_keep && scale == 1 &&
-            std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
-                     iterations_until(remaining_move, 1, contraction)) <= worth;
-    kinks_in_turn = renews_kinks ? kinks_in_turn + 1 : 0;
+    reuses_factor = may_reuse && scale == 1 &&
+                    std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
+                             iterations_until(remaining_move, 1, contraction)) <= equivalent_iterations;
+    consecutive_kink_factors = renews_kinks ? consecutive_kink_factors + 1 : 0;
     if (renews && !renews_kinks && scale == 1 && evaluated && report.residual > kStalled * before) {
       double_helps = double_helps && !in_double;
       in_double = needs_double || double_helps;
@@ -635,7 +651,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.status = StepStatus::converged;
   }
   if (have_best && best_energy + rounding_of_energy(report) < report.energy) {
-    // A line search only descends, so this is the path without one.
+    // A line search only descends, so this happens only without line search.
     state = best_;
     evaluate(state, report, false);
   }
@@ -658,13 +674,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   for (Energy* term : terms_) term->end_step(state);
   report.timing.end = clock_() - end;
   if (!all_finite(state)) return give_up();
-  // One that failed leaves no factor. One that was cut off is far from the minimum, where only Newton's own iterations
-  // lead on.
+  // A failed step has no factor to reuse. A step that was cut off is far from the minimum: there only plain Newton
+  // iterations make progress.
   was_cut_off_ = report.status == StepStatus::budget_spent;
-  const bool may_carry = report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
-  if (may_carry && (keeps || has_whole_factor())) carried_time_step_ = time_step;
+  const bool is_reusable =
+      report.status != StepStatus::failed_factorisation && report.status != StepStatus::budget_spent;
+  if (is_reusable && (reuses_factor || has_whole_factor())) reusable_time_step_ = time_step;
   if (may_be_chord && has_whole_factor() && factor_ == linear_solver_.get() && report.shifts == 0)
-    kept_time_step_ = time_step;
+    chord_time_step_ = time_step;
   report.state_changed = true;
   report.measured = evaluated;
   return report;
@@ -683,40 +700,41 @@ void NewtonSolver::take_factor(const NewtonSolver& other) {
   has_smooth_ = other.has_smooth_;
   if (has_smooth_) hessian_ = other.hessian_;
   linkage_ = other.linkage_;
-  kept_time_step_ = other.kept_time_step_;
-  carried_time_step_ = other.carried_time_step_;
+  chord_time_step_ = other.chord_time_step_;
+  reusable_time_step_ = other.reusable_time_step_;
   contracts_slowly_ = other.contracts_slowly_;
   is_predictable_ = other.is_predictable_;
   was_cut_off_ = other.was_cut_off_;
   potentials_ = other.potentials_;
-  carried_ = other.carried_;
-  carried_before_ = other.carried_before_;
-  carried_for_ = other.carried_for_;
+  node_gradient_ = other.node_gradient_;
+  previous_node_gradient_ = other.previous_node_gradient_;
+  node_gradient_time_step_ = other.node_gradient_time_step_;
 }
 
-// False where the iteration does not contract, or its work would exceed the budget. `state` is then the lowest that was
-// reached, and `report` tells of it where it lies below the step's start; else both are as they were, but for time and
-// work.
+// Returns false if the iteration does not contract or if its work would exceed the budget. Then, if a state below the
+// energy of the step's start was reached, `state` is the lowest such state and `report.chord` is set. Otherwise `state`
+// is the step's start.
 bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report) {
-  carried_time_step_ = 0;
+  reusable_time_step_ = 0;
   if (measures_start_) {
     for (std::size_t t = 0; t < terms_.size(); ++t) report.terms[t].start = terms_[t]->value(state);
   }
   double before = 0;
-  bool renews = contracts_slowly_ || kept_time_step_ != time_step;
-  const bool knows = knows_potentials(state);
-  const bool extrapolates = knows && carried_for_ == time_step && !renews;
-  if (knows) {
-    carried_before_.swap(carried_);
-    carried_ = potentials_.of_nodes;
-    linkage_.to_bodies(state, carried_);
+  bool renews = contracts_slowly_ || chord_time_step_ != time_step;
+  const bool has_potentials = has_potentials_of(state);
+  const bool extrapolates = has_potentials && node_gradient_time_step_ == time_step && !renews;
+  if (has_potentials) {
+    previous_node_gradient_.swap(node_gradient_);
+    node_gradient_ = potentials_.of_nodes;
+    linkage_.to_bodies(state, node_gradient_);
   }
-  carried_for_ = knows ? time_step : 0;
-  // Of the start, where an ordinary step would descend from, and of where velocities lead, if that is evaluated.
+  node_gradient_time_step_ = has_potentials ? time_step : 0;
+  // The least energy so far. It includes the start, from which an ordinary step would descend, and the predicted state,
+  // if these are evaluated.
   double least = std::numeric_limits<double>::infinity();
-  double lowest = -std::numeric_limits<double>::infinity();  // the energy of `best_`; without that of the start nothing
-                                                             // is known to lie below it
-  if (knows) {
+  // The energy of `best_`. If the energy of the start is unknown, no state is known to lie below it.
+  double lowest = -std::numeric_limits<double>::infinity();
+  if (has_potentials) {
     if (!evaluate(state, report, false, false)) return false;
     for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
     least = lowest = report.energy;
@@ -735,7 +753,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
   };
   linkage_.coast(state, time_step);
   if (extrapolates) {
-    extrapolated_ = 2 * carried_ - carried_before_;
+    extrapolated_ = 2 * node_gradient_ - previous_node_gradient_;
     linkage_.to_world(state, extrapolated_);
   }
   if (!evaluate(state, report, renews, false, extrapolates ? &extrapolated_ : nullptr)) return give_up();
@@ -750,12 +768,12 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
       return give_up();
     if (renews) {
       if (!factorize(state, report, false) || report.shifts > 0) return give_up();
-      linkage_.keep(state);
-      kept_time_step_ = time_step;
+      linkage_.set_earlier_state(state);
+      chord_time_step_ = time_step;
     }
     const double begin = clock_();
     gradient_ = -gradient_;
-    linkage_.turn(state);
+    linkage_.set_later_state(state);
     linkage_.to_then(gradient_);
     factor_->solve(gradient_, direction_);
     linkage_.to_now(direction_);
@@ -772,13 +790,13 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     const bool renewed = std::exchange(renews, !moved_little && contracts_slowly_ && !stalled);
     const double residual = report.residual;
     if (!evaluate(state, report, renews, moved_little)) return give_up();
-    // Small increments can lead far up where the kept factor knows nothing of a stiffness, such as that beyond a strain
+    // Small increments can raise the energy much if the reused factor lacks a stiffness, such as that beyond a strain
     // limit.
     const bool fell = report.energy <= least + rounding_of_energy(report) + kNoEnergy;
     least = std::min(least, report.energy);
     note_lowest();
     if (stalled) return give_up();
-    // A factor that is much too stiff moves little however much is left.
+    // With a factor that is much too stiff the increments are small, however large the residual is.
     const bool shrank = report.residual <= std::max(options_.residual_tolerance, kStalled * residual);
     if (moved_little && fell && shrank) {
       const double end = clock_();
@@ -795,7 +813,7 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     before = moved;
     if (!shrank && !renewed && !renews) {
       renews = true;
-      before = std::numeric_limits<double>::infinity();  // it says nothing about what a better factor moves
+      before = std::numeric_limits<double>::infinity();  // not comparable with the increments of a better factor
       if (!evaluate(state, report, true, false)) return give_up();
     }
   }

@@ -1,20 +1,23 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17).
 // Inertia is one of the terms.
 //
-// A step begins with what potentials were where the last one ended. While nothing touches the hand, most of the rest is
-// left out too: a chord step starts from where velocities lead, with the tissue's forces where those of the last two
-// ends lead, and reuses an earlier step's factor, turned along with the bones (linkage.hpp). Where that does not
-// converge, an ordinary step goes on from the lowest state it reached. In contact a factor is kept from one iteration
-// to the next, and from the last of a step to the first of the next, while that gets there sooner; then the part of
-// contact and friction is renewed, with the fronts above what is touched, and only then the rest. None of it is in the
-// source.
+// Additions to the source that save work:
+// - Potentials are not evaluated again at the start of a step: their values at the end of the last step are reused.
+// - While nothing touches the hand, a step may be a chord step. A chord step starts from the state predicted from the
+//   velocities. It extrapolates the tissue forces from the ends of the last two steps. It reuses the factor of an
+//   earlier step, rotated with the bones (linkage.hpp). If it does not converge, an ordinary step continues from the
+//   lowest state that it reached.
+// - In contact a factor is reused while this converges sooner than a new factor. The last factor of a step also serves
+//   the first iteration of the next step. If reuse is too slow, only the part of contact and friction is renewed, with
+//   the fronts above the touched blocks. The rest is renewed only if this is not enough.
 //
-// A step may have a budget of work. It first keeps the work of one new Hessian and factor in reserve, and spends the
-// rest on iterations that cost less. The step after one that was cut off takes Newton's own iterations alone.
+// A step may have a work budget. At first the step reserves the work of one new Hessian and factor. It spends the rest
+// on cheaper iterations. After a step that was cut off by the budget, the next step uses no reused factor: it takes
+// plain Newton iterations.
 //
-// max_iterations = 1 is the text's fast mode, one Newton step from q_i (eq. 16). Every step, that one too, is followed
-// by a line search on E: without it one or two steps jump to and fro over the kink between sticking and sliding, and a
-// resting object creeps or a gripped one is hurled.
+// max_iterations = 1 is the source's fast mode: one Newton step from q_i (eq. 16). Every Newton step is followed by a
+// line search on E, also in the fast mode. Without it, one or two Newton steps jump back and forth over the kink
+// between sticking and sliding. Then a resting object creeps, and a gripped object is thrown.
 #pragma once
 
 #include <array>
@@ -47,65 +50,65 @@ struct SolverOptions {
   bool measure_result = true;
   std::string curvature = "adaptive";
   std::string factor = "float";
-  // What a program sets, not a file.
-  std::function<std::unique_ptr<LinearSolver>()>
-      linear_solver;               ///< makes what solves the systems; empty: the block factorisation, as `factor` says
-  HelperThread* helper = nullptr;  ///< shares the block factorisation; outlives the solver
+  // Set by the program; not readable from a configuration file.
+  /// Creates the linear solver. Empty: BlockCholesky with the precision `factor`.
+  std::function<std::unique_ptr<LinearSolver>()> linear_solver;
+  HelperThread* helper = nullptr;  ///< shares the block factorisation; must outlive the solver
   std::function<double()> clock;   ///< seconds from any origin; empty: a steady clock
 };
 
 inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.integer("max_iterations", o.max_iterations, "", {1, 10000},
-            "Newton iterations a step; 1 is the fast mode of the method: it holds, but a gripped light object trembles "
-            "where the tracker is noisy.");
+            "Newton iterations per step. 1 is the fast mode of the method: grasps hold, but a gripped light object "
+            "trembles if the tracker is noisy.");
   v.flag("keep_factor", o.keep_factor,
-         "An iteration goes on with the factor of the one before, the first with that of the step before, while so it "
-         "gets there sooner than with a new Hessian and factor; then contact and friction "
-         "are renewed, and only then the rest. With three iterations and more.");
-  v.number("residual_tolerance", o.residual_tolerance, "N", {0, 1e6},
-           "Converged when no force (N) or torque (N m) left over exceeds this,");
+         "Reuse the factor of the last iteration or of the last step while this converges sooner than a new Hessian "
+         "and factor. Then contact and friction are renewed first, and the rest only if needed. Needs at least three "
+         "iterations per step.");
+  v.number(
+      "residual_tolerance", o.residual_tolerance, "N", {0, 1e6},
+      "A step has converged if no residual force (N) or torque (N m) exceeds this and `movement_tolerance` is met.");
   v.number("movement_tolerance", o.movement_tolerance, "m", {0, 1},
-           "and no node and no body would move by more than this: what is light and soft moves far for little force. A "
-           "body that moves or turns "
-           "by less than 50 mm in the step must be nearer, in proportion, down to 10 um. Estimated from how the "
-           "iterations shrank.");
+           "A step has converged if no node and no body would move by more than this and `residual_tolerance` is met. "
+           "Light and soft parts move far under little force. If a body moves or turns by less than 50 mm in the step, "
+           "its tolerance shrinks in proportion, down to 10 um. The remaining movement is estimated from the "
+           "contraction of the iterations.");
   v.number("increment_tolerance", o.increment_tolerance, "m", {0, 1},
-           "Converged too when an iteration moves nothing by more than this (m, rad).");
+           "A step has also converged if an iteration moves nothing by more than this (m, rad).");
   v.number("work_budget", o.work_budget, "fast steps", {0, 1e6},
-           "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). Starts no iteration "
-           "that would "
-           "exceed it, except the first. 0: unlimited; `softhand-hand` then takes what 0.6 of its period is worth on "
-           "this machine.");
+           "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). No iteration starts "
+           "that would exceed the budget, except the first. 0: unlimited; `softhand-hand` then uses the work that this "
+           "machine does in 0.6 of its period.");
   v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
-           "While nothing touches the hand a step starts from where its velocity takes it and keeps the factor of an "
-           "earlier step, until an iteration moves tissue and bones by no more "
-           "than this (root mean square); what is left is a fraction of it. 0: never.");
+           "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
+           "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
+           "mean square). The remaining error is a fraction of this. 0: never.");
   v.flag("line_search", o.line_search,
-         "On the energy, along each iteration's direction. Without it, one or two iterations hurl gripped objects.");
+         "Search along each iteration's direction, on the energy. Without it, steps of one or two iterations throw "
+         "gripped objects.");
   v.flag("measure_result", o.measure_result,
-         "Evaluate energy and residual of the result; without it a fast step reports those it started from.");
+         "Evaluate energy and residual of the result. Without it, a fast step reports those of its start.");
   v.choice("curvature", o.curvature, {"adaptive", "projected", "exact"},
-           "Hessian of the terms. adaptive: that of tissue, attachments and joints is exact where the whole is "
-           "positive definite "
-           "and the work has no budget, else projected. projected: to be positive semi-definite. exact: that of the "
-           "text's eq. 16, which may need a diagonal shift.");
+           "Hessian of the terms. projected: made positive semi-definite. exact: the Hessian of eq. 16 of the source, "
+           "which may need a diagonal shift. adaptive: the Hessian of tissue, attachments and joints is exact if the "
+           "whole Hessian is positive definite and the work has no budget, otherwise projected.");
   v.choice("factor", o.factor, {"float", "double"},
            "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are "
-           "double either way, so that float costs convergence at most; where a float factor fails or leads nowhere, "
-           "the step takes double.");
+           "always double, so float can only slow down convergence. If a float factor fails or makes no progress, the "
+           "step uses double.");
 }
 
 enum class StepStatus : std::uint8_t {
   converged,             ///< by residual or increment
   iteration_limit,       ///< all iterations done, or no further descent in floating point; normal for the fast mode
   budget_spent,          ///< stopped by the work budget
-  failed_factorisation,  ///< not positive definite even when shifted; the state is the best one before, or unchanged
-  nonfinite,             ///< a number overflowed; the state is the one before the step
-  refused,  ///< time step negative or not finite, or a state that is not finite or not of this layout; nothing was done
+  failed_factorisation,  ///< not positive definite even when shifted; the state is the best one so far, or unchanged
+  nonfinite,             ///< NaN or infinity; the state is the one before the step
+  refused,               ///< bad time step, or the state is not finite or has another layout; nothing was done
 };
 std::string_view to_string(StepStatus status);
 
-/// Seconds, by the solver's clock.
+/// Seconds on the solver's clock.
 struct StepTiming {
   double begin = 0;     ///< begin_step of all terms: contact detection
   double energies = 0;  ///< values, gradients, Hessians with their scatter; the line search
@@ -121,23 +124,23 @@ inline constexpr std::size_t kMaxTerms = 16;
 struct TermEnergy {
   std::string_view name;
   double joules = 0;
-  double start = 0;  ///< the same at the step's start, J; of a chord step 0 unless asked for
-  double taken = 0;  ///< gradient . dq, dq the step's whole increment, J; 0 unless asked for
+  double start = 0;  ///< the same at the step's start, J; 0 after a chord step unless requested (`measure_work`)
+  double taken = 0;  ///< gradient . dq, dq the step's whole increment, J; 0 unless requested (`measure_work`)
 };
 
 struct StepReport {
   StepStatus status = StepStatus::refused;
   int iterations = 0;      ///< Newton steps taken
-  int factorisations = 0;  ///< of new Hessians; the other iterations kept the last factor, or that of the step before
-  int kink_factors = 0;    ///< of them, new in the terms with kinks alone
-  int contact_solves = 0;  ///< of contact alone, after the last iteration (LocalNewton)
-  int double_factors = 0;  ///< of them, taken in double because the float factor failed, or led nowhere
+  int factorisations = 0;  ///< of new Hessians; the other iterations reused a factor of this step or an earlier one
+  int kink_factors = 0;    ///< among `factorisations`: only the terms with kinks were new
+  int contact_solves = 0;  ///< solves of contact alone, after the last iteration (LocalNewton)
+  int double_factors = 0;  ///< among `factorisations`: in double because the float factor failed or made no progress
   double residual = 0;     ///< largest |dE/dq|, N and N m
   double increment = 0;    ///< largest move of the last iteration, m and rad
   double energy = 0;       ///< E, J
-  bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise what it was
+  bool state_changed = false;  ///< the step was taken, velocities included; false: `state` is bitwise unchanged
   bool measured = false;       ///< energy, residual and terms are those of the result
-  double work = 0;             ///< fast steps (step_work.hpp)
+  double work = 0;             ///< in fast steps (step_work.hpp)
   int shifts = 0;              ///< factorisations repeated with a diagonal shift
   bool chord = false;          ///< the step was a chord step (`allow_chord_steps`)
   std::size_t term_count = 0;
@@ -147,16 +150,17 @@ struct StepReport {
 
 class NewtonSolver {
  public:
-  /// Builds the pattern of the terms, binds them, analyses once. The terms outlive the solver; their order is the order
-  /// of summation. std::invalid_argument for more than kMaxTerms terms or options out of range.
+  /// Builds the pattern of the terms, binds them and analyses the pattern once. The terms must outlive the solver.
+  /// Their order is the order of summation. Throws std::invalid_argument if there are more than kMaxTerms terms or an
+  /// option is out of range.
   NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options);
 
-  /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing; never leaves a number in
-  /// `state` that is not finite. Allocates nothing outside the linear solver.
+  /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing. Never leaves NaN or
+  /// infinity in `state`. Allocates nothing outside the linear solver.
   StepReport step(State& state, double time_step);
 
-  /// Whether `TermEnergy::taken` is computed, for the energy ledger, and whether a chord step, which has no use for it,
-  /// evaluates `TermEnergy::start`; off at first.
+  /// `taken`: compute `TermEnergy::taken`, for the energy ledger. `start_of_chord_steps`: chord steps evaluate
+  /// `TermEnergy::start` too, which they do not need themselves. Both are off at first.
   void measure_work(bool taken, bool start_of_chord_steps) {
     measures_work_ = taken;
     measures_start_ = start_of_chord_steps;
@@ -164,22 +168,22 @@ class NewtonSolver {
   /// Iterations move the state along `linkage`. `prepare` is called once the terms have begun a step. It marks the
   /// touching bodies in the linkage, and returns whether the step may be a chord step. It must not allocate.
   ///
-  /// A chord step starts from the state to which the velocities of linked bodies and nodes lead, and uses Newton's
-  /// method with the Hessian of an earlier chord step, turned along by the linkage. If it does not contract, an
-  /// ordinary step follows from the start. So `prepare` must return true only if the Hessian changes by little else
-  /// than the turning of the linked bodies: no contact began or ended.
+  /// A chord step starts from the state predicted from the velocities of linked bodies and nodes. It uses Newton's
+  /// method with the Hessian of an earlier step, rotated by the linkage. If it does not contract, an ordinary step
+  /// follows. So `prepare` must return true only if the Hessian changes almost only by the rotation of the linked
+  /// bodies: no contact began or ended.
   void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare);
 
-  /// Between steps: goes on with the factor that `other`, of as many terms of the same pattern, would go on with, and
-  /// what else it kept, where both have linear solvers of one kind; else with its own.
+  /// Call between steps. Takes over the factor of `other` and its other stored data, so that both continue alike.
+  /// `other` must have the same terms and the same sparsity pattern. Does nothing if the linear solvers differ in kind.
   void take_factor(const NewtonSolver& other);
 
   const BlockMatrix& hessian() const { return hessian_; }  ///< at the last linearisation
 
  private:
   bool evaluate(const State& state, StepReport& report, bool with_hessian, bool may_be_result = true,
-                const VectorX* carried = nullptr);
-  bool knows_potentials(const State& state) const;
+                const VectorX* extrapolated = nullptr);
+  bool has_potentials_of(const State& state) const;
   void measure_displacement(const State& state);
   double energy_at(const State& state, StepReport& report) const;
   bool factorize(const State& state, StepReport& report, bool in_double);
@@ -192,51 +196,52 @@ class NewtonSolver {
   bool solve_contact(State& state, StepReport& report);
 
   std::vector<Energy*> terms_;
-  std::vector<std::size_t> order_;  // of evaluation: potentials first, so that their part of the gradient can be kept;
-                                    // those with kinks last, so that theirs of the Hessian can be taken back
-  std::size_t first_bodily_ = 0, first_frozen_ = 0,
-              first_kinked_ =
-                  0;  // in `order_`: of potentials that touch bodies, after the potentials, of those with kinks
+  // Order of evaluation of the terms. Potentials come first, so that their part of the gradient can be reused. Terms
+  // with kinks come last, so that their part of the Hessian can be removed again.
+  std::vector<std::size_t> order_;
+  // Places in `order_`: the first potential that depends on bodies, the first term after the potentials, and the first
+  // term with kinks.
+  std::size_t first_bodily_ = 0, first_frozen_ = 0, first_kinked_ = 0;
   DofLayout layout_;
   SolverOptions options_;
   Curvature curvature_;
-  bool tries_exact_;      // of terms without kinks, as long as the float factor takes it
-  bool tries_exact_now_;  // in the next evaluation with a Hessian
+  bool tries_exact_;      // use the exact Hessian of terms without kinks while it is positive definite
+  bool tries_exact_now_;  // the same, in the next evaluation with a Hessian
   bool hessian_is_exact_ = false;
   StepWork work_;
-  bool was_cut_off_ = false;  // the last step, by the budget
+  bool was_cut_off_ = false;  // the budget stopped the last step
   std::unique_ptr<LinearSolver> linear_solver_;
   LocalNewton local_newton_;
   std::vector<Energy*> kinked_;  // the terms with kinks
   Linkage linkage_;
   std::function<bool(Linkage&)> prepare_;  // null: no linkage
   // Chord steps.
-  bool is_predictable_ = true;     // the last step ended near where velocities led
-  double kept_time_step_ = 0;      // of the factor in `linear_solver_`; 0: it is not for chord steps
+  bool is_predictable_ = true;     // the last step ended near the state predicted from velocities
+  double chord_time_step_ = 0;     // time step of the factor in `linear_solver_`; 0: not usable for chord steps
   bool contracts_slowly_ = false;  // the factor contracted slowly when last used
-  double carried_time_step_ = 0;   // of the factor that the last step left, unless it was a chord step's; 0: none
-  std::unique_ptr<LinearSolver> precise_solver_;  // takes over where a float factor does not do; null without one
-  LinearSolver* factor_ = nullptr;                // which of the two holds the last factor
+  double reusable_time_step_ = 0;  // time step of the factor of the last ordinary step; 0: none to reuse
+  std::unique_ptr<LinearSolver> precise_solver_;  // fallback in double for a float factor; else null
+  LinearSolver* factor_ = nullptr;                // the solver of these two that holds the last factor
   std::function<double()> clock_;
   BlockMatrix hessian_;
-  bool has_smooth_ = false;             // the last factor is that of `hessian_`, whose journal is the terms' with kinks
+  bool has_smooth_ = false;  // the last factor is that of `hessian_`, and the journal has the terms with kinks
   std::vector<std::int32_t> changed_;   // stored blocks
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
-  // Of chord steps: potentials_.of_nodes at the start of this one and of the one before, in the axes of the bodies that
-  // carry the nodes, and where the two lead.
-  VectorX carried_, carried_before_, extrapolated_;
-  double carried_for_ = 0;  // seconds, the step of `carried_`; 0: it says nothing of the next one
+  // For chord steps: `potentials_.of_nodes` at the start of this step and of the last step, in the axes of the nodes'
+  // bodies, and the extrapolation of the two.
+  VectorX node_gradient_, previous_node_gradient_, extrapolated_;
+  double node_gradient_time_step_ = 0;  // s, the time step of `node_gradient_`; 0: it is not usable in the next step
   VectorX gradient_, direction_;
-  VectorX tangent_;       // derivative of `move` by its scale, at the last move
+  VectorX tangent_;       // derivative of `move` with respect to its scale, at the last move
   VectorX displacement_;  // the increment from start_ to the state evaluated last
-  // What the potentials were where they were evaluated last: mostly the start of the next step.
+  // Values of the potentials at the state where they were evaluated last. Usually this is the start of the next step.
   struct Potentials {
-    std::size_t bodies = 0;  // on which they depend: the first ones
+    std::size_t bodies = 0;  // they depend on this many bodies: the first ones
     bool known = false;
     Eigen::Matrix3Xd positions;
     std::vector<Pose> poses;
     VectorX gradient;
-    VectorX of_nodes;                        // likewise of those that touch no body
+    VectorX of_nodes;                        // the gradient of the potentials that depend on nodes only
     std::array<double, kMaxTerms> joules{};  // by place in `order_`
   } potentials_;
   State start_, base_, best_;

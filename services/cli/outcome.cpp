@@ -359,10 +359,10 @@ Json Outcome::following(const OutcomeFrame& frame) const {
       const double t = seconds(sample.time);
       if (t < first || !free_motion(t)) continue;
       for (const Joint tip : tips) {
-        const auto wanted = pose_at(
+        const auto target = pose_at(
             tracked_, t - shift, [tip](const HandSample& s) { return s.joints[joint(tip)]; }, longest);
-        if (!wanted) continue;
-        sum += (wanted->position - sample.joints[joint(tip)].position).squaredNorm();
+        if (!target) continue;
+        sum += (target->position - sample.joints[joint(tip)].position).squaredNorm();
         ++count;
       }
     }

@@ -73,11 +73,12 @@ int run_render(const RenderArguments& arguments) {
   const fs::path script = share / "renderer/render.mjs";
   if (!fs::exists(script))
     throw std::runtime_error(script.string() + " is missing: built with SOFTHAND_VIEWER=OFF, or without npm");
-  const bool keep = fs::path(arguments.out).extension() == ".shv";
+  const bool outputs_recording = fs::path(arguments.out).extension() == ".shv";
   const std::string recording =
-      keep ? arguments.out : (fs::temp_directory_path() / fmt::format("softhand_render_{}.shv", getpid())).string();
+      outputs_recording ? arguments.out
+                        : (fs::temp_directory_path() / fmt::format("softhand_render_{}.shv", getpid())).string();
   record(arguments, recording);
-  if (keep) return 0;
+  if (outputs_recording) return 0;
   const int code = run_to_end({"node", script.string(), recording, arguments.out, fmt::format("{}", arguments.width),
                                fmt::format("{}", arguments.height), fmt::format("{}", arguments.seconds),
                                fmt::format("{}", arguments.pictures_per_second), arguments.view});

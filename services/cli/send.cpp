@@ -41,14 +41,14 @@ int run_send(const SendArguments& arguments) {
 
   int applied = 0;
   int answers = 0;
-  const auto patience =
+  const auto timeout =
       std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(arguments.seconds));
-  auto until = std::chrono::steady_clock::now() + patience;
+  auto until = std::chrono::steady_clock::now() + timeout;
   while (std::chrono::steady_clock::now() < until) {
     replies.wait(std::chrono::milliseconds(50));
     replies.take_all([&](const MessageReply& reply) {
       if (reply.id != message.id) return;
-      until = std::chrono::steady_clock::now() + patience;
+      until = std::chrono::steady_clock::now() + timeout;
       ++answers;
       applied += reply.result == kReplyApplied;
       const char* result = reply.result == kReplyApplied   ? "applied"

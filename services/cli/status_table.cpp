@@ -39,8 +39,8 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
     std::string counted;
     for (const NamedValue& counter : status.counters) {
-      const bool says_nothing = get_text(counter.name) == "pace" ? counter.value == 1 : counter.value == 0;
-      if (!says_nothing) counted += fmt::format("{}={:.10g} ", get_text(counter.name), counter.value);
+      const bool is_default = get_text(counter.name) == "pace" ? counter.value == 1 : counter.value == 0;
+      if (!is_default) counted += fmt::format("{}={:.10g} ", get_text(counter.name), counter.value);
     }
     if (silent > 1.0) counted = fmt::format("SILENT for {:.1f} s", silent);
     const bool solves = status.iterations > 0;

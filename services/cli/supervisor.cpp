@@ -149,8 +149,8 @@ void Supervisor::poll(std::chrono::milliseconds timeout) {
       wake = std::min(wake, child->restart_at);
     }
   }
-  const auto left = std::chrono::duration_cast<milliseconds>(wake - Clock::now()).count();
-  ::poll(waits.data(), waits.size(), static_cast<int>(std::max<std::int64_t>(left, 0)));
+  const auto remaining = std::chrono::duration_cast<milliseconds>(wake - Clock::now()).count();
+  ::poll(waits.data(), waits.size(), static_cast<int>(std::max<std::int64_t>(remaining, 0)));
   for (std::size_t i = 0; i < waits.size(); ++i) {
     if (waits[i].revents != 0) read_output(*owners[i]);
   }

@@ -32,7 +32,7 @@ namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 constexpr int kHistory = 64;  // per stream, so that polling every 5 ms loses no message
-constexpr std::string_view kDeskModule = "rig";
+constexpr std::string_view kRigModule = "rig";
 
 // Subscribes to the topics that a summary needs. Without a summary it subscribes to loop_status only, because modules
 // do not compute topics without a subscriber.
@@ -45,7 +45,7 @@ class Listener {
 
   void poll() {
     status_.take_all([this](const LoopStatus& status) {
-      if (get_text(status.module) != kDeskModule) modules_[std::string(get_text(status.module))] = status;
+      if (get_text(status.module) != kRigModule) modules_[std::string(get_text(status.module))] = status;
     });
     if (!streams_) return;
     streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
@@ -99,9 +99,9 @@ class Listener {
 
 // Answers messages that concern the whole rig: choose another scene, or another process among those that share a name.
 // Its status lists the choices as counters "WHAT CHOICE", with the value 1 for the running ones.
-class Desk {
+class RigControl {
  public:
-  Desk(const bus::Participant& participant, const UpArguments& arguments)
+  RigControl(const bus::Participant& participant, const UpArguments& arguments)
       : arguments_(arguments),
         rig_(read_rig(arguments.rig)),
         messages_(participant, bus::topics::message),
@@ -129,7 +129,7 @@ class Desk {
 
   void poll() {
     messages_.take_all([this](const Message& message) {
-      const auto steered = time_control_.answer(message, kDeskModule, now());
+      const auto steered = time_control_.answer(message, kRigModule, now());
       // Processes that start later inherit the commanded state of the clock.
       if (steered) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
       MessageReply reply = steered ? *steered : answer(message);
@@ -139,7 +139,7 @@ class Desk {
     if (Clock::now() < next_status_) return;
     next_status_ = Clock::now() + milliseconds(500);
     LoopStatus status;
-    set_text(status.module, kDeskModule);
+    set_text(status.module, kRigModule);
     status.process_id = static_cast<std::uint32_t>(getpid());
     status.input_age_ms = -1;
     const std::string running = fs::path(rig_.scene).stem().string();
@@ -152,7 +152,7 @@ class Desk {
       if (!process.choice.empty())
         offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
     }
-    stamp(status.stamp, ++told_);
+    stamp(status.stamp, ++published_);
     statuses_.write(status);
   }
 
@@ -169,10 +169,9 @@ class Desk {
   }
 
   MessageReply answer(const Message& message) {
-    if (!is_addressed(message, kDeskModule))
-      return reply_to(message, kDeskModule, kReplyIgnored, "not for this module");
+    if (!is_addressed(message, kRigModule)) return reply_to(message, kRigModule, kReplyIgnored, "not for this module");
     const auto reply = [&message](std::uint32_t result, std::string_view text) {
-      return reply_to(message, kDeskModule, result, text);
+      return reply_to(message, kRigModule, result, text);
     };
     const std::string what(get_text(message.key)), choice(get_text(message.value));
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
@@ -208,7 +207,7 @@ class Desk {
   Clock::time_point next_status_{};
   std::uint64_t epoch_;
   std::uint64_t replied_ = 0;
-  std::uint64_t told_ = 0;
+  std::uint64_t published_ = 0;
   bool changed_ = false;
 };
 
@@ -229,10 +228,10 @@ void say(std::string_view name, std::string_view text) {
 
 // Starts the processes of the rig in order, each when the previous one is ready. Returns early after a stop or a change
 // of the rig.
-void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, const StopSignal& stop) {
+void start_processes(Supervisor& supervisor, Listener& listener, RigControl& control, const StopSignal& stop) {
   std::size_t started = 0;
-  for (const RigProcess& process : chosen_processes(desk.rig())) {
-    const std::vector<std::string> command = command_of(process, desk.rig().scene, desk.overrides());
+  for (const RigProcess& process : chosen_processes(control.rig())) {
+    const std::vector<std::string> command = command_of(process, control.rig().scene, control.overrides());
     if (process.optional && !fs::exists(command[0])) {
       say(process.name, "skipped: " + process.program + " was not built");
       continue;
@@ -242,30 +241,30 @@ void start_processes(Supervisor& supervisor, Listener& listener, Desk& desk, con
     const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                             std::chrono::duration<double>(process.ready_timeout));
     const auto is_ready = [&] { return listener.modules().count(process.name) > 0; };
-    while (!stop.requested() && !desk.changed() && !is_ready() && Clock::now() < give_up) {
+    while (!stop.requested() && !control.changed() && !is_ready() && Clock::now() < give_up) {
       supervisor.poll(milliseconds(20));
       listener.poll();
-      desk.poll();
+      control.poll();
     }
-    if (stop.requested() || desk.changed()) return;
+    if (stop.requested() || control.changed()) return;
     if (!is_ready())
       say(process.name, fmt::format("not ready after {:g} s; starting the next process", process.ready_timeout));
   }
   say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.",
-                              desk.rig().name, started, desk.rig().scene));
+                              control.rig().name, started, control.rig().scene));
 }
 
-nlohmann::ordered_json summary_of(const UpArguments& arguments, const Desk& desk, const Listener& listener,
+nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl& control, const Listener& listener,
                                   const Supervisor& supervisor, double seconds) {
   nlohmann::ordered_json summary{
-      {"rig", arguments.rig}, {"scene", desk.rig().scene}, {"overrides", nlohmann::ordered_json::array()}};
-  for (const AppliedOverride& o : desk.scene().overrides)
+      {"rig", arguments.rig}, {"scene", control.rig().scene}, {"overrides", nlohmann::ordered_json::array()}};
+  for (const AppliedOverride& o : control.scene().overrides)
     summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   summary["seconds"] = seconds;
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
-  for (const RigProcess& process : chosen_processes(desk.rig()))
+  for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
-  summary.update(listener.outcome().summary(outcome_frame(desk.scene(), listener.motion_start())));
+  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start())));
   return summary;
 }
 
@@ -274,26 +273,26 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const Desk& desk
 int run_up(const UpArguments& arguments) {
   const StopSignal stop;
   const bus::Participant participant("softhand up");
-  Desk desk(participant, arguments);
+  RigControl control(participant, arguments);
   Listener listener(participant, !arguments.json.empty());
   nlohmann::ordered_json summary;
   bool clean = true;
   do {
     Supervisor supervisor(say);
-    start_processes(supervisor, listener, desk, stop);
+    start_processes(supervisor, listener, control, stop);
     const auto started = Clock::now();
-    const std::chrono::duration<double> wanted(arguments.seconds);
-    while (!stop.requested() && !desk.changed() && (arguments.seconds <= 0 || Clock::now() - started < wanted)) {
+    const std::chrono::duration<double> run_time(arguments.seconds);
+    while (!stop.requested() && !control.changed() && (arguments.seconds <= 0 || Clock::now() - started < run_time)) {
       supervisor.poll(milliseconds(5));
       listener.poll();
-      desk.poll();
+      control.poll();
     }
     if (!arguments.json.empty())
-      summary = summary_of(arguments, desk, listener, supervisor,
+      summary = summary_of(arguments, control, listener, supervisor,
                            std::chrono::duration<double>(Clock::now() - started).count());
     clean = supervisor.stop() && clean;
     listener.forget_modules();
-  } while (desk.take_changed() && !stop.requested());
+  } while (control.take_changed() && !stop.requested());
   if (!arguments.json.empty()) {
     summary["clean_stop"] = clean;
     std::ofstream out(arguments.json);

@@ -244,14 +244,14 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     reposition_asked_ = false;
     // Joints without a valid sample move rigidly with the wrist.
     const JointSample& wrist_before = before.joints[index(Joint::wrist)];
-    const Pose leap =
+    const Pose displacement =
         (wrist_before.flags & kJointValid) != 0 ? to_pose(wrist) * to_pose(wrist_before).inverse() : Pose{};
     for (std::size_t j = 0; j < kJointCount; ++j) {
       if (usable(skeleton.joints[j])) continue;
       JointSample& joint = skeleton_.joints[j];
-      const Pose carried = leap * to_pose(joint);
-      joint.position = to_wire(carried.position);
-      joint.orientation = to_wire(carried.orientation);
+      const Pose moved = displacement * to_pose(joint);
+      joint.position = to_wire(moved.position);
+      joint.orientation = to_wire(moved.orientation);
       joint.linear_velocity = joint.angular_velocity = {};
     }
   }
@@ -457,7 +457,7 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   }
 }
 
-HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWants& wants) {
+HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested) {
   if (input.head != nullptr && options_.direct) tracked_.add_head_pose(*input.head);
   if (input.skeleton != nullptr) take_skeleton(now, *input.skeleton);
   if (input.world != nullptr) take_world(*input.world);
@@ -467,12 +467,12 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const HandWa
   mirror_objects(now);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
-  simulation_->keep_ledger(wants.ledger);
+  simulation_->enable_ledger(requested.ledger);
   output_.report = simulation_->step(time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
   if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
   if (output_.report.chord) ++counters_.chord_steps;
-  write_outputs(now, wants);
+  write_outputs(now, requested);
   return output_;
 }
 
@@ -484,7 +484,7 @@ double HandLoop::input_age_ms(Nanoseconds now) const {
   return any_skeleton_ ? static_cast<double>(now - skeleton_.stamp.sample_time) * 1e-6 : -1.0;
 }
 
-void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
+void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested) {
   Stamp stamp;
   stamp.sequence = output_.simulated.stamp.sequence + 1;
   stamp.sample_time = now;
@@ -529,11 +529,11 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
                               to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
   }
 
-  if (wants.contacts) {
+  if (requested.contacts) {
     output_.contacts.stamp = stamp;
     simulation_->write_contacts(output_.contacts);
   }
-  if (wants.surface) {
+  if (requested.surface) {
     TissueSurface& surface = output_.surface;
     surface.stamp = stamp;
     const Vector3 wrist = simulation_->joint_pose(Joint::wrist).position;
@@ -545,7 +545,7 @@ void HandLoop::write_outputs(Nanoseconds now, const HandWants& wants) {
       surface.nodes.push_back({relative.x(), relative.y(), relative.z()});
     }
   }
-  if (wants.bone_wrench && options_.direct) {
+  if (requested.bone_wrench && options_.direct) {
     BoneWrench& wrench = output_.bone_wrench;
     wrench.stamp = stamp;
     wrench.stamp.chain.simulated_published = wrench.stamp.chain.wrench_published = now;
@@ -590,7 +590,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.coupling_stretch = simulation_->largest_coupling_stretch();
   simulation_->for_each_stored(
       [&status](std::string_view name, double joules) { add_named(status.energies, name, joules); });
-  if (simulation_->ledger().begun()) {
+  if (simulation_->ledger().started()) {
     simulation_->ledger().for_each_row(
         [&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   }

@@ -22,7 +22,7 @@ struct HandInput {
 };
 
 /// The outputs that have a subscriber. Other outputs are not computed.
-struct HandWants {
+struct RequestedOutputs {
   bool surface = true;
   bool contacts = true;
   bool bone_wrench = true;
@@ -68,7 +68,7 @@ class HandLoop {
 
   /// Makes one step. The state afterwards is that at `now`. The stamps of the outputs contain the chain of the input.
   /// The caller fills in the rest of each stamp in place before the next step.
-  HandOutput& step(Nanoseconds now, const HandInput& input, const HandWants& wants);
+  HandOutput& step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested);
 
   /// Returns to the initial state: without objects, and with an unknown pose until a skeleton arrives that was sampled
   /// after `time`. World samples up to `time` are ignored.
@@ -110,7 +110,7 @@ class HandLoop {
   void mirror(KnownObject& object, Nanoseconds now);
   void measure_distances();
   void give_slots(Nanoseconds now);
-  void write_outputs(Nanoseconds now, const HandWants& wants);
+  void write_outputs(Nanoseconds now, const RequestedOutputs& requested);
   /// Time (s) by which the world's sample is extrapolated to `time`. Negative if the sample is newer.
   double extrapolation_of_world(Nanoseconds time) const;
   /// The same for the start of the step that ends at `now`. `moving_part` is the part of the step in which the

@@ -9,7 +9,8 @@ namespace {
 
 constexpr double kLeastFastSteps = 2;  // a step that ends after less work is far from converged
 constexpr int kWarmUp = 2, kSamples = 9, kFewest = 3;
-constexpr double kShake = 2e-3;  // m, amplitude of the targets' motion; without motion there would be nothing to solve
+constexpr double kTargetAmplitude =
+    2e-3;  // m, amplitude of the targets' motion; without motion there would be nothing to solve
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -46,7 +47,7 @@ double measure_fast_step(const HandModel& hand, const HandOptions& options, doub
                             static_cast<int>(options.static_objects));
   std::vector<double> samples;
   for (int k = 0; k < kWarmUp + kSamples; ++k) {
-    const Vector3 offset(k % 2 == 0 ? kShake : -kShake, 0, 0);
+    const Vector3 offset(k % 2 == 0 ? kTargetAmplitude : -kTargetAmplitude, 0, 0);
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       const Body body = static_cast<Body>(b);
       const Pose& rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))];

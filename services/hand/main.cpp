@@ -121,7 +121,7 @@ void run(int argc, char** argv) {
                                    {.surface = surface_writer.has_readers(),
                                     .contacts = contacts_writer.has_readers(),
                                     .bone_wrench = options.direct && wrench_writer.has_readers(),
-                                    .ledger = service.status_wanted()});
+                                    .ledger = service.status_requested()});
     if (!output.valid) return;
     publish(simulated_writer, output.simulated);
     publish(coupling_writer, output.coupling);

@@ -80,13 +80,12 @@ constexpr std::array<FingerRow, 4> kFingers{{
      {11.5, 9.3, 8.0, 7.1, 6.1}},
 }};
 
-// The thumb, all angles in degrees. It rests half opposed. The joint model fixes the twist of each bone about its
-// own axis. Therefore the rest pose contains the rotation that opposition adds, and the flexion axes of MCP and IP
-// rotate with it.
-// Cooney et al. 1981: the axes of the trapezium are 80 degrees pronated against those of the third metacarpal (48
-// flexed, 38 abducted). Pronation goes with flexion (Li and Tang 2007). A recorded Quest 3 hand has 83 at the
-// metacarpal and 104 at the distal phalanx on average.
-// The further rotation of a full pinch, 26 + 20 + 8, is set so that the pads face each other (docs/hand-builder.md).
+// The thumb, all angles in degrees. It rests half opposed. The joint model fixes the twist of each bone about its own
+// axis. Therefore the rest pose contains the rotation that opposition adds, and the flexion axes of MCP and IP rotate
+// with it. Cooney et al. 1981: the axes of the trapezium are 80 degrees pronated against those of the third metacarpal
+// (48 flexed, 38 abducted). Pronation goes with flexion (Li and Tang 2007). A recorded Quest 3 hand has 83 at the
+// metacarpal and 104 at the distal phalanx on average. The further rotation of a full pinch, 26 + 20 + 8, is set so
+// that the pads face each other (docs/hand-builder.md).
 struct ThumbRow {
   std::array<double, 3> lengths;    // fractions of hand length: metacarpal, proximal, distal; Buchholz
   std::array<double, 4> radii;      // millimetres of the reference hand: metacarpal, proximal, distal, tip
@@ -231,10 +230,12 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
       const Eigen::Vector4d q = frame_of_user[at(metacarpal)].coeffs();
       mean += q.dot(mean) < 0 ? Eigen::Vector4d(-q) : q;
     }
-    Quaternion told = Quaternion(mean).normalized();
-    if (side == Side::left) told = Quaternion(told.w(), told.x(), -told.y(), -told.z());
-    const Vector3 along = told * to_right(user.offsets[at(proximal)]);
-    rest.joints[at(metacarpal)].orientation = frame(along, told * Vector3::UnitY());
+    Quaternion measured_rotation = Quaternion(mean).normalized();
+    if (side == Side::left)
+      measured_rotation =
+          Quaternion(measured_rotation.w(), measured_rotation.x(), -measured_rotation.y(), -measured_rotation.z());
+    const Vector3 along = measured_rotation * to_right(user.offsets[at(proximal)]);
+    rest.joints[at(metacarpal)].orientation = frame(along, measured_rotation * Vector3::UnitY());
     rest.joints[at(proximal)].position = rest.joints[at(metacarpal)].position + along;
     for (int k = 2; k <= 4; ++k) follow(joint_of_finger(f, k), joint_of_finger(f, k - 1));
   }
@@ -256,8 +257,8 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
   // If a source gives no radius, use that of the reference hand, scaled by the palm length of the middle finger.
   const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    const double told = user.radii[j];
-    rest.radii[j] = told > 0 ? told : ratio * reference_radius(static_cast<Joint>(j));
+    const double measured_radius = user.radii[j];
+    rest.radii[j] = measured_radius > 0 ? measured_radius : ratio * reference_radius(static_cast<Joint>(j));
   }
   return rest;
 }

@@ -145,8 +145,8 @@ double MeshSkin::distance(const Vector3& point) const {
 }
 
 std::array<Vector3, 2> MeshSkin::bounds() const {
-  const Vector3 room = Vector3::Constant(0.006);
-  return {tree_->boxes[0].low - room, tree_->boxes[0].high + room};
+  const Vector3 margin = Vector3::Constant(0.006);
+  return {tree_->boxes[0].low - margin, tree_->boxes[0].high + margin};
 }
 
 }  // namespace softhand::builder

@@ -89,24 +89,24 @@ void open_bridges(TetrahedralMesh& mesh) {
       if (components.find(t) != largest->first) removed.insert(static_cast<std::int32_t>(t));
     }
     changed = !removed.empty();
-    std::vector<std::array<std::int32_t, 4>> kept;
+    std::vector<std::array<std::int32_t, 4>> retained;
     for (std::size_t t = 0; t < mesh.tetrahedra.size(); ++t) {
-      if (!removed.contains(static_cast<std::int32_t>(t))) kept.push_back(mesh.tetrahedra[t]);
+      if (!removed.contains(static_cast<std::int32_t>(t))) retained.push_back(mesh.tetrahedra[t]);
     }
-    mesh.tetrahedra = std::move(kept);
+    mesh.tetrahedra = std::move(retained);
   }
   std::vector<std::int32_t> number(mesh.nodes.size(), -1);
-  std::vector<Vector3> kept;
+  std::vector<Vector3> retained;
   for (auto& t : mesh.tetrahedra) {
     for (std::int32_t& n : t) {
       if (number[at(n)] < 0) {
-        number[at(n)] = static_cast<std::int32_t>(kept.size());
-        kept.push_back(mesh.nodes[at(n)]);
+        number[at(n)] = static_cast<std::int32_t>(retained.size());
+        retained.push_back(mesh.nodes[at(n)]);
       }
       n = number[at(n)];
     }
   }
-  mesh.nodes = std::move(kept);
+  mesh.nodes = std::move(retained);
   mesh.surface = boundary(mesh.tetrahedra);
 }
 

@@ -85,7 +85,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
   // there once it has arrived. So fingertips and pads have the same place in coarse and fine meshes.
   std::vector<bool> pinned(count, false);
   const auto recall_seeds = [&] {
-    constexpr double kThere = 0.1e-3, kFar = 0.008;  // m
+    constexpr double kAtSeed = 0.1e-3, kFar = 0.008;  // m
     for (const Vector3& seed : seeds) {
       std::size_t nearest = count;
       double least = kFar;
@@ -103,7 +103,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
         if (worst_around(nearest) <= limit) break;
         mesh.nodes[nearest] = old;
       }
-      pinned[nearest] = (mesh.nodes[nearest] - seed).norm() < kThere;
+      pinned[nearest] = (mesh.nodes[nearest] - seed).norm() < kAtSeed;
     }
   };
 

@@ -217,9 +217,9 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
 
   RiggedHand hand;
   for (std::size_t j = 1; j < kJointCount; ++j) {
-    const std::string wanted(webxr_name(static_cast<Joint>(j)));
-    const auto found = frames.find(wanted);
-    file.check(found != frames.end(), "skins[0].joints", "a joint named " + wanted);
+    const std::string expected(webxr_name(static_cast<Joint>(j)));
+    const auto found = frames.find(expected);
+    file.check(found != frames.end(), "skins[0].joints", "a joint named " + expected);
     hand.rest.joints[j] = found->second;
   }
   std::size_t node = 0;

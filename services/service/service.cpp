@@ -129,7 +129,7 @@ void Service::run(const Callbacks& callbacks) {
     });
     if (real < next_status) return;
     next_status = real + kStatusPeriod;
-    if (!status_wanted()) return;
+    if (!status_requested()) return;
     status = LoopStatus{};
     set_text(status.module, module_);
     loop.fill(status);

@@ -55,7 +55,7 @@ class Service {
   /// Fills in epoch, clock id and publish time (real time) of a message before it is written.
   void stamp(Stamp& stamp) const;
   /// True if loop_status has a subscriber. Otherwise nothing needs to be computed for it.
-  bool status_wanted() const { return status_writer_.has_readers(); }
+  bool status_requested() const { return status_writer_.has_readers(); }
   /// The clock for the stamps of samples that were taken at a real time.
   const SimulatedClock& clock() const { return time_control_.clock(); }
 

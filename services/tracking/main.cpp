@@ -29,9 +29,9 @@ void run(int argc, char** argv) {
     TrackingInput input;
     if (tracked_reader.take_latest(tracked)) input.tracked = &tracked;
     if (simulated_reader.take_latest(simulated)) input.simulated = &simulated;
-    input.wrench_wanted = wrench_writer.has_readers();
-    input.ledger_wanted = service.status_wanted();
-    if (input.wrench_wanted && contacts_reader.take_latest(contacts)) input.contacts = &contacts;
+    input.wrench_requested = wrench_writer.has_readers();
+    input.ledger_requested = service.status_requested();
+    if (input.wrench_requested && contacts_reader.take_latest(contacts)) input.contacts = &contacts;
     head_reader.take_all([&](const HeadPose& each) {
       if (each.user != hand.user) return;
       own_head = each;
@@ -45,7 +45,7 @@ void run(int argc, char** argv) {
       intermediate.stamp.chain.intermediate_published = intermediate.stamp.publish_time;
       intermediate_writer.write(intermediate);
     }
-    if (input.wrench_wanted) {
+    if (input.wrench_requested) {
       wrench = output.wrench;
       service.stamp(wrench.stamp);
       wrench.stamp.chain.wrench_published = wrench.stamp.publish_time;

@@ -17,7 +17,7 @@ constexpr double kSecondsPerNanosecond = 1e-9;
 // Even a bone without coupling in the hand file follows its tracker, with at least this bandwidth.
 constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
 constexpr int kRotationIterations = 4;
-constexpr double kBeyondBelief = 1e4;  // m, m/s, rad/s; larger values of the simulated skeleton are refused
+constexpr double kPlausibleLimit = 1e4;  // m, m/s, rad/s; larger values of the simulated skeleton are refused
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
@@ -160,9 +160,9 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
     const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
                       all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
                       std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 &&
-                      to_vector(joint.position).norm() < kBeyondBelief &&
-                      to_vector(joint.linear_velocity).norm() < kBeyondBelief &&
-                      to_vector(joint.angular_velocity).norm() < kBeyondBelief;
+                      to_vector(joint.position).norm() < kPlausibleLimit &&
+                      to_vector(joint.linear_velocity).norm() < kPlausibleLimit &&
+                      to_vector(joint.angular_velocity).norm() < kPlausibleLimit;
     bone.simulated_seen = good;
     if (!good) {
       ++simulated_refused_;
@@ -251,9 +251,9 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   // The force at the end of the step does work at both ends of a spring. The bone's end moves by `step`. The other end
   // moves as its skeleton did since the last step. A spring that was inactive in the last step enters the ledger with
   // its stretch at the start of this step.
-  const auto pull = [&](const Spring& spring, double k, double a, bool hung, Pose& end_before, const Pose& end,
+  const auto pull = [&](const Spring& spring, double k, double a, bool was_attached, Pose& end_before, const Pose& end,
                         double& energy) {
-    if (!hung) {
+    if (!was_attached) {
       end_before = end;
       energy =
           spring.energy(start.position - end.position, rotation_log(start.orientation * end.orientation.conjugate()));
@@ -271,11 +271,11 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   };
   pull(tracked, k1, a1, bone.entered, bone.tracked_end, target.pose, bone.tracked_energy);
   if (feedback) {
-    pull(back, k2, a2, bone.fed_back, bone.copy_end, copy, bone.feedback_energy);
+    pull(back, k2, a2, bone.had_feedback, bone.copy_end, copy, bone.feedback_energy);
   } else {
     flow->work -= std::exchange(bone.feedback_energy, 0.0);
   }
-  bone.fed_back = feedback;
+  bone.had_feedback = feedback;
   bone.entered = true;
 }
 
@@ -284,7 +284,7 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
 void TrackingLoop::release(Bone& bone, EnergyFlow& flow) {
   flow.work -= bone.kinetic + bone.tracked_energy + bone.feedback_energy;
   bone.kinetic = bone.tracked_energy = bone.feedback_energy = 0;
-  bone.entered = bone.fed_back = false;
+  bone.entered = bone.had_feedback = false;
 }
 
 void TrackingLoop::reset(Nanoseconds time) {
@@ -325,7 +325,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
 
   output_.valid = false;
   coupling_stretch_ = 0;
-  if (!input.ledger_wanted) ledger_.restart();
+  if (!input.ledger_requested) ledger_.restart();
   EnergyFlow flow;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     Bone& bone = bones_[b];
@@ -340,14 +340,14 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
       bone.velocity = targets[b].velocity;
       bone.placed = true;
     } else {
-      move(bone, targets[b], age, fresh, input.ledger_wanted ? &flow : nullptr);
+      move(bone, targets[b], age, fresh, input.ledger_requested ? &flow : nullptr);
     }
     coupling_stretch_ = std::max(coupling_stretch_, (bone.pose.position - targets[b].pose.position).norm());
   }
-  if (input.ledger_wanted && output_.valid) ledger_.add(flow);
+  if (input.ledger_requested && output_.valid) ledger_.add(flow);
   ++sequence_;
   publish_skeleton(now);
-  if (input.wrench_wanted) publish_wrench(now, targets, age, fresh);
+  if (input.wrench_requested) publish_wrench(now, targets, age, fresh);
   return output_;
 }
 
@@ -436,7 +436,7 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const double age = input_.age(now);
   status.input_age_ms = age < 0 ? -1 : age * 1e3;
   status.coupling_stretch = coupling_stretch_;
-  if (ledger_.begun())
+  if (ledger_.started())
     ledger_.for_each_row([&status](std::string_view name, double joules) { add_named(status.ledger, name, joules); });
   const TrackedInputCounters& c = input_.counters();
   const auto add = [&status](std::string_view name, std::uint64_t value) {

@@ -27,8 +27,8 @@ struct TrackingInput {
   const Skeleton* simulated = nullptr;
   const HeadPose* head = nullptr;
   const Contacts* contacts = nullptr;
-  bool wrench_wanted = true;  ///< false without a subscriber of bone_wrench: it is not updated
-  bool ledger_wanted = true;  ///< false without a subscriber of the status: no energies are computed
+  bool wrench_requested = true;  ///< false without a subscriber of bone_wrench: it is not updated
+  bool ledger_requested = true;  ///< false without a subscriber of the status: no energies are computed
 };
 
 struct TrackingOutput {
@@ -87,7 +87,7 @@ class TrackingLoop {
     // For the energy ledger: values after the last step.
     bool entered = false;
     Pose tracked_end, copy_end;  // other ends of the springs
-    bool fed_back = false;
+    bool had_feedback = false;
     double kinetic = 0;          // J
     double tracked_energy = 0;   // J, spring to the tracked skeleton
     double feedback_energy = 0;  // J, spring to the copy of the simulated skeleton

@@ -23,9 +23,9 @@ class Feed {
   // Calls f(const T&) for each new sample. On topics of state only the newest sample of each instance arrives.
   template <typename F>
   void take(TypeSet shown, F&& f) {
-    const bool wanted = (shown & set_of(type_)) != 0;
-    if (wanted != reader_.has_value()) {
-      if (wanted) {
+    const bool subscribes = (shown & set_of(type_)) != 0;
+    if (subscribes != reader_.has_value()) {
+      if (subscribes) {
         reader_.emplace(participant_, topic_);
       } else {
         reader_.reset();
@@ -73,23 +73,23 @@ class Gateway::Impl {
     const TypeSet shown = server_.shown();
     // Descriptions are kept for later pages. After the first request their topics stay subscribed.
     described_ |= shown;
-    pass(hand_descriptions_, described_, Keep::yes,
+    pass(hand_descriptions_, described_, Retain::yes,
          [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
-    pass(object_descriptions_, described_, Keep::yes, [](const ObjectDescription& each) { return encode(each); });
-    pass(surfaces_, shown, Keep::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
+    pass(object_descriptions_, described_, Retain::yes, [](const ObjectDescription& each) { return encode(each); });
+    pass(surfaces_, shown, Retain::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
-      pass(*feed, shown, Keep::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
-    pass(contacts_, shown, Keep::no, [](const Contacts& each) { return encode(each); });
+      pass(*feed, shown, Retain::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
+    pass(contacts_, shown, Retain::no, [](const Contacts& each) { return encode(each); });
     couplings_.take(shown, [this](const ObjectCoupling& each) { held_[instance_of(each.hand)] = each; });
-    pass(objects_, shown, Keep::no, [this](const WorldObjects& each) {
+    pass(objects_, shown, Retain::no, [this](const WorldObjects& each) {
       *drawn_ = each;
       for (const auto& [hand, coupling] : held_) draw_held(*drawn_, coupling);
       return encode(*drawn_);
     });
-    pass(wrenches_, shown, Keep::no, [](const BoneWrench& each) { return encode(each); });
-    pass(statuses_, shown, Keep::no,
+    pass(wrenches_, shown, Retain::no, [](const BoneWrench& each) { return encode(each); });
+    pass(statuses_, shown, Retain::no,
          [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
-    pass(replies_, shown, Keep::no,
+    pass(replies_, shown, Retain::no,
          [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
     for (Message& message : server_.take_messages()) {
       message.stamp.sequence = ++sequence_;
@@ -128,7 +128,7 @@ class Gateway::Impl {
 
  private:
   template <typename T, typename F>
-  void pass(Feed<T>& feed, TypeSet shown, Keep keep, F&& encoded) {
+  void pass(Feed<T>& feed, TypeSet shown, Retain retain, F&& encoded) {
     feed.take(shown, [&](const T& sample) {
       const Frame frame = encoded(sample);
       if (frame == nullptr) {
@@ -137,7 +137,7 @@ class Gateway::Impl {
       }
       std::uint32_t instance = 0;
       std::memcpy(&instance, frame->data() + 12, sizeof instance);
-      outgoing_.push_back({feed.type(), instance, frame, keep});
+      outgoing_.push_back({feed.type(), instance, frame, retain});
     });
   }
 

@@ -13,7 +13,7 @@ using namespace softhand;
 // Polls per period of `viewer.rate_hz`. One poll is too few for a stream of the same rate whose samples arrive at about
 // the time of a poll. Then two samples sometimes arrive between two polls, and the first of them is lost. The next poll
 // finds no sample.
-constexpr double kLooks = 4;
+constexpr double kPollsPerPeriod = 4;
 
 std::string built_page() {
   return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/softhand/viewer";
@@ -24,7 +24,7 @@ void run(int argc, char** argv) {
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const ViewerOptions& options = scene.options.viewer;
 
-  Service service(arguments, kLooks * options.rate_hz, Pacing::real, Urgency::ordinary);
+  Service service(arguments, kPollsPerPeriod * options.rate_hz, Pacing::real, Urgency::ordinary);
   viewer::Server server(options.listening, options.page.empty() ? built_page() : options.page,
                         static_cast<std::size_t>(options.max_pages), options.rate_hz);
   viewer::Gateway gateway(service.participant(), server, load_possible_hands(scene), hand_key(scene),

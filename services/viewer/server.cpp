@@ -59,7 +59,7 @@ std::map<std::string, File> read_files(const std::string& folder) {
 // State that all pages share. Only the server's thread uses it, except the atomics and the members behind the mutex.
 struct Shared {
   std::map<std::string, File> files;
-  std::map<std::pair<FrameType, std::uint32_t>, Frame> kept;
+  std::map<std::pair<FrameType, std::uint32_t>, Frame> retained;
 
   std::atomic<TypeSet> shown{0};
   std::atomic<std::uint32_t> pages{0};
@@ -160,7 +160,7 @@ class Page : public web::Session {
       const FrameType type = stream.first.first;
       return type != FrameType::gateway && (show_.types & set_of(type)) == 0;
     });
-    for (const auto& [key, frame] : shared_.kept) {
+    for (const auto& [key, frame] : shared_.retained) {
       if ((fresh & set_of(key.first)) != 0) offer({key.first, key.second, frame});
     }
     show_changed_();
@@ -195,7 +195,7 @@ class Server::Impl {
   void publish(std::vector<Outgoing>&& frames) {
     web_.post([this, frames = std::move(frames)] {
       for (const Outgoing& each : frames) {
-        if (each.keep == Keep::yes) shared_.kept[{each.type, each.instance}] = each.frame;
+        if (each.retain == Retain::yes) shared_.retained[{each.type, each.instance}] = each.frame;
         for (const auto& page : pages_) page->offer(each);
       }
       const Nanoseconds at = now();

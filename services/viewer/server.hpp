@@ -11,7 +11,7 @@
 
 namespace softhand::viewer {
 
-enum class Keep : bool {
+enum class Retain : bool {
   no,   ///< only for pages that show it now
   yes,  ///< the newest of each instance is also sent to later pages (descriptions)
 };
@@ -20,7 +20,7 @@ struct Outgoing {
   FrameType type = FrameType::gateway;
   std::uint32_t instance = 0;
   Frame frame;
-  Keep keep = Keep::no;
+  Retain retain = Retain::no;
 };
 
 struct ServerCounters {

@@ -35,7 +35,7 @@ using Request = http::request<http::string_body>;
 // bytes that the kernel may buffer for a connection. It bounds the age of the picture on a slow page.
 constexpr int kSendBuffer = 256 * 1024;
 constexpr std::size_t kLargestRequest = 16384;          // bytes, HTTP
-constexpr std::chrono::seconds kPatience{30};           // timeout of a request or a handshake
+constexpr std::chrono::seconds kTimeout{30};            // timeout of a request or a handshake
 constexpr std::chrono::milliseconds kAcceptPause{100};  // pause after a connection that could not be accepted
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
@@ -70,9 +70,11 @@ struct Shared {
   std::set<std::string> hosts;
   std::optional<ssl::context> tls;
 
-  bool knows(const Request& request) const { return hosts.count(host_name(view(request[http::field::host]))) != 0; }
+  bool has_allowed_host(const Request& request) const {
+    return hosts.count(host_name(view(request[http::field::host]))) != 0;
+  }
 
-  bool believes(const Request& request) const {
+  bool has_allowed_origin(const Request& request) const {
     const std::string_view origin = view(request[http::field::origin]);
     if (origin.empty()) return true;  // every browser sends an Origin
     const std::string_view host = view(request[http::field::host]);
@@ -98,7 +100,7 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
     stream_.binary(true);
     stream_.auto_fragment(false);
     stream_.async_accept(request, [self = this->shared_from_this()](beast::error_code error) {
-      if (error) return self->leave(error);
+      if (error) return self->finish(error);
       self->session_->opened(*self);
       self->read();
     });
@@ -111,22 +113,22 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
     writing_ = true;
     stream_.async_write(buffers, [self = this->shared_from_this()](beast::error_code error, std::size_t bytes) {
       self->writing_ = false;
-      if (error || self->gone_) return self->leave(error);
+      if (error || self->gone_) return self->finish(error);
       self->session_->sent(bytes);
-      if (self->closing_ && !self->writing_) self->say_goodbye();
+      if (self->closing_ && !self->writing_) self->start_close_handshake();
     });
   }
 
   void close() override {
     if (closing_) return;
     closing_ = true;
-    if (!writing_) say_goodbye();
+    if (!writing_) start_close_handshake();
   }
 
  private:
   void read() {
     stream_.async_read(buffer_, [self = this->shared_from_this()](beast::error_code error, std::size_t) {
-      if (error) return self->leave(error);
+      if (error) return self->finish(error);
       const auto data = self->buffer_.cdata();
       self->session_->received({static_cast<const char*>(data.data()), data.size()}, self->stream_.got_binary());
       self->buffer_.clear();
@@ -134,12 +136,12 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
     });
   }
 
-  void say_goodbye() {
+  void start_close_handshake() {
     stream_.async_close(websocket::close_code::policy_error,
-                        [self = this->shared_from_this()](beast::error_code error) { self->leave(error); });
+                        [self = this->shared_from_this()](beast::error_code error) { self->finish(error); });
   }
 
-  void leave(beast::error_code error) {
+  void finish(beast::error_code error) {
     if (std::exchange(gone_, true)) return;
     session_->closed(error == websocket::error::message_too_big);
     beast::get_lowest_layer(stream_).close();
@@ -156,14 +158,14 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
 
 // One HTTP connection. It is answered, or it becomes a WebSocket.
 template <typename Stream>
-class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
+class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream>> {
  public:
-  Visitor(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared)
+  HttpConnection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared)
       : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
 
   void start() {
     if constexpr (std::is_same_v<Stream, Encrypted>) {
-      beast::get_lowest_layer(stream_).expires_after(kPatience);
+      beast::get_lowest_layer(stream_).expires_after(kTimeout);
       stream_.async_handshake(ssl::stream_base::server, buffer_.data(),
                               [self = this->shared_from_this()](beast::error_code error, std::size_t used) {
                                 self->buffer_.consume(used);
@@ -177,7 +179,7 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
  private:
   void read() {
     request_ = {};
-    beast::get_lowest_layer(stream_).expires_after(kPatience);
+    beast::get_lowest_layer(stream_).expires_after(kTimeout);
     http::async_read(stream_, buffer_, request_,
                      [self = this->shared_from_this()](beast::error_code error, std::size_t) {
                        if (!error) self->answer();
@@ -187,7 +189,7 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
   void answer() {
     const bool upgrade = websocket::is_upgrade(request_);
     const std::string host(view(request_[http::field::host]));
-    if (!shared_.knows(request_)) {
+    if (!shared_.has_allowed_host(request_)) {
       shared_.site.refused();
       return respond({403, "text/plain", "This server does not accept this host name (option `hosts`).\n"});
     }
@@ -202,7 +204,7 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
   }
 
   void connect(const std::string& path) {
-    if (!shared_.believes(request_)) {
+    if (!shared_.has_allowed_origin(request_)) {
       shared_.site.refused();
       return respond({403, "text/plain", "Pages of other sites may not connect.\n"});
     }
@@ -234,7 +236,7 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
     }
     // Start a new timeout for the answer. The timeout of the request began at the previous answer and may be almost
     // over.
-    beast::get_lowest_layer(stream_).expires_after(kPatience);
+    beast::get_lowest_layer(stream_).expires_after(kTimeout);
     http::async_write(stream_, *response,
                       [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
                         if (!error && response->keep_alive()) return self->read();
@@ -250,22 +252,23 @@ class Visitor : public std::enable_shared_from_this<Visitor<Stream>> {
 };
 
 template <typename Stream>
-void welcome(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
-  std::make_shared<Visitor<Stream>>(std::move(stream), std::move(buffer), shared)->start();
+void start_connection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
+  std::make_shared<HttpConnection<Stream>>(std::move(stream), std::move(buffer), shared)->start();
 }
 
-// Detects whether a visitor uses TLS.
-class Door : public std::enable_shared_from_this<Door> {
+// Detects whether a connection uses TLS.
+class TlsDetector : public std::enable_shared_from_this<TlsDetector> {
  public:
-  Door(Plain&& stream, Shared& shared) : stream_(std::move(stream)), shared_(shared) {}
-  void open() {
-    stream_.expires_after(kPatience);
+  TlsDetector(Plain&& stream, Shared& shared) : stream_(std::move(stream)), shared_(shared) {}
+  void start() {
+    stream_.expires_after(kTimeout);
     beast::async_detect_ssl(stream_, buffer_, [self = shared_from_this()](beast::error_code error, bool encrypted) {
       if (error) return;
       if (encrypted) {
-        welcome(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->buffer_), self->shared_);
+        start_connection(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->buffer_),
+                         self->shared_);
       } else {
-        welcome(std::move(self->stream_), std::move(self->buffer_), self->shared_);
+        start_connection(std::move(self->stream_), std::move(self->buffer_), self->shared_);
       }
     });
   }
@@ -353,9 +356,9 @@ class WebServer::Impl {
       socket.set_option(tcp::no_delay(true), ignored);
       socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
       if (shared_.tls) {
-        std::make_shared<Door>(Plain(std::move(socket)), shared_)->open();
+        std::make_shared<TlsDetector>(Plain(std::move(socket)), shared_)->start();
       } else {
-        welcome(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
+        start_connection(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
       }
       accept();
     });

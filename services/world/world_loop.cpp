@@ -13,11 +13,11 @@ namespace softhand {
 namespace {
 
 constexpr double kSeconds = 1e-9;
-constexpr double kForceStall = 0.030;   // s; older contact forces are ignored
-constexpr double kMotionStall = 0.100;  // s; older velocities are ignored
-constexpr double kVanished = 0.500;     // s; an older owner has vanished
-constexpr double kLetsGo = 0.200;  // s after a move; until then, claims by hands that may not know the new place are
-                                   // ignored
+constexpr double kForceStall = 0.030;    // s; older contact forces are ignored
+constexpr double kMotionStall = 0.100;   // s; older velocities are ignored
+constexpr double kVanished = 0.500;      // s; an older owner has vanished
+constexpr double kClaimHoldoff = 0.200;  // s after a move; until then, claims by hands that may not know the new place
+                                         // are ignored
 constexpr double kNearestPlane = 0.005;  // m
 constexpr double kFarthestPlane = 0.050;
 constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the hand's force
@@ -25,7 +25,7 @@ constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the ha
 constexpr double kSeating = 0.0001;
 constexpr double kAbsurd = 1e4;  // m; positions beyond it are refused
 
-bool believable(const ObjectTwin& twin) {
+bool is_plausible(const ObjectTwin& twin) {
   const auto near = [](double x) { return std::abs(x) < kAbsurd; };
   const double norm = to_quaternion(twin.orientation).norm();
   return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) &&
@@ -151,7 +151,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
       ++counters_.refused_mode;
       continue;
     }
-    if (!believable(*twin)) {
+    if (!is_plausible(*twin)) {
       ++counters_.refused_nonfinite;
       continue;
     }
@@ -182,7 +182,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     wrench.torque += one.torque;
     pulled = true;
   }
-  object.put = object.put && still_held && static_cast<double>(now - object.put_at) * kSeconds < kLetsGo;
+  object.put = object.put && still_held && static_cast<double>(now - object.put_at) * kSeconds < kClaimHoldoff;
   if (symmetric) {
     if (pulled) engine_->apply(slot, wrench);
     return;
@@ -222,9 +222,9 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const double ahead = std::min(age, delay);
   leader.pose = increment(leader.pose, ahead * leader.velocity.linear, ahead * leader.velocity.angular);
   leader.wrench = without_reaction(object, follower, leader.wrench);
-  Wrench wanted = owner_wrench(follower, leader, options_.follow_stiffness, step_);
-  stop_at_planes(object, follower, wanted);
-  engine_->apply(slot, wanted);
+  Wrench follow_wrench = owner_wrench(follower, leader, options_.follow_stiffness, step_);
+  stop_at_planes(object, follower, follow_wrench);
+  engine_->apply(slot, follow_wrench);
 }
 
 /// In free flight the copy needs the hand's wrench. In contact with a neighbour the twin also feels a reaction that

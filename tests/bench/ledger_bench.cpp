@@ -23,14 +23,14 @@ Skeleton skeleton_of(const HandModel& hand, double seconds, std::uint64_t sequen
   return testing::skeleton_at(hand, wrist, static_cast<Nanoseconds>((1 + seconds) * 1e9), sequence);
 }
 
-// Calls `step(kept, skeleton, now)` for both loops. Each loop comes first in half of the pairs.
+// Calls `step(enabled, skeleton, now)` for both loops. Each loop comes first in half of the pairs.
 template <typename Step>
 void compare(const char* name, int pairs, double time_step, const HandModel& hand, Step&& step) {
   std::vector<double> spent[2], ratios;
   for (int i = 0; i < pairs; ++i) {
     const Skeleton skeleton = skeleton_of(hand, i * time_step, static_cast<std::uint64_t>(i) + 1);
-    for (const int kept : {i % 2, 1 - i % 2}) {
-      spent[kept].push_back(bench::seconds_of([&] { step(kept == 1, skeleton, skeleton.stamp.sample_time); }));
+    for (const int enabled : {i % 2, 1 - i % 2}) {
+      spent[enabled].push_back(bench::seconds_of([&] { step(enabled == 1, skeleton, skeleton.stamp.sample_time); }));
     }
     ratios.push_back(spent[1].back() / spent[0].back());
   }
@@ -63,19 +63,19 @@ int main(int argc, char** argv) {
   HandLoop with(hand, {}, {}), without(hand, {}, {});
   std::size_t touched = 0;
   for (HandLoop* loop : {&with, &without}) loop->describe_object(box);
-  compare("hand", pairs, 1.0 / 90, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {
+  compare("hand", pairs, 1.0 / 90, hand, [&](bool enabled, const Skeleton& skeleton, Nanoseconds now) {
     world.stamp.sample_time = now;
-    const HandOutput& output = (kept ? with : without).step(now, {&skeleton, nullptr, &world}, {.ledger = kept});
+    const HandOutput& output = (enabled ? with : without).step(now, {&skeleton, nullptr, &world}, {.ledger = enabled});
     touched += output.contacts.contacts.size();
   });
   std::printf("           %.0f contacts per step\n", static_cast<double>(touched) / (2.0 * pairs));
 
-  TrackingLoop books({}, 90, hand, {}), none({}, 90, hand, {});
-  compare("tracking", 50 * pairs, 1e-3, hand, [&](bool kept, const Skeleton& skeleton, Nanoseconds now) {
+  TrackingLoop with_ledger({}, 90, hand, {}), without_ledger({}, 90, hand, {});
+  compare("tracking", 50 * pairs, 1e-3, hand, [&](bool enabled, const Skeleton& skeleton, Nanoseconds now) {
     TrackingInput input;
     if (skeleton.stamp.sequence % 11 == 1) input.tracked = input.simulated = &skeleton;
-    input.ledger_wanted = kept;
-    (kept ? books : none).step(now, input);
+    input.ledger_requested = enabled;
+    (enabled ? with_ledger : without_ledger).step(now, input);
   });
   return 0;
 }

@@ -11,7 +11,7 @@
 namespace softhand {
 namespace {
 
-enum Wanted { value_only, value_and_gradient, everything, single_hessian };
+enum Outputs { value_only, value_and_gradient, everything, single_hessian };
 
 void tissue(benchmark::State& bench) {
   bench::TissueSample sample;

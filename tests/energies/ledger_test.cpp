@@ -30,9 +30,9 @@ SolverOptions exact() {
 }
 
 // Steps a few terms and keeps their energy ledger.
-class Books {
+class LedgerSimulation {
  public:
-  Books(std::vector<Energy*> terms, const State& state)
+  LedgerSimulation(std::vector<Energy*> terms, const State& state)
       : terms_(std::move(terms)), solver_(terms_, state.layout(), exact()) {
     solver_.measure_work(true, true);
   }
@@ -47,7 +47,7 @@ class Books {
       step += terms_[t]->flow(term.start, term.joules, term.taken);
       taken += term.taken;
     }
-    if (ledger.begun()) left_over += taken;
+    if (ledger.started()) residual_work += taken;
     ledger.add(step);
   }
   void run(State& state, int steps, double time_step = kStep) {
@@ -55,12 +55,12 @@ class Books {
   }
   /// Stored energy, work and losses must add up, except for the residual force that the minimiser leaves.
   void expect_closed(double scale) const {
-    EXPECT_NEAR(ledger.residual(), left_over, 1e-10 * scale);
+    EXPECT_NEAR(ledger.residual(), residual_work, 1e-10 * scale);
     EXPECT_NEAR(ledger.residual(), 0, 1e-6 * scale);
   }
 
   EnergyLedger ledger;
-  double left_over = 0;  // J
+  double residual_work = 0;  // J
 
  private:
   std::vector<Energy*> terms_;
@@ -89,20 +89,20 @@ TEST(EnergyLedger, FreeFallMatchesTheClosedForm) {
   const Vector3 gravity(0, -kGravity, 0);
   inertia.set_node_gravity(gravity);
   inertia.set_dynamic(0, 0.3, Vector3(1e-4, 2e-4, 3e-4).asDiagonal(), gravity);
-  Books books({&inertia}, state);
-  books.step(state, kStep);
+  LedgerSimulation simulation({&inertia}, state);
+  simulation.step(state, kStep);
   const double height = state.body_poses[0].position.y();
   const double mass = 0.32;
   const int steps = 40;
-  books.run(state, steps);
+  simulation.run(state, steps);
   const double fallen = height - state.body_poses[0].position.y();
   ASSERT_GT(fallen, 0.5);
-  EXPECT_NEAR(books.ledger.total().work, mass * kGravity * fallen, 1e-12);
+  EXPECT_NEAR(simulation.ledger.total().work, mass * kGravity * fallen, 1e-12);
   // The integrator's loss is m/2 (g dt)^2 per step. A tumbling body's energy has a small, bounded error that depends on
   // its orientation.
-  EXPECT_NEAR(books.ledger.total().integrator, steps * 0.5 * mass * std::pow(kGravity * kStep, 2),
-              2e-3 * books.ledger.scale());
-  books.expect_closed(1);
+  EXPECT_NEAR(simulation.ledger.total().integrator, steps * 0.5 * mass * std::pow(kGravity * kStep, 2),
+              2e-3 * simulation.ledger.scale());
+  simulation.expect_closed(1);
 }
 
 TEST(EnergyLedger, OscillatorLosesEnergyLikeBackwardEuler) {
@@ -115,14 +115,14 @@ TEST(EnergyLedger, OscillatorLosesEnergyLikeBackwardEuler) {
     spring.set_target(0, {}, {});
     state.body_poses[0].position = Vector3(0.01, 0, 0);
     state.body_velocities[0].linear = Vector3(0, 0.1, 0);
-    Books books({&inertia, &spring}, state);
-    books.step(state, kStep);
-    const double initial = books.ledger.initial();
+    LedgerSimulation simulation({&inertia, &spring}, state);
+    simulation.step(state, kStep);
+    const double initial = simulation.ledger.initial();
     EXPECT_NEAR(initial, (0.5 * stiffness * 1e-4 + 0.5 * mass * 0.01) / (1 + z * z), 1e-9 * initial);
-    books.run(state, 20);
-    EXPECT_NEAR(books.ledger.total().integrator, initial * (1 - std::pow(1 + z * z, -20)), 1e-9 * initial) << z;
-    EXPECT_NEAR(books.ledger.total().work, 0, 1e-12);
-    books.expect_closed(initial);
+    simulation.run(state, 20);
+    EXPECT_NEAR(simulation.ledger.total().integrator, initial * (1 - std::pow(1 + z * z, -20)), 1e-9 * initial) << z;
+    EXPECT_NEAR(simulation.ledger.total().work, 0, 1e-12);
+    simulation.expect_closed(initial);
   }
 }
 
@@ -141,7 +141,7 @@ TEST(EnergyLedger, DamperOfADraggedBodyDissipatesForceTimesDistance) {
                         .torque_cap = cap};
     const Pose frame{Vector3(0.02, -0.01, 0.03), rotation_exp(Vector3(0.3, 0.1, 0))};
     BodyCoupling coupling("coupling", {{0, frame, gains}}, state.layout());
-    Books books({&inertia, &coupling}, state);
+    LedgerSimulation simulation({&inertia, &coupling}, state);
     // The damper gets a target velocity of zero, so that it drags.
     const auto target = [&frame](double t) {
       return Pose{Vector3(0.1 * std::cos(6 * t), 0.1 * std::sin(6 * t), 0),
@@ -152,40 +152,40 @@ TEST(EnergyLedger, DamperOfADraggedBodyDissipatesForceTimesDistance) {
     for (int i = 0; i < 400; ++i) {
       const Pose before = state.body_poses[0] * frame;
       coupling.set_target(0, target(i * 0.005), {});
-      books.step(state, 0.005);
+      simulation.step(state, 0.005);
       const Pose after = state.body_poses[0] * frame;
       const Vector3 turned = rotation_log(after.orientation * before.orientation.conjugate());
       if (i > 0) heat += (2 * (after.position - before.position).squaredNorm() + 1e-3 * turned.squaredNorm()) / 0.005;
       largest_force = std::max(largest_force, coupling.wrench(0, state).force.norm());
     }
-    const EnergyFlow& total = books.ledger.total();
+    const EnergyFlow& total = simulation.ledger.total();
     EXPECT_GT(total.integrator, 0);
     if (cap > 1) {
       // The solver multiplies the damper's force by the turn about the arm at the end of the step. The test uses the
       // distance between the two positions.
       EXPECT_NEAR(total.damping, heat, 0.01 * heat);
-      EXPECT_GT(books.ledger.initial() + total.work, total.damping);
+      EXPECT_GT(simulation.ledger.initial() + total.work, total.damping);
     } else {
       ASSERT_NEAR(largest_force, cap, 1e-9);
       EXPECT_GT(total.damping, 0);
       EXPECT_LT(total.damping, heat) << "the cap leaves only a part of the damper's force";
     }
-    books.expect_closed(books.ledger.scale());
+    simulation.expect_closed(simulation.ledger.scale());
 
     // Changes from outside: the body is moved with its target, the coupling is made softer, gets another target, and is
     // removed.
     state.body_poses[0].position += Vector3(3, 0, 0);
     state.body_velocities[0] = {};
     coupling.set_target(0, state.body_poses[0] * frame, {});
-    books.run(state, 3, 0.005);
-    EXPECT_NEAR(books.ledger.total().stored, 0, 1e-3);
+    simulation.run(state, 3, 0.005);
+    EXPECT_NEAR(simulation.ledger.total().stored, 0, 1e-3);
     gains.linear_stiffness = 50;
     coupling.set_gains(0, gains);
     coupling.set_target(0, target(1), {});
-    books.run(state, 3, 0.005);
+    simulation.run(state, 3, 0.005);
     coupling.clear_target(0);
-    books.run(state, 3, 0.005);
-    books.expect_closed(books.ledger.scale());
+    simulation.run(state, 3, 0.005);
+    simulation.expect_closed(simulation.ledger.scale());
   }
 }
 
@@ -197,18 +197,18 @@ TEST(EnergyLedger, WorkOfAJumpingTargetIsTheEnergyOfItsSpringAfterwards) {
   inertia.set_dynamic(0, 1, Matrix3::Identity(), Vector3::Zero());  // hardly turns
   const double stiffness = 0.1;
   BodyCoupling coupling("coupling", {{0, Pose{}, {.angular_stiffness = stiffness}}}, state.layout());
-  Books books({&inertia, &coupling}, state);
+  LedgerSimulation simulation({&inertia, &coupling}, state);
   const auto turned = [](double angle) { return Pose{Vector3::Zero(), rotation_exp(Vector3(0, angle, 0))}; };
   coupling.set_target(0, turned(0.3), {});
-  books.run(state, 3, 1e-3);
-  const double before = books.ledger.total().work;
+  simulation.run(state, 3, 1e-3);
+  const double before = simulation.ledger.total().work;
   coupling.set_target(0, turned(3.4), {});
-  books.step(state, 1e-3);
+  simulation.step(state, 1e-3);
   ASSERT_LT(coupling.wrench(0, state).torque.y(), 0) << "the shorter way is back";
   const double held = 0.5 * stiffness * (std::pow(2 * M_PI - 3.4, 2) - 0.3 * 0.3);
-  EXPECT_NEAR(books.ledger.total().work - before, held, 1e-3 * held);
-  EXPECT_LT(books.ledger.excess(), 1e-3);
-  books.expect_closed(books.ledger.scale());
+  EXPECT_NEAR(simulation.ledger.total().work - before, held, 1e-3 * held);
+  EXPECT_LT(simulation.ledger.excess(), 1e-3);
+  simulation.expect_closed(simulation.ledger.scale());
 }
 
 struct Skin {
@@ -229,7 +229,7 @@ struct Skin {
     model.node_body.assign(3, static_cast<std::uint8_t>(index_of(Body::index_distal)));
     return model;
   }
-  Books books() { return Books({&inertia, &contact, &friction}, state); }
+  LedgerSimulation simulation() { return LedgerSimulation({&inertia, &contact, &friction}, state); }
   ShapeGeometry plane;
   ContactSet contacts;
   ContactEnergy contact;
@@ -242,23 +242,24 @@ TEST(EnergyLedger, SlidingNodesDissipateFrictionTimesDistance) {
   const double mu = 0.5, mass = 0.01;
   Skin skin(mu, 500, mass, ContactObject::fixed);
   skin.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
-  Books books = skin.books();
-  books.run(skin.state, 300);
+  LedgerSimulation simulation = skin.simulation();
+  simulation.run(skin.state, 300);
   ASSERT_EQ(skin.contacts.count(), 3);
   // The pushed nodes slide until they stop: mu m g d = m v^2/2.
   skin.state.node_velocities.row(0).setConstant(1.0);
-  const double heat_before = books.ledger.total().friction, start = skin.state.node_positions(0, 0);
-  const double work_before = books.ledger.total().work;
-  books.step(skin.state, 1e-3);
-  EXPECT_NEAR(books.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4) << "the push put the kinetic energy in";
-  books.run(skin.state, 600, 1e-3);
+  const double heat_before = simulation.ledger.total().friction, start = skin.state.node_positions(0, 0);
+  const double work_before = simulation.ledger.total().work;
+  simulation.step(skin.state, 1e-3);
+  EXPECT_NEAR(simulation.ledger.total().work - work_before, 3 * 0.5 * mass, 1e-4)
+      << "the push put the kinetic energy in";
+  simulation.run(skin.state, 600, 1e-3);
   const double slid = skin.state.node_positions(0, 0) - start;
   ASSERT_NEAR(slid, 1 / (2 * mu * kGravity), 2e-3);
   ASSERT_LT(skin.state.node_velocities.norm(), 1e-3);
-  EXPECT_NEAR(books.ledger.total().friction - heat_before, 3 * mu * mass * kGravity * slid,
+  EXPECT_NEAR(simulation.ledger.total().friction - heat_before, 3 * mu * mass * kGravity * slid,
               0.01 * 3 * mu * mass * kGravity * slid);
-  books.expect_closed(books.ledger.scale());
-  EXPECT_LT(books.ledger.excess(), 0.01);
+  simulation.expect_closed(simulation.ledger.scale());
+  EXPECT_LT(simulation.ledger.excess(), 0.01);
 }
 
 TEST(EnergyLedger, SlidingBlockDissipatesFrictionTimesDistance) {
@@ -276,33 +277,34 @@ TEST(EnergyLedger, SlidingBlockDissipatesFrictionTimesDistance) {
   table.normal = {0, 1, 0};
   table.friction = mu;
   planes.set_planes(0, {&table, 1});
-  Books books({&inertia, &planes}, state);
-  books.run(state, 200);
+  LedgerSimulation simulation({&inertia, &planes}, state);
+  simulation.run(state, 200);
   ASSERT_GT(planes.count(0), 0);
   state.body_velocities[0].linear.x() = 0.8;
-  const double heat = books.ledger.total().friction, start = state.body_poses[0].position.x();
-  books.run(state, 500, 1e-3);
+  const double heat = simulation.ledger.total().friction, start = state.body_poses[0].position.x();
+  simulation.run(state, 500, 1e-3);
   const double slid = state.body_poses[0].position.x() - start;
   ASSERT_NEAR(slid, 0.8 * 0.8 / (2 * mu * kGravity), 2e-3);
-  EXPECT_NEAR(books.ledger.total().friction - heat, mu * mass * kGravity * slid, 0.02 * mu * mass * kGravity * slid);
-  books.expect_closed(books.ledger.scale());
+  EXPECT_NEAR(simulation.ledger.total().friction - heat, mu * mass * kGravity * slid,
+              0.02 * mu * mass * kGravity * slid);
+  simulation.expect_closed(simulation.ledger.scale());
 
   // A moving belt does work on the block. Friction turns this work into heat and motion by the same law.
-  const double work = books.ledger.total().work;
+  const double work = simulation.ledger.total().work;
   table.velocity = {0.3, 0, 0};
   for (int i = 0; i < 400; ++i) {
     planes.set_planes(0, {&table, 1});
-    books.step(state, 1e-3);
+    simulation.step(state, 1e-3);
   }
   ASSERT_NEAR(state.body_velocities[0].linear.x(), 0.3, 1e-3);
-  EXPECT_NEAR(books.ledger.total().work - work, mass * 0.3 * 0.3, 0.05 * mass * 0.3 * 0.3)
+  EXPECT_NEAR(simulation.ledger.total().work - work, mass * 0.3 * 0.3, 0.05 * mass * 0.3 * 0.3)
       << "half of the work is heat";
-  books.expect_closed(books.ledger.scale());
+  simulation.expect_closed(simulation.ledger.scale());
   planes.clear_object(0);
   inertia.hold(0);
-  books.run(state, 2, 1e-3);
-  EXPECT_EQ(books.ledger.total().stored, 0);
-  books.expect_closed(books.ledger.scale());
+  simulation.run(state, 2, 1e-3);
+  EXPECT_EQ(simulation.ledger.total().stored, 0);
+  simulation.expect_closed(simulation.ledger.scale());
 }
 
 // The plate is moved between the steps, or it moves within the steps with its velocity.
@@ -311,23 +313,23 @@ void lift_nodes(bool within_step) {
   const double mass = 0.01;
   Skin skin(0.8, 500, mass, ContactObject::fixed);
   skin.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
-  Books books = skin.books();
-  books.run(skin.state, 300);
-  const double work = books.ledger.total().work;
+  LedgerSimulation simulation = skin.simulation();
+  simulation.run(skin.state, 300);
+  const double work = simulation.ledger.total().work;
   const double height = skin.state.node_positions(1, 0), across = skin.state.node_positions(0, 0);
   const Vector3 stroke(0.0005, 0.001, 0);
   if (within_step) skin.state.body_velocities[0].linear = stroke / kStep;
   for (int i = 0; i < 180; ++i) {
     if (!within_step) skin.state.body_poses[0].position += stroke;
-    books.step(skin.state, kStep);
+    simulation.step(skin.state, kStep);
   }
   const double lifted = skin.state.node_positions(1, 0) - height;
   ASSERT_NEAR(lifted, 0.18, 0.01);
   ASSERT_NEAR(skin.state.node_positions(0, 0) - across, 0.09, 0.01);
   // Gravity takes the work of the plate. What remains is the nodes' kinetic energy and the loss while they reach their
   // speed.
-  EXPECT_NEAR(books.ledger.total().work - work, 3 * 0.5 * mass * (0.09 * 0.09 + 0.045 * 0.045), 5e-4);
-  books.expect_closed(books.ledger.scale());
+  EXPECT_NEAR(simulation.ledger.total().work - work, 3 * 0.5 * mass * (0.09 * 0.09 + 0.045 * 0.045), 5e-4);
+  simulation.expect_closed(simulation.ledger.scale());
 }
 
 TEST(EnergyLedger, KinematicPlateDoesWorkOnTheNodesThatItLifts) {
@@ -346,7 +348,7 @@ TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
   skin.state.body_poses[0].position = Vector3(0.003, -0.0485, 0.002);
   skin.state.body_velocities[0].angular = Vector3(0, 0, 2);
   skin.inertia.set_node_gravity(Vector3(0.5, -3, 0));
-  Books books = skin.books();
+  LedgerSimulation simulation = skin.simulation();
   int touched = 0, slid = 0;
   for (int i = 0; i < 240; ++i) {
     if (i == 60 || i == 150) {
@@ -364,15 +366,15 @@ TEST(EnergyLedger, ClosesWhileContactsAreSwitched) {
     }
     if (i == 190) skin.state.body_velocities[0] = {Vector3(0.05, -0.02, 0.03), Vector3(2, 0, 3)};
     if (i == 220) skin.contacts.clear_object(0);
-    books.step(skin.state, kStep);
+    simulation.step(skin.state, kStep);
     touched += skin.contacts.count();
     for (const ContactSet::Anchor& anchor : skin.contacts.anchors()) slid += anchor.sliding ? 1 : 0;
   }
   ASSERT_GT(touched, 100);
   ASSERT_GT(slid, 20);
-  EXPECT_GT(books.ledger.total().friction, 0);
-  EXPECT_NE(books.ledger.total().anchoring, 0);
-  books.expect_closed(books.ledger.scale());
+  EXPECT_GT(simulation.ledger.total().friction, 0);
+  EXPECT_NE(simulation.ledger.total().anchoring, 0);
+  simulation.expect_closed(simulation.ledger.scale());
 }
 
 TEST(EnergyLedger, ReportsTheWorkThatATermOmits) {
@@ -401,9 +403,9 @@ TEST(EnergyLedger, ReportsTheWorkThatATermOmits) {
   State state = state_of(1, 0);
   Inertia inertia({0.1}, 0);
   Careless spring;
-  Books books({&inertia, &spring}, state);
-  books.run(state, 90);
-  EXPECT_GT(books.ledger.defect(), 0.5);
+  LedgerSimulation simulation({&inertia, &spring}, state);
+  simulation.run(state, 90);
+  EXPECT_GT(simulation.ledger.defect(), 0.5);
 }
 
 }  // namespace

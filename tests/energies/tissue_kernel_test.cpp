@@ -310,10 +310,10 @@ TEST(TissueKernel, NaNStaysInItsElement) {
     for (const double wrong : {double(NAN), double(INFINITY), -double(INFINITY)}) {
       for (int node = 0; node < 4; ++node) {
         for (int axis = 0; axis < 3; ++axis) {
-          State spoiled = state;
-          spoiled.node_positions(axis, 4 * bad + node) = wrong;
-          EXPECT_TRUE(std::isnan(tissue.value(spoiled)));
-          const Outcome after = evaluate(tissue, spoiled);
+          State corrupted = state;
+          corrupted.node_positions(axis, 4 * bad + node) = wrong;
+          EXPECT_TRUE(std::isnan(tissue.value(corrupted)));
+          const Outcome after = evaluate(tissue, corrupted);
           EXPECT_TRUE(std::isnan(after.value));
           EXPECT_FALSE(after.gradient.segment<12>(12 * bad).allFinite());
           for (int e = 0; e < count; ++e) {

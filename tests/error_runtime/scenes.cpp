@@ -81,9 +81,9 @@ struct Waypoint {
   double time;  // s
   Vector3 place;
 };
-class Carried final : public Motion {
+class MovedPosture final : public Motion {
  public:
-  Carried(std::shared_ptr<const Motion> motion, const Quaternion& orientation, std::vector<Waypoint> way)
+  MovedPosture(std::shared_ptr<const Motion> motion, const Quaternion& orientation, std::vector<Waypoint> way)
       : motion_(std::move(motion)), orientation_(orientation), way_(std::move(way)) {}
   double duration() const override { return way_.back().time; }
   const std::array<double, kJointCount>& radii() const override { return motion_->radii(); }
@@ -111,7 +111,7 @@ std::shared_ptr<const Motion> tips_down(const HandModel& hand, std::vector<Waypo
   const Quaternion pitched = rotation_exp(Vector3(kPitch, 0, 0));
   const Vector3 tip = pitched * posture->at(0)[index(Joint::middle_tip)].position;
   for (Waypoint& point : way) point.place -= tip;
-  return std::make_shared<Carried>(posture, pitched, std::move(way));
+  return std::make_shared<MovedPosture>(posture, pitched, std::move(way));
 }
 
 ObjectOptions box(const std::string& name, const Vector3& half, const Vector3& position, double mass) {
@@ -315,7 +315,7 @@ Scene deep_block() {
   scene.motion = [](const HandModel& hand) {
     auto flat = std::make_shared<Still>(hand, open_hand(hand));
     const Vector3 over = flat->at(0)[index(Joint::middle_intermediate)].position;
-    return std::make_shared<Carried>(
+    return std::make_shared<MovedPosture>(
         flat, Quaternion::Identity(),
         std::vector<Waypoint>{{0, Vector3(0, 0.015, 0) - over}, {0.6, Vector3(0, -0.04, 0) - over}});
   };

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kDiverged = 11;  // mm, error of an optical tracker (Quest 2 at the fingertips)
 
-constexpr double kWorthwhile = 0.02;  // smallest relative gain of a point on the Pareto front
+constexpr double kLeastGain = 0.02;  // smallest relative gain of a point on the Pareto front
 
 // One run of a scene: the request, and the trajectory after the run.
 struct Run {
@@ -33,7 +33,8 @@ std::string rate(double hertz) { return fmt::format("rate_hz={}", hertz); }
 
 // A chord step ends by its own tolerance, and a step with a reused factor is no Newton iteration. Only the default, the
 // work budgets and some `left_out` runs use them.
-const std::string kNoChord = "simulation.solver.chord_tolerance=0", kNoKeep = "simulation.solver.keep_factor=false";
+const std::string kNoChord = "simulation.solver.chord_tolerance=0",
+                  kNoFactorReuse = "simulation.solver.keep_factor=false";
 
 // Switches the movement tolerance off, so that the residual alone decides.
 const std::string kAnyMove = "simulation.solver.movement_tolerance=1";
@@ -100,11 +101,11 @@ std::vector<Run> runs_of(const Plan& plan, bool quick) {
   for (Run& run : runs) {
     if (run.knob == "default" || run.knob == "work_budget") continue;
     run.overrides.push_back(kNoChord);
-    run.overrides.push_back(kNoKeep);
+    run.overrides.push_back(kNoFactorReuse);
   }
   runs.push_back({"left_out", "new factors in free motion alone", plan.hand, {kNoChord}, "R0"});
-  runs.push_back({"left_out", "new factors in contact alone", plan.hand, {kNoKeep}, "R0"});
-  runs.push_back({"left_out", "nothing", plan.hand, {kNoChord, kNoKeep}, "R0"});
+  runs.push_back({"left_out", "new factors in contact alone", plan.hand, {kNoFactorReuse}, "R0"});
+  runs.push_back({"left_out", "nothing", plan.hand, {kNoChord, kNoFactorReuse}, "R0"});
   return runs;
 }
 
@@ -251,7 +252,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   Run r0{"newton_iterations",
          "converged",
          plan.hand,
-         {iterations(200), residual(0), increment(1e-12), kNoChord, kNoKeep, "simulation.solver.factor=double"},
+         {iterations(200), residual(0), increment(1e-12), kNoChord, kNoFactorReuse, "simulation.solver.factor=double"},
          "R0"};
   Restarted restarted;
   for (std::size_t i = 0; i < runs.size(); ++i) {
@@ -340,7 +341,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
     cost.push_back(row.ms_frame);
     error.push_back(row.total.tissue_rms_mm);
   }
-  for (const std::size_t k : pareto_front(cost, error, kWorthwhile)) study.rows[passed[k]].on_front = true;
+  for (const std::size_t k : pareto_front(cost, error, kLeastGain)) study.rows[passed[k]].on_front = true;
 
   const auto step_length = [](const Row& row) { return 1 / row.rate_hz; };
   const auto size = [](const Row& row) { return std::cbrt(1 / nodes_of(row)); };

@@ -115,12 +115,12 @@ double Player::advance(double motion_time, bool world_there) {
                            1};
   }
   world_.stamp.sample_time = now_;
-  HandWants wants;
-  wants.surface = wants.bone_wrench = false;
-  wants.ledger = world_there;  // the ledger begins with the scene
+  RequestedOutputs requested;
+  requested.surface = requested.bone_wrench = false;
+  requested.ledger = world_there;  // the ledger begins with the scene
   const double milliseconds =
       1e3 * bench::seconds_of([&] {
-        output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, wants);
+        output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, requested);
       });
   for (const ObjectTwin& twin : output_->coupling.twins) {
     if (twin.owned == 0) continue;

@@ -66,10 +66,10 @@ HandModel cut_out(const HandModel& hand, Body one, Body other) {
     }
     return corners;
   };
-  std::vector<std::int32_t> kept(hand.tetrahedra.size(), -1);
+  std::vector<std::int32_t> part_tetrahedron(hand.tetrahedra.size(), -1);
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     if (!std::all_of(hand.tetrahedra[t].begin(), hand.tetrahedra[t].end(), chosen)) continue;
-    kept[t] = static_cast<std::int32_t>(part.tetrahedra.size());
+    part_tetrahedron[t] = static_cast<std::int32_t>(part.tetrahedra.size());
     part.tetrahedra.push_back(rename(hand.tetrahedra[t]));
     part.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
   }
@@ -78,7 +78,7 @@ HandModel cut_out(const HandModel& hand, Body one, Body other) {
     if (std::all_of(triangle.begin(), triangle.end(), known)) part.surface.push_back(rename(triangle));
   }
   for (Attachment attachment : hand.attachments) {
-    attachment.tetrahedron = kept[static_cast<std::size_t>(attachment.tetrahedron)];
+    attachment.tetrahedron = part_tetrahedron[static_cast<std::size_t>(attachment.tetrahedron)];
     if (attachment.tetrahedron >= 0) part.attachments.push_back(attachment);
   }
   return part;

@@ -26,7 +26,7 @@ double flexion_at_rest(const HandModel& hand, Body body) {
   return -2 * std::atan2(relative.x(), relative.w());
 }
 
-double wanted(const Posture& posture, Body body) {
+double expected_flexion(const Posture& posture, Body body) {
   const int b = index_of(body);
   if (b == index_of(Body::thumb_proximal)) return posture.thumb_mcp;
   if (b == index_of(Body::thumb_distal)) return posture.thumb_ip;
@@ -40,7 +40,7 @@ JointAngles angles_of(const HandModel& hand, const Posture& posture) {
   for (int b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     if (is_metacarpal(body)) continue;
-    angles[static_cast<std::size_t>(b)].x() = flexion_at_rest(hand, body) - wanted(posture, body) * kDegree;
+    angles[static_cast<std::size_t>(b)].x() = flexion_at_rest(hand, body) - expected_flexion(posture, body) * kDegree;
   }
   return angles;
 }

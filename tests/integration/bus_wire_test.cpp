@@ -293,14 +293,14 @@ TEST(BusWire, SequencesAndTextsBeyondTheirBoundsAreRefused) {
   EXPECT_FALSE(decode(bytes, out));
 
   state.commands.count = kMaxActuators + 1;
-  std::vector<std::byte> room(4096);
-  EXPECT_EQ(encode(state, room), 0u);
+  std::vector<std::byte> buffer(4096);
+  EXPECT_EQ(encode(state, buffer), 0u);
 
   // A bad count never leads outside the message, although its elements have variable sizes.
   const auto world = std::make_unique<WorldObjects>();
   world->objects.count = huge;
   EXPECT_LE(encoded_size(*world), max_encoded_size<WorldObjects>());
-  EXPECT_EQ(encode(*world, room), 0u);
+  EXPECT_EQ(encode(*world, buffer), 0u);
 
   Message message;
   message.value.fill('x');  // no terminating zero: it replaces the last character

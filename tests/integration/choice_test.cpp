@@ -26,18 +26,19 @@ const std::vector<std::string> kFreePorts{"--set", "viewer.port=0",           "-
 class Choice : public ::testing::Test {
  protected:
   Choice() { use_own_domain(); }
-  static bool all_present(const Ears& ears) {
+  static bool all_present(const RigListener& listener) {
     const auto modules = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
-    return std::all_of(modules.begin(), modules.end(), [&](const char* module) { return ears.process_id(module) > 0; });
+    return std::all_of(modules.begin(), modules.end(),
+                       [&](const char* module) { return listener.process_id(module) > 0; });
   }
-  static std::string program_of(const Ears& ears, const std::string& module) {
+  static std::string program_of(const RigListener& listener, const std::string& module) {
     std::error_code error;
-    return std::filesystem::read_symlink("/proc/" + std::to_string(ears.process_id(module)) + "/exe", error)
+    return std::filesystem::read_symlink("/proc/" + std::to_string(listener.process_id(module)) + "/exe", error)
         .filename()
         .string();
   }
-  static bool is_told(const Ears& ears, const std::string& module, const std::string& argument) {
-    std::ifstream in("/proc/" + std::to_string(ears.process_id(module)) + "/cmdline");
+  static bool is_in_arguments(const RigListener& listener, const std::string& module, const std::string& argument) {
+    std::ifstream in("/proc/" + std::to_string(listener.process_id(module)) + "/cmdline");
     return std::string(std::istreambuf_iterator<char>(in), {}).find(argument) != std::string::npos;
   }
 };
@@ -45,30 +46,31 @@ class Choice : public ::testing::Test {
 class ShippedRig : public Choice, public ::testing::WithParamInterface<const char*> {};
 
 TEST_P(ShippedRig, StartsWithItsTrackerAndStops) {
-  Ears ears;
+  RigListener listener;
   Up up("config/rigs/" + std::string(GetParam()) + ".toml", kFreePorts);
-  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears); })) << up.output();
-  EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-" + std::string(GetParam()));
-  EXPECT_EQ(ears.counter("rig", "tracker " + std::string(GetParam())), 1);
-  EXPECT_EQ(ears.counter("rig", "tracker replay"), 0);
+  ASSERT_TRUE(listener.wait(30s, [&] { return all_present(listener); })) << up.output();
+  EXPECT_EQ(program_of(listener, "tracker"), "softhand-tracker-" + std::string(GetParam()));
+  EXPECT_EQ(listener.counter("rig", "tracker " + std::string(GetParam())), 1);
+  EXPECT_EQ(listener.counter("rig", "tracker replay"), 0);
   // No hand is tracked yet, so there is no simulated hand.
-  EXPECT_TRUE(ears.simulated.empty());
+  EXPECT_TRUE(listener.simulated.empty());
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(8s), 0) << up.output();
 }
 INSTANTIATE_TEST_SUITE_P(Rigs, ShippedRig, ::testing::Values("webxr", "landmarks"));
 
 TEST_F(Choice, RestartsWithAnotherTrackerAndAnotherScene) {
-  Ears ears;
+  RigListener listener;
   bus::Participant participant("chooser");
-  bus::Writer<Message> wishes(participant, bus::topics::message);
+  bus::Writer<Message> request_writer(participant, bus::topics::message);
   bus::Reader<MessageReply> replies(participant, bus::topics::message_reply);
   Up up("config/rigs/demo.toml", kFreePorts);
-  ASSERT_TRUE(ears.wait(30s, [&] { return all_present(ears) && ears.process_id("rig") > 0; })) << up.output();
-  EXPECT_EQ(program_of(ears, "tracker"), "softhand-tracker-replay");
+  ASSERT_TRUE(listener.wait(30s, [&] { return all_present(listener) && listener.process_id("rig") > 0; }))
+      << up.output();
+  EXPECT_EQ(program_of(listener, "tracker"), "softhand-tracker-replay");
   std::uint64_t id = 0;
   // Returns the answer of `rig`.
-  const auto wish = [&](const char* key, const char* value) {
+  const auto request = [&](const char* key, const char* value) {
     Message message;
     message.id = ++id;
     message.stamp.sequence = id;
@@ -76,9 +78,9 @@ TEST_F(Choice, RestartsWithAnotherTrackerAndAnotherScene) {
     set_text(message.module, "rig");
     set_text(message.key, key);
     set_text(message.value, value);
-    wishes.write(message);
+    request_writer.write(message);
     std::optional<std::uint32_t> result;
-    ears.wait(3s, [&] {
+    listener.wait(3s, [&] {
       replies.take_all([&](const MessageReply& reply) {
         if (reply.id == id && get_text(reply.module) == "rig") result = reply.result;
       });
@@ -86,23 +88,24 @@ TEST_F(Choice, RestartsWithAnotherTrackerAndAnotherScene) {
     });
     return result;
   };
-  EXPECT_EQ(wish("tracker", "telepathy"), kReplyRefused);
-  EXPECT_EQ(wish("scene", "../rigs/demo"), kReplyRefused);
-  EXPECT_EQ(wish("coffee", "black"), kReplyIgnored);
+  EXPECT_EQ(request("tracker", "telepathy"), kReplyRefused);
+  EXPECT_EQ(request("scene", "../rigs/demo"), kReplyRefused);
+  EXPECT_EQ(request("coffee", "black"), kReplyIgnored);
 
-  EXPECT_EQ(wish("tracker", "webxr"), kReplyApplied);
-  EXPECT_TRUE(ears.wait(30s, [&] {
-    return all_present(ears) && program_of(ears, "tracker") == "softhand-tracker-webxr";
+  EXPECT_EQ(request("tracker", "webxr"), kReplyApplied);
+  EXPECT_TRUE(listener.wait(30s, [&] {
+    return all_present(listener) && program_of(listener, "tracker") == "softhand-tracker-webxr";
   })) << up.output();
-  EXPECT_EQ(wish("tracker", "replay"), kReplyApplied);
-  EXPECT_EQ(wish("scene", "pinch_lift"), kReplyApplied);
-  ASSERT_TRUE(ears.wait(30s, [&] {
-    return program_of(ears, "tracker") == "softhand-tracker-replay" && is_told(ears, "tracker", "pinch_lift.toml") &&
-           is_told(ears, "hand", "pinch_lift.toml");
+  EXPECT_EQ(request("tracker", "replay"), kReplyApplied);
+  EXPECT_EQ(request("scene", "pinch_lift"), kReplyApplied);
+  ASSERT_TRUE(listener.wait(30s, [&] {
+    return program_of(listener, "tracker") == "softhand-tracker-replay" &&
+           is_in_arguments(listener, "tracker", "pinch_lift.toml") &&
+           is_in_arguments(listener, "hand", "pinch_lift.toml");
   })) << up.output();
-  EXPECT_TRUE(ears.wait(5s, [&] { return ears.counter("rig", "scene pinch_lift") == 1; }));
-  ears.simulated.clear();
-  EXPECT_TRUE(ears.wait(20s, [&] { return ears.simulated.size() > 90; })) << up.output();
+  EXPECT_TRUE(listener.wait(5s, [&] { return listener.counter("rig", "scene pinch_lift") == 1; }));
+  listener.simulated.clear();
+  EXPECT_TRUE(listener.wait(20s, [&] { return listener.simulated.size() > 90; })) << up.output();
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(8s), 0) << up.output();
 }

@@ -13,10 +13,10 @@ using namespace std::chrono_literals;
 
 TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
   use_own_domain();
-  Ears ears;
+  RigListener listener;
   Up up("tests/integration/rig_hand_alone.toml", {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return !std::isnan(ears.counter("hand", "work_budget")); })) << up.output();
-  const double nodes = ears.counter("hand", "hand_nodes"), budget = ears.counter("hand", "work_budget");
+  ASSERT_TRUE(listener.wait(20s, [&] { return !std::isnan(listener.counter("hand", "work_budget")); })) << up.output();
+  const double nodes = listener.counter("hand", "hand_nodes"), budget = listener.counter("hand", "work_budget");
   EXPECT_TRUE(budget >= 2 || nodes < 500) << nodes << " nodes, " << budget << " fast steps";
   EXPECT_NE(up.output().find("hand.model = auto"), std::string::npos) << up.output();
   up.send_signal(SIGINT);
@@ -25,13 +25,13 @@ TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
 
 TEST(AutoHand, FixedSizeIsUsedAndHasAWorkBudget) {
   use_own_domain();
-  Ears ears;
+  RigListener listener;
   Up up("tests/integration/rig_hand_alone.toml", {"--hand", "right_750.hand.json"});
-  ASSERT_TRUE(ears.wait(20s, [&] { return !std::isnan(ears.counter("hand", "hand_nodes")); })) << up.output();
-  EXPECT_GT(ears.counter("hand", "hand_nodes"), 500);
-  EXPECT_LT(ears.counter("hand", "hand_nodes"), 900);
-  EXPECT_GT(ears.counter("hand", "work_budget"), 0);
-  EXPECT_GT(ears.counter("hand", "fast_step_ms"), 0);
+  ASSERT_TRUE(listener.wait(20s, [&] { return !std::isnan(listener.counter("hand", "hand_nodes")); })) << up.output();
+  EXPECT_GT(listener.counter("hand", "hand_nodes"), 500);
+  EXPECT_LT(listener.counter("hand", "hand_nodes"), 900);
+  EXPECT_GT(listener.counter("hand", "work_budget"), 0);
+  EXPECT_GT(listener.counter("hand", "fast_step_ms"), 0);
   EXPECT_EQ(up.output().find("hand.model = auto"), std::string::npos) << up.output();
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(8s), 0) << up.output();

@@ -71,10 +71,10 @@ class Pacer {
   }
 
   /// Clears `heard`, then listens.
-  void listen(Ears& ears, std::chrono::milliseconds duration) {
+  void listen(RigListener& listener, std::chrono::milliseconds duration) {
     poll();
     heard.clear();
-    ears.wait(duration, [this] {
+    listener.wait(duration, [this] {
       poll();
       return false;
     });
@@ -111,31 +111,31 @@ class Pacer {
 class Pace : public ::testing::Test {
  protected:
   Pace() { use_own_domain(); }
-  static bool all_present(const Ears& ears) {
+  static bool all_present(const RigListener& listener) {
     return std::all_of(std::begin(kModules), std::end(kModules),
-                       [&](const char* module) { return ears.process_id(module) > 0; });
+                       [&](const char* module) { return listener.process_id(module) > 0; });
   }
 };
 
 TEST_F(Pace, AllLoopsSlowDownTogetherAndARestartedOneToo) {
-  Ears ears;
+  RigListener listener;
   Pacer pacer;
   Up up(kTouch, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  ASSERT_TRUE(ears.wait(20s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }));
-  pacer.listen(ears, 1000ms);
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  ASSERT_TRUE(listener.wait(20s, [&] { return listener.device_is_on(kHaptic) && listener.device_is_on(kTactile); }));
+  pacer.listen(listener, 1000ms);
   const auto steps_at_full_pace = pacer.heard["world"].size();
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
 
   pacer.command("pace", "0.25");
-  EXPECT_TRUE(ears.wait(2s, [&] {
+  EXPECT_TRUE(listener.wait(2s, [&] {
     pacer.poll();
     return std::all_of(std::begin(kModules), std::end(kModules),
                        [&](const char* module) { return pacer.answers.count(module) > 0; });
   }));
   for (const char* module : kModules) EXPECT_EQ(pacer.answers[module], kReplyApplied) << module;
-  ears.listen(300ms);
-  pacer.listen(ears, 2000ms);
+  listener.listen(300ms);
+  pacer.listen(listener, 2000ms);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
   // At a quarter of the pace, twice the time gives half as many samples.
   EXPECT_LT(static_cast<double>(pacer.heard["world"].size()), 0.8 * static_cast<double>(steps_at_full_pace));
@@ -144,49 +144,49 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndARestartedOneToo) {
                         static_cast<double>(samples.back().published - samples.front().published);
     EXPECT_NEAR(pace, 0.25, 0.05) << process;
   }
-  EXPECT_EQ(ears.counter("hand", "pace"), 0.25);
+  EXPECT_EQ(listener.counter("hand", "pace"), 0.25);
 
-  const std::int64_t killed = ears.process_id("hand");
+  const std::int64_t killed = listener.process_id("hand");
   kill(static_cast<pid_t>(killed), SIGKILL);
-  ASSERT_TRUE(ears.wait(20s, [&] { return ears.process_id("hand") != killed; })) << up.output();
-  ears.listen(500ms);
-  pacer.listen(ears, 1500ms);
+  ASSERT_TRUE(listener.wait(20s, [&] { return listener.process_id("hand") != killed; })) << up.output();
+  listener.listen(500ms);
+  pacer.listen(listener, 1500ms);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
 
   pacer.command("pace", "1");
-  ears.listen(500ms);
-  pacer.listen(ears, 1000ms);
+  listener.listen(500ms);
+  pacer.listen(listener, 1000ms);
   pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
   EXPECT_GT(static_cast<double>(pacer.heard["world"].size()), 0.5 * static_cast<double>(steps_at_full_pace));
-  EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
+  EXPECT_TRUE(listener.wait(10s, [&] { return listener.device_is_on(kHaptic) && listener.device_is_on(kTactile); }))
       << "the devices must come back";
 }
 
 TEST_F(Pace, PausesWithDevicesAtZeroAndAdvancesInSteps) {
-  Ears ears;
+  RigListener listener;
   Pacer pacer;
   Up up(kTouch, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  ASSERT_TRUE(ears.wait(20s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }));
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  ASSERT_TRUE(listener.wait(20s, [&] { return listener.device_is_on(kHaptic) && listener.device_is_on(kTactile); }));
   pacer.command("pace", "0");
-  ears.listen(500ms);
-  pacer.listen(ears, 500ms);
+  listener.listen(500ms);
+  pacer.listen(listener, 500ms);
   for (const auto& [process, samples] : pacer.heard) EXPECT_EQ(samples.size(), 0u) << process;
   // Devices are still written to in real time, with zero commands.
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const Nanoseconds since = now() - 400'000'000;
-    ASSERT_GT(ears.devices[device].back().time, since) << device;
-    for (auto sample = ears.devices[device].rbegin(); sample != ears.devices[device].rend() && sample->time > since;
-         ++sample) {
+    ASSERT_GT(listener.devices[device].back().time, since) << device;
+    for (auto sample = listener.devices[device].rbegin();
+         sample != listener.devices[device].rend() && sample->time > since; ++sample) {
       EXPECT_FALSE(sample->live) << device;
       EXPECT_EQ(sample->largest_command, 0) << device;
     }
   }
 
   const Nanoseconds before = pacer.control.clock().at(now());
-  pacer.listen(ears, 0ms);
+  pacer.listen(listener, 0ms);
   pacer.command("advance", "0.1");
-  ears.wait(1s, [&] {
+  listener.wait(1s, [&] {
     pacer.poll();
     return false;
   });
@@ -197,7 +197,7 @@ TEST_F(Pace, PausesWithDevicesAtZeroAndAdvancesInSteps) {
   for (const auto& [process, samples] : pacer.heard) EXPECT_LE(samples.back().sampled, before + 100'000'000) << process;
 
   pacer.command("pace", "2");
-  ears.wait(500ms, [&] {
+  listener.wait(500ms, [&] {
     pacer.poll();
     return false;
   });
@@ -206,25 +206,25 @@ TEST_F(Pace, PausesWithDevicesAtZeroAndAdvancesInSteps) {
 }
 
 TEST_F(Pace, ResetStartsOver) {
-  Ears ears;
+  RigListener listener;
   Pacer pacer;
   Up up(kDemo, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  const auto height = [&] { return ears.objects.count(kCube) != 0 ? ears.objects.at(kCube)[1] : 0.0; };
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  const auto height = [&] { return listener.objects.count(kCube) != 0 ? listener.objects.at(kCube)[1] : 0.0; };
   for (int round = 0; round < 2; ++round) {
-    ASSERT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "never lifted in round " << round;
+    ASSERT_TRUE(listener.wait(20s, [&] { return height() > 0.05; })) << "never lifted in round " << round;
     pacer.command("reset", "now");
-    ASSERT_TRUE(ears.wait(1s, [&] { return height() < 0.03; }));
-    const double motion_start = ears.counter("tracker", "motion_start_s");
-    ears.listen(500ms);
-    EXPECT_GT(ears.counter("tracker", "motion_start_s"), motion_start);
+    ASSERT_TRUE(listener.wait(1s, [&] { return height() < 0.03; }));
+    const double motion_start = listener.counter("tracker", "motion_start_s");
+    listener.listen(500ms);
+    EXPECT_GT(listener.counter("tracker", "motion_start_s"), motion_start);
     // The cube is at its start and at rest. No hand drags it away.
-    const Vec3& cube = ears.objects.at(kCube);
+    const Vec3& cube = listener.objects.at(kCube);
     EXPECT_NEAR(cube[0], 0, 0.002);
     EXPECT_NEAR(cube[1], 0.02, 0.002);
     EXPECT_NEAR(cube[2], 0, 0.002);
   }
-  EXPECT_TRUE(ears.wait(20s, [&] { return height() > 0.05; })) << "the cube must be lifted again";
+  EXPECT_TRUE(listener.wait(20s, [&] { return height() > 0.05; })) << "the cube must be lifted again";
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ namespace softhand::rig {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr std::size_t kKept = 20000;  // samples of a stream: some 20 s at 1 kHz
+constexpr std::size_t kMaxSamples = 20000;  // samples of a stream: some 20 s at 1 kHz
 
 pid_t spawn(const std::vector<std::string>& command, const std::string& log) {
   std::vector<char*> argv;
@@ -61,9 +61,9 @@ bus::Topic<T> deep(bus::Topic<T> topic) {
 }
 
 template <typename T>
-void keep(std::deque<T>& samples, const T& sample) {
+void append(std::deque<T>& samples, const T& sample) {
   samples.push_back(sample);
-  if (samples.size() > kKept) samples.pop_front();
+  if (samples.size() > kMaxSamples) samples.pop_front();
 }
 
 }  // namespace
@@ -117,7 +117,7 @@ bool is_alive(std::uint32_t process_id) {
   return name_end != std::string::npos && name_end + 2 < stat.size() && stat[name_end + 2] != 'Z';
 }
 
-Ears::Ears()
+RigListener::RigListener()
     : participant_("rig test"),
       status_(participant_, deep(bus::topics::loop_status)),
       tracked_(participant_, deep(bus::topics::tracked_skeleton)),
@@ -129,7 +129,7 @@ Ears::Ears()
       wrench_(participant_, deep(bus::topics::bone_wrench)),
       device_(participant_, deep(bus::topics::device_state)) {}
 
-void Ears::take_skeleton(const Skeleton& skeleton, const char* topic) {
+void RigListener::take_skeleton(const Skeleton& skeleton, const char* topic) {
   ++heard[topic];
   for (const JointSample& joint : skeleton.joints) {
     if ((joint.flags & kJointValid) == 0) continue;
@@ -141,7 +141,7 @@ void Ears::take_skeleton(const Skeleton& skeleton, const char* topic) {
   }
 }
 
-double Ears::follow_error(const Skeleton& hand) const {
+double RigListener::follow_error(const Skeleton& hand) const {
   const TrackedSample* nearest = nullptr;
   for (auto sample = tracked.rbegin(); sample != tracked.rend(); ++sample) {
     if (nearest != nullptr &&
@@ -156,7 +156,7 @@ double Ears::follow_error(const Skeleton& hand) const {
   return sum / static_cast<double>(kJointCount);
 }
 
-void Ears::poll() {
+void RigListener::poll() {
   status_.take_all([this](const LoopStatus& status) {
     const std::string module(get_text(status.module));
     modules[module] = status;
@@ -169,15 +169,15 @@ void Ears::poll() {
   tracked_.take_all([this](const Skeleton& skeleton) {
     TrackedSample sample{skeleton.stamp.sample_time, skeleton.stamp.publish_time, skeleton.source, {}};
     for (std::size_t j = 0; j < kJointCount; ++j) sample.joints[j] = skeleton.joints[j].position;
-    keep(tracked, sample);
+    append(tracked, sample);
     ++heard["tracked_skeleton"];
   });
   intermediate_.take_all([this](const Skeleton& skeleton) { take_skeleton(skeleton, "intermediate_skeleton"); });
   simulated_.take_all([this](const Skeleton& skeleton) {
     take_skeleton(skeleton, "simulated_skeleton");
-    keep(simulated, HandSample{skeleton.stamp.publish_time, skeleton.stamp.epoch, skeleton.stamp.chain.tracker_sample,
-                               follow_error(skeleton),
-                               skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position});
+    append(simulated, HandSample{skeleton.stamp.publish_time, skeleton.stamp.epoch, skeleton.stamp.chain.tracker_sample,
+                                 follow_error(skeleton),
+                                 skeleton.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position});
   });
   contacts_.take_all([this](const Contacts& contacts) {
     ++heard["contacts"];
@@ -221,11 +221,11 @@ void Ears::poll() {
       if (!std::isfinite(command)) ++nonfinite["device_state"];
       largest = std::max(largest, std::abs(command));
     }
-    keep(devices[state.device], DeviceSample{state.stamp.publish_time, state.stamp.epoch, state.live != 0, largest});
+    append(devices[state.device], DeviceSample{state.stamp.publish_time, state.stamp.epoch, state.live != 0, largest});
   });
 }
 
-bool Ears::wait(std::chrono::milliseconds timeout, const std::function<bool()>& done) {
+bool RigListener::wait(std::chrono::milliseconds timeout, const std::function<bool()>& done) {
   const auto end = Clock::now() + timeout;
   for (;;) {
     poll();
@@ -235,7 +235,7 @@ bool Ears::wait(std::chrono::milliseconds timeout, const std::function<bool()>& 
   }
 }
 
-double Ears::counter(const std::string& module, const std::string& name) const {
+double RigListener::counter(const std::string& module, const std::string& name) const {
   const auto found = modules.find(module);
   if (found == modules.end()) return std::nan("");
   for (const NamedValue& each : found->second.counters) {
@@ -244,12 +244,12 @@ double Ears::counter(const std::string& module, const std::string& name) const {
   return std::nan("");
 }
 
-std::int64_t Ears::process_id(const std::string& module) const {
+std::int64_t RigListener::process_id(const std::string& module) const {
   const auto found = modules.find(module);
   return found == modules.end() ? -1 : static_cast<std::int64_t>(found->second.process_id);
 }
 
-bool Ears::device_is_on(std::uint32_t device) const {
+bool RigListener::device_is_on(std::uint32_t device) const {
   const auto found = devices.find(device);
   return found != devices.end() && !found->second.empty() && found->second.back().live &&
          found->second.back().largest_command > 0;

@@ -48,9 +48,9 @@ class Up {
 bool is_alive(std::uint32_t process_id);
 
 /// Reads all published data that the tests need.
-class Ears {
+class RigListener {
  public:
-  Ears();
+  RigListener();
   void poll();
   /// Polls until `done`. Returns false if this takes longer than `timeout`.
   bool wait(std::chrono::milliseconds timeout, const std::function<bool()>& done);

@@ -43,38 +43,39 @@ class Rig : public ::testing::Test {
  protected:
   Rig() { use_own_domain(); }
 
-  static bool all_present(const Ears& ears) {
-    return std::all_of(kModules.begin(), kModules.end(), [&](const std::string& m) { return ears.process_id(m) > 0; });
+  static bool all_present(const RigListener& listener) {
+    return std::all_of(kModules.begin(), kModules.end(),
+                       [&](const std::string& m) { return listener.process_id(m) > 0; });
   }
   /// True if the hand follows tracker samples taken after `since`, in each of the last `count` steps.
-  static bool follows(const Ears& ears, Nanoseconds since, std::size_t count = 10) {
-    if (ears.simulated.size() < count) return false;
-    return std::all_of(ears.simulated.end() - static_cast<std::ptrdiff_t>(count), ears.simulated.end(),
-                       [&](const Ears::HandSample& s) {
+  static bool follows(const RigListener& listener, Nanoseconds since, std::size_t count = 10) {
+    if (listener.simulated.size() < count) return false;
+    return std::all_of(listener.simulated.end() - static_cast<std::ptrdiff_t>(count), listener.simulated.end(),
+                       [&](const RigListener::HandSample& s) {
                          return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
                        });
   }
-  static void expect_all_finite(const Ears& ears) {
-    for (const auto& [topic, count] : ears.nonfinite) EXPECT_EQ(count, 0u) << topic;
+  static void expect_all_finite(const RigListener& listener) {
+    for (const auto& [topic, count] : listener.nonfinite) EXPECT_EQ(count, 0u) << topic;
     for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts",
                               "object_coupling", "objects", "device_state"}) {
-      EXPECT_GT(ears.heard.count(topic) != 0 ? ears.heard.at(topic) : 0u, 0u) << topic;
+      EXPECT_GT(listener.heard.count(topic) != 0 ? listener.heard.at(topic) : 0u, 0u) << topic;
     }
   }
 };
 
 TEST_F(Rig, DemoStartsFollowsAndStops) {
-  Ears ears;
+  RigListener listener;
   std::set<std::uint32_t> processes;
   {
     Up up(kDemo, {});
-    ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-    EXPECT_TRUE(ears.wait(10s, [&] { return follows(ears, 0); }));
-    EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kHaptic); }));
-    EXPECT_TRUE(ears.wait(10s, [&] { return ears.device_is_on(kTactile); }));
-    ears.listen(2s);  // rates are of the last second
+    ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+    EXPECT_TRUE(listener.wait(10s, [&] { return follows(listener, 0); }));
+    EXPECT_TRUE(listener.wait(10s, [&] { return listener.device_is_on(kHaptic); }));
+    EXPECT_TRUE(listener.wait(10s, [&] { return listener.device_is_on(kTactile); }));
+    listener.listen(2s);  // rates are of the last second
     for (const std::string& module : kModules) {
-      const LoopStatus& status = ears.modules.at(module);
+      const LoopStatus& status = listener.modules.at(module);
       processes.insert(status.process_id);
       std::printf("%-9s %7.1f of %6.1f Hz, step p99 %6.3f ms\n", module.c_str(), status.rate_hz, status.nominal_rate_hz,
                   status.step_ms_p99);
@@ -84,34 +85,34 @@ TEST_F(Rig, DemoStartsFollowsAndStops) {
     }
     // A physics loop publishes these values. Whether its ledger closes is tested on the virtual clock, where every step
     // has enough time.
-    const LoopStatus& hand = ears.modules.at("hand");
+    const LoopStatus& hand = listener.modules.at("hand");
     EXPECT_GT(hand.iterations, 0u);
     EXPECT_GT(hand.coupling_stretch, 0);
     EXPECT_GT(hand.energies.size(), 5u);
     EXPECT_GT(hand.ledger.size(), 5u);
-    EXPECT_GT(ears.modules.at("tracking").ledger.size(), 5u);
-    EXPECT_NE(ears.modules.at("haptic").passivity_energy, 0);
+    EXPECT_GT(listener.modules.at("tracking").ledger.size(), 5u);
+    EXPECT_NE(listener.modules.at("haptic").passivity_energy, 0);
     EXPECT_EQ(processes.size(), kModules.size());
     for (const std::uint32_t process : processes) EXPECT_TRUE(is_alive(process));
-    expect_all_finite(ears);
+    expect_all_finite(listener);
     up.send_signal(SIGINT);
     EXPECT_EQ(up.wait(8s), 0) << "not a clean stop:\n" << up.output();
   }
   for (const std::uint32_t process : processes) EXPECT_FALSE(is_alive(process)) << "orphan " << process;
   // On exit, devices are left at zero.
   for (const std::uint32_t device : {kHaptic, kTactile}) {
-    EXPECT_TRUE(ears.wait(1s, [&] { return !ears.devices[device].back().live; })) << device;
-    EXPECT_EQ(ears.devices[device].back().largest_command, 0) << device;
+    EXPECT_TRUE(listener.wait(1s, [&] { return !listener.devices[device].back().live; })) << device;
+    EXPECT_EQ(listener.devices[device].back().largest_command, 0) << device;
   }
 }
 
 TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
-  Ears ears;
+  RigListener listener;
   Up up(kDemo, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
   up.send_signal(SIGKILL);
-  EXPECT_TRUE(ears.wait(5s, [&] {
-    return std::none_of(ears.modules.begin(), ears.modules.end(),
+  EXPECT_TRUE(listener.wait(5s, [&] {
+    return std::none_of(listener.modules.begin(), listener.modules.end(),
                         [](const auto& each) { return is_alive(each.second.process_id); });
   }));
 }
@@ -153,35 +154,36 @@ class RigDeath : public Rig, public ::testing::WithParamInterface<Death> {};
 
 TEST_P(RigDeath, OthersLiveDevicesAreZeroedAndTheHandFollowsAfterARestart) {
   const std::string victim = GetParam().module;
-  Ears ears;
+  RigListener listener;
   Up up(kTouch, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  ears.listen(2s);  // until the fingers have closed
-  ASSERT_TRUE(
-      ears.wait(10s, [&] { return follows(ears, 0) && ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }))
-      << "follow error " << ears.simulated.back().follow_error;
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  listener.listen(2s);  // until the fingers have closed
+  ASSERT_TRUE(listener.wait(
+      10s, [&] { return follows(listener, 0) && listener.device_is_on(kHaptic) && listener.device_is_on(kTactile); }))
+      << "follow error " << listener.simulated.back().follow_error;
   std::map<std::string, std::int64_t> before;
-  for (const std::string& module : kModules) before[module] = ears.process_id(module);
-  const std::uint64_t hand_epoch = ears.simulated.back().epoch;
+  for (const std::string& module : kModules) before[module] = listener.process_id(module);
+  const std::uint64_t hand_epoch = listener.simulated.back().epoch;
 
   const Nanoseconds killed = now();
   ASSERT_EQ(kill(static_cast<pid_t>(before[victim]), SIGKILL), 0);
 
   // A device whose input lives is not disturbed. A device whose input died goes to zero and stays there until its input
   // is back.
-  ears.listen(60ms);
+  listener.listen(60ms);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     const bool itself = (victim == "haptic" && device == kHaptic) || (victim == "tactile" && device == kTactile);
     if (itself) continue;
     const bool should_zero = std::count(GetParam().zeroed.begin(), GetParam().zeroed.end(), device) != 0;
-    const auto first_zero = [&]() -> const Ears::DeviceSample* {
-      for (const auto& sample : ears.devices[device]) {
+    const auto first_zero = [&]() -> const RigListener::DeviceSample* {
+      for (const auto& sample : listener.devices[device]) {
         if (sample.time > killed && !sample.live) return &sample;
       }
       return nullptr;
     };
     if (should_zero) {
-      ASSERT_TRUE(ears.wait(2s, [&] { return first_zero() != nullptr; })) << "device " << device << " was never zeroed";
+      ASSERT_TRUE(listener.wait(2s, [&] { return first_zero() != nullptr; }))
+          << "device " << device << " was never zeroed";
       const double milliseconds = milliseconds_between(killed, first_zero()->time);
       EXPECT_EQ(first_zero()->largest_command, 0);
       EXPECT_LT(milliseconds, 150) << "device " << device;
@@ -191,26 +193,26 @@ TEST_P(RigDeath, OthersLiveDevicesAreZeroedAndTheHandFollowsAfterARestart) {
     }
   }
 
-  ASSERT_TRUE(ears.wait(5s, [&] { return ears.process_id(victim) != before[victim]; })) << "not restarted\n"
-                                                                                        << up.output();
+  ASSERT_TRUE(listener.wait(5s, [&] { return listener.process_id(victim) != before[victim]; })) << "not restarted\n"
+                                                                                                << up.output();
   const Nanoseconds restarted = now();
   const auto works_again = [&] {
-    if (!follows(ears, killed)) return false;
-    if (victim == "hand" && ears.simulated.back().epoch == hand_epoch) return false;
+    if (!follows(listener, killed)) return false;
+    if (victim == "hand" && listener.simulated.back().epoch == hand_epoch) return false;
     return true;
   };
-  EXPECT_TRUE(ears.wait(10s, works_again)) << "follow error " << ears.simulated.back().follow_error;
+  EXPECT_TRUE(listener.wait(10s, works_again)) << "follow error " << listener.simulated.back().follow_error;
   const double followed =
-      milliseconds_between(killed, (ears.simulated.end() - 10)->time);  // the first of those that `follows` saw
+      milliseconds_between(killed, (listener.simulated.end() - 10)->time);  // the first of those that `follows` saw
   EXPECT_LT(followed, victim == "tracker" ? kFollowsTrackerWithin : kFollowsWithin);
   std::printf("%s killed: the hand follows again within %.0f ms\n", victim.c_str(), followed);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
-    ASSERT_TRUE(
-        ears.wait(10s, [&] { return ears.device_is_on(device) && ears.devices[device].back().time > restarted; }))
+    ASSERT_TRUE(listener.wait(
+        10s, [&] { return listener.device_is_on(device) && listener.devices[device].back().time > restarted; }))
         << "device " << device;
     // From this sample on the device stays live. It follows the last sample that was not live, or it is the first
     // sample of a new process.
-    const auto& samples = ears.devices[device];
+    const auto& samples = listener.devices[device];
     auto on = samples.end() - 1;
     while (on != samples.begin() && (on - 1)->live && (on - 1)->epoch == on->epoch && (on - 1)->time > killed) --on;
     const double back = milliseconds_between(killed, on->time);
@@ -218,15 +220,15 @@ TEST_P(RigDeath, OthersLiveDevicesAreZeroedAndTheHandFollowsAfterARestart) {
     std::printf("%s killed: device %u commands on or again after %.0f ms\n", victim.c_str(), device, back);
   }
   const Nanoseconds status_after = now();
-  EXPECT_TRUE(ears.wait(5s, [&] {
+  EXPECT_TRUE(listener.wait(5s, [&] {
     return std::all_of(kModules.begin(), kModules.end(),
-                       [&](const std::string& m) { return ears.modules.at(m).stamp.publish_time > status_after; });
+                       [&](const std::string& m) { return listener.modules.at(m).stamp.publish_time > status_after; });
   }));
   for (const std::string& module : kModules) {
     if (module == victim) continue;
-    EXPECT_EQ(ears.process_id(module), before[module]) << module << " died too\n" << up.output();
+    EXPECT_EQ(listener.process_id(module), before[module]) << module << " died too\n" << up.output();
   }
-  expect_all_finite(ears);
+  expect_all_finite(listener);
 }
 
 INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
@@ -236,32 +238,33 @@ INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
                          [](const auto& death) { return std::string(death.param.module); });
 
 TEST_F(Rig, StrongerTrackerOwnsTheHandUntilItDies) {
-  Ears ears;
+  RigListener listener;
   Up up("tests/integration/rig_two_trackers.toml", {});
-  const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
-  ASSERT_TRUE(ears.wait(20s, [&] {
-    return ears.process_id("weak") > 0 && ears.process_id("strong") > 0 && owner() == 2;
+  const auto owner = [&] { return listener.tracked.empty() ? 0u : listener.tracked.back().source; };
+  ASSERT_TRUE(listener.wait(20s, [&] {
+    return listener.process_id("weak") > 0 && listener.process_id("strong") > 0 && owner() == 2;
   })) << up.output();
-  ears.listen(500ms);  // the change itself is not tested
+  listener.listen(500ms);  // the change itself is not tested
   const Nanoseconds settled = now();
-  ears.listen(2s);
+  listener.listen(2s);
   const auto since = [&](Nanoseconds time, std::uint32_t source) {
-    return std::count_if(ears.tracked.begin(), ears.tracked.end(),
+    return std::count_if(listener.tracked.begin(), listener.tracked.end(),
                          [&](const auto& s) { return s.published > time && s.source == source; });
   };
   EXPECT_GT(since(settled, 2), 100);
   EXPECT_EQ(since(settled, 1), 0) << "the weaker tracker was heard although the stronger one lives";
-  EXPECT_GT(ears.counter("weak", "published"), 100) << "the weaker tracker did not publish: this test shows nothing";
+  EXPECT_GT(listener.counter("weak", "published"), 100)
+      << "the weaker tracker did not publish: this test shows nothing";
 
   const Nanoseconds killed = now();
-  ASSERT_EQ(kill(static_cast<pid_t>(ears.process_id("strong")), SIGKILL), 0);
-  ASSERT_TRUE(ears.wait(5s, [&] { return since(killed, 1) > 0; })) << "no tracker took the hand over";
-  const auto taken = std::find_if(ears.tracked.begin(), ears.tracked.end(),
+  ASSERT_EQ(kill(static_cast<pid_t>(listener.process_id("strong")), SIGKILL), 0);
+  ASSERT_TRUE(listener.wait(5s, [&] { return since(killed, 1) > 0; })) << "no tracker took the hand over";
+  const auto taken = std::find_if(listener.tracked.begin(), listener.tracked.end(),
                                   [&](const auto& s) { return s.published > killed && s.source == 1; });
   std::printf("handed over after %.1f ms\n", milliseconds_between(killed, taken->published));
   EXPECT_LT(milliseconds_between(killed, taken->published), 300);
-  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, killed); }));
-  EXPECT_TRUE(ears.wait(10s, [&] { return owner() == 2; })) << "the restarted tracker did not get the hand back";
+  EXPECT_TRUE(listener.wait(5s, [&] { return follows(listener, killed); }));
+  EXPECT_TRUE(listener.wait(10s, [&] { return owner() == 2; })) << "the restarted tracker did not get the hand back";
 }
 
 TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
@@ -270,29 +273,29 @@ TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   // The approach is long. So the hand's service is up before the stronger tracker, which is started first, closes the
   // fingers.
   const std::vector<std::string> hold{"--set", "generator.hold_time=60", "--set", "generator.approach_time=3"};
-  Ears ears;
+  RigListener listener;
   // The stronger tracker has its own supervisor, which dies with it. So nobody restarts this tracker. A restarted
   // tracker would begin its motion again and own the hand.
   Up strong("tests/integration/rig_strong_tracker.toml", hold);
   Up up(kDemo, hold);
-  const auto owner = [&] { return ears.tracked.empty() ? 0u : ears.tracked.back().source; };
+  const auto owner = [&] { return listener.tracked.empty() ? 0u : listener.tracked.back().source; };
   const auto holds_since = [&](const char* module) {
-    const double start = ears.counter(module, "motion_start_s");
+    const double start = listener.counter(module, "motion_start_s");
     return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins
                      : -1.0;  // the start is NaN before it is known, and NaN is not > 0
   };
-  ASSERT_TRUE(ears.wait(30s, [&] {
-    return all_present(ears) && holds_since("tracker") > 1 && holds_since("strong") > 1;
+  ASSERT_TRUE(listener.wait(30s, [&] {
+    return all_present(listener) && holds_since("tracker") > 1 && holds_since("strong") > 1;
   })) << up.output();
   ASSERT_EQ(owner(), 2u);
-  ASSERT_GT(ears.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
+  ASSERT_GT(listener.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
 
   strong.send_signal(SIGKILL);
-  ASSERT_TRUE(ears.wait(5s, [&] { return owner() != 2; }));
-  double lowest = ears.objects[kCube][1], highest = lowest;
-  ears.wait(3s, [&] {
-    lowest = std::min(lowest, ears.objects[kCube][1]);
-    highest = std::max(highest, ears.objects[kCube][1]);
+  ASSERT_TRUE(listener.wait(5s, [&] { return owner() != 2; }));
+  double lowest = listener.objects[kCube][1], highest = lowest;
+  listener.wait(3s, [&] {
+    lowest = std::min(lowest, listener.objects[kCube][1]);
+    highest = std::max(highest, listener.objects[kCube][1]);
     return false;
   });
   std::printf("the cube moved by %.2f mm in height during the handover and 3 s after it\n", (highest - lowest) * 1e3);
@@ -301,7 +304,7 @@ TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
 }
 
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
-  Ears ears;
+  RigListener listener;
   // One motion has all three faults.
   // - The hand is 10 m away from 2 s to 3 s.
   // - One bone is NaN from 4 s to 4.5 s.
@@ -310,35 +313,36 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
                 "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1",
                 "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
                 "tracker.freeze_time=2"});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && ears.counter("tracker", "motion_start_s") > 0; }))
-      << up.output();
-  const Nanoseconds start = static_cast<Nanoseconds>(ears.counter("tracker", "motion_start_s") * 1e9);
+  ASSERT_TRUE(listener.wait(20s, [&] {
+    return all_present(listener) && listener.counter("tracker", "motion_start_s") > 0;
+  })) << up.output();
+  const Nanoseconds start = static_cast<Nanoseconds>(listener.counter("tracker", "motion_start_s") * 1e9);
   const auto motion_time = [&](Nanoseconds time) { return static_cast<double>(time - start) * 1e-9; };
   double largest_step_age = 0;
-  ASSERT_TRUE(ears.wait(20s, [&] {
-    if (const auto found = ears.modules.find("tracking"); found != ears.modules.end())
+  ASSERT_TRUE(listener.wait(20s, [&] {
+    if (const auto found = listener.modules.find("tracking"); found != listener.modules.end())
       largest_step_age = std::max(largest_step_age, found->second.input_age_ms);
     return motion_time(now()) > 9;
   }));
 
   // The teleport is counted twice, there and back. The simulated hand jumps along and comes back.
-  EXPECT_EQ(ears.counter("tracking", "repositioned"), 2);
-  EXPECT_GE(ears.counter("hand", "repositioned"), 2);
+  EXPECT_EQ(listener.counter("tracking", "repositioned"), 2);
+  EXPECT_GE(listener.counter("hand", "repositioned"), 2);
   double farthest = 0;
-  for (const auto& sample : ears.simulated) farthest = std::max(farthest, std::abs(sample.wrist[0]));
+  for (const auto& sample : listener.simulated) farthest = std::max(farthest, std::abs(sample.wrist[0]));
   EXPECT_NEAR(farthest, 10, 1);
   // The bone with NaN is refused for half a second at 90 Hz, and its place is inferred. The rest of the hand goes on.
-  EXPECT_NEAR(ears.counter("tracking", "refused_nonfinite"), 45, 15);
-  EXPECT_GT(ears.counter("tracking", "inferred"), 0);
+  EXPECT_NEAR(listener.counter("tracking", "refused_nonfinite"), 45, 15);
+  EXPECT_GT(listener.counter("tracking", "inferred"), 0);
   // The freeze is reported as stale, and then as over.
-  EXPECT_EQ(ears.peaks["tracking"]["stale"], 1);
-  EXPECT_EQ(ears.counter("tracking", "stale"), 0);
+  EXPECT_EQ(listener.peaks["tracking"]["stale"], 1);
+  EXPECT_EQ(listener.counter("tracking", "stale"), 0);
   EXPECT_GT(largest_step_age, 1500);
   // During the freeze the simulated hand stays where it is: no drift, no drop.
   Vec3 frozen{};
   double drift = 0;
   bool any = false;
-  for (const auto& sample : ears.simulated) {
+  for (const auto& sample : listener.simulated) {
     if (motion_time(sample.time) < 6.2 || motion_time(sample.time) > 7.4) continue;
     if (!any) frozen = sample.wrist;
     any = true;
@@ -346,19 +350,19 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   }
   EXPECT_TRUE(any);
   EXPECT_LT(drift, 0.002);
-  EXPECT_TRUE(ears.wait(5s, [&] { return follows(ears, start + 8'000'000'000); }))
-      << ears.simulated.back().follow_error;
+  EXPECT_TRUE(listener.wait(5s, [&] { return follows(listener, start + 8'000'000'000); }))
+      << listener.simulated.back().follow_error;
   std::printf("drift while frozen %.3f mm, follow error at the end %.1f mm\n", drift * 1e3,
-              ears.simulated.back().follow_error * 1e3);
-  expect_all_finite(ears);
-  for (const std::string& module : kModules) EXPECT_TRUE(is_alive(ears.modules.at(module).process_id)) << module;
+              listener.simulated.back().follow_error * 1e3);
+  expect_all_finite(listener);
+  for (const std::string& module : kModules) EXPECT_TRUE(is_alive(listener.modules.at(module).process_id)) << module;
 }
 
 TEST_F(Rig, EveryModuleAnswersEveryMessage) {
-  Ears ears;
+  RigListener listener;
   Up up(kTouch, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  ASSERT_TRUE(ears.wait(15s, [&] { return ears.device_is_on(kHaptic) && ears.device_is_on(kTactile); }));
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  ASSERT_TRUE(listener.wait(15s, [&] { return listener.device_is_on(kHaptic) && listener.device_is_on(kTactile); }));
   const auto send = [](const std::string& module, const std::string& key, const std::string& value) {
     return run_program({SOFTHAND_PROGRAMS "/softhand", "send", module, key, value});
   };
@@ -385,12 +389,12 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   EXPECT_EQ(off.exit_code, 0);
   for (const std::string& module : kModules)
     EXPECT_EQ(results[module], module == "haptic" || module == "tactile" ? "applied" : "not") << module;
-  ears.listen(100ms);
+  listener.listen(100ms);
   const Nanoseconds switched_off = now();
-  ears.listen(1s);
+  listener.listen(1s);
   for (const std::uint32_t device : {kHaptic, kTactile}) {
     int samples = 0;
-    for (const auto& sample : ears.devices[device]) {
+    for (const auto& sample : listener.devices[device]) {
       if (sample.time < switched_off) continue;
       ++samples;
       ASSERT_EQ(sample.largest_command, 0) << "device " << device << " commands with its motors off";
@@ -401,7 +405,7 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   results = expect_from_all(send("haptic", "motors", "on"));
   EXPECT_EQ(results["haptic"], "applied");
   EXPECT_EQ(results["tactile"], "not");
-  EXPECT_TRUE(ears.wait(15s, [&] { return ears.device_is_on(kHaptic); }));
+  EXPECT_TRUE(listener.wait(15s, [&] { return listener.device_is_on(kHaptic); }));
 
   const Finished refused = send("haptic", "gain", "2");
   EXPECT_EQ(answers(refused)["haptic"], "REFUSED") << refused.output;
@@ -413,13 +417,13 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
 TEST_F(Rig, TwoThreadsOfTheHandBindOnlyThemselvesToCores) {
   cpu_set_t usable;
   ASSERT_EQ(sched_getaffinity(0, sizeof usable, &usable), 0);
-  Ears ears;
+  RigListener listener;
   Up up(kDemo, {"--set", "hand.simulation.threads=2"});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
   int bound = 0;
   std::set<int> policies;
   for (const auto& task :
-       std::filesystem::directory_iterator("/proc/" + std::to_string(ears.process_id("hand")) + "/task")) {
+       std::filesystem::directory_iterator("/proc/" + std::to_string(listener.process_id("hand")) + "/task")) {
     const int thread = std::stoi(task.path().filename().string());
     cpu_set_t cores;
     if (sched_getaffinity(thread, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) == CPU_COUNT(&usable)) continue;
@@ -431,39 +435,39 @@ TEST_F(Rig, TwoThreadsOfTheHandBindOnlyThemselvesToCores) {
 }
 
 TEST_F(Rig, FollowsATrackerThatRestartsItsMotionAtOnce) {
-  Ears ears;
+  RigListener listener;
   Up up(kDemo, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears) && follows(ears, 0); })) << up.output();
-  ears.listen(3s);  // earlier, samples of the new motion were refused for as long as the old motion had run
-  const double refused = ears.counter("tracking", "refused_order");
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener) && follows(listener, 0); })) << up.output();
+  listener.listen(3s);  // earlier, samples of the new motion were refused for as long as the old motion had run
+  const double refused = listener.counter("tracking", "refused_order");
   ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "tracker", "restart", "now"}).exit_code, 0);
   const Nanoseconds sent = now();
-  EXPECT_TRUE(ears.wait(1500ms, [&] { return follows(ears, sent); }));
-  ears.listen(300ms);
-  EXPECT_LE(ears.counter("tracking", "refused_order"), refused + 2);
+  EXPECT_TRUE(listener.wait(1500ms, [&] { return follows(listener, sent); }));
+  listener.listen(300ms);
+  EXPECT_LE(listener.counter("tracking", "refused_order"), refused + 2);
 }
 
 TEST_F(Rig, SendsSurfacesOnlyWhileSomebodyReadsThem) {
-  Ears ears;
+  RigListener listener;
   Up up(kDemo, {});
-  ASSERT_TRUE(ears.wait(20s, [&] { return all_present(ears); })) << up.output();
-  ASSERT_TRUE(ears.wait(10s, [&] { return follows(ears, 0); }));
-  ears.listen(500ms);
-  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), 0) << "nobody reads tissue_surface";
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  ASSERT_TRUE(listener.wait(10s, [&] { return follows(listener, 0); }));
+  listener.listen(500ms);
+  EXPECT_EQ(listener.counter("hand", "surfaces_sent"), 0) << "nobody reads tissue_surface";
   {
     const bus::Participant participant("viewer");
     bus::Reader<TissueSurface> surfaces(participant, bus::topics::tissue_surface);
     std::size_t heard = 0;
     auto surface = std::make_unique<TissueSurface>();
-    ASSERT_TRUE(ears.wait(10s, [&] { return (heard += surfaces.take_latest(*surface) ? 1 : 0) > 20; }));
+    ASSERT_TRUE(listener.wait(10s, [&] { return (heard += surfaces.take_latest(*surface) ? 1 : 0) > 20; }));
     EXPECT_GT(surface->nodes.size(), 100u);
-    ears.listen(300ms);
-    EXPECT_GT(ears.counter("hand", "surfaces_sent"), 20);
+    listener.listen(300ms);
+    EXPECT_GT(listener.counter("hand", "surfaces_sent"), 20);
   }
-  ears.listen(1s);  // until the writer knows that the reader has gone
-  const double sent = ears.counter("hand", "surfaces_sent");
-  ears.listen(1s);
-  EXPECT_EQ(ears.counter("hand", "surfaces_sent"), sent) << "surfaces were sent after the reader had gone";
+  listener.listen(1s);  // until the writer knows that the reader has gone
+  const double sent = listener.counter("hand", "surfaces_sent");
+  listener.listen(1s);
+  EXPECT_EQ(listener.counter("hand", "surfaces_sent"), sent) << "surfaces were sent after the reader had gone";
 }
 
 }  // namespace

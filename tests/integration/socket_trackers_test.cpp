@@ -106,8 +106,8 @@ class Client {
   std::string answer_;
 };
 
-struct Ears {
-  Ears()
+struct RigListener {
+  RigListener()
       : participant("socket-trackers-test"),
         skeletons(participant, bus::topics::tracked_skeleton),
         heads(participant, bus::topics::head_pose),
@@ -146,22 +146,22 @@ class SocketTrackers : public ::testing::Test {
 };
 
 TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
-  Ears ears;
+  RigListener listener;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
   EXPECT_FALSE(Client(tracker, "http://elsewhere.example").accepted());
   Client page(tracker, "http://localhost:8080");
   ASSERT_TRUE(page.accepted());
   const double zero = static_cast<double>(now()) * 1e-6 - 5000;  // the zero of the page's clock, ms
   const auto time = [&] { return static_cast<double>(now()) * 1e-6 - zero; };
-  ASSERT_TRUE(ears.until([&] { page.send(testing::webxr_frame(time(), time()), true); },
-                         [&] {
-                           return ears.count > 40 && ears.head.valid == 1 && ears.hands[0].source == 9 &&
-                                  ears.hands[1].source == 9;
-                         }));
-  const Skeleton& right = ears.hands[1];
+  ASSERT_TRUE(listener.until([&] { page.send(testing::webxr_frame(time(), time()), true); },
+                             [&] {
+                               return listener.count > 40 && listener.head.valid == 1 &&
+                                      listener.hands[0].source == 9 && listener.hands[1].source == 9;
+                             }));
+  const Skeleton& right = listener.hands[1];
   EXPECT_EQ(right.joints[0].flags, kJointValid | kJointInferred);
   EXPECT_NEAR(right.joints[25].position[2], -0.25, 1e-6);
-  EXPECT_NEAR(ears.head.position[1], 1.6, 1e-6);
+  EXPECT_NEAR(listener.head.position[1], 1.6, 1e-6);
   EXPECT_LE(right.stamp.sample_time, right.stamp.publish_time);
   EXPECT_LT(now() - right.stamp.sample_time, 500'000'000);  // on the clock of this process
 
@@ -171,17 +171,18 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
   std::string version = testing::webxr_frame(time(), time());
   version[4] = 9;
   page.send(version, true);
-  ASSERT_TRUE(ears.until([] {}, [&] { return ears.counter("refused_version") == 1; }));
-  EXPECT_EQ(ears.counter("refused_content"), 1);
-  EXPECT_EQ(ears.counter("refused_size"), 1);
-  EXPECT_EQ(ears.counter("refused_type"), 1);
-  EXPECT_EQ(ears.counter("refused_origin"), 1);
+  ASSERT_TRUE(listener.until([] {}, [&] { return listener.counter("refused_version") == 1; }));
+  EXPECT_EQ(listener.counter("refused_content"), 1);
+  EXPECT_EQ(listener.counter("refused_size"), 1);
+  EXPECT_EQ(listener.counter("refused_type"), 1);
+  EXPECT_EQ(listener.counter("refused_origin"), 1);
   page.send(std::string(9000, 'x'), true);  // closes the connection
-  ASSERT_TRUE(ears.until([] {}, [&] { return ears.counter("refused_size") == 2 && ears.counter("connections") == 0; }));
+  ASSERT_TRUE(listener.until(
+      [] {}, [&] { return listener.counter("refused_size") == 2 && listener.counter("connections") == 0; }));
   Client again(tracker, "http://localhost:8080");
-  const int before = ears.count;
-  EXPECT_TRUE(ears.until([&] { again.send(testing::webxr_frame(time(), time()), true); },
-                         [&] { return ears.count > before + 10; }));
+  const int before = listener.count;
+  EXPECT_TRUE(listener.until([&] { again.send(testing::webxr_frame(time(), time()), true); },
+                             [&] { return listener.count > before + 10; }));
 }
 
 TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
@@ -196,48 +197,49 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
             "]";
   }
   text += "]}";
-  Ears ears;
+  RigListener listener;
   const Tracker tracker("softhand-tracker-landmarks", "tracker_landmarks");
   const int udp = ::socket(AF_INET, SOCK_DGRAM, 0);
   const sockaddr_in address = tracker.address();
   const auto send = [&](const std::string& bytes) {
     sendto(udp, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   };
-  ASSERT_TRUE(ears.until([&] { send(text); }, [&] { return ears.count > 10; }));
+  ASSERT_TRUE(listener.until([&] { send(text); }, [&] { return listener.count > 10; }));
   // The hand is 0.5 m in front of the camera, which looks along +Z from (0, 0.15, -0.5). The scene's hand is a finer
   // hand with the same anatomy.
-  EXPECT_LT((to_vector(ears.hands[1].joints[1].position) - Vector3(0, 0.15, 0)).norm(), 1e-3);
-  EXPECT_LT((to_vector(ears.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(),
-            3e-3);
-  EXPECT_EQ(ears.hands[1].source, 9u);
+  EXPECT_LT((to_vector(listener.hands[1].joints[1].position) - Vector3(0, 0.15, 0)).norm(), 1e-3);
+  EXPECT_LT(
+      (to_vector(listener.hands[1].joints[15].position) - hand.rest_joints[15].position - Vector3(0, 0.15, 0)).norm(),
+      3e-3);
+  EXPECT_EQ(listener.hands[1].source, 9u);
 
   Client page(tracker, "http://localhost:3000");
   ASSERT_TRUE(page.accepted());
-  const int before = ears.count;
-  EXPECT_TRUE(ears.until([&] { page.send(text, false); }, [&] { return ears.count > before + 10; }));
+  const int before = listener.count;
+  EXPECT_TRUE(listener.until([&] { page.send(text, false); }, [&] { return listener.count > before + 10; }));
   send("{");
   send(std::string(9000, '{'));
   send(R"({"version":2})");
-  EXPECT_TRUE(ears.until([] {},
-                         [&] {
-                           return ears.counter("refused_json") == 1 && ears.counter("refused_size") == 1 &&
-                                  ears.counter("refused_version") == 1;
-                         }));
+  EXPECT_TRUE(listener.until([] {},
+                             [&] {
+                               return listener.counter("refused_json") == 1 && listener.counter("refused_size") == 1 &&
+                                      listener.counter("refused_version") == 1;
+                             }));
   close(udp);
 }
 
 TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {
-  Ears ears;
+  RigListener listener;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
-  bus::Writer messages(ears.participant, bus::topics::message);
-  bus::Reader replies(ears.participant, bus::topics::message_reply);
+  bus::Writer messages(listener.participant, bus::topics::message);
+  bus::Reader replies(listener.participant, bus::topics::message_reply);
   Message message;
   set_text(message.key, "colour");
   const auto says = [&](const char* module) {
     set_text(message.module, module);
     const std::uint64_t asked = message.id;
     std::string answer;
-    ears.until(
+    listener.until(
         [&] {
           ++message.id;
           messages.write(message);

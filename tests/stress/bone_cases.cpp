@@ -72,7 +72,7 @@ Findings limit(double torque) {
   JointModel& joint = event.hand.bodies[kDistal].joint;
   joint.limit_stiffness = kStiffness;
   HandSimulation simulation(event.hand, {}, 1, 1);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   const auto& rest = event.hand.rest_joints;
   const auto distal = static_cast<std::size_t>(index_of(Joint::index_distal)),
              parent = static_cast<std::size_t>(index_of(Joint::index_intermediate));

@@ -52,13 +52,13 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
     new_tetrahedron[t] = static_cast<std::int32_t>(out.tetrahedra.size());
     auto nodes = hand.tetrahedra[t];
     for (std::int32_t& node : nodes) {
-      std::int32_t& kept = new_node[static_cast<std::size_t>(node)];
-      if (kept < 0) {
-        kept = static_cast<std::int32_t>(out.nodes.size());
+      std::int32_t& renumbered = new_node[static_cast<std::size_t>(node)];
+      if (renumbered < 0) {
+        renumbered = static_cast<std::int32_t>(out.nodes.size());
         out.nodes.push_back(hand.nodes[static_cast<std::size_t>(node)]);
         out.node_body.push_back(hand.node_body[static_cast<std::size_t>(node)]);
       }
-      node = kept;
+      node = renumbered;
     }
     out.tetrahedra.push_back(nodes);
     out.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
@@ -66,8 +66,8 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
   // The surface keeps the finger's skin triangles. The cut through the finger's root is inside and gets no contact.
   out.surface.clear();
   for (auto triangle : hand.surface) {
-    const auto is_kept = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
-    if (!std::all_of(triangle.begin(), triangle.end(), is_kept)) continue;
+    const auto is_used = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
+    if (!std::all_of(triangle.begin(), triangle.end(), is_used)) continue;
     for (std::int32_t& node : triangle) node = new_node[static_cast<std::size_t>(node)];
     out.surface.push_back(triangle);
   }
@@ -93,7 +93,7 @@ Vector3 pad_of(const HandModel& hand, Finger finger) {
 
 Findings let_go(const Release& release) {
   HandSimulation simulation(release.hand, {}, 1, 1);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   hold_bones(simulation, {});
   const Eigen::Matrix3Xd rest = simulation.state().node_positions;
   State disturbed = simulation.state();
@@ -139,7 +139,7 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
   const ShapeGeometry geometry(object.shape);
   const bool moving = object.mass > 0;
   HandSimulation simulation(event.hand, event.options, 1, 1);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   const int slot = moving ? 0 : 1;
   const double mass = moving ? object.mass : 1;
   MirroredObject mirrored{7, &geometry, mass, mass / geometry.solid().volume * geometry.solid().inertia,

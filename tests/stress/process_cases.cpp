@@ -31,33 +31,34 @@ struct OwnDomain {
 class RunningRig : OwnDomain {
  public:
   RunningRig() : up_(kTouch, {}) {
-    const bool runs = ears.wait(30s, [&] {
+    const bool runs = listener.wait(30s, [&] {
       return std::all_of(kModules.begin(), kModules.end(),
-                         [&](const char* module) { return ears.process_id(module) > 0; }) &&
-             follows(0) && ears.device_is_on(1);
+                         [&](const char* module) { return listener.process_id(module) > 0; }) &&
+             follows(0) && listener.device_is_on(1);
     });
     if (!runs) throw std::runtime_error("the rig did not come up: " + up_.output());
   }
   bool follows(Nanoseconds since) const {
     constexpr std::ptrdiff_t kSteps = 10;
-    return ears.simulated.size() >= kSteps &&
-           std::all_of(ears.simulated.end() - kSteps, ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
-             return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
-           });
+    return listener.simulated.size() >= kSteps &&
+           std::all_of(listener.simulated.end() - kSteps, listener.simulated.end(),
+                       [&](const rig::RigListener::HandSample& s) {
+                         return s.tracker_sample > since && s.follow_error >= 0 && s.follow_error < kFollows;
+                       });
   }
   void signal(const char* module, int number) const {
-    if (kill(static_cast<pid_t>(ears.process_id(module)), number) != 0)
+    if (kill(static_cast<pid_t>(listener.process_id(module)), number) != 0)
       throw std::runtime_error(std::string("cannot signal ") + module);
   }
   void judge(Findings& findings) const {
     std::uint64_t nonfinite = 0;
-    for (const auto& [topic, count] : ears.nonfinite) nonfinite += count;
+    for (const auto& [topic, count] : listener.nonfinite) nonfinite += count;
     findings.demand("G1", "messages published with numbers that are not finite", static_cast<double>(nonfinite), 0, "1",
                     Class::diverged);
   }
 
   static constexpr std::array<const char*, 6> kModules{"world", "hand", "tracking", "haptic", "tactile", "tracker"};
-  rig::Ears ears;
+  rig::RigListener listener;
 
  private:
   rig::Up up_;
@@ -66,13 +67,13 @@ class RunningRig : OwnDomain {
 Findings killed(const char* module) {
   constexpr double kLive = 1000;  // ms
   RunningRig rig;
-  const std::uint64_t epoch = rig.ears.modules.at(module).stamp.epoch;
+  const std::uint64_t epoch = rig.listener.modules.at(module).stamp.epoch;
   const Nanoseconds when = now();
   rig.signal(module, SIGKILL);
-  const auto status = [&]() -> const LoopStatus& { return rig.ears.modules.at(module); };
-  const bool lives = rig.ears.wait(10s, [&] { return status().stamp.epoch != epoch; });
+  const auto status = [&]() -> const LoopStatus& { return rig.listener.modules.at(module); };
+  const bool lives = rig.listener.wait(10s, [&] { return status().stamp.epoch != epoch; });
   const double after = lives ? milliseconds(when, status().stamp.publish_time) : std::nan("");
-  const bool follows = rig.ears.wait(10s, [&] { return rig.follows(when); });
+  const bool follows = rig.listener.wait(10s, [&] { return rig.follows(when); });
   Findings findings;
   rig.judge(findings);
   findings.demand("follows", "runs in which the hand does not follow again", follows ? 0 : 1, 0, "1");
@@ -83,15 +84,15 @@ Findings killed(const char* module) {
 Findings stopped() {
   RunningRig rig;
   rig.signal("hand", SIGSTOP);
-  rig.ears.listen(2s);
+  rig.listener.listen(2s);
   const Nanoseconds when = now();
   rig.signal("hand", SIGCONT);
-  const bool follows = rig.ears.wait(10s, [&] { return rig.follows(when); });
+  const bool follows = rig.listener.wait(10s, [&] { return rig.follows(when); });
   // Counts the interrupted step, the step that is due and one catch-up step.
-  const auto early =
-      std::count_if(rig.ears.simulated.begin(), rig.ears.simulated.end(), [&](const rig::Ears::HandSample& s) {
-        return s.time > when && s.time < when + static_cast<Nanoseconds>(0.9e9 * kPeriod);
-      });
+  const auto early = std::count_if(rig.listener.simulated.begin(), rig.listener.simulated.end(),
+                                   [&](const rig::RigListener::HandSample& s) {
+                                     return s.time > when && s.time < when + static_cast<Nanoseconds>(0.9e9 * kPeriod);
+                                   });
   Findings findings;
   rig.judge(findings);
   findings.demand("follows", "runs in which the hand does not follow again", follows ? 0 : 1, 0, "1");
@@ -112,12 +113,12 @@ Findings starved() {
     });
   }
   const auto counted = [&] {
-    const LoopStatus& status = rig.ears.modules.at("hand");
+    const LoopStatus& status = rig.listener.modules.at("hand");
     return std::pair(status.stamp.publish_time, static_cast<double>(status.steps + status.deadline_misses));
   };
-  rig.ears.listen(1s);
+  rig.listener.listen(1s);
   const auto [from, before] = counted();
-  rig.ears.listen(5s);
+  rig.listener.listen(5s);
   const auto [to, after] = counted();
   stop = true;
   for (std::thread& other : others) other.join();

@@ -107,7 +107,7 @@ class Cache {
     take(json, row);
     return true;
   }
-  void keep(const Row& row) const {
+  void store(const Row& row) const {
     if (!folder_.empty()) report::write_file(path_of(row), to_json(row).dump() + "\n");
   }
 
@@ -238,7 +238,7 @@ int run_stress(const StressArguments& arguments) {
       if (!setting.run || arguments.cache.empty() || !cache.find(row)) {
         row = run(which, setting);
         seconds += row.seconds;
-        if (setting.run) cache.keep(row);
+        if (setting.run) cache.store(row);
       }
       fmt::print("{:11} {:22} {:34} {:6.1f} s  {:34} {}\n", name_of(row.which), row.name, row.parameter, row.seconds,
                  figure_text(row),

@@ -33,12 +33,12 @@ void turn_about_wrist(Skeleton& skeleton, const Vector3& turn) {
 
 // Runs a grasp. At the end the hand must be where the tracker last reported it.
 Grasped run_faulty(Grasp setting, bool follow = true) {
-  Vec3 wanted{};
+  Vec3 target{};
   const auto inner = setting.tracker;
-  setting.tracker = [&wanted, inner](double time, Samples& samples) {
+  setting.tracker = [&target, inner](double time, Samples& samples) {
     if (inner) inner(time, samples);
     if (!samples.empty() && softhand::all_finite(samples.back().joints[kWrist].position))
-      wanted = samples.back().joints[kWrist].position;
+      target = samples.back().joints[kWrist].position;
   };
   Vector3 reached = Vector3::Zero();
   setting.at_step = [&reached](VirtualRig& rig, double) {
@@ -47,7 +47,7 @@ Grasped run_faulty(Grasp setting, bool follow = true) {
   Grasped result = grasp(setting);
   if (follow)
     result.findings.demand("follows", "distance between simulated and tracked wrist at the end",
-                           (reached - to_vector(wanted)).norm() * 1e3, kFollows * 1e3, "mm");
+                           (reached - to_vector(target)).norm() * 1e3, kFollows * 1e3, "mm");
   return result;
 }
 
@@ -182,12 +182,12 @@ std::function<void(double, Samples&)> duplicates() {
 
 // Delivers every other sample after its successor.
 std::function<void(double, Samples&)> swaps() {
-  return [kept = Samples{}, n = 0](double, Samples& samples) mutable {
+  return [delayed = Samples{}, n = 0](double, Samples& samples) mutable {
     if (n++ % 2 == 0) {
-      kept = samples;
+      delayed = samples;
       samples.clear();
     } else {
-      samples.push_back(kept.front());
+      samples.push_back(delayed.front());
     }
   };
 }

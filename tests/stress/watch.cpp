@@ -93,7 +93,7 @@ void HandWatch::after_step(const HandSimulation& simulation, const StepReport& r
   const State& state = simulation.state();
   if (!softhand::all_finite(state)) ++nonfinite_;
   const EnergyLedger& ledger = simulation.ledger();
-  if (ledger.begun()) {
+  if (ledger.started()) {
     const double work = ledger.total().work + (anchoring_is_work_ ? ledger.total().anchoring : 0);
     energy_excess_ = std::max(energy_excess_, (ledger.total().stored - ledger.initial() - work) / ledger.scale());
   }

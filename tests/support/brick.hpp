@@ -56,7 +56,7 @@ class Anchors final : public Energy {
 };
 
 /// Adds a constant diagonal to the Hessian, or a bad entry such as NaN to the gradient. A solver must survive both.
-class Saboteur final : public Energy {
+class FaultyTerm final : public Energy {
  public:
   double curvature = 0;
   double gradient_entry = 0;

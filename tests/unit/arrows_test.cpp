@@ -38,22 +38,22 @@ const Includes& includes() {
 }
 
 // The folder of common/ in an include path, such as "energies" in "energies/contact.hpp". Empty for system headers.
-std::string room(const std::string& include) {
-  static const std::set<std::string> rooms{"math",   "model", "messages", "geometry", "energies",
-                                           "solver", "scene", "runtime",  "device",   "bus"};
+std::string folder_of(const std::string& include) {
+  static const std::set<std::string> folders{"math",   "model", "messages", "geometry", "energies",
+                                             "solver", "scene", "runtime",  "device",   "bus"};
   const std::string first = include.substr(0, include.find('/'));
-  return rooms.count(first) != 0 ? first : "";
+  return folders.count(first) != 0 ? first : "";
 }
 
 bool starts_with(const std::string& text, const std::string& prefix) { return text.rfind(prefix, 0) == 0; }
 
 // Only files below `place` may include a path that matches `pattern` (ignoring case). At least one file must.
 void expect_only_below(const std::string& place, const char* pattern) {
-  const std::regex wanted(pattern, std::regex::icase);
+  const std::regex matcher(pattern, std::regex::icase);
   int found = 0;
   for (const auto& [file, list] : includes()) {
     for (const std::string& include : list) {
-      if (!std::regex_search(include, wanted)) continue;
+      if (!std::regex_search(include, matcher)) continue;
       ++found;
       EXPECT_TRUE(starts_with(file, place)) << file << " includes " << include;
     }
@@ -84,7 +84,7 @@ TEST(Arrows, EachFolderIncludesOnlyLowerFolders) {
     const std::string own = file.substr(7, file.find('/', 7) - 7);
     ASSERT_TRUE(allowed.count(own)) << file << " is in a folder that the include rules do not list";
     for (const std::string& include : list) {
-      const std::string other = room(include);
+      const std::string other = folder_of(include);
       if (other.empty()) continue;
       EXPECT_TRUE(allowed.at(own).count(other)) << file << " includes " << include;
     }
@@ -97,7 +97,7 @@ TEST(Arrows, PhysicsUsesOnlyOptionsOfTheRuntime) {
         !starts_with(file, "common/scene/"))
       continue;
     for (const std::string& include : list) {
-      if (room(include) == "runtime") {
+      if (folder_of(include) == "runtime") {
         EXPECT_EQ(include, "runtime/options.hpp") << file;
       }
     }
@@ -108,7 +108,7 @@ TEST(Arrows, SolverIncludesNoConcreteTerm) {
   for (const auto& [file, list] : includes()) {
     if (!starts_with(file, "common/solver/")) continue;
     for (const std::string& include : list) {
-      if (room(include) == "energies") {
+      if (folder_of(include) == "energies") {
         EXPECT_EQ(include, "energies/energy.hpp") << file;
       }
     }
@@ -123,7 +123,7 @@ TEST(Arrows, LoopsHaveNoClockNoBusAndNoThreads) {
     if (!starts_with(file, "services/") || file.find("_loop.") == std::string::npos) continue;
     ++loops;
     for (const std::string& include : list) {
-      EXPECT_NE(room(include), "bus") << file << " includes " << include;
+      EXPECT_NE(folder_of(include), "bus") << file << " includes " << include;
       EXPECT_FALSE(include == "chrono" || include == "thread" || include == "runtime/clock.hpp" ||
                    include == "runtime/periodic_loop.hpp" || include == "iostream" || include == "fstream")
           << file << " includes " << include;

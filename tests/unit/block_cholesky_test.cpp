@@ -187,11 +187,11 @@ TYPED_TEST(BlockCholeskyTest, PartialRefactorisationGivesTheBitsOfANewFactorWith
     BlockMatrix matrix = testing::hand_matrix(hand_path(size));
     const VectorX rhs = random_vector(3 * matrix.block_count(), 3);
     VectorX x(rhs.size()), expected(rhs.size());
-    BlockCholesky<TypeParam> fresh, kept(widest_instruction_set(), &helper), copied;
-    for (BlockCholesky<TypeParam>* solver : {&fresh, &kept, &copied}) solver->analyze(matrix);
-    kept.load(matrix);
-    ASSERT_TRUE(kept.refactorize({})) << "there is no factor yet: everything is factorised";
-    EXPECT_EQ(kept.factorised_fronts(), kept.front_count());
+    BlockCholesky<TypeParam> fresh, reused(widest_instruction_set(), &helper), copied;
+    for (BlockCholesky<TypeParam>* solver : {&fresh, &reused, &copied}) solver->analyze(matrix);
+    reused.load(matrix);
+    ASSERT_TRUE(reused.refactorize({})) << "there is no factor yet: everything is factorised";
+    EXPECT_EQ(reused.factorised_fronts(), reused.front_count());
     std::size_t fronts = 0;
     for (int run = 0; run < 40; ++run) {
       // The blocks of two neighbouring nodes, as when a finger touches. Only one of the two really changes.
@@ -202,9 +202,9 @@ TYPED_TEST(BlockCholeskyTest, PartialRefactorisationGivesTheBitsOfANewFactorWith
         changed.push_back(block);
       }
       if (run == 20) {
-        ASSERT_TRUE(copied.take_factor(kept));
+        ASSERT_TRUE(copied.take_factor(reused));
       }
-      BlockCholesky<TypeParam>& solver = run < 20 ? kept : copied;
+      BlockCholesky<TypeParam>& solver = run < 20 ? reused : copied;
       solver.load(matrix);
       ASSERT_TRUE(solver.refactorize(changed));
       fronts += solver.factorised_fronts();

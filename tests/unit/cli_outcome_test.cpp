@@ -33,9 +33,9 @@ Skeleton skeleton(double t, const std::function<Pose(std::size_t)>& pose_of) {
   return s;
 }
 
-// The joints of a hand that moves as one rigid body with the pose `carry`.
-Pose joint_in(const Pose& carry, std::size_t j) {
-  return carry * Pose{Vector3(0.01 * static_cast<double>(j), 0.02, -0.03), Quaternion::Identity()};
+// The joints of a hand that moves as one rigid body with the pose `motion`.
+Pose joint_in(const Pose& motion, std::size_t j) {
+  return motion * Pose{Vector3(0.01 * static_cast<double>(j), 0.02, -0.03), Quaternion::Identity()};
 }
 
 ObjectCoupling coupling(double t, const Pose& pose, const Vector3& force, bool owned = true) {
@@ -79,19 +79,19 @@ void play_pinch(Outcome& outcome, const PinchTruth& truth) {
   for (int i = 0; i <= static_cast<int>(12 * kRate); ++i) {
     const double t = i / kRate;
     // The hand lifts the object, tilts it during the hold (which is not slip), shakes it, and turns it.
-    Pose carry;
-    carry.position = Vector3(0, truth.lift * smooth(t - 1), 0);
+    Pose motion;
+    motion.position = Vector3(0, truth.lift * smooth(t - 1), 0);
     double x = 0;
     if (t >= 7 && t <= 10) x = 0.03 * std::sin(w * (t - 7));
-    carry.position.x() += x;
-    carry.orientation =
+    motion.position.x() += x;
+    motion.orientation =
         Quaternion(Eigen::AngleAxisd(t > 2 && t < 7 ? 0.2 * std::sin(M_PI * (t - 2) / 5) : 0, Vector3::UnitZ()));
-    if (t >= 10) carry.orientation = Quaternion(Eigen::AngleAxisd(truth.turn * smooth(t - 10), Vector3::UnitY()));
-    outcome.on_simulated(skeleton(t, [&carry](std::size_t j) { return joint_in(carry, j); }));
+    if (t >= 10) motion.orientation = Quaternion(Eigen::AngleAxisd(truth.turn * smooth(t - 10), Vector3::UnitY()));
+    outcome.on_simulated(skeleton(t, [&motion](std::size_t j) { return joint_in(motion, j); }));
 
-    Pose object = carry * Pose{Vector3(0.02, 0, 0.01), Quaternion::Identity()};
+    Pose object = motion * Pose{Vector3(0.02, 0, 0.01), Quaternion::Identity()};
     if (t >= 2 && t <= 7)
-      object = carry * Pose{Vector3(0.02, 0, 0.01 + truth.slip * (t - 2) / 5), Quaternion::Identity()};
+      object = motion * Pose{Vector3(0.02, 0, 0.01 + truth.slip * (t - 2) / 5), Quaternion::Identity()};
     Vector3 force(0, truth.weight * kMass * 9.81, 0);
     if (t >= 7 && t <= 10) {
       const double a = -w * w * x;

@@ -29,9 +29,9 @@ class FakeDriver : public HapticDriver {
  public:
   explicit FakeDriver(Written& written) : written_(written) {}
   DeviceLimits limits() const override { return {2, -3, 3, 500}; }
-  void command(const BoneWrench& input, std::span<double> wanted) override {
-    wanted[0] = input.bones[0].coupling_force[0];
-    wanted[1] = input.bones[1].coupling_force[0];
+  void command(const BoneWrench& input, std::span<double> requested) override {
+    requested[0] = input.bones[0].coupling_force[0];
+    requested[1] = input.bones[1].coupling_force[0];
   }
   void write(Nanoseconds, std::span<const double> commands) override {
     written_.commands.emplace_back(commands.begin(), commands.end());
@@ -203,9 +203,9 @@ TEST_F(Device, BacklogIsStaleAfterAnyTime) {
     EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0) << seconds;
   }
   for (const bool own : {false, true}) {
-    BoneWrench untold = wrench(2, 2, ++sequence, own ? 0 : now - static_cast<Nanoseconds>(3600e9));  // 0: unknown
-    untold.stamp.clock_id = clock_id() + (own ? 0 : 1);
-    EXPECT_GT(loop.step(now += kMillisecond, &untold).commands[0], 0) << own;
+    BoneWrench unstamped = wrench(2, 2, ++sequence, own ? 0 : now - static_cast<Nanoseconds>(3600e9));  // 0: unknown
+    unstamped.stamp.clock_id = clock_id() + (own ? 0 : 1);
+    EXPECT_GT(loop.step(now += kMillisecond, &unstamped).commands[0], 0) << own;
   }
 }
 

@@ -461,9 +461,9 @@ TEST(HandLoop, RemovedObjectLeavesItsSlot) {
 TEST(HandLoop, RefusesUnusableDescriptions) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   HandLoop loop(hand(), loop_options(), {});
-  const auto refused = [&loop](const char* field, auto&& spoil) {
+  const auto refused = [&loop](const char* field, auto&& corrupt) {
     ObjectDescription description = cube(3);
-    spoil(description);
+    corrupt(description);
     try {
       loop.describe_object(description);
       ADD_FAILURE() << field;
@@ -488,21 +488,21 @@ TEST(HandLoop, RefusesInvalidObjectStatesAndContinues) {
   const HandModel model = hand();
   NeighbourPlane plane;
   plane.normal = {0, 1, 0};
-  const std::vector<std::function<void(ObjectState&)>> spoils{
+  const std::vector<std::function<void(ObjectState&)>> corruptions{
       [](ObjectState& s) { s.gravity[1] = kNan; }, [](ObjectState& s) { s.angular_velocity[0] = 1e200; },
       [](ObjectState& s) { s.position[0] = 1e200; },
       [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].normal = {}; },
       [=](ObjectState& s) { s.planes.push_back(plane), s.planes[0].friction = kNan; }};
-  for (const auto& spoil : spoils) {
+  for (const auto& corrupt : corruptions) {
     HandLoop loop(model, loop_options(), {});
     loop.describe_object(cube(3));
     Nanoseconds now = kSecond;
     std::uint64_t sequence = 0;
-    const auto step = [&](double wrist_y, bool spoiled) -> const HandOutput& {
+    const auto step = [&](double wrist_y, bool corrupted) -> const HandOutput& {
       now += 11'111'111;
       const Skeleton sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
       WorldObjects world = world_with(3, Vector3(-0.012, -0.039, -0.092), now);
-      if (spoiled) spoil(world.objects[0]);
+      if (corrupted) corrupt(world.objects[0]);
       return loop.step(now, {&sample, nullptr, &world}, {});
     };
     step(0, false);
@@ -617,7 +617,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
     std::vector<State> states;
     bool touched = false;
   };
-  const auto run = [&model](const HandOptions& options, const HandWants& wants, std::uint32_t far_objects) {
+  const auto run = [&model](const HandOptions& options, const RequestedOutputs& requested, std::uint32_t far_objects) {
     HandLoop loop(model, options, {});
     loop.describe_object(cube(3));
     for (std::uint32_t id = 0; id < far_objects; ++id) loop.describe_object(cube(100 + id));
@@ -630,7 +630,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
       WorldObjects world = world_with(3, Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), now);
       for (std::uint32_t id = 0; id < far_objects; ++id)
         world.objects.push_back(world_with(100 + id, Vector3(1 + 0.1 * id, 0, 0), now).objects[0]);
-      loop.step(now, {&sample, nullptr, &world}, wants);
+      loop.step(now, {&sample, nullptr, &world}, requested);
       result.states.push_back(loop.simulation().state());
       result.touched = result.touched || loop.simulation().contact_count() > 0;
     }
@@ -647,7 +647,7 @@ TEST(HandLoop, OmittedOutputsAndDistantObjectsChangeNoBit) {
     }
     return largest;
   };
-  const HandWants nothing{false, false, false, false}, everything{true, true, true, true};
+  const RequestedOutputs nothing{false, false, false, false}, everything{true, true, true, true};
   const Run plain = run(loop_options(), nothing, 0);
   ASSERT_TRUE(plain.touched);
   EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics with readers";

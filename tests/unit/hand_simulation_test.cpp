@@ -79,14 +79,14 @@ TEST(HandSimulation, ContinuesFromARestoredState) {
   HandSimulation simulation(hand(), options(), 0, 0);
   set_rest_targets(simulation, {Vector3(0.03, 0, 0), Quaternion::Identity()});
   for (int i = 0; i < 5; ++i) simulation.step(kStep);
-  const State kept = simulation.state();
+  const State saved = simulation.state();
   simulation.step(kStep);
   const Eigen::Matrix3Xd once = simulation.state().node_positions;
-  simulation.restore(kept);
+  simulation.restore(saved);
   simulation.step(kStep);
   // Not equal to the bit, because factors of earlier steps are reused.
   EXPECT_LE((simulation.state().node_positions - once).colwise().norm().maxCoeff(), 2e-5);
-  State other = kept;
+  State other = saved;
   other.body_poses.pop_back();
   EXPECT_THROW(simulation.restore(other), std::invalid_argument);
 }
@@ -149,24 +149,24 @@ void scatter_nodes(HandSimulation& simulation) {
 }
 
 TEST(HandSimulation, UntanglesTissueThatStaysInverted) {
-  double left = 0;
-  const auto inverted_after = [&left](double patience, std::uint64_t& untangled) {
+  double remaining_error = 0;
+  const auto inverted_after = [&remaining_error](double period, std::uint64_t& untangled) {
     SimulationOptions o = options();
-    o.untangle_patience = patience;
+    o.untangle_patience = period;
     HandSimulation simulation(hand(), o, 0, 0);
     set_rest_targets(simulation, {});
     scatter_nodes(simulation);
     for (int i = 0; i < 180; ++i) simulation.step(kStep);
     untangled = simulation.untangled_nodes();
-    left = rest_error(hand(), simulation.state());
+    remaining_error = rest_error(hand(), simulation.state());
     return simulation.inverted_elements();
   };
   std::uint64_t untangled = 0;
   EXPECT_GT(inverted_after(0, untangled), 0) << "the tissue recovered by itself: this test shows nothing";
-  EXPECT_GT(left, 1e-4) << "rest_error must measure the remaining damage";
+  EXPECT_GT(remaining_error, 1e-4) << "rest_error must measure the remaining damage";
   EXPECT_EQ(untangled, 0u);
   EXPECT_EQ(inverted_after(SimulationOptions{}.untangle_patience, untangled), 0);
-  EXPECT_LT(left, 1e-7);
+  EXPECT_LT(remaining_error, 1e-7);
   EXPECT_GT(untangled, 0u);
 }
 
@@ -175,7 +175,7 @@ TEST(HandSimulation, LedgerContinuesAlikeAfterTakeState) {
   HandSimulation one(hand(), options(), 0, 0), two(hand(), options(), 0, 0);
   for (HandSimulation* simulation : {&one, &two}) {
     set_rest_targets(*simulation, {});
-    simulation->keep_ledger(true);
+    simulation->enable_ledger(true);
     simulation->step(kStep);
   }
   scatter_nodes(one);
@@ -191,9 +191,9 @@ TEST(HandSimulation, LedgerContinuesAlikeAfterTakeState) {
 TEST(HandSimulation, UntanglesTissueThatStaysTwisted) {
   // Tissue that was collapsed to a line expands again wound about its bones. No tetrahedron is inverted then.
   const HandModel shipped = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
-  const auto distance_after = [&shipped](double patience, std::uint64_t& untangled) {
+  const auto distance_after = [&shipped](double period, std::uint64_t& untangled) {
     SimulationOptions o;
-    o.untangle_patience = patience;
+    o.untangle_patience = period;
     HandSimulation simulation(shipped, o, 0, 0);
     for (int b = 0; b < kBodyCount; ++b)
       simulation.set_target(static_cast<Body>(b), shipped.rest_joints[index(joint_of(static_cast<Body>(b)))], {});
@@ -279,9 +279,9 @@ TEST(HandSimulation, CollapsedOrMirroredTissueRecoversWithAnObjectInThePalm) {
 TEST(HandSimulation, SkinHookedBehindAPlateRecovers) {
   HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   const ShapeGeometry plate(testing::box_shape({0.012, 0.002, 0.012}));
-  const auto distance_after = [&](double patience, std::uint64_t& untangled) {
+  const auto distance_after = [&](double period, std::uint64_t& untangled) {
     SimulationOptions o;
-    o.untangle_patience = patience;
+    o.untangle_patience = period;
     HandSimulation simulation(hand, o, 0, 1);
     set_rest_targets(simulation, {});
     const Eigen::Matrix3Xd rest = simulation.state().node_positions;
@@ -471,24 +471,24 @@ TEST(HandSimulation, KinematicSlotMovesWithItsVelocity) {
 
 // Steps with a reused factor agree with steps with new factors: within 0.05 mm RMS and 1 % of the force.
 TEST(HandSimulation, HoldsAnObjectAsWellWithAReusedFactor) {
-  SimulationOptions carrying = options(), exact = options();
+  SimulationOptions reusing = options(), exact = options();
   exact.solver.keep_factor = false;
   exact.solver.residual_tolerance = 1e-9;
   exact.solver.factor = "double";
-  HandSimulation quick(hand(), carrying, 1, 0), slow(hand(), exact, 1, 0);
+  HandSimulation quick(hand(), reusing, 1, 0), slow(hand(), exact, 1, 0);
   const ShapeGeometry geometry(cube_shape(0.02));
   for (HandSimulation* simulation : {&quick, &slow}) {
     simulation->set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
     simulation->set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
   }
-  int carried = 0;
+  int reused_steps = 0;
   for (int i = 0; i < 120; ++i) {
     const Pose pressed{Vector3(2e-4 * std::sin(0.3 * i), -0.004, 0), Quaternion::Identity()};
     set_rest_targets(quick, pressed);
     set_rest_targets(slow, pressed);
     const StepReport report = quick.step(kStep);
     slow.step(kStep);
-    if (quick.touched(0)) carried += report.factorisations == 0;
+    if (quick.touched(0)) reused_steps += report.factorisations == 0;
     ASSERT_LE((quick.state().node_positions - slow.state().node_positions).norm() /
                   std::sqrt(static_cast<double>(hand().node_count())),
               5e-5)
@@ -499,7 +499,7 @@ TEST(HandSimulation, HoldsAnObjectAsWellWithAReusedFactor) {
           << i;
     }
   }
-  EXPECT_GE(carried, 60);
+  EXPECT_GE(reused_steps, 60);
 }
 
 TEST(HandSimulation, TwoThreadsGiveTheBitsOfOne) {
@@ -530,7 +530,7 @@ TEST(HandSimulation, EnergyLedgerCloses) {
   exact.solver.residual_tolerance = 1e-8;
   exact.solver.chord_tolerance = 0;
   HandSimulation simulation(hand(), exact, 1, 0);
-  simulation.keep_ledger(true);
+  simulation.enable_ledger(true);
   const ShapeGeometry geometry(cube_shape(0.02));
   simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
   simulation.set_slot_motion(0, {Vector3(-0.012, -0.018 - 0.02 - 0.001, -0.092), Quaternion::Identity()}, {});
@@ -562,9 +562,9 @@ TEST(HandSimulation, EnergyLedgerCloses) {
   EXPECT_GT(ledger.total().damping, 0);
   EXPECT_LE(ledger.defect(), 1e-4);
   EXPECT_LE(ledger.excess(), 0.01);
-  simulation.keep_ledger(false);
-  simulation.keep_ledger(true);
-  EXPECT_FALSE(ledger.begun());
+  simulation.enable_ledger(false);
+  simulation.enable_ledger(true);
+  EXPECT_FALSE(ledger.started());
 }
 
 // A hand moves and touches nothing, with and without chord steps. Its fingers open and close, and its wrist moves and
@@ -650,8 +650,8 @@ TEST(HandSimulation, CopyInTheAirContinuesLikeTheOriginal) {
 // A potential starts a step from the values that it stored at the end of the step before. So the ledger of a hand in
 // the air costs no evaluation. The exceptions are the first step and a step after the nodes were moved from outside.
 TEST(HandSimulation, LedgerOfAHandInTheAirCostsNoEvaluation) {
-  HandSimulation plain(hand(), options(), 1, 0), booked(hand(), options(), 1, 0);
-  booked.keep_ledger(true);
+  HandSimulation without_ledger(hand(), options(), 1, 0), with_ledger(hand(), options(), 1, 0);
+  with_ledger.enable_ledger(true);
   const auto evaluations = [](HandSimulation& simulation, int step) {
     const std::uint64_t before = simulation.work().tissue_elements;
     set_rest_targets(simulation, {Vector3(0.05 * std::sin(0.1 * step), 0, 0),
@@ -661,20 +661,20 @@ TEST(HandSimulation, LedgerOfAHandInTheAirCostsNoEvaluation) {
   };
   for (int i = 0; i < 60; ++i) {
     if (i == 30) {
-      for (HandSimulation* simulation : {&plain, &booked}) {
+      for (HandSimulation* simulation : {&without_ledger, &with_ledger}) {
         State stretched = simulation->state();
         stretched.node_positions *= 1.001;
         simulation->restore(stretched);
       }
-      booked.keep_ledger(false);
-      booked.keep_ledger(true);
+      with_ledger.enable_ledger(false);
+      with_ledger.enable_ledger(true);
     }
-    EXPECT_EQ(evaluations(booked, i), evaluations(plain, i) + (i % 30 == 0 ? 1 : 0)) << i;
+    EXPECT_EQ(evaluations(with_ledger, i), evaluations(without_ledger, i) + (i % 30 == 0 ? 1 : 0)) << i;
     if (i == 29) {
-      EXPECT_LE(booked.ledger().defect(), 1e-3);
+      EXPECT_LE(with_ledger.ledger().defect(), 1e-3);
     }
   }
-  EXPECT_LE(booked.ledger().defect(), 1e-3);
+  EXPECT_LE(with_ledger.ledger().defect(), 1e-3);
 }
 
 TEST(HandSimulation, StepWithContactIsNotAChordStep) {

@@ -49,14 +49,14 @@ TEST(HandSize, ChoosesTheCoarsestSizeOnASlowMachine) {
 
 // Each reading of this clock is 1 ms after the previous one. Every fifth reading is late, by 100 ms.
 TEST(HandSize, MeasuresTheMedianFastStepOnTheGivenClock) {
-  int looks = 0;
+  int clock_reads = 0;
   double time = 0;
-  const auto clock = [&] { return time += ++looks % 5 == 0 ? 0.1 : 1e-3; };
+  const auto clock = [&] { return time += ++clock_reads % 5 == 0 ? 0.1 : 1e-3; };
   EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, 1, clock), 1e-3, 1e-12);
-  EXPECT_GE(looks, 18);
-  looks = 0;
+  EXPECT_GE(clock_reads, 18);
+  clock_reads = 0;
   measure_fast_step(testing::block_hand(), {}, 1e-4, clock);
-  EXPECT_LT(looks, 14) << "measuring stops early if the first steps are too slow";
+  EXPECT_LT(clock_reads, 14) << "measuring stops early if the first steps are too slow";
 }
 
 std::string scene_path(const char* name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }

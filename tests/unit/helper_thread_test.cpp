@@ -33,15 +33,15 @@ TEST(HelperThread, WakesAfterItFellAsleepAndAllocatesNothing) {
   for (int run = 0; run < 20; ++run) {
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
     bool done = false;
-    const auto patient_until = std::chrono::steady_clock::now() + std::chrono::seconds(2);
-    std::atomic<bool> begun{false};
+    const auto waiting_until = std::chrono::steady_clock::now() + std::chrono::seconds(2);
+    std::atomic<bool> started{false};
     helper.run(
         [&] {
-          while (!begun && std::chrono::steady_clock::now() < patient_until) {
+          while (!started && std::chrono::steady_clock::now() < waiting_until) {
           }
         },
         [&] {
-          begun = true;
+          started = true;
           done = true;
           if (std::this_thread::get_id() != caller) ++by_helper;
         });

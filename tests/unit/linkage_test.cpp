@@ -23,7 +23,7 @@ struct Chain {
     state.body_poses.resize(4);
     state.body_velocities.resize(4);
     for (Pose& pose : state.body_poses) pose.orientation = rotation_exp(random.vector());
-    linkage.keep(state);
+    linkage.set_earlier_state(state);
   }
   VectorX increment() {
     VectorX x(3 * (kNodes + 8));
@@ -47,7 +47,7 @@ Vector3 joint_gap(const VectorX& x, const State& state, int parent, int child, c
 
 TEST(Linkage, KeepsIncrementsIfNoBodyTurned) {
   Chain chain;
-  chain.linkage.turn(chain.state);
+  chain.linkage.set_later_state(chain.state);
   const VectorX before = chain.increment();
   VectorX x = before;
   chain.linkage.to_now(x);
@@ -60,7 +60,7 @@ TEST(Linkage, RigidTurnRotatesAllIncrements) {
   Chain chain;
   const Quaternion turn = rotation_exp(Vector3(0.5, -1, 0.3));
   for (Pose& pose : chain.state.body_poses) pose.orientation = turn * pose.orientation;
-  chain.linkage.turn(chain.state);
+  chain.linkage.set_later_state(chain.state);
   const VectorX before = chain.increment();
   VectorX x = before;
   chain.linkage.to_now(x);
@@ -80,7 +80,7 @@ TEST(Linkage, KeepsJointGapsForAnyTurnOfTheBodies) {
     if (b == 0) turn_of_parent = turn;
     chain.state.body_poses[b].orientation = turn * chain.state.body_poses[b].orientation;
   }
-  chain.linkage.turn(chain.state);
+  chain.linkage.set_later_state(chain.state);
   VectorX now = x;
   chain.linkage.to_now(now);
   const Vector3 gap_now = joint_gap(now, chain.state, 0, 1, in_child, in_parent);
@@ -90,7 +90,7 @@ TEST(Linkage, KeepsJointGapsForAnyTurnOfTheBodies) {
 TEST(Linkage, ToThenIsTheTransposeOfToNow) {
   Chain chain;
   for (Pose& pose : chain.state.body_poses) pose.orientation = rotation_exp(chain.random.vector()) * pose.orientation;
-  chain.linkage.turn(chain.state);
+  chain.linkage.set_later_state(chain.state);
   const VectorX x = chain.increment(), g = chain.increment();
   VectorX now = x, then = g;
   chain.linkage.to_now(now);

@@ -62,7 +62,7 @@ TEST(HandFile, KeepsGeometryToItsGrid) {
 
 struct Fault {
   const char* name;
-  std::function<void(HandModel&)> spoil;
+  std::function<void(HandModel&)> corrupt;
   const char* field;
 };
 
@@ -71,7 +71,7 @@ class HandValidation : public ::testing::TestWithParam<Fault> {};
 TEST_P(HandValidation, NamesFileAndField) {
   HandModel hand = block_hand();
   ASSERT_NO_THROW(validate(hand, "good"));
-  GetParam().spoil(hand);
+  GetParam().corrupt(hand);
   try {
     validate(hand, "spoilt.hand.json");
     FAIL() << "accepted";

@@ -16,7 +16,7 @@ namespace {
 
 using testing::Brick;
 using testing::converging;
-using testing::Saboteur;
+using testing::FaultyTerm;
 using testing::same_bits;
 
 /// Holds every node at its position at the start of the step, with a small force at most. The stiffness is far above
@@ -162,17 +162,17 @@ TEST(NewtonSolver, FloatFactorAndReusedFactorReachTheSameMinimum) {
   NewtonSolver exact(brick.terms(), start.layout(), converging());
   ASSERT_EQ(exact.step(reference, 0.01).status, StepStatus::converged);
   for (const char* factor : {"float", "double"}) {
-    for (const bool keeps : {true, false}) {
+    for (const bool reuses : {true, false}) {
       SolverOptions options = converging();
       options.factor = factor;
-      options.keep_factor = keeps;
+      options.keep_factor = reuses;
       NewtonSolver solver(brick.terms(), start.layout(), options);
       State state = start;
       const StepReport report = solver.step(state, 0.01);
-      EXPECT_EQ(report.status, StepStatus::converged) << factor << ' ' << keeps;
-      EXPECT_EQ(report.iterations > report.factorisations, keeps) << factor;
+      EXPECT_EQ(report.status, StepStatus::converged) << factor << ' ' << reuses;
+      EXPECT_EQ(report.iterations > report.factorisations, reuses) << factor;
       EXPECT_LE((state.node_positions - reference.node_positions).cwiseAbs().maxCoeff(), 1e-10)
-          << factor << ' ' << keeps;
+          << factor << ' ' << reuses;
       EXPECT_FALSE(same_bits(state.node_positions, start.node_positions));
     }
   }
@@ -202,20 +202,20 @@ TEST(NewtonSolver, UsesADoubleFactorWhenTheFloatFactorMakesNoMoreProgress) {
 TEST(NewtonSolver, ReusesAFactorAcrossStepsWhileItMakesProgress) {
   std::vector<Eigen::Matrix3Xd> paths[2];
   int factorisations[2] = {0, 0}, struck[2] = {0, 0};
-  for (const int carries : {0, 1}) {
+  for (const int reuses : {0, 1}) {
     Brick brick;
     SolverOptions options;
-    options.keep_factor = carries == 1;
+    options.keep_factor = reuses == 1;
     options.residual_tolerance = 1e-7;
     NewtonSolver solver(brick.terms(), brick.state.layout(), options);
     brick.shake(1e-4, 9);
     for (int i = 0; i < 60; ++i) {
       if (i == 30) brick.shake(2e-3, 10);
       const StepReport report = solver.step(brick.state, 0.01);
-      ASSERT_EQ(report.status, StepStatus::converged) << carries << ' ' << i;
-      factorisations[carries] += report.factorisations;
-      if (i == 30) struck[carries] = report.factorisations;
-      paths[carries].push_back(brick.state.node_positions);
+      ASSERT_EQ(report.status, StepStatus::converged) << reuses << ' ' << i;
+      factorisations[reuses] += report.factorisations;
+      if (i == 30) struck[reuses] = report.factorisations;
+      paths[reuses].push_back(brick.state.node_positions);
     }
   }
   for (std::size_t i = 0; i < paths[0].size(); ++i)
@@ -225,9 +225,9 @@ TEST(NewtonSolver, ReusesAFactorAcrossStepsWhileItMakesProgress) {
 }
 
 /// Tissue that does not declare that it depends on the state alone.
-class Secretive final : public Energy {
+class UndeclaredPotential final : public Energy {
  public:
-  explicit Secretive(Tissue& tissue) : tissue_(tissue) {}
+  explicit UndeclaredPotential(Tissue& tissue) : tissue_(tissue) {}
   std::string_view name() const override { return "secretive"; }
   void add_pattern(BlockPattern& pattern) const override { tissue_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { tissue_.bind(matrix); }
@@ -251,13 +251,14 @@ class Secretive final : public Energy {
 TEST(NewtonSolver, ReusesThePotentialsFromTheEndOfTheLastStep) {
   Eigen::Matrix3Xd paths[2];
   std::vector<int> at_start[2];
-  for (const bool tells : {false, true}) {
+  for (const bool is_declared : {false, true}) {
     Brick brick;
-    Secretive secretive(brick.tissue);
+    UndeclaredPotential undeclared(brick.tissue);
     SolverOptions options;
     options.residual_tolerance = 1e-7;
-    NewtonSolver solver({tells ? static_cast<Energy*>(&brick.tissue) : &secretive, &brick.inertia, &brick.anchors},
-                        brick.state.layout(), options);
+    NewtonSolver solver(
+        {is_declared ? static_cast<Energy*>(&brick.tissue) : &undeclared, &brick.inertia, &brick.anchors},
+        brick.state.layout(), options);
     brick.shake(1e-4, 9);
     solver.step(brick.state, 0.01);
     for (int i = 0; i < 5; ++i) {
@@ -265,11 +266,11 @@ TEST(NewtonSolver, ReusesThePotentialsFromTheEndOfTheLastStep) {
       const std::uint64_t before = brick.tissue.evaluated_elements();
       const StepReport report = solver.step(brick.state, 0.01);
       EXPECT_EQ(report.factorisations, 0);
-      at_start[tells].push_back(static_cast<int>(brick.tissue.evaluated_elements() - before) /
-                                    brick.tissue.element_count() -
-                                report.iterations);
+      at_start[is_declared].push_back(static_cast<int>(brick.tissue.evaluated_elements() - before) /
+                                          brick.tissue.element_count() -
+                                      report.iterations);
     }
-    paths[tells] = brick.state.node_positions;
+    paths[is_declared] = brick.state.node_positions;
   }
   EXPECT_EQ(at_start[0], (std::vector<int>{1, 1, 1, 1, 1}));
   EXPECT_EQ(at_start[1], (std::vector<int>{0, 0, 0, 1, 0})) << "evaluated again only after a node was moved";
@@ -302,7 +303,7 @@ TEST(NewtonSolver, LineSearchCrossesKinks) {
 TEST(NewtonSolver, RenewsOnlyTheTermsWithKinks) {
   Eigen::Matrix3Xd paths[2];
   int kinks = 0, whole[2] = {0, 0};
-  for (const int keeps : {0, 1}) {
+  for (const int reuses : {0, 1}) {
     Brick brick;
     Rubbing rubbing;
     std::vector<Energy*> terms{&rubbing};  // listed first, although it is evaluated last
@@ -310,20 +311,20 @@ TEST(NewtonSolver, RenewsOnlyTheTermsWithKinks) {
     SolverOptions options;
     options.max_iterations = 200;
     options.curvature = "projected";  // an exact Hessian would be renewed sooner
-    options.keep_factor = keeps == 1;
+    options.keep_factor = reuses == 1;
     options.residual_tolerance = 1e-8;
     NewtonSolver solver(terms, brick.state.layout(), options);
     for (std::uint64_t seed = 1; seed <= 10; ++seed) {
       brick.shake(2e-4, seed);
       for (int i = 0; i < 5; ++i) {
         const StepReport report = solver.step(brick.state, 0.01);
-        ASSERT_EQ(report.status, StepStatus::converged) << keeps << ' ' << seed << ' ' << i;
+        ASSERT_EQ(report.status, StepStatus::converged) << reuses << ' ' << seed << ' ' << i;
         EXPECT_EQ(report.terms[0].name, "rubbing");
         kinks += report.kink_factors;
-        whole[keeps] += report.factorisations - report.kink_factors;
+        whole[reuses] += report.factorisations - report.kink_factors;
       }
     }
-    paths[keeps] = brick.state.node_positions;
+    paths[reuses] = brick.state.node_positions;
   }
   EXPECT_LE((paths[0] - paths[1]).cwiseAbs().maxCoeff(), 1e-7);
   EXPECT_GT(kinks, 20);
@@ -339,14 +340,14 @@ TEST(NewtonSolver, ChordStepDoesNotMistakeATooStiffFactorForConvergence) {
   state.body_velocities.resize(1);
   Inertia inertia(lumped_masses(brick.box), 1);
   inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
-  Saboteur saboteur;
+  FaultyTerm faulty;
   const DofLayout layout = state.layout();
-  NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors, &saboteur}, layout, SolverOptions{});
+  NewtonSolver solver({&inertia, &brick.tissue, &brick.anchors, &faulty}, layout, SolverOptions{});
   solver.use_linkage(Linkage(layout, {}, std::vector<std::int32_t>(static_cast<std::size_t>(layout.node_count), 0)),
                      [](Linkage&) { return true; });
-  saboteur.curvature = 1e9;
+  faulty.curvature = 1e9;
   EXPECT_TRUE(solver.step(state, 0.01).chord);
-  saboteur.curvature = 0;
+  faulty.curvature = 0;
   state.node_positions(0, 0) += 1e-4;
   for (int i = 0; i < 60; ++i) EXPECT_TRUE(solver.step(state, 0.01).chord) << i;
   EXPECT_LE((state.node_positions - brick.state.node_positions).colwise().norm().maxCoeff(), 5e-6);
@@ -382,18 +383,18 @@ TEST(NewtonSolver, ChordStepDoesNotRaiseTheEnergy) {
 
 // If each iteration makes its own factor anyway, no factor is reused.
 TEST(NewtonSolver, ReusesNoFactorWithFewIterations) {
-  Brick carrying, other;
+  Brick reusing, other;
   SolverOptions options;
   options.max_iterations = 2;
-  NewtonSolver one(carrying.terms(), carrying.state.layout(), options);
+  NewtonSolver one(reusing.terms(), reusing.state.layout(), options);
   options.keep_factor = false;
   NewtonSolver two(other.terms(), other.state.layout(), options);
-  carrying.shake(0.001, 9);
+  reusing.shake(0.001, 9);
   other.shake(0.001, 9);
   for (int i = 0; i < 10; ++i) {
-    one.step(carrying.state, 0.01);
+    one.step(reusing.state, 0.01);
     two.step(other.state, 0.01);
-    ASSERT_TRUE(same_bits(carrying.state.node_positions, other.state.node_positions)) << i;
+    ASSERT_TRUE(same_bits(reusing.state.node_positions, other.state.node_positions)) << i;
   }
 }
 

@@ -207,9 +207,9 @@ TEST(MeshSkin, ReturnsTheSignedDistanceToItsSurface) {
 }
 
 TEST(RiggedHandFile, RefusesUnusableFilesAndNamesFileAndField) {
-  const auto error_of = [](const std::function<void(Parts&)>& spoil) -> std::string {
+  const auto error_of = [](const std::function<void(Parts&)>& corrupt) -> std::string {
     Parts parts = parts_of(source(), Pose{}, false);
-    spoil(parts);
+    corrupt(parts);
     try {
       parsed(glb(parts));
     } catch (const std::runtime_error& error) {
@@ -217,8 +217,8 @@ TEST(RiggedHandFile, RefusesUnusableFilesAndNamesFileAndField) {
     }
     return "accepted";
   };
-  const auto expect_error = [&](const char* expected, const std::function<void(Parts&)>& spoil) {
-    EXPECT_NE(error_of(spoil).find(expected), std::string::npos) << "actual error: " << error_of(spoil);
+  const auto expect_error = [&](const char* expected, const std::function<void(Parts&)>& corrupt) {
+    EXPECT_NE(error_of(corrupt).find(expected), std::string::npos) << "actual error: " << error_of(corrupt);
   };
   EXPECT_EQ(error_of([](Parts&) {}), "accepted");
   expect_error("hand.glb: skins[0].joints: expected a joint named pinky-finger-tip",

@@ -195,8 +195,8 @@ TEST(SimulatedClock, DoesNotDependOnTheOrderOfCommandsAndRoundTripsAsText) {
     for (const std::size_t i : order) clock.command(commands[i].from, commands[i].pace, commands[i].until);
     for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(clock.at(t), ordered.at(t));
   }
-  const SimulatedClock told = SimulatedClock::from_text(ordered.text());
-  for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(told.at(t), ordered.at(t));
+  const SimulatedClock parsed = SimulatedClock::from_text(ordered.text());
+  for (Nanoseconds t = 4 * kSecond; t < 12 * kSecond; t += 76'543'211) EXPECT_EQ(parsed.at(t), ordered.at(t));
   for (const char* wrong : {"", "now", "1 2", "0 0 7 5", "0 0 1 9223372036854775807 3"})
     EXPECT_THROW(SimulatedClock::from_text(wrong), std::invalid_argument) << wrong;
 }

@@ -22,9 +22,9 @@ namespace {
 using testing::Anchors;
 using testing::Brick;
 using testing::converging;
+using testing::FaultyTerm;
 using testing::nodes_at;
 using testing::Random;
-using testing::Saboteur;
 using testing::same_bits;
 using testing::soft;
 
@@ -199,13 +199,13 @@ TEST(NewtonSolver, ZeroStepIsANoOpAndBadStepsAreRefused) {
 
 TEST(NewtonSolver, NonfiniteNeverReachesTheState) {
   Brick brick;
-  Saboteur saboteur;
+  FaultyTerm faulty;
   auto terms = brick.terms();
-  terms.push_back(&saboteur);
+  terms.push_back(&faulty);
   NewtonSolver solver(terms, brick.state.layout(), {});
   for (const double bad : {double(NAN), double(INFINITY), 1e308}) {
     const State before = brick.state;
-    saboteur.gradient_entry = bad;
+    faulty.gradient_entry = bad;
     const StepReport report = solver.step(brick.state, 0.01);
     EXPECT_TRUE(all_finite(brick.state));
     if (!std::isfinite(bad)) {
@@ -215,28 +215,28 @@ TEST(NewtonSolver, NonfiniteNeverReachesTheState) {
     }
     brick.state = before;
   }
-  saboteur.gradient_entry = 0;
+  faulty.gradient_entry = 0;
   EXPECT_TRUE(solver.step(brick.state, 0.01).state_changed);
 }
 
 TEST(NewtonSolver, ShiftsAnIndefiniteMatrixOrReportsFailure) {
   Brick brick;
-  Saboteur saboteur;
+  FaultyTerm faulty;
   auto terms = brick.terms();
-  terms.push_back(&saboteur);
+  terms.push_back(&faulty);
   SolverOptions options;
   options.keep_factor = false;  // with the first step's factor the second step would need no matrix
   NewtonSolver solver(terms, brick.state.layout(), options);
   brick.shake(0.0005, 5);
   const State before = brick.state;
-  saboteur.curvature = -1e5;
+  faulty.curvature = -1e5;
   const StepReport shifted = solver.step(brick.state, 0.01);
   EXPECT_GT(shifted.shifts, 0);
   EXPECT_TRUE(shifted.state_changed);
   EXPECT_TRUE(all_finite(brick.state));
   // No shift repairs a matrix with NaN.
   brick.state = before;
-  saboteur.curvature = NAN;
+  faulty.curvature = NAN;
   const StepReport report = solver.step(brick.state, 0.01);
   EXPECT_TRUE(report.status == StepStatus::failed_factorisation || report.status == StepStatus::nonfinite)
       << to_string(report.status);

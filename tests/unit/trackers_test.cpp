@@ -169,25 +169,25 @@ TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
       [](PostureSolver& s) {
         for (const std::size_t posture : {0u, 1u}) {
           const auto pad = s.pad(Finger::middle, posture);
-          s.want_point(20, posture, pad.body, pad.position, Vector3(0.1, 0.2, 0.3));
+          s.add_point_goal(20, posture, pad.body, pad.position, Vector3(0.1, 0.2, 0.3));
         }
       },
       [](PostureSolver& s) {
         const auto pad = s.pad(Finger::thumb, 0);
-        s.want_direction(2, 0, pad.body, pad.normal, Vector3(0.6, 0, 0.8));
+        s.add_direction_goal(2, 0, pad.body, pad.normal, Vector3(0.6, 0, 0.8));
       },
       [](PostureSolver& s) {
         const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
         const Vector3 between = index.position - thumb.position, axis = between.normalized();
-        s.want(3, between.norm() - 0.01,
-               {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+        s.add_residual(3, between.norm() - 0.01,
+                       {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
       },
       [](PostureSolver& s) {
-        s.want_apart(0, {Finger::index, Finger::middle}, 0.07);
+        s.add_distance_goal(0, {Finger::index, Finger::middle}, 0.07);
       },
       [](PostureSolver& s) {
-        s.want_start(1.5);
-        s.want_wrist_turned_little(3);
+        s.add_start_goal(1.5);
+        s.add_wrist_rotation_goal(3);
       }};
   for (std::size_t g = 0; g < goals.size(); ++g) {
     VectorX values = solver.values(), gradient, unused;
@@ -225,13 +225,13 @@ Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, c
   return frames[at(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) - pad_place.y() * towards;
 }
 // The least clearance between the object of `distance` and the capsules of all bodies from the metacarpals on. Bodies
-// for which `left_out` is true do not count.
-template <typename Distance, typename LeftOut>
-double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, LeftOut left_out) {
+// for which `is_excluded` is true do not count.
+template <typename Distance, typename IsExcluded>
+double clearance(const HandModel& hand, const JointFrames& frames, Distance distance, IsExcluded is_excluded) {
   double least = 1;
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    if (left_out(body)) continue;
+    if (is_excluded(body)) continue;
     const std::size_t from = at(joint_of(body)), to = at(end_joint_of(body));
     for (double s = 0; s <= 1; s += 0.1) {
       least = std::min(least, distance((1 - s) * frames[from].position + s * frames[to].position) -
@@ -360,8 +360,8 @@ TEST_P(ShippedGrip, PowerGraspWrapsTheCylinder) {
       expect_in_range(hand, frames, time);
       ASSERT_GT(clearance(hand, frames, table, [](Body) { return false; }), 5e-3) << time;
       if (time > shut) continue;
-      const double room = clearance(hand, frames, cylinder, [](Body) { return false; });
-      ASSERT_GT(room, time <= o.approach_time ? 3e-3 : -o.closing_depth - 2e-3) << time;
+      const double distance = clearance(hand, frames, cylinder, [](Body) { return false; });
+      ASSERT_GT(distance, time <= o.approach_time ? 3e-3 : -o.closing_depth - 2e-3) << time;
     }
   }
 }

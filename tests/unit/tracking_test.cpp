@@ -111,10 +111,10 @@ TEST(Tracking, EnergyLedgerClosesAndTheDampersDissipateTheWork) {
   LoopStatus status;
   loop.fill_status(status, kStart);
   ASSERT_FALSE(status.ledger.empty());
-  TrackingInput unwanted;
-  unwanted.ledger_wanted = false;
-  loop.step(kStart + 3000 * kMillisecond, unwanted);
-  EXPECT_FALSE(loop.ledger().begun());
+  TrackingInput without_ledger;
+  without_ledger.ledger_requested = false;
+  loop.step(kStart + 3000 * kMillisecond, without_ledger);
+  EXPECT_FALSE(loop.ledger().started());
 }
 
 TEST(Tracking, NothingIsPublishedBeforeTheFirstSample) {

@@ -29,21 +29,21 @@ Site site() {
 }
 
 /// Asks for one page.
-class Visitor {
+class HttpClient {
  public:
-  Visitor() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    const timeval patience{10, 0};
-    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  HttpClient() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const timeval timeout{10, 0};
+    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   }
-  ~Visitor() { close(socket_); }
-  Visitor(const Visitor&) = delete;
-  Visitor& operator=(const Visitor&) = delete;
-  void knock(const WebServer& server) {
+  ~HttpClient() { close(socket_); }
+  HttpClient(const HttpClient&) = delete;
+  HttpClient& operator=(const HttpClient&) = delete;
+  void connect(const WebServer& server) {
     sockaddr_in address{};
     address.sin_family = AF_INET;
     address.sin_port = htons(server.port());
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
   }
   /// The answer's first line.
   std::string ask(const std::string& host) {
@@ -59,9 +59,9 @@ class Visitor {
 };
 
 std::string ask(const WebServer& server, const std::string& host) {
-  Visitor visitor;
-  visitor.knock(server);
-  return visitor.ask(host);
+  HttpClient client;
+  client.connect(server);
+  return client.ask(host);
 }
 
 TEST(WebServer, AnswersUnderItsNamesInAnyNotation) {
@@ -96,7 +96,7 @@ double cpu_seconds() {
 
 TEST(WebServer, IdlesWithoutFreeFileDescriptorsAndContinuesAfterwards) {
   const WebServer server({}, site());
-  Visitor visitor;
+  HttpClient client;
   rlimit usual{};
   getrlimit(RLIMIT_NOFILE, &usual);
   const rlimit low{128, usual.rlim_max};
@@ -104,13 +104,13 @@ TEST(WebServer, IdlesWithoutFreeFileDescriptorsAndContinuesAfterwards) {
   std::vector<int> taken;
   for (int file = 0; (file = open("/dev/null", O_RDONLY)) >= 0;) taken.push_back(file);
   ASSERT_FALSE(taken.empty());
-  visitor.knock(server);
+  client.connect(server);
   const double before = cpu_seconds();
   std::this_thread::sleep_for(500ms);
   EXPECT_LT(cpu_seconds() - before, 0.1);
   for (const int file : taken) close(file);
   setrlimit(RLIMIT_NOFILE, &usual);
-  EXPECT_EQ(visitor.ask("localhost"), "HTTP/1.1 200 OK");
+  EXPECT_EQ(client.ask("localhost"), "HTTP/1.1 200 OK");
 }
 
 }  // namespace

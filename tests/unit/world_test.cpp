@@ -200,10 +200,10 @@ TEST(WorldBullet, SameBitsOnEveryRun) {
 
 TEST(WorldOptions, RefusesBadOptionsAndSuggestsOnesThatWork) {
   EXPECT_TRUE(check_world({}, {table(), cube(0.05, 0.02)}).empty());
-  const auto refused = [](const std::function<void(WorldOptions&, ObjectOptions&)>& spoil, const std::string& word) {
+  const auto refused = [](const std::function<void(WorldOptions&, ObjectOptions&)>& corrupt, const std::string& word) {
     WorldOptions w;
     ObjectOptions o = cube(0.05, 0.02);
-    spoil(w, o);
+    corrupt(w, o);
     const auto wrong = check_world(w, {table(), o});
     ASSERT_FALSE(wrong.empty()) << word;
     EXPECT_NE(wrong[0].find(word), std::string::npos) << wrong[0];

@@ -73,10 +73,10 @@ Wedge wedge(const std::vector<double>& radii, double angle, const Material& mate
     out.mesh.tetrahedra.push_back(t);
     out.mesh.tetrahedron_material.push_back(0);
     // A face of the tetrahedron on the surface is skin.
-    for (std::size_t left_out = 0; left_out < 4; ++left_out) {
+    for (std::size_t excluded = 0; excluded < 4; ++excluded) {
       std::array<std::int32_t, 3> face{};
       for (std::size_t k = 0, f = 0; k < 4; ++k) {
-        if (k != left_out) face[f++] = t[k];
+        if (k != excluded) face[f++] = t[k];
       }
       if (std::all_of(face.begin(), face.end(),
                       [&](std::int32_t n) { return out.mesh.nodes[static_cast<std::size_t>(n)].y() == 0.0; }))

@@ -94,11 +94,11 @@ std::vector<Measurement> series(const Parameters& p) {
     }
     force[0] = view.simulation->coupling_wrench(Body::forearm).force;
   });
-  double weight = 0, carried = 0;
+  double weight = 0, total = 0;
   for (const double mass : lumped_masses(hand)) weight += mass * kGravity;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     weight += hand.bodies[b].mass * kGravity;
-    carried += force[b].y();
+    total += force[b].y();
   }
   const auto distal = static_cast<std::size_t>(Body::middle_distal);
   const double k2 = hand.bodies[distal].coupling_linear_stiffness, k1 = p["stiffness_ratio"] * k2;
@@ -108,7 +108,7 @@ std::vector<Measurement> series(const Parameters& p) {
     const Vector3 expected = force[b] * (1 / k2 + p["feedback_ratio"] / k1);
     worst = std::max(worst, (offset[b] + expected).norm() / expected.norm());
   }
-  return {{"sum of all couplings", carried, weight, 0.01 * weight, "N", {}},
+  return {{"sum of all couplings", total, weight, 0.01 * weight, "N", {}},
           {"offset of the middle finger's last bone", -offset[distal].y(), reference, 0.01 * reference, "m", {}},
           {"offset, worst bone: distance from F (1/k_2 + r/k_1) over that", worst, 0, 0.01, "1", {}}};
 }

@@ -39,13 +39,13 @@ HapticLogDriver::HapticLogDriver(const Options& options) : options_(options) {
     log_ = std::make_unique<RecordLog<Record>>(options.file, 256, "", &HapticLogDriver::format);
 }
 
-void HapticLogDriver::command(const BoneWrench& input, std::span<double> wanted) {
+void HapticLogDriver::command(const BoneWrench& input, std::span<double> requested) {
   record_.input = input;
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Finger finger = finger_of(static_cast<Body>(b));
     const BoneSample& distal = input.bones[static_cast<std::size_t>(index_of(distal_of(finger)))];
     const Vector3 back = to_quaternion(distal.intermediate_orientation) * Vector3::UnitY();
-    wanted[static_cast<std::size_t>(finger)] += to_vector(input.bones[b].coupling_force).dot(back);
+    requested[static_cast<std::size_t>(finger)] += to_vector(input.bones[b].coupling_force).dot(back);
   }
 }
 

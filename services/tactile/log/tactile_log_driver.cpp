@@ -19,11 +19,11 @@ TactileLogDriver::TactileLogDriver(const Options& options) : options_(options) {
     log_ = std::make_unique<RecordLog<Record>>(options.file, 1024, kHeader, &TactileLogDriver::format);
 }
 
-void TactileLogDriver::command(const Contacts& input, std::span<double> wanted) {
+void TactileLogDriver::command(const Contacts& input, std::span<double> requested) {
   for (std::size_t f = 0; f < kFingerCount; ++f) {
     const FingerContact& contact = input.fingers[f];
     const double force = to_vector(contact.force).norm();
-    wanted[f] = force / options_.full_scale_force;
+    requested[f] = force / options_.full_scale_force;
     // Begin and end have different thresholds (hysteresis), so that noise near the threshold makes no events.
     const bool touches = touching_[f] ? force > 0.5 * options_.threshold_force : force > options_.threshold_force;
     const bool due =

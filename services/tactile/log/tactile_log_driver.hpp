@@ -35,7 +35,7 @@ class TactileLogDriver : public TactileDriver {
 
   DeviceLimits limits() const override { return {kFingerCount, 0, 1, options_.slew}; }
   /// Commands the contact force divided by the full-scale force.
-  void command(const Contacts& input, std::span<double> wanted) override;
+  void command(const Contacts& input, std::span<double> requested) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
 
  private:

@@ -42,9 +42,9 @@ JointAngles solve_fist(const HandModel& model) {
     const Vector3 over =
         0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
     const auto thumb = s.pad(Finger::thumb, 0);
-    s.want_point(0.1 * kPerMetre, 0, thumb.body, thumb.position, over);
-    s.want_apart(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3);
-    s.want_start(0.5);
+    s.add_point_goal(0.1 * kPerMetre, 0, thumb.body, thumb.position, over);
+    s.add_distance_goal(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3);
+    s.add_start_goal(0.5);
   });
   return solver.angles(0);
 }

@@ -46,22 +46,22 @@ JointAngles facing_pads(const GripHand& hand, double distance) {
     const Vector3 between = index.position - thumb.position;
     const double length = between.norm();
     const Vector3 axis = between / length;
-    s.want(kPerMetre, length - distance,
-           {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
+    s.add_residual(kPerMetre, length - distance,
+                   {by_point(0, index.body, index.position, axis), by_point(0, thumb.body, thumb.position, -axis)});
     for (int i = 0; i < 3; ++i) {
       const Vector3 unit = Vector3::Unit(i),
                     across = (unit - axis * axis[i]) / length;  // gradient of axis[i] with respect to `between`
       const Change by_index = by_point(0, index.body, index.position, across),
                    by_thumb = by_point(0, thumb.body, thumb.position, across);
       const auto negative = [](const Change& c) { return Change{c.posture, c.body, -c.force, -c.torque}; };
-      s.want(12, thumb.normal[i] - axis[i],
-             {by_direction(0, thumb.body, thumb.normal, unit), negative(by_index), by_thumb});
-      s.want(12, index.normal[i] + axis[i],
-             {by_direction(0, index.body, index.normal, unit), by_index, negative(by_thumb)});
-      s.want(2, index.along[i] - thumb.along[i],
-             {by_direction(0, index.body, index.along, unit), by_direction(0, thumb.body, thumb.along, -unit)});
+      s.add_residual(12, thumb.normal[i] - axis[i],
+                     {by_direction(0, thumb.body, thumb.normal, unit), negative(by_index), by_thumb});
+      s.add_residual(12, index.normal[i] + axis[i],
+                     {by_direction(0, index.body, index.normal, unit), by_index, negative(by_thumb)});
+      s.add_residual(2, index.along[i] - thumb.along[i],
+                     {by_direction(0, index.body, index.along, unit), by_direction(0, thumb.body, thumb.along, -unit)});
     }
-    s.want_start(10);
+    s.add_start_goal(10);
   });
   return solver.angles(0);
 }
@@ -91,12 +91,12 @@ struct PinchGoals {
     for (const std::size_t posture : {kShut, kWide}) {
       place_pads(s, posture);
       keep_clear(s, posture);
-      s.want_apart(posture, {Finger::middle, Finger::ring, Finger::little}, 2e-3);
+      s.add_distance_goal(posture, {Finger::middle, Finger::ring, Finger::little}, 2e-3);
     }
     const Vector3& wrist = s.wrist().position;
     const Vector3 up = wrist.normalized(), side(std::cos(tilt), -std::sin(tilt), 0);
-    s.want(1, side.dot(up), {by_point(kShut, Body::carpus, wrist, (side - up * up.dot(side)) / wrist.norm())});
-    s.want_start(2);
+    s.add_residual(1, side.dot(up), {by_point(kShut, Body::carpus, wrist, (side - up * up.dot(side)) / wrist.norm())});
+    s.add_start_goal(2);
   }
 
  private:
@@ -112,21 +112,21 @@ struct PinchGoals {
     const auto by_index = [&](const Vector3& gradient) {
       return by_point(posture, index.body, index.centre, gradient);
     };
-    s.want(exact, thumb_at.z() - reach, {by_thumb(z)});
-    s.want(exact, index_at.z() + reach, {by_index(z)});
+    s.add_residual(exact, thumb_at.z() - reach, {by_thumb(z)});
+    s.add_residual(exact, index_at.z() + reach, {by_index(z)});
     const double across = gripping ? exact : 0.1 * kPerMetre;
-    s.want(across, thumb_at.x(), {by_thumb(x)});
-    s.want(across, index_at.x(), {by_index(x)});
-    s.want(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
-    s.want((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove,
-           {by_thumb(0.5 * y), by_index(0.5 * y)});
+    s.add_residual(across, thumb_at.x(), {by_thumb(x)});
+    s.add_residual(across, index_at.x(), {by_index(x)});
+    s.add_residual(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
+    s.add_residual((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove,
+                   {by_thumb(0.5 * y), by_index(0.5 * y)});
     const double flat = gripping ? 9 : 1.0;
-    s.want_direction(flat, posture, thumb.body, thumb.normal, -z);
-    s.want_direction(flat, posture, index.body, index.normal, z);
+    s.add_direction_goal(flat, posture, thumb.body, thumb.normal, -z);
+    s.add_direction_goal(flat, posture, index.body, index.normal, z);
     // The fingertips point down. Otherwise they would cross.
     const Vector3 down(-std::sin(tilt), -std::cos(tilt), 0);
-    s.want_direction(gripping ? 2 : 1, posture, thumb.body, thumb.along, down);
-    s.want_direction(gripping ? 3 : 1, posture, index.body, index.along, down);
+    s.add_direction_goal(gripping ? 2 : 1, posture, thumb.body, thumb.along, down);
+    s.add_direction_goal(gripping ? 3 : 1, posture, index.body, index.along, down);
   }
 
   void keep_clear(PostureSolver& s, std::size_t posture) const {
@@ -134,7 +134,7 @@ struct PinchGoals {
       const Finger whose = finger_of(sphere.body);
       const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
       if (table < kClear)
-        s.want(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+        s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
       // takes the joint of its bone into the cube. Skip both.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
@@ -143,8 +143,9 @@ struct PinchGoals {
         continue;
       const double margin = grips ? 1e-3 - closing_depth : kClear;
       const Distance cube = outside_cube(sphere.centre, half);
-      const double room = cube.value - sphere.radius;
-      if (room < margin) s.want(clear, margin - room, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
+      const double clearance = cube.value - sphere.radius;
+      if (clearance < margin)
+        s.add_residual(clear, margin - clearance, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
     }
   }
 };
@@ -175,7 +176,7 @@ Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
 
 // Solves from several starts and returns the best result. The unused fingers start curled or stretched, and the hand
 // starts with different leans.
-Postures sought(const GripHand& hand, const JointAngles& facing, const PinchGoals& goals) {
+Postures solve_postures(const GripHand& hand, const JointAngles& facing, const PinchGoals& goals) {
   const Pose above = wrist_above(hand, facing);
   Postures best;
   for (const auto& posture : {std::array{-0.9, -1.2, -0.7}, std::array{0.3, -0.2, -0.1}}) {
@@ -234,7 +235,7 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   Postures best;
   for (const double share : {1.0, 0.75, 0.5, 0.25}) {
     goals.open = half + share * o.opening;
-    best = sought(hand, facing, goals);
+    best = solve_postures(hand, facing, goals);
     const Touches shut(hand, best.wrist, best.shut);
     if (shut.face && missed(shut, {hand, best.wrist, best.wide}) < 1e-3) break;
   }
@@ -257,9 +258,11 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
       const auto thumb = way.pad(Finger::thumb, 0), index = way.pad(Finger::index, 0);
       const Vector3 z = Vector3::UnitZ();
       constexpr double kOnTheWay = 30 * kPerMetre;
-      way.want_point(kOnTheWay, 0, thumb.body, thumb.centre, (1 - s) * shut.thumb + s * wide.thumb + thumb.radius * z);
-      way.want_point(kOnTheWay, 0, index.body, index.centre, (1 - s) * shut.index + s * wide.index - index.radius * z);
-      way.want_start(0.5);
+      way.add_point_goal(kOnTheWay, 0, thumb.body, thumb.centre,
+                         (1 - s) * shut.thumb + s * wide.thumb + thumb.radius * z);
+      way.add_point_goal(kOnTheWay, 0, index.body, index.centre,
+                         (1 - s) * shut.index + s * wide.index - index.radius * z);
+      way.add_start_goal(0.5);
     });
     grip.apertures.push_back(solver.angles(0));
   }

@@ -173,7 +173,7 @@ void PostureSolver::finish_row(double value) {
   entries_.clear();
 }
 
-void PostureSolver::want(double weight, double value, std::initializer_list<Change> changes) {
+void PostureSolver::add_residual(double weight, double value, std::initializer_list<Change> changes) {
   for (const Change& change : changes) {
     const Posed& posed = posed_[change.posture];
     if (wrist_is_free_) {
@@ -192,22 +192,23 @@ void PostureSolver::want(double weight, double value, std::initializer_list<Chan
   finish_row(weight * value);
 }
 
-void PostureSolver::want_point(double weight, std::size_t posture, Body body, const Vector3& point,
-                               const Vector3& goal) {
-  for (int i = 0; i < 3; ++i) want(weight, point[i] - goal[i], {by_point(posture, body, point, Vector3::Unit(i))});
-}
-
-void PostureSolver::want_direction(double weight, std::size_t posture, Body body, const Vector3& direction,
+void PostureSolver::add_point_goal(double weight, std::size_t posture, Body body, const Vector3& point,
                                    const Vector3& goal) {
   for (int i = 0; i < 3; ++i)
-    want(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
+    add_residual(weight, point[i] - goal[i], {by_point(posture, body, point, Vector3::Unit(i))});
 }
 
-void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {
+void PostureSolver::add_direction_goal(double weight, std::size_t posture, Body body, const Vector3& direction,
+                                       const Vector3& goal) {
+  for (int i = 0; i < 3; ++i)
+    add_residual(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
+}
+
+void PostureSolver::add_distance_goal(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {
   const std::span<const GripHand::Sphere> all = spheres(posture);
-  const auto keep = [&](const GripHand::Sphere& s, Finger other, double room) {
+  const auto separate = [&](const GripHand::Sphere& s, Finger other, double clearance) {
     const GripHand::Sphere* nearest = nullptr;
-    double least = room;
+    double least = clearance;
     for (int b = index_of(distal_of(other)) - (other == Finger::thumb ? 1 : 2); b <= index_of(distal_of(other)); ++b) {
       for (int k = 0; k < GripHand::kSpheresPerBone; ++k) {
         const GripHand::Sphere& o = all[static_cast<std::size_t>((b - 2) * GripHand::kSpheresPerBone + k)];
@@ -219,19 +220,19 @@ void PostureSolver::want_apart(std::size_t posture, std::initializer_list<Finger
     }
     if (!nearest) return;
     const Vector3 away = (s.centre - nearest->centre).normalized();
-    want(kPerMetre, room - least,
-         {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
+    add_residual(kPerMetre, clearance - least,
+                 {by_point(posture, s.body, s.centre, -away), by_point(posture, nearest->body, nearest->centre, away)});
   };
   for (const GripHand::Sphere& s : all) {
     if (is_metacarpal(s.body)) continue;
     const Finger finger = finger_of(s.body);
-    if (std::find(fingers.begin(), fingers.end(), finger) != fingers.end()) keep(s, Finger::thumb, margin);
+    if (std::find(fingers.begin(), fingers.end(), finger) != fingers.end()) separate(s, Finger::thumb, margin);
     // Neighbouring fingers lie side by side. They can cross only beyond the proximal phalanges.
-    if (finger == Finger::index && s.body != Body::index_proximal) keep(s, Finger::middle, -1.5e-3);
+    if (finger == Finger::index && s.body != Body::index_proximal) separate(s, Finger::middle, -1.5e-3);
   }
 }
 
-void PostureSolver::want_start(double weight) {
+void PostureSolver::add_start_goal(double weight) {
   for (std::size_t i = 0; i < free_.size(); ++i) {
     const std::size_t posture = free_[i].postures.front();
     add_entry(first_angle() + static_cast<int>(i), weight);
@@ -239,7 +240,7 @@ void PostureSolver::want_start(double weight) {
   }
 }
 
-void PostureSolver::want_wrist_turned_little(double weight) {
+void PostureSolver::add_wrist_rotation_goal(double weight) {
   for (int i = 3; i < 6; ++i) {
     add_entry(i, weight);
     finish_row(weight * values_under_test_[i]);

@@ -112,17 +112,17 @@ class PostureSolver {
   std::span<const GripHand::Sphere> spheres(std::size_t posture) const { return posed_[posture].spheres; }
 
   /// Goal: weight * value is zero.
-  void want(double weight, double value, std::initializer_list<Change> changes);
+  void add_residual(double weight, double value, std::initializer_list<Change> changes);
   /// Goal: a point fixed to a body is at `goal`, or a direction fixed to a body equals `goal`.
-  void want_point(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal);
-  void want_direction(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal);
+  void add_point_goal(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal);
+  void add_direction_goal(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal);
   /// Goal: at least `margin` (m) between thumb and the phalanges of `fingers`. Also keeps index and middle finger
   /// apart.
-  void want_apart(std::size_t posture, std::initializer_list<Finger> fingers, double margin);
+  void add_distance_goal(std::size_t posture, std::initializer_list<Finger> fingers, double margin);
   /// Goal: every free angle keeps its start value.
-  void want_start(double weight);
+  void add_start_goal(double weight);
   /// Goal: the wrist keeps its start orientation.
-  void want_wrist_turned_little(double weight);
+  void add_wrist_rotation_goal(double weight);
 
   /// The sum of squares at given free values, and its gradient. For tests of the derivatives.
   double evaluate(const VectorX& values, const Goals& goals, VectorX& gradient);

@@ -30,8 +30,8 @@ void keep_level(PostureSolver& s, Finger finger, double weight = kLevel) {
   const Body knuckle = static_cast<Body>(index_of(distal_of(finger)) - 2);
   const Vector3& at = s.frames(0)[static_cast<std::size_t>(index_of(joint_of(knuckle)))].position;
   const auto pad = s.pad(finger, 0);
-  s.want(weight, pad.position.y() - at.y(),
-         {by_point(0, pad.body, pad.position, Vector3::UnitY()), by_point(0, knuckle, at, -Vector3::UnitY())});
+  s.add_residual(weight, pad.position.y() - at.y(),
+                 {by_point(0, pad.body, pad.position, Vector3::UnitY()), by_point(0, knuckle, at, -Vector3::UnitY())});
 }
 
 // Goals: every phalanx lies on the cylinder, and the palm lies behind it, so that each finger presses it into the palm.
@@ -44,22 +44,22 @@ struct GraspGoals {
     for (int f = 0; f < kFingerCount; ++f) {
       const auto pad = s.pad(static_cast<Finger>(f), 0);
       const Vector3 out = radial(pad.position), direction = out.normalized();
-      s.want(kPlace, out.norm() - radius + depth, {by_point(0, pad.body, pad.position, direction)});
+      s.add_residual(kPlace, out.norm() - radius + depth, {by_point(0, pad.body, pad.position, direction)});
       for (int i = 0; i < 3; ++i) {
-        s.want(3, pad.normal[i] + direction[i],
-               {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)),
-                by_point(0, pad.body, pad.position, of_direction(out, i))});
+        s.add_residual(3, pad.normal[i] + direction[i],
+                       {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)),
+                        by_point(0, pad.body, pad.position, of_direction(out, i))});
         if (f == 0) {
-          s.want(kOpposed, direction[i] + Vector3::UnitX()[i],
-                 {by_point(0, pad.body, pad.position, of_direction(out, i))});
+          s.add_residual(kOpposed, direction[i] + Vector3::UnitX()[i],
+                         {by_point(0, pad.body, pad.position, of_direction(out, i))});
         }
       }
     }
     wrap(s);
     level(s);
-    s.want_apart(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.5e-3);
-    s.want_wrist_turned_little(10);
-    s.want_start(0.4);
+    s.add_distance_goal(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 0.5e-3);
+    s.add_wrist_rotation_goal(10);
+    s.add_start_goal(0.4);
   }
 
  private:
@@ -68,8 +68,8 @@ struct GraspGoals {
     const Vector3 direction = out.normalized();
     return (radial(Vector3::Unit(i)) - direction * direction[i]) / out.norm();
   }
-  // Goal: the distance between the cylinder and the nearest sphere of `body` is `room`.
-  void want_room(PostureSolver& s, Body body, double weight, double room) const {
+  // Goal: the distance between the cylinder and the nearest sphere of `body` is `clearance`.
+  void add_clearance_goal(PostureSolver& s, Body body, double weight, double clearance) const {
     const GripHand::Sphere* nearest = nullptr;
     double least = 1;
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
@@ -79,22 +79,23 @@ struct GraspGoals {
       nearest = &sphere;
     }
     if (nearest)
-      s.want(weight, least - room, {by_point(0, body, nearest->centre, radial(nearest->centre).normalized())});
+      s.add_residual(weight, least - clearance,
+                     {by_point(0, body, nearest->centre, radial(nearest->centre).normalized())});
   }
   void wrap(PostureSolver& s) const {
     for (const Finger finger : kFourFingers) {
       const int distal = index_of(distal_of(finger));
-      want_room(s, static_cast<Body>(distal - 1), 2 * kPerMetre, -kIntermediateShare * depth);
-      want_room(s, static_cast<Body>(distal - 2), 2 * kPerMetre, -kProximalShare * depth);
-      want_room(s, static_cast<Body>(distal - 3), kPerMetre, kPalmGap);
+      add_clearance_goal(s, static_cast<Body>(distal - 1), 2 * kPerMetre, -kIntermediateShare * depth);
+      add_clearance_goal(s, static_cast<Body>(distal - 2), 2 * kPerMetre, -kProximalShare * depth);
+      add_clearance_goal(s, static_cast<Body>(distal - 3), kPerMetre, kPalmGap);
     }
-    want_room(s, Body::thumb_proximal, 0.5 * kPerMetre, -kIntermediateShare * depth);
+    add_clearance_goal(s, Body::thumb_proximal, 0.5 * kPerMetre, -kIntermediateShare * depth);
     for (const GripHand::Sphere& sphere : s.spheres(0)) {
       const Vector3 out = radial(sphere.centre);
       const double distance = out.norm() - radius - sphere.radius;
       const double margin = is_metacarpal(sphere.body) ? kPalmGap : deepest;
       if (distance < margin)
-        s.want(2 * kPerMetre, distance - margin, {by_point(0, sphere.body, sphere.centre, out.normalized())});
+        s.add_residual(2 * kPerMetre, distance - margin, {by_point(0, sphere.body, sphere.centre, out.normalized())});
     }
   }
   // Each finger goes around at the height of its own knuckle. The thumb is between index and middle finger.
@@ -103,14 +104,16 @@ struct GraspGoals {
     const Vector3 up = Vector3::UnitY();
     for (const Finger finger : kFourFingers) keep_level(s, finger);
     const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0), middle = s.pad(Finger::middle, 0);
-    s.want(kLevel, thumb.position.y() - 0.5 * (index.position.y() + middle.position.y()),
-           {by_point(0, thumb.body, thumb.position, up), by_point(0, index.body, index.position, -0.5 * up),
-            by_point(0, middle.body, middle.position, -0.5 * up)});
+    s.add_residual(kLevel, thumb.position.y() - 0.5 * (index.position.y() + middle.position.y()),
+                   {by_point(0, thumb.body, thumb.position, up), by_point(0, index.body, index.position, -0.5 * up),
+                    by_point(0, middle.body, middle.position, -0.5 * up)});
     const Vector3& knuckle = frames[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position;
-    s.want(0.5 * kPerMetre, knuckle.x() - kBeyond, {by_point(0, Body::middle_metacarpal, knuckle, Vector3::UnitX())});
+    s.add_residual(0.5 * kPerMetre, knuckle.x() - kBeyond,
+                   {by_point(0, Body::middle_metacarpal, knuckle, Vector3::UnitX())});
     const auto ring = s.pad(Finger::ring, 0);
-    s.want(kLevel, 0.5 * (middle.position.y() + ring.position.y()),
-           {by_point(0, middle.body, middle.position, 0.5 * up), by_point(0, ring.body, ring.position, 0.5 * up)});
+    s.add_residual(
+        kLevel, 0.5 * (middle.position.y() + ring.position.y()),
+        {by_point(0, middle.body, middle.position, 0.5 * up), by_point(0, ring.body, ring.position, 0.5 * up)});
   }
 };
 
@@ -141,14 +144,14 @@ JointAngles opened(const GripHand& hand, const Pose& wrist, const JointAngles& s
       Vector3 from = radial(sphere.centre);
       if (from.z() < 0) from.z() = 0;  // in the frame of the hand the cylinder arrives along +Z
       const double margin = is_metacarpal(sphere.body) ? kBack : 0.5 * opening;
-      const double room = from.norm() - radius - sphere.radius;
-      if (room < margin)
-        s.want(2 * kPerMetre, room - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
+      const double clearance = from.norm() - radius - sphere.radius;
+      if (clearance < margin)
+        s.add_residual(2 * kPerMetre, clearance - margin, {by_point(0, sphere.body, sphere.centre, from.normalized())});
     }
     // Use a large weight. Otherwise an open little finger would clear the cylinder by hanging below it, through the
     // table.
     for (const Finger finger : kFourFingers) keep_level(s, finger, 10 * kLevel);
-    s.want_start(1);
+    s.add_start_goal(1);
   });
   return solver.angles(0);
 }
@@ -235,11 +238,12 @@ Grip solve_power_grasp(const HandModel& model, const GeneratorOptions& o) {
     between.solve([&](PostureSolver& s) {
       for (const GripHand::Sphere& sphere : s.spheres(0)) {
         const Vector3 out = radial(sphere.centre);
-        const double room = out.norm() - radius - sphere.radius;
-        if (room < deepest(o))
-          s.want(kPerMetre, room - deepest(o), {by_point(0, sphere.body, sphere.centre, out.normalized())});
+        const double clearance = out.norm() - radius - sphere.radius;
+        if (clearance < deepest(o))
+          s.add_residual(kPerMetre, clearance - deepest(o),
+                         {by_point(0, sphere.body, sphere.centre, out.normalized())});
       }
-      s.want_start(1);
+      s.add_start_goal(1);
     });
     grip.apertures.push_back(between.angles(0));
   }

@@ -126,8 +126,8 @@ bool ReplayTracker::sample(Nanoseconds now, Skeleton& out) {
     started_ = true;
     start_ = now;
   }
-  if (duplicates_left_ > 0) {
-    --duplicates_left_;
+  if (remaining_duplicates_ > 0) {
+    --remaining_duplicates_;
     out = last_sample_;
     return true;
   }
@@ -140,7 +140,7 @@ bool ReplayTracker::sample(Nanoseconds now, Skeleton& out) {
   out.stamp.sequence = static_cast<std::uint64_t>(i) + 1;
   out.stamp.sample_time = start_ + static_cast<Nanoseconds>(std::llround(sample_time(i) * 1e9));
   if (options_.duplicate) {
-    duplicates_left_ = 1;
+    remaining_duplicates_ = 1;
     last_sample_ = out;
   }
   return true;

@@ -88,7 +88,7 @@ class ReplayTracker : public TrackerSource {
   bool started_ = false;
   Nanoseconds start_ = 0;
   std::int64_t last_ = -1;
-  std::uint64_t duplicates_left_ = 0;
+  std::uint64_t remaining_duplicates_ = 0;
   Skeleton last_sample_;
 };
 

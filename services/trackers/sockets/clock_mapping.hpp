@@ -8,16 +8,16 @@
 
 namespace softhand {
 
-/// Every message satisfies arrival = sent + offset + delay with delay >= 0.
-/// The least difference of the recent messages is the offset plus the shortest delay. Mapped times are late by this
-/// delay (0.1 to 3 ms on a cable or by radio). Two windows of 10 s each let the offset follow the drift.
+/// Every message satisfies arrival = sent + offset + delay with delay >= 0. The least difference of the recent messages
+/// is the offset plus the shortest delay. Mapped times are late by this delay (0.1 to 3 ms on a cable or by radio). Two
+/// windows of 10 s each let the offset follow the drift.
 class ClockMapping {
  public:
   /// `sent` is on the sender's clock, `arrival` on ours. Returns true if the sender's clock was restarted.
   bool add(Nanoseconds sent, Nanoseconds arrival) {
     // The difference grew by more than any delay, so the sender's clock was restarted.
-    const bool anew = least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay;
-    if (anew) *this = {};
+    const bool restarts = least_ != kNone && arrival - sent > std::min(least_, before_) + kLongestDelay;
+    if (restarts) *this = {};
     if (window_start_ == 0 || arrival - window_start_ > kWindow) {
       // After a pause the previous window is too old, because the clocks have drifted since.
       before_ = arrival - window_start_ > 2 * kWindow ? kNone : least_;
@@ -25,7 +25,7 @@ class ClockMapping {
       window_start_ = arrival;
     }
     least_ = std::min(least_, arrival - sent);
-    return anew;
+    return restarts;
   }
   /// Call `add` at least once before.
   Nanoseconds map(Nanoseconds time) const { return time + std::min(least_, before_); }

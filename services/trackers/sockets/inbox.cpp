@@ -85,7 +85,7 @@ class Datagrams {
   }
   ~Datagrams() {
     const std::uint64_t one = 1;
-    [[maybe_unused]] const ssize_t told = write(wake_, &one, sizeof one);
+    [[maybe_unused]] const ssize_t ignored = write(wake_, &one, sizeof one);
     thread_.join();
     close_all();
   }

@@ -233,7 +233,7 @@ function drawLegend(): void {
   element("legend-high").textContent =
     colouring === "pressure"
       ? `≥ ${stage.full / 1000} kPa`
-      : stage.knowsStrain
+      : stage.hasStrain
         ? `≥ ${(100 * stage.full).toFixed(0)} %`
         : "unknown for this hand";
   const canvas = element<HTMLCanvasElement>("legend-bar");

@@ -13,7 +13,7 @@ const energy = (joules: number): string =>
     ? `${joules.toFixed(2)} J`
     : `${(1000 * joules).toFixed(Math.abs(joules) >= 0.1 ? 0 : Math.abs(joules) >= 0.01 ? 1 : 2)} mJ`;
 /** An entry of the energy ledger. It may be small compared with the others. */
-const booked = (joules: number): string =>
+const ledgerText = (joules: number): string =>
   joules !== 0 && Math.abs(joules) < 5e-6 ? `${joules.toExponential(0)} J` : energy(joules);
 const millimetres = (metres: number, digits: number): string => `${fixed(1000 * metres, digits)} mm`;
 /** Age of an input in ms. Ages from 1 s on are shown in seconds. */
@@ -90,7 +90,7 @@ class Physics {
     this.ledger.replaceChildren(
       ...status.ledger.flatMap(({ name, value }) => [
         tag("dt", words(name)),
-        tag("dd", booked(value), `ledger ${name}`),
+        tag("dd", ledgerText(value), `ledger ${name}`),
       ]),
     );
   }

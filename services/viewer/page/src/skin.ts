@@ -76,7 +76,7 @@ export class Skin {
     this.paint("skin", 1);
   }
 
-  get knowsStrain(): boolean {
+  get hasStrain(): boolean {
     return this.restEdges !== null;
   }
 

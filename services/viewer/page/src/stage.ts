@@ -216,7 +216,7 @@ export class Stage {
   private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
   private readonly sky = new THREE.HemisphereLight(0xffffff, 0xb8a898, 1);
   private shown: Shown;
-  private readonly beside = new THREE.Vector3(1, 0, 0); // horizontal, to the right on the screen
+  private readonly sideDirection = new THREE.Vector3(1, 0, 0); // horizontal, to the right on the screen
   private framed = false;
   private free = { left: 0, top: 0, right: 0, bottom: 0 };
   private scale = 1; // of the resolution; smaller if drawing takes too long
@@ -238,9 +238,9 @@ export class Stage {
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.toneMappingExposure = 0.95;
     if (fine) {
-      const room = new THREE.PMREMGenerator(this.renderer);
-      this.scene.environment = room.fromScene(new RoomEnvironment(), 0.04).texture;
-      room.dispose();
+      const generator = new THREE.PMREMGenerator(this.renderer);
+      this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
+      generator.dispose();
     } else {
       this.scene.add(this.sky);
     }
@@ -292,7 +292,7 @@ export class Stage {
   }
 
   show(shown: Shown): void {
-    this.findBeside();
+    this.updateSideDirection();
     this.shown = shown;
     this.applyShown();
     this.fit();
@@ -303,7 +303,7 @@ export class Stage {
     this.controls.target.set(0, 0.11, 0);
     this.camera.position.set(-0.38, 0.29, -0.33);
     this.controls.update();
-    this.findBeside();
+    this.updateSideDirection();
   }
 
   lookFrom(position: [number, number, number], target: [number, number, number]): void {
@@ -311,7 +311,7 @@ export class Stage {
     this.controls.target.set(...target);
     this.camera.position.set(...position);
     this.controls.update();
-    this.findBeside();
+    this.updateSideDirection();
   }
 
   /**
@@ -478,8 +478,8 @@ export class Stage {
     for (const skin of skins) skin.measure(this.colouring);
     const large = Math.max(0, ...skins.map((skin) => skin.large));
     const least = this.colouring === "pressure" ? 1000 : 0.05;
-    const wanted = niceCeiling(Math.max(least, large));
-    if (wanted > this.full || large < 0.3 * this.full) this.full = wanted;
+    const range = niceCeiling(Math.max(least, large));
+    if (range > this.full || large < 0.3 * this.full) this.full = range;
     for (const skin of skins) skin.paint(this.colouring, this.full);
   }
 
@@ -490,8 +490,8 @@ export class Stage {
   get handCount(): number {
     return this.hands.size;
   }
-  get knowsStrain(): boolean {
-    return [...this.hands.values()].some((hand) => hand.skin?.knowsStrain);
+  get hasStrain(): boolean {
+    return [...this.hands.values()].some((hand) => hand.skin?.hasStrain);
   }
 
   /**
@@ -584,8 +584,8 @@ export class Stage {
     return hand;
   }
 
-  private findBeside(): void {
-    this.beside.set(1, 0, 0).applyQuaternion(this.camera.quaternion).setY(0).normalize();
+  private updateSideDirection(): void {
+    this.sideDirection.set(1, 0, 0).applyQuaternion(this.camera.quaternion).setY(0).normalize();
   }
 
   private applyShown(): void {
@@ -595,7 +595,7 @@ export class Stage {
         hand.bones[kind].group.visible = this.shown[kind];
         // Side by side: the tracked skeleton to the left and the intermediate one to the right of the simulated hand.
         const away = kind === "simulated" || !this.shown.beside ? 0 : kind === "tracked" ? -0.17 : 0.17;
-        hand.bones[kind].group.position.copy(this.beside).multiplyScalar(away);
+        hand.bones[kind].group.position.copy(this.sideDirection).multiplyScalar(away);
       }
       hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
       hand.couplingArrows.group.visible = this.shown.coupling;
