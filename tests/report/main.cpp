@@ -68,7 +68,8 @@ int main(int argc, char** argv) {
                                "rows outside the sweep pass or are refused correctly");
   command->add_flag("--quick", stress.quick, "Only marked rows and a small sweep; takes less than a minute and a half");
   outputs(command, stress, "case, parameter, class, figure, invariant",
-          "File for a summary, and the rows that did not pass with reasons", "stress_map.png and stress_sweep.png");
+          "File for a summary, and the rows that did not pass with reasons",
+          "stress_map.png, stress_sweep.png and stress_sweep_live.png");
   command->add_option("--case", stress.which, "Only this case; repeatable")->type_name("NAME")->allow_extra_args(false);
   command
       ->add_option("--cache", stress.cache,

@@ -5,7 +5,7 @@ usage: plot.py ROWS.json DIR, with the rows that `softhand report stress --json`
 
 DIR/stress_map.png shows a square for each value of a case, coloured by class.
 DIR/stress_sweep.png shows the points of the sweep for each pair of parameters: default mode below the diagonal, one
-Newton step above it.
+Newton step above it. DIR/stress_sweep_live.png shows the live budget above it.
 """
 import json
 import re
@@ -113,14 +113,23 @@ AXES = [
 ]
 
 
-def draw_sweep(rows, path):
-    """Draws a scatter plot for each pair of parameters. Returns False if there is no sweep."""
-    points = {"sweep": [], "sweep_one_step": []}
+# Case of the sweep, name of its mode, line style.
+MODES = {
+    "sweep": ("default mode", "-"),
+    "sweep_one_step": ("one Newton step", "--"),
+    "sweep_live": ("live budget", ":"),
+}
+
+
+def draw_sweep(rows, path, above):
+    """Draws a scatter plot for each pair of parameters: default mode below the diagonal, the case `above` above it.
+    Returns False if one of the two has no points."""
+    points = {"sweep": [], above: []}
     for row in rows:
         if row["case"] in points:
             values = {name: float(value) for name, value in re.findall(r"(\w+) = ([-+.\deE]+)", row["parameter"])}
             points[row["case"]].append((values, row["class"]))
-    if not points["sweep"]:
+    if not all(points.values()):
         return False
     count = len(AXES)
     figure, grid = plt.subplots(count, count, figsize=(15, 14))
@@ -130,20 +139,20 @@ def draw_sweep(rows, path):
             axes = grid[i][j]
             if i == j:
                 # Share of points that pass, as a function of this parameter only.
-                for case, style in (("sweep", "-"), ("sweep_one_step", "--")):
+                for case in points:
                     ordered = sorted(points[case], key=lambda point: point[0][row_name])
                     size = max(len(ordered) // 8, 1)
                     chunks = [ordered[k : k + size] for k in range(0, len(ordered), size)]
                     chunks = [chunk for chunk in chunks if len(chunk) == size]
                     middle = [chunk[size // 2][0][row_name] for chunk in chunks]
                     shares = [100 * sum(c == "Pass" for _, c in chunk) / size for chunk in chunks]
-                    axes.plot(middle, shares, style, color="#2c7a3f", marker="o", markersize=3)
+                    axes.plot(middle, shares, MODES[case][1], color="#2c7a3f", marker="o", markersize=3)
                 axes.set_xscale(row_scale)
                 axes.set_ylim(-3, 103)
                 axes.set_title("% Pass", fontsize=9)
             else:
                 for which in order:
-                    chosen = [values for values, c in points["sweep" if i > j else "sweep_one_step"] if c == which]
+                    chosen = [values for values, c in points["sweep" if i > j else above] if c == which]
                     axes.scatter(
                         [v[column_name] for v in chosen],
                         [v[row_name] for v in chosen],
@@ -159,21 +168,15 @@ def draw_sweep(rows, path):
             if j == 0:
                 axes.set_ylabel(row_label if i else "", fontsize=9)
             axes.tick_params(labelsize=7)
-    shares = [
-        100 * sum(c == "Pass" for _, c in points[case]) / max(len(points[case]), 1)
-        for case in ("sweep", "sweep_one_step")
-    ]
+    shares = {case: 100 * sum(c == "Pass" for _, c in points[case]) / len(points[case]) for case in points}
     figure.suptitle(
-        f"One finger presses an object on a table, {len(points['sweep'])} points: "
-        f"default mode below the diagonal ({shares[0]:.0f} % Pass), one Newton step above it ({shares[1]:.0f} % Pass)\n"
-        "diagonal: share of passing points along one parameter, solid line default mode, dashed line one step",
+        f"One finger presses an object on a table, {len(points['sweep'])} points: default mode below the diagonal "
+        f"({shares['sweep']:.0f} % Pass), {MODES[above][0]} above it ({shares[above]:.0f} % Pass)\n"
+        "diagonal: share of passing points along one parameter",
         fontsize=12,
     )
     handles = legend({which for case in points.values() for _, which in case})
-    handles += [
-        Line2D([], [], color="#2c7a3f", label="default"),
-        Line2D([], [], color="#2c7a3f", linestyle="--", label="one step"),
-    ]
+    handles += [Line2D([], [], color="#2c7a3f", linestyle=MODES[case][1], label=MODES[case][0]) for case in points]
     figure.legend(handles=handles, loc="lower center", ncol=10, fontsize=10, frameon=False)
     figure.tight_layout(rect=(0, 0.03, 1, 0.97))
     figure.savefig(path, dpi=80)
@@ -184,7 +187,8 @@ def main():
     with open(sys.argv[1]) as file:
         rows = json.load(file)
     draw_map(rows, sys.argv[2] + "/stress_map.png")
-    draw_sweep(rows, sys.argv[2] + "/stress_sweep.png")
+    draw_sweep(rows, sys.argv[2] + "/stress_sweep.png", "sweep_one_step")
+    draw_sweep(rows, sys.argv[2] + "/stress_sweep_live.png", "sweep_live")
 
 
 if __name__ == "__main__":

@@ -188,7 +188,9 @@ std::string to_markdown(const std::vector<Row>& rows, const std::string& command
       "invariants.\n\n- {} of {} built rows in default mode pass or were rightly refused ({:.1f} %).\n"
       "- {} rows published a number that is not finite.\n\n"
       "![All values of all cases, coloured by class](images/stress_map.png)\n\n"
-      "![Points of the sweep, coloured by class](images/stress_sweep.png)\n\nNumber of rows in each class:\n\n",
+      "![Points of the sweep, coloured by class](images/stress_sweep.png)\n\n"
+      "![Points of the sweep with the live budget, coloured by class](images/stress_sweep_live.png)\n\nNumber of rows "
+      "in each class:\n\n",
       command, from.processor, from.compiler, from.commit, count.good, count.built, 100 * count.share(),
       count.nonfinite);
   std::map<std::string, std::map<Class, int>> classes;
