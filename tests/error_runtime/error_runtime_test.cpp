@@ -30,14 +30,14 @@ const SceneStudy& pinch() {
   return study;
 }
 
-TEST(Pareto, KeepsWhatNothingBeats) {
+TEST(Pareto, KeepsOnlyPointsThatNoCheaperPointBeats) {
   EXPECT_EQ(pareto_front({3, 1, 2, 2.5, 2}, {1, 4, 3, 5, 2}, 0), (std::vector<std::size_t>{1, 4, 0}));
   EXPECT_EQ(pareto_front({1, 2, 3}, {4, 3.99, 2}, 0.02), (std::vector<std::size_t>{0, 2}))
       << "a gain below the threshold adds no point";
   EXPECT_TRUE(pareto_front({}, {}, 0).empty());
 }
 
-TEST(Slope, IsThatOfAPowerLaw) {
+TEST(Slope, EqualsExponentOfPowerLaw) {
   EXPECT_NEAR(fitted_slope({1, 2, 4, 8}, {3, 12, 48, 192}), 2, 1e-12);
   EXPECT_NEAR(fitted_slope({1, 2, 4}, {3, 0, 12}), 1, 1e-12) << "values that are not positive are ignored";
   EXPECT_TRUE(std::isnan(fitted_slope({1}, {1})));
@@ -45,7 +45,7 @@ TEST(Slope, IsThatOfAPowerLaw) {
 
 // Each scene, played with the shipped defaults on the coarse hand, does what its name says.
 class EachScene : public ::testing::TestWithParam<std::string> {};
-TEST_P(EachScene, IsWhatItIsCalled) {
+TEST_P(EachScene, DoesWhatItsNameSays) {
   const Scene& scene = scene_named(GetParam());
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   Player player(scene, hand, scene.motion(hand), options_of(scene, {}));
@@ -95,7 +95,7 @@ TEST(ErrorRuntime, TheDefaultIsWithinATenthOfAMillimetreAndTwoPercent) {
   EXPECT_GT(row.along.tissue_rms_mm, 0) << "the run must not be compared with itself";
 }
 
-TEST(ErrorRuntime, TheSameNumbersTwiceButForTimes) {
+TEST(ErrorRuntime, RepeatsAllNumbersExceptTimes) {
   Study one, two;
   one.scenes.push_back(pinch());
   two.scenes.push_back(study_scene(scene_named("pinch_lift"), true));

@@ -48,7 +48,7 @@ TEST_P(StressCase, IsClassifiedAsRecorded) {
 INSTANTIATE_TEST_SUITE_P(Quick, StressCase, ::testing::ValuesIn(quick_cases()),
                          [](const auto& parameter) { return parameter.param.name; });
 
-TEST(StressTable, NamesAreItsOwnAndFewAreKnownToFail) {
+TEST(StressTable, RowNamesAreUniqueAndFewAreKnownToFail) {
   std::set<std::pair<std::string, std::string>> names;
   std::size_t built = 0, failing = 0;
   for (const Case& which : all_cases()) {
@@ -68,7 +68,7 @@ TEST(StressTable, NamesAreItsOwnAndFewAreKnownToFail) {
   EXPECT_LE(failing, 10u);
 }
 
-TEST(StressRow, TheFirstBrokenDemandIsItsClassAndFigure) {
+TEST(StressRow, TakesClassAndFigureOfFirstBrokenDemand) {
   Findings findings;
   findings.demand("G1", "nonfinite", 0, 0, "1", Class::diverged);
   findings.demand("G4", "force", 21, 20, "N", Class::over_force);
@@ -93,7 +93,7 @@ TEST(StressRow, TheFirstBrokenDemandIsItsClassAndFigure) {
   EXPECT_TRUE(row.counts_as_good);
 }
 
-TEST(StressRow, ARefusalIsGoodOnlyWhereItIsRight) {
+TEST(StressRow, CountsRefusalAsGoodOnlyIfItIsRight) {
   Findings findings;
   findings.refusal = "k = 1: grows 2 times a period";
   Row row;
@@ -109,14 +109,14 @@ TEST(StressRow, ARefusalIsGoodOnlyWhereItIsRight) {
   EXPECT_FALSE(row.counts_as_good);
 }
 
-TEST(StressRow, WhatThrowsDivergedAndWhatIsMissingIsNotBuilt) {
+TEST(StressRow, ThrowingRunIsDivergedAndMissingRunIsNotBuilt) {
   const Case which{"x", "Solver", "", {{"a", []() -> Findings { throw std::runtime_error("z"); }}, {"b", nullptr}}};
   EXPECT_EQ(run(which, which.rows[0]).which, Class::diverged);
   EXPECT_NE(run(which, which.rows[0]).invariant.find("z"), std::string::npos);
   EXPECT_EQ(run(which, which.rows[1]).which, Class::not_built);
 }
 
-TEST(StressSweep, PointsFillTheirRanges) {
+TEST(StressSweep, PointsLieInTheirRanges) {
   const SweepPoint first = sweep_point(1);
   EXPECT_NEAR(first.youngs_modulus, 1e5, 1);
   EXPECT_NEAR(first.poisson_ratio, 0.499 / 3, 1e-12);
