@@ -40,23 +40,24 @@ std::int32_t LocalNewton::root_of(std::int32_t place) const {
   return place;
 }
 
-// Chooses the rows and columns of the stored blocks. Nodes of one patch of skin are adjacent, and bodies come last. So
-// the factor is sparse: fingers are coupled only through the object.
-void LocalNewton::choose_blocks(const BlockMatrix& hessian) {
-  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
-  blocks_.clear();
+// Adds the rows and columns of the blocks in the journal to those that move.
+void LocalNewton::include_journal(const BlockMatrix& hessian) {
   const auto include = [this](std::int32_t block) {
     std::int32_t& place = place_[static_cast<std::size_t>(block)];
     if (place >= 0) return;
     place = static_cast<std::int32_t>(blocks_.size());
     blocks_.push_back(block);
   };
-  for (const std::int32_t stored : stored_) {
+  for (const std::int32_t stored : hessian.journal()) {
     const auto next = std::upper_bound(hessian.column_start().begin(), hessian.column_start().end(), stored);
     include(static_cast<std::int32_t>(next - hessian.column_start().begin()) - 1);
     include(hessian.row()[static_cast<std::size_t>(stored)]);
   }
-  if (blocks_.size() > kMaxBlocks) return;
+}
+
+// Orders the blocks so that the factor is sparse: nodes of one patch of skin are adjacent, and bodies come last.
+// Fingers are coupled only through the object.
+void LocalNewton::order_blocks(const BlockMatrix& hessian) {
   const auto for_each_pair = [&](auto visit) {
     for (std::size_t i = 0; i < blocks_.size(); ++i) {
       const auto column = static_cast<std::size_t>(blocks_[i]);
@@ -176,12 +177,14 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     hessian.take_back();
     for (const Energy* term : kinked) term->add_hessian(at, hessian, curvature);
   };
+  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
+  blocks_.clear();
   // Blocks of both states are needed: a contact may act at only one of them.
-  stored_.assign(hessian.journal().begin(), hessian.journal().end());
+  include_journal(hessian);
   renew_kinked(state);
-  stored_.insert(stored_.end(), hessian.journal().begin(), hessian.journal().end());
-  choose_blocks(hessian);
+  include_journal(hessian);
   if (blocks_.empty() || blocks_.size() > kMaxBlocks) return result;
+  order_blocks(hessian);
   const Eigen::Index size = size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
   const auto smooth = smooth_.topLeftCorner(size, size);
   auto smooth_gradient = smooth_gradient_.head(size), local_gradient = local_gradient_.head(size),

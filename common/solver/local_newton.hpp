@@ -32,14 +32,16 @@ class LocalNewton {
   };
   /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.
   /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
-  /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. Does not allocate.
+  /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. It is unchanged if there are no
+  /// blocks or more than `kMaxBlocks`; then nothing is found. Does not allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
                   BlockMatrix& hessian, VectorX& direction);
 
  private:
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-  void choose_blocks(const BlockMatrix& hessian);
+  void include_journal(const BlockMatrix& hessian);
+  void order_blocks(const BlockMatrix& hessian);
   void gather(const BlockMatrix& hessian, Dense& dense) const;
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
@@ -48,7 +50,6 @@ class LocalNewton {
   void move_to(const State& state, const Eigen::Ref<const VectorX>& move);
 
   DofLayout layout_;
-  std::vector<std::int32_t> stored_;                          // scratch: stored blocks that the kinked terms touch
   std::vector<std::int32_t> blocks_;                          // the blocks that move
   std::vector<std::int32_t> place_;                           // by block: its place in `blocks_`, -1: it is fixed
   std::vector<std::pair<std::int32_t, std::int32_t>> order_;  // scratch: sort key and block

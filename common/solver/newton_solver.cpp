@@ -602,7 +602,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       linearised = !last && !may_reuse && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) break;
       scale = search(state, report, evaluated, linearised);
-      // Tissue that does not turn with its bone, for example because something else holds it.
+      // If something else holds the tissue, it does not turn with its bone, and the way along the linkage is short.
       if (prepare_ && scale < kShortStep) linkage_.straighten();
       linearised = linearised && scale == 1;
       if (scale > 0 || (renews && !renews_kinks && (!precise_solver_ || factor_ == precise_solver_.get()))) break;

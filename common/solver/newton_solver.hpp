@@ -15,6 +15,11 @@
 // on cheaper iterations. After a step that was cut off by the budget, the next step uses no reused factor: it takes
 // plain Newton iterations.
 //
+// Additions to the source that make iterations better:
+// - Bones move by finite rotations, and tissue turns with its bone (linkage.hpp).
+// - If the budget or a limit of one or two iterations ends a step in contact, a solve of contact alone follows
+//   (local_newton.hpp).
+//
 // max_iterations = 1 is the source's fast mode: one Newton step from q_i (eq. 16). Every Newton step is followed by a
 // line search on E, also in the fast mode. Without it, one or two Newton steps jump back and forth over the kink
 // between sticking and sliding. Then a resting object creeps, and a gripped object is thrown.
@@ -89,9 +94,10 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.flag("measure_result", o.measure_result,
          "Evaluate energy and residual of the result. Without it, a fast step reports those of its start.");
   v.choice("curvature", o.curvature, {"adaptive", "projected", "exact"},
-           "Hessian of the terms. projected: made positive semi-definite. exact: the Hessian of eq. 16 of the source, "
-           "which may need a diagonal shift. adaptive: the Hessian of tissue, attachments and joints is exact if the "
-           "whole Hessian is positive definite and the work has no budget, otherwise projected.");
+           "Hessian of the terms. 'projected' makes it positive semi-definite. 'exact' takes the Hessian of eq. 16 of "
+           "the source, which may need a diagonal shift. 'adaptive' takes the exact Hessian of tissue, attachments and "
+           "joints while the whole is positive definite. With a work budget, or with fewer than 3 iterations, "
+           "'adaptive' is 'projected'.");
   v.choice("factor", o.factor, {"float", "double"},
            "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are "
            "always double, so float can only slow down convergence. If a float factor fails or makes no progress, the "

@@ -167,19 +167,25 @@ TEST(HandLoop, MirrorsNearObjectsOwnsTouchedOnesAndReleasesThemLater) {
   EXPECT_LT(owned_steps, 90);
 }
 
-// Whole steps, from all inputs to all outputs. An object comes near, is touched, held and released.
-TEST(HandLoop, AStepAllocatesNothing) {
+// Whole steps, from all inputs to all outputs. An object comes near, is touched, held and released. The budget is in
+// fast steps; 0 is unlimited.
+class HandLoopAllocations : public ::testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Budget, HandLoopAllocations, ::testing::Values(0.0, 0.5));
+TEST_P(HandLoopAllocations, AStepAllocatesNothing) {
 #ifndef SOFTHAND_COUNT_MALLOC
   GTEST_SKIP() << "the sanitizer brings its own malloc";
 #endif
   const HandModel model = hand();
-  HandLoop loop(model, loop_options(), {});
+  HandOptions options = loop_options();
+  options.simulation.solver.work_budget = GetParam();
+  HandLoop loop(model, options, {});
   loop.describe_object(cube(3));
   Nanoseconds now = kSecond;
   std::uint64_t sequence = 0;
   const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
   const auto samples = std::make_unique<std::pair<Skeleton, WorldObjects>>();
   bool touched = false;
+  int contact_solves = 0;
   counting = true;
   ::operator delete(::operator new(64));
   counting = false;
@@ -193,9 +199,11 @@ TEST(HandLoop, AStepAllocatesNothing) {
     const HandOutput& output = loop.step(now, {&samples->first, nullptr, &samples->second}, {true, true, true});
     counting = false;
     touched = touched || output.contacts.contacts.size() > 0;
+    contact_solves += output.report.contact_solves;
   }
   EXPECT_TRUE(touched);
-  EXPECT_EQ(allocations, 0);
+  EXPECT_EQ(contact_solves > 0, GetParam() > 0) << "only truncated steps solve contact alone";
+  EXPECT_EQ(std::exchange(allocations, 0), 0);
 }
 
 // The taken state is one in which an object is held. The second loop has another history of its solver and slots.
