@@ -1,7 +1,6 @@
 #include "web/web_server.hpp"
 
 #include <algorithm>
-#include <array>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/context.hpp>
@@ -13,14 +12,12 @@
 #include <boost/beast/websocket/ssl.hpp>
 #include <cctype>
 #include <chrono>
-#include <concepts>
 #include <optional>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 #include <type_traits>
-#include <variant>
 
 namespace softhand::web {
 namespace {
@@ -90,121 +87,10 @@ struct Shared {
   }
 };
 
-// A completion handler of any type. The handlers of all operations of HTTP and WebSocket become this one type.
-class Done {
+template <typename Stream>
+class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Stream>> {
  public:
-  template <typename Handler>
-  requires(!std::same_as<std::decay_t<Handler>, Done>) explicit Done(Handler&& handler)
-      : handler_(std::make_unique<Kept<std::decay_t<Handler>>>(std::forward<Handler>(handler))) {}
-
-  void operator()(beast::error_code error, std::size_t bytes = 0) {
-    const auto handler = std::move(handler_);
-    handler->run(error, bytes);
-  }
-
- private:
-  struct Any {
-    virtual ~Any() = default;
-    virtual void run(beast::error_code error, std::size_t bytes) = 0;
-  };
-  template <typename Handler>
-  struct Kept : Any {
-    template <typename Given>
-    explicit Kept(Given&& given) : handler(std::forward<Given>(given)) {}
-    void run(beast::error_code error, std::size_t bytes) override {
-      if constexpr (std::is_invocable_v<Handler, beast::error_code, std::size_t>) {
-        std::move(handler)(error, bytes);
-      } else {
-        std::move(handler)(error);
-      }
-    }
-    Handler handler;
-  };
-  std::unique_ptr<Any> handler_;
-};
-
-// The first buffers of a sequence that are not empty. A call of write_some may write less than the whole sequence.
-class WriteBuffers {
- public:
-  template <typename Buffers>
-  explicit WriteBuffers(const Buffers& buffers) {
-    for (auto it = asio::buffer_sequence_begin(buffers); it != asio::buffer_sequence_end(buffers); ++it) {
-      const asio::const_buffer buffer = *it;
-      if (buffer.size() > 0) buffers_[count_++] = buffer;
-      if (count_ == buffers_.size()) break;
-    }
-  }
-  const asio::const_buffer* begin() const { return buffers_.data(); }
-  const asio::const_buffer* end() const { return buffers_.data() + count_; }
-
- private:
-  std::array<asio::const_buffer, 8> buffers_;
-  std::size_t count_ = 0;
-};
-
-// The stream of a connection, plain or encrypted. HTTP and WebSocket are templates of their stream and of its handlers.
-// With one type for both kinds the compiler instantiates them once, see docs/building.md.
-class Stream {
- public:
-  using executor_type = Plain::executor_type;
-  using next_layer_type = Plain;
-
-  explicit Stream(Plain&& stream) : stream_(std::move(stream)) {}
-  explicit Stream(Encrypted&& stream) : stream_(std::move(stream)) {}
-
-  Encrypted* encrypted() { return std::get_if<Encrypted>(&stream_); }
-  Plain& next_layer() { return encrypted() ? encrypted()->next_layer() : std::get<Plain>(stream_); }
-  executor_type get_executor() { return next_layer().get_executor(); }
-
-  template <typename Buffers, typename Handler>
-  void async_read_some(const Buffers& buffers, Handler&& handler) {
-    asio::mutable_buffer first;
-    for (auto it = asio::buffer_sequence_begin(buffers); it != asio::buffer_sequence_end(buffers); ++it) {
-      first = *it;
-      if (first.size() > 0) break;
-    }
-    read(first, Done(std::forward<Handler>(handler)));
-  }
-  template <typename Buffers, typename Handler>
-  void async_write_some(const Buffers& buffers, Handler&& handler) {
-    write(WriteBuffers(buffers), Done(std::forward<Handler>(handler)));
-  }
-  void tear_down(beast::role_type role, Done&& done) {
-    if (encrypted()) {
-      async_teardown(role, *encrypted(), std::move(done));
-    } else {
-      async_teardown(role, next_layer(), std::move(done));
-    }
-  }
-
- private:
-  void read(const asio::mutable_buffer& buffer, Done&& done) {
-    if (encrypted()) {
-      encrypted()->async_read_some(buffer, std::move(done));
-    } else {
-      next_layer().async_read_some(buffer, std::move(done));
-    }
-  }
-  void write(const WriteBuffers& buffers, Done&& done) {
-    if (encrypted()) {
-      encrypted()->async_write_some(buffers, std::move(done));
-    } else {
-      next_layer().async_write_some(buffers, std::move(done));
-    }
-  }
-
-  std::variant<Plain, Encrypted> stream_;
-};
-
-// Called by the WebSocket.
-template <typename Handler>
-void async_teardown(beast::role_type role, Stream& stream, Handler&& handler) {
-  stream.tear_down(role, Done(std::forward<Handler>(handler)));
-}
-
-class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket> {
- public:
-  OpenSocket(Stream&& stream, std::shared_ptr<Session> session)
+  SocketOf(Stream&& stream, std::shared_ptr<Session> session)
       : stream_(std::move(stream)), session_(std::move(session)) {}
 
   void accept(const Request& request, std::size_t largest) {
@@ -213,7 +99,7 @@ class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket
     stream_.read_message_max(largest);
     stream_.binary(true);
     stream_.auto_fragment(false);
-    stream_.async_accept(request, [self = shared_from_this()](beast::error_code error) {
+    stream_.async_accept(request, [self = this->shared_from_this()](beast::error_code error) {
       if (error) return self->finish(error);
       self->session_->opened(*self);
       self->read();
@@ -225,7 +111,7 @@ class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket
     std::vector<asio::const_buffer> buffers;
     for (const Bytes& part : parts_) buffers.emplace_back(part->data(), part->size());
     writing_ = true;
-    stream_.async_write(buffers, [self = shared_from_this()](beast::error_code error, std::size_t bytes) {
+    stream_.async_write(buffers, [self = this->shared_from_this()](beast::error_code error, std::size_t bytes) {
       self->writing_ = false;
       if (error || self->gone_) return self->finish(error);
       self->session_->sent(bytes);
@@ -241,7 +127,7 @@ class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket
 
  private:
   void read() {
-    stream_.async_read(buffer_, [self = shared_from_this()](beast::error_code error, std::size_t) {
+    stream_.async_read(buffer_, [self = this->shared_from_this()](beast::error_code error, std::size_t) {
       if (error) return self->finish(error);
       const auto data = self->buffer_.cdata();
       self->session_->received({static_cast<const char*>(data.data()), data.size()}, self->stream_.got_binary());
@@ -252,7 +138,7 @@ class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket
 
   void start_close_handshake() {
     stream_.async_close(websocket::close_code::policy_error,
-                        [self = shared_from_this()](beast::error_code error) { self->finish(error); });
+                        [self = this->shared_from_this()](beast::error_code error) { self->finish(error); });
   }
 
   void finish(beast::error_code error) {
@@ -271,29 +157,33 @@ class OpenSocket : public Socket, public std::enable_shared_from_this<OpenSocket
 };
 
 // One HTTP connection. It is answered, or it becomes a WebSocket.
-class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
+template <typename Stream>
+class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream>> {
  public:
   HttpConnection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared)
       : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
 
   void start() {
-    Encrypted* const encrypted = stream_.encrypted();
-    if (!encrypted) return read();
-    stream_.next_layer().expires_after(kTimeout);
-    encrypted->async_handshake(ssl::stream_base::server, buffer_.data(),
-                               [self = shared_from_this()](beast::error_code error, std::size_t used) {
-                                 self->buffer_.consume(used);
-                                 if (!error) self->read();
-                               });
+    if constexpr (std::is_same_v<Stream, Encrypted>) {
+      beast::get_lowest_layer(stream_).expires_after(kTimeout);
+      stream_.async_handshake(ssl::stream_base::server, buffer_.data(),
+                              [self = this->shared_from_this()](beast::error_code error, std::size_t used) {
+                                self->buffer_.consume(used);
+                                if (!error) self->read();
+                              });
+    } else {
+      read();
+    }
   }
 
  private:
   void read() {
     request_ = {};
     beast::get_lowest_layer(stream_).expires_after(kTimeout);
-    http::async_read(stream_, buffer_, request_, [self = shared_from_this()](beast::error_code error, std::size_t) {
-      if (!error) self->answer();
-    });
+    http::async_read(stream_, buffer_, request_,
+                     [self = this->shared_from_this()](beast::error_code error, std::size_t) {
+                       if (!error) self->answer();
+                     });
   }
 
   void answer() {
@@ -304,7 +194,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       return respond({403, "text/plain", "This server does not accept this host name (option `hosts`).\n"});
     }
     const std::string target(view(request_.target()));
-    if (!stream_.encrypted() && shared_.tls && !is_local(host_name(host)))
+    if (std::is_same_v<Stream, Plain> && shared_.tls && !is_local(host_name(host)))
       return respond({301, "text/plain", "Use https.\n"}, "https://" + host + target);
     const std::string path = target.substr(0, target.find('?'));
     if (upgrade) return connect(path);
@@ -322,7 +212,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
       return respond({404, "text/plain", "There is no WebSocket at this path.\n"});
     std::shared_ptr<Session> session = shared_.site.connect();
     if (!session) return respond({503, "text/plain", "Too many connections.\n"});
-    std::make_shared<OpenSocket>(std::move(stream_), std::move(session))
+    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))
         ->accept(request_, shared_.site.largest_message);
   }
 
@@ -347,11 +237,12 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     // Start a new timeout for the answer. The timeout of the request began at the previous answer and may be almost
     // over.
     beast::get_lowest_layer(stream_).expires_after(kTimeout);
-    http::async_write(stream_, *response, [self = shared_from_this(), response](beast::error_code error, std::size_t) {
-      if (!error && response->keep_alive()) return self->read();
-      beast::error_code ignored;
-      beast::get_lowest_layer(self->stream_).socket().shutdown(tcp::socket::shutdown_send, ignored);
-    });
+    http::async_write(stream_, *response,
+                      [self = this->shared_from_this(), response](beast::error_code error, std::size_t) {
+                        if (!error && response->keep_alive()) return self->read();
+                        beast::error_code ignored;
+                        beast::get_lowest_layer(self->stream_).socket().shutdown(tcp::socket::shutdown_send, ignored);
+                      });
   }
 
   Stream stream_;
@@ -360,8 +251,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Request request_;
 };
 
+template <typename Stream>
 void start_connection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
-  std::make_shared<HttpConnection>(std::move(stream), std::move(buffer), shared)->start();
+  std::make_shared<HttpConnection<Stream>>(std::move(stream), std::move(buffer), shared)->start();
 }
 
 // Detects whether a connection uses TLS.
@@ -373,10 +265,10 @@ class TlsDetector : public std::enable_shared_from_this<TlsDetector> {
     beast::async_detect_ssl(stream_, buffer_, [self = shared_from_this()](beast::error_code error, bool encrypted) {
       if (error) return;
       if (encrypted) {
-        start_connection(Stream(Encrypted(std::move(self->stream_), *self->shared_.tls)), std::move(self->buffer_),
+        start_connection(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->buffer_),
                          self->shared_);
       } else {
-        start_connection(Stream(std::move(self->stream_)), std::move(self->buffer_), self->shared_);
+        start_connection(std::move(self->stream_), std::move(self->buffer_), self->shared_);
       }
     });
   }
@@ -466,7 +358,7 @@ class WebServer::Impl {
       if (shared_.tls) {
         std::make_shared<TlsDetector>(Plain(std::move(socket)), shared_)->start();
       } else {
-        start_connection(Stream(Plain(std::move(socket))), beast::flat_buffer(kLargestRequest), shared_);
+        start_connection(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
       }
       accept();
     });
