@@ -6,6 +6,11 @@
 #include <string>
 
 namespace softhand {
+namespace {
+
+constexpr std::size_t kBorderInUse = 8;  // blocks of the border in use, per block row; more would allocate
+
+}  // namespace
 
 void BlockPattern::add(int row, int column) {
   if (row < 0 || column < 0 || row >= block_count_ || column >= block_count_) {
@@ -22,8 +27,12 @@ void BlockPattern::add_clique(std::span<const int> blocks) {
 }
 
 std::vector<std::pair<int, int>> BlockPattern::lower_triangle() const {
-  std::vector<std::pair<int, int>> all = pairs_;
-  for (int block = 0; block < block_count_; ++block) all.emplace_back(block, block);
+  const int core = block_count_ - border_count_;
+  std::vector<std::pair<int, int>> all;
+  for (const auto& pair : pairs_) {
+    if (pair.second < core) all.push_back(pair);
+  }
+  for (int block = 0; block < core; ++block) all.emplace_back(block, block);
   std::sort(all.begin(), all.end());
   all.erase(std::unique(all.begin(), all.end()), all.end());
   return all;
@@ -31,27 +40,41 @@ std::vector<std::pair<int, int>> BlockPattern::lower_triangle() const {
 
 BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
   const auto pairs = pattern.lower_triangle();
-  column_start_.assign(static_cast<std::size_t>(pattern.block_count()) + 1, 0);
+  border_count_ = pattern.border_count();
+  column_start_.assign(static_cast<std::size_t>(pattern.block_count() - border_count_) + 1, 0);
   row_.reserve(pairs.size());
   for (const auto& [column, row] : pairs) {
     ++column_start_[static_cast<std::size_t>(column) + 1];
     row_.push_back(row);
   }
   for (std::size_t c = 1; c < column_start_.size(); ++c) column_start_[c] += column_start_[c - 1];
-  values_.assign(9 * row_.size(), 0.0);
-  journal_.reserve(row_.size());
-  before_.reserve(values_.size());
-  is_noted_.assign(row_.size(), 0);
-  removed_.assign(row_.size(), -1);
-  removed_blocks_.reserve(row_.size());
-  removed_parts_.reserve(values_.size());
+  // Row by row of the border: all blocks of the core, then those of the border up to the diagonal.
+  const auto core = static_cast<std::size_t>(core_count()), border = static_cast<std::size_t>(border_count_);
+  const std::size_t border_blocks = border * core + border * (border + 1) / 2;
+  const std::size_t stored = row_.size() + border_blocks;
+  values_.assign(9 * stored, 0.0);
+  // Far less than the whole border is in use at a time.
+  const std::size_t used = row_.size() + std::min(border_blocks, kBorderInUse * (core + border));
+  in_use_.reserve(used);
+  is_in_use_.assign(border_blocks, 0);
+  journal_.reserve(used);
+  before_.reserve(9 * used);
+  is_noted_.assign(stored, 0);
+  removed_.assign(stored, -1);
+  removed_blocks_.reserve(used);
+  removed_parts_.reserve(9 * used);
 }
 
 BlockSlot BlockMatrix::find(int row, int column) const {
   const bool transposed = row < column;
   const int c = std::min(row, column);
   const int r = std::max(row, column);
-  if (c >= 0 && r < block_count()) {
+  const int core = core_count();
+  if (c >= 0 && r >= core && r < block_count()) {
+    const int border_row = r - core;
+    return {core_blocks() + border_row * core + border_row * (border_row + 1) / 2 + c, transposed};
+  }
+  if (c >= 0 && r < core) {
     const auto begin = row_.begin() + column_start_[static_cast<std::size_t>(c)];
     const auto end = row_.begin() + column_start_[static_cast<std::size_t>(c) + 1];
     const auto found = std::lower_bound(begin, end, r);
@@ -61,8 +84,23 @@ BlockSlot BlockMatrix::find(int row, int column) const {
                           ") in the pattern");
 }
 
+std::pair<std::int32_t, std::int32_t> BlockMatrix::position(std::int32_t stored) const {
+  if (stored < core_blocks()) {
+    const auto next = std::upper_bound(column_start_.begin(), column_start_.end(), stored);
+    return {row_[static_cast<std::size_t>(stored)], static_cast<std::int32_t>(next - column_start_.begin()) - 1};
+  }
+  std::int32_t column = stored - core_blocks(), row = core_count();
+  while (column > row) column -= ++row;
+  return {row, column};
+}
+
 void BlockMatrix::set_zero() {
-  std::fill(values_.begin(), values_.end(), 0.0);
+  std::fill_n(values_.begin(), 9 * core_blocks(), 0.0);
+  for (const std::int32_t block : in_use_) {
+    std::fill_n(values_.begin() + 9 * static_cast<std::ptrdiff_t>(block), 9, 0.0);
+    is_in_use_[static_cast<std::size_t>(block - core_blocks())] = 0;
+  }
+  in_use_.clear();
   begin_journal();
   journals_ = false;
 }
@@ -119,30 +157,38 @@ double BlockMatrix::change_since_taken_back() const {
   return largest > 0 ? std::sqrt(change / largest) : 0.0;
 }
 
-void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
-  y.setZero(3 * block_count());
-  for (int column = 0; column < block_count(); ++column) {
+// Calls visit(row, column, block) for each stored block that may differ from zero.
+template <typename Visit>
+void BlockMatrix::for_each(Visit&& visit) const {
+  const auto block = [this](std::int32_t k) {
+    return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+  };
+  for (int column = 0; column < core_count(); ++column) {
     for (std::int32_t k = column_start_[static_cast<std::size_t>(column)];
          k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
-      const int row = row_[static_cast<std::size_t>(k)];
-      const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
-      y.segment<3>(3 * row) += block * x.segment<3>(3 * column);
-      if (row != column) y.segment<3>(3 * column) += block.transpose() * x.segment<3>(3 * row);
+      visit(row_[static_cast<std::size_t>(k)], column, block(k));
     }
   }
+  for (const std::int32_t k : in_use_) {
+    const auto [row, column] = position(k);
+    visit(row, column, block(k));
+  }
+}
+
+void BlockMatrix::multiply(const VectorX& x, VectorX& y) const {
+  y.setZero(3 * block_count());
+  for_each([&](int row, int column, const auto& block) {
+    y.segment<3>(3 * row) += block * x.segment<3>(3 * column);
+    if (row != column) y.segment<3>(3 * column) += block.transpose() * x.segment<3>(3 * row);
+  });
 }
 
 Eigen::MatrixXd BlockMatrix::dense() const {
   Eigen::MatrixXd full = Eigen::MatrixXd::Zero(3 * block_count(), 3 * block_count());
-  for (int column = 0; column < block_count(); ++column) {
-    for (std::int32_t k = column_start_[static_cast<std::size_t>(column)];
-         k < column_start_[static_cast<std::size_t>(column) + 1]; ++k) {
-      const int row = row_[static_cast<std::size_t>(k)];
-      const Eigen::Map<const Matrix3> block(values_.data() + 9 * static_cast<std::ptrdiff_t>(k));
-      full.block<3, 3>(3 * row, 3 * column) = block;
-      if (row != column) full.block<3, 3>(3 * column, 3 * row) = block.transpose();
-    }
-  }
+  for_each([&](int row, int column, const auto& block) {
+    full.block<3, 3>(3 * row, 3 * column) = block;
+    if (row != column) full.block<3, 3>(3 * column, 3 * row) = block.transpose();
+  });
   return full;
 }
 

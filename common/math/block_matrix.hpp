@@ -4,6 +4,10 @@
 // then rotation), so a body's 6x6 block consists of four neighbouring 3x3 blocks. Only the lower triangle (row >=
 // column) is stored, compressed by block column with ascending rows. Terms look up their slots once (`find`) and then
 // add without a search.
+//
+// The last blocks may form a border: the rigid objects. The border has memory for every block (row of the border,
+// column), and keeps a list of those in use. So any term may couple an object to anything, and an object that nothing
+// is coupled to costs nothing. The other blocks are the core.
 #pragma once
 
 #include <cstdint>
@@ -18,17 +22,21 @@ namespace softhand {
 /// The set of block positions that the terms of a scene can ever add to. It always contains the diagonal blocks.
 class BlockPattern {
  public:
-  explicit BlockPattern(int block_count) : block_count_(block_count) {}
+  /// The last `border_count` of all blocks form the border.
+  explicit BlockPattern(int block_count, int border_count = 0)
+      : block_count_(block_count), border_count_(border_count) {}
   int block_count() const { return block_count_; }
-  /// Adds the block (row, column) and its mirror image. Order and repetition do not matter.
+  int border_count() const { return border_count_; }
+  /// Adds the block (row, column) and its mirror image. Order and repetition do not matter. Blocks of the border need
+  /// not be added.
   void add(int row, int column);
   /// Adds every pair of `blocks`.
   void add_clique(std::span<const int> blocks);
-  /// Sorted, unique (column, row) pairs of the lower triangle, diagonal included.
+  /// Sorted, unique (column, row) pairs of the core's lower triangle, diagonal included.
   std::vector<std::pair<int, int>> lower_triangle() const;
 
  private:
-  int block_count_;
+  int block_count_, border_count_;
   std::vector<std::pair<int, int>> pairs_;  // (column, row), row >= column
 };
 
@@ -44,12 +52,20 @@ class BlockMatrix {
   BlockMatrix() = default;
   explicit BlockMatrix(const BlockPattern& pattern);
 
-  int block_count() const { return static_cast<int>(column_start_.size()) - 1; }
-  int stored_blocks() const { return static_cast<int>(row_.size()); }
-  /// Row indices and start of each block column, lower triangle.
+  int block_count() const { return core_count() + border_count_; }
+  int core_count() const { return static_cast<int>(column_start_.size()) - 1; }
+  int border_count() const { return border_count_; }
+  /// Blocks with memory, of the core and in total. The blocks of the core come first.
+  int core_blocks() const { return static_cast<int>(row_.size()); }
+  int stored_blocks() const { return static_cast<int>(values_.size() / 9); }
+  /// Row indices and start of each block column of the core, lower triangle.
   std::span<const std::int32_t> column_start() const { return column_start_; }
   std::span<const std::int32_t> row() const { return row_; }
-  /// Nine doubles per block, column-major, in the order of `row()`.
+  /// Row and column of a stored block, row >= column.
+  std::pair<std::int32_t, std::int32_t> position(std::int32_t stored) const;
+  /// The stored blocks of the border that `add` changed since `set_zero`, in the order of their first use.
+  std::span<const std::int32_t> border_in_use() const { return in_use_; }
+  /// Nine doubles per block, column-major: those of the core in the order of `row()`, then those of the border.
   std::span<const double> values() const { return values_; }
   std::span<double> values() { return values_; }
 
@@ -59,6 +75,7 @@ class BlockMatrix {
   /// Adds `block` at the position (row, column) that `slot` was looked up for. A symmetric matrix stores each
   /// off-diagonal pair once, so add the block of a pair for one order only.
   void add(BlockSlot slot, const Matrix3& block) {
+    if (slot.index >= core_blocks()) use(slot.index);
     if (journals_) note(slot.index);
     Eigen::Map<Matrix3> stored(values_.data() + 9 * static_cast<std::ptrdiff_t>(slot.index));
     if (slot.transposed) {
@@ -85,7 +102,18 @@ class BlockMatrix {
   std::vector<std::int32_t> column_start_{0};
   std::vector<std::int32_t> row_;
   std::vector<double> values_;
+  int border_count_ = 0;
+  std::vector<std::int32_t> in_use_;
+  std::vector<std::uint8_t> is_in_use_;  // per stored block of the border
 
+  void use(std::int32_t block) {
+    std::uint8_t& used = is_in_use_[static_cast<std::size_t>(block - core_blocks())];
+    if (used != 0) return;
+    used = 1;
+    in_use_.push_back(block);
+  }
+  template <typename Visit>
+  void for_each(Visit&& visit) const;
   void note(std::int32_t block);
   bool journals_ = false;
   std::vector<std::int32_t> journal_;

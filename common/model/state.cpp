@@ -14,6 +14,14 @@ void apply_increment(State& state, const VectorX& direction, double scale) {
   }
 }
 
+double inner_product(DofLayout layout, const VectorX& a, const VectorX& b) {
+  // Vectorised sums depend on the length of the vectors.
+  const Eigen::Index core = layout.dof_count() - 3 * layout.border_count();
+  double sum = a.head(core).dot(b.head(core));
+  for (Eigen::Index i = core; i < a.size(); ++i) sum += a[i] * b[i];
+  return sum;
+}
+
 bool all_finite(const State& state) {
   if (!state.node_positions.allFinite() || !state.node_velocities.allFinite()) return false;
   for (const Pose& pose : state.body_poses) {

@@ -13,7 +13,9 @@ namespace softhand {
 struct DofLayout {
   int node_count = 0;
   int body_count = 0;
+  int border_bodies = 0;  ///< the last bodies: rigid objects. They border the solver's matrix (block_matrix.hpp)
 
+  int border_count() const { return 2 * border_bodies; }
   int block_count() const { return node_count + 2 * body_count; }
   int dof_count() const { return 3 * block_count(); }
   int node_block(int node) const { return node; }
@@ -32,6 +34,9 @@ struct State {
 
 /// state := state (+) scale * direction. Nodes and translations are added; rotations are spatial increments: exp(w) R.
 void apply_increment(State& state, const VectorX& direction, double scale = 1.0);
+
+/// a . b for two increments or gradients. Bodies of the border whose entries are zero change no bit of it.
+double inner_product(DofLayout layout, const VectorX& a, const VectorX& b);
 
 /// True if every number in the state is finite.
 bool all_finite(const State& state);

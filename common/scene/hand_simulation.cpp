@@ -60,7 +60,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   modes_.assign(static_cast<std::size_t>(slot_count()), SlotMode::empty);
   objects_.resize(static_cast<std::size_t>(slot_count()));
 
-  const DofLayout layout = state_.layout();
+  DofLayout layout = state_.layout();
+  layout.border_bodies = slot_count();
   const std::vector<double> masses = lumped_masses(hand_);
   const auto attached = attached_masses(hand_, masses);
   const Vector3 weight = options.gravity ? Vector3(0, -kStandardGravity, 0) : Vector3(Vector3::Zero());

@@ -32,7 +32,7 @@ Index tiles_of(Index scalars) { return (scalars + kCholeskyTile - 1) / kCholesky
 // of the blocks. The numbers are shuffled with `seed` (0: not shuffled). `dense` is AMD_DENSE: blocks with more than
 // `dense` times the square root of the number of blocks as neighbours come last. Negative: no block counts as dense.
 std::vector<Index> minimum_degree(const BlockMatrix& matrix, double dense, std::uint32_t seed) {
-  const Index count = matrix.block_count();
+  const Index count = matrix.core_count();
   std::vector<Index> label(at(count)), order(at(count)), block(at(count));
   if (order.empty()) return order;
   std::iota(label.begin(), label.end(), 0);
@@ -83,7 +83,7 @@ double extend_add_cost(std::size_t rows) { return 20 + 5.0 * static_cast<double>
 
 // Columns of the factor as supernodes, children before parents. Supernodes that were merged into others are empty.
 std::vector<Supernode> merged_supernodes(const BlockMatrix& matrix, const std::vector<Index>& order) {
-  const Index count = matrix.block_count();
+  const Index count = matrix.core_count();
   std::vector<Index> place(at(count));
   for (Index k = 0; k < count; ++k) place[at(order[at(k)])] = k;
   // From here on, blocks are numbered by their place in `order`.
@@ -272,10 +272,11 @@ template <typename Scalar>
 void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   std::vector<Supernode> nodes = cheapest_supernodes(matrix);
   const std::vector<Visit> visits = elimination_order(nodes);
-  const Index count = matrix.block_count();
+  const Index count = matrix.core_count();
 
   position_.assign(at(count), 0);
-  std::vector<Index> front_of_block(at(count)), front_of_node(nodes.size());
+  front_of_block_.assign(at(count), 0);
+  std::vector<Index> front_of_node(nodes.size());
   fronts_.assign(visits.size(), {});
   child_.clear();
   row_position_.clear();
@@ -288,7 +289,7 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     fronts_[f].first_pivot = next;
     for (const Index block : node.pivots) {
       position_[at(block)] = next;
-      front_of_block[at(block)] = static_cast<Index>(f);
+      front_of_block_[at(block)] = static_cast<Index>(f);
       next += 3;
     }
     front_of_node[at(visits[f].node)] = static_cast<Index>(f);
@@ -396,13 +397,13 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     Index front, column, row, source;
   };
   std::vector<Entry> entries;
-  front_of_stored_.assign(at(matrix.stored_blocks()), 0);
+  front_of_stored_.assign(at(matrix.core_blocks()), 0);
   for (Index column = 0; column < count; ++column) {
     for (Index k = matrix.column_start()[at(column)]; k < matrix.column_start()[at(column) + 1]; ++k) {
       const Index row = matrix.row()[at(k)];
       const bool transposed = position_[at(row)] < position_[at(column)];
       const Index low = transposed ? row : column, high = transposed ? column : row;
-      const Index f = front_of_block[at(low)];
+      const Index f = front_of_block_[at(low)];
       const CholeskyFront& front = fronts_[at(f)];
       front_of_stored_[at(k)] = f;
       entries.push_back({f, position_[at(low)] - front.first_pivot,
@@ -431,7 +432,9 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
   updates_ = make_buffer(update_size_ + kCholeskyTile);
   inverse_diagonal_ = make_buffer(unknowns);
   x_ = make_buffer(unknowns);
-  scratch_ = make_buffer(at(longest * kCholeskyTile));
+  scratch_ = make_buffer(at(longest * kCholeskyTile * kCholeskyTile));
+  columns_ = make_buffer(unknowns * kColumns);
+  included_.assign(fronts_.size(), 0);
 }
 
 template <typename Scalar>
@@ -455,7 +458,9 @@ template <typename Scalar>
 bool BlockCholesky<Scalar>::refactorize(std::span<const std::int32_t> changed) {
   if (!has_updates_) return factorize();
   std::fill(stale_.begin(), stale_.end(), 0);
-  for (const std::int32_t block : changed) stale_[at(front_of_stored_[at(block)])] = 1;
+  for (const std::int32_t block : changed) {
+    if (at(block) < front_of_stored_.size()) stale_[at(front_of_stored_[at(block)])] = 1;
+  }
   for (std::size_t f = 0; f < fronts_.size(); ++f) {
     for (Index k = fronts_[f].child_begin; k < fronts_[f].child_end; ++k) stale_[f] |= stale_[at(child_[at(k)])];
   }
@@ -502,11 +507,72 @@ double BlockCholesky<Scalar>::last_operations() const {
 
 template <typename Scalar>
 void BlockCholesky<Scalar>::solve(const VectorX& rhs, VectorX& x) {
+  permute(rhs);
+  kernel_.forward(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
+  kernel_.backward(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
+  permute_back(x);
+}
+
+template <typename Scalar>
+void BlockCholesky<Scalar>::forward(const VectorX& rhs, VectorX& half) {
+  permute(rhs);
+  kernel_.forward(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
+  for (std::size_t i = 0; i < 3 * position_.size(); ++i) half[static_cast<Eigen::Index>(i)] = x_[i];
+}
+
+template <typename Scalar>
+void BlockCholesky<Scalar>::backward(const VectorX& half, VectorX& x) {
+  for (std::size_t i = 0; i < 3 * position_.size(); ++i)
+    x_[i] = static_cast<Scalar>(half[static_cast<Eigen::Index>(i)]);
+  kernel_.backward(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
+  permute_back(x);
+}
+
+template <typename Scalar>
+void BlockCholesky<Scalar>::forward_columns(std::span<const ColumnsRow> rows, HalfColumns& half) {
+  static_assert(kColumns == kCholeskyTile);
+  std::fill(included_.begin(), included_.end(), 0);
+  for (const ColumnsRow& row : rows) included_[at(front_of_block_[at(row.block)])] = 1;
+  half.ranges.clear();
+  for (std::size_t f = 0; f < fronts_.size(); ++f) {
+    const CholeskyFront& front = fronts_[f];
+    for (Index k = front.child_begin; k < front.child_end; ++k) included_[f] |= included_[at(child_[at(k)])];
+    if (included_[f] == 0) continue;
+    const Index begin = front.first_pivot, end = begin + front.pivots;
+    std::fill(columns_.get() + kColumns * at(begin), columns_.get() + kColumns * at(end), Scalar(0));
+    if (!half.ranges.empty() && half.ranges.back().second == begin) {
+      half.ranges.back().second = end;
+    } else {
+      half.ranges.push_back({begin, end});
+    }
+  }
+  for (const ColumnsRow& row : rows) {
+    Scalar* const to = columns_.get() + kColumns * at(position_[at(row.block)]);
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < kColumns; ++c) to[kColumns * r + c] += static_cast<Scalar>(row.values(r, c));
+    }
+  }
+  kernel_.forward_columns(plan(), included_.data(), panels_.get(), inverse_diagonal_.get(), columns_.get(),
+                          scratch_.get());
+  for (const auto& [begin, end] : half.ranges) {
+    const Scalar* from = columns_.get() + kColumns * at(begin);
+    for (Index row = begin; row < end; ++row) {
+      for (int c = 0; c < kColumns; ++c) half.values(row, c) = *from++;
+    }
+  }
+}
+
+// `x_` in elimination order from and to the order of the matrix.
+template <typename Scalar>
+void BlockCholesky<Scalar>::permute(const VectorX& rhs) {
   for (std::size_t block = 0; block < position_.size(); ++block) {
     for (std::size_t k = 0; k < 3; ++k)
       x_[at(position_[block]) + k] = static_cast<Scalar>(rhs[static_cast<Eigen::Index>(3 * block + k)]);
   }
-  kernel_.solve(plan(), panels_.get(), inverse_diagonal_.get(), x_.get(), scratch_.get());
+}
+
+template <typename Scalar>
+void BlockCholesky<Scalar>::permute_back(VectorX& x) const {
   for (std::size_t block = 0; block < position_.size(); ++block) {
     for (std::size_t k = 0; k < 3; ++k)
       x[static_cast<Eigen::Index>(3 * block + k)] = static_cast<double>(x_[at(position_[block]) + k]);

@@ -1,4 +1,4 @@
-// Multifrontal Cholesky L L^T of the step's matrix: the default linear solver.
+// Multifrontal Cholesky L L^T of the core of the step's matrix: the default linear solver.
 //
 // - Ordering of the 3x3 blocks: approximate minimum degree (AMD of SuiteSparse, BSD). The cheapest of a few orderings
 //   is used.
@@ -46,6 +46,9 @@ class BlockCholesky final : public LinearSolver {
   /// below these fronts. The bits are the same as those of a whole factorisation.
   bool refactorize(std::span<const std::int32_t> changed) override;
   void solve(const VectorX& rhs, VectorX& x) override;
+  void forward(const VectorX& rhs, VectorX& half) override;
+  void backward(const VectorX& half, VectorX& x) override;
+  void forward_columns(std::span<const ColumnsRow> rows, HalfColumns& half) override;
   bool take_factor(const LinearSolver& other) override;
 
   /// Without padding. A multiplication with an addition counts as two operations.
@@ -66,6 +69,8 @@ class BlockCholesky final : public LinearSolver {
   static Buffer make_buffer(std::size_t count);
 
   CholeskyPlan plan() const;
+  void permute(const VectorX& rhs);
+  void permute_back(VectorX& x) const;
 
   bool factorize_stale();
   bool factorize_stale(int group);
@@ -84,10 +89,12 @@ class BlockCholesky final : public LinearSolver {
   std::vector<std::int32_t> front_of_stored_;  // by stored block of the matrix
   std::vector<std::uint8_t> stores_update_;    // by front: its update matrix is stored after the factorisation
   std::vector<std::uint8_t> stale_;            // by front: it must be factorised again
+  std::vector<std::int32_t> front_of_block_;   // by block of the matrix: the front that eliminates it
+  std::vector<std::uint8_t> included_;         // scratch, by front
   bool has_updates_ = false;                   // the stored update matrices are complete and of the last matrix
   const double* values_ = nullptr;             // of the loaded matrix
   std::size_t panel_size_ = 0, update_size_ = 0;
-  Buffer panels_, updates_, inverse_diagonal_, x_, scratch_;
+  Buffer panels_, updates_, inverse_diagonal_, x_, scratch_, columns_;
 };
 
 extern template class BlockCholesky<double>;

@@ -64,10 +64,16 @@ struct CholeskyKernel {
   /// false if a pivot is not positive and finite.
   bool (*factorize)(const CholeskyPlan& plan, std::size_t begin, std::size_t end, const double* values, Scalar* panels,
                     Scalar* updates, Scalar* inverse_diagonal);
-  /// `x` in elimination order: right-hand side in, solution out. The size of `scratch` is the number of padded rows of
-  /// the largest panel.
-  void (*solve)(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
-                Scalar* scratch);
+  /// x := L^-1 x, in elimination order. The size of `scratch` is the number of padded rows of the largest panel.
+  void (*forward)(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
+                  Scalar* scratch);
+  /// x := L^-T x.
+  void (*backward)(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
+                   Scalar* scratch);
+  /// x := L^-1 x for kCholeskyTile columns, stored row by row. `included`: by front, 0 if its rows of x are zero. The
+  /// ancestors of an included front must be included. `scratch` has kCholeskyTile times the size above.
+  void (*forward_columns)(const CholeskyPlan& plan, const std::uint8_t* included, const Scalar* panels,
+                          const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch);
 };
 
 /// Returns the baseline's kernel if this build has none for `set` (another architecture).

@@ -6,8 +6,12 @@ namespace softhand {
 
 CholeskyKernel<double> cholesky_kernel_avx512(double);
 CholeskyKernel<float> cholesky_kernel_avx512(float);
-CholeskyKernel<double> cholesky_kernel_avx512(double) { return {factorize<double>, solve<double>}; }
-CholeskyKernel<float> cholesky_kernel_avx512(float) { return {factorize<float>, solve<float>}; }
+CholeskyKernel<double> cholesky_kernel_avx512(double) {
+  return {factorize<double>, forward<double>, backward<double>, forward_columns<double>};
+}
+CholeskyKernel<float> cholesky_kernel_avx512(float) {
+  return {factorize<float>, forward<float>, backward<float>, forward_columns<float>};
+}
 
 }  // namespace softhand
 #endif

@@ -388,7 +388,8 @@ bool factorize(const CholeskyPlan& plan, std::size_t begin, std::size_t end, con
 }
 
 template <typename Scalar>
-void solve(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch) {
+void forward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
+             Scalar* scratch) {
   using S = Shape<Scalar>;
   using Vector = typename S::Vector;
   for (std::size_t f = 0; f < plan.front_count; ++f) {
@@ -429,6 +430,58 @@ void solve(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse
       for (int r = 0; r < 3; ++r) row[r] -= scratch[3 * b + r];
     }
   }
+}
+
+// As `forward`, for kTile right-hand sides at once. The products are those of the factorisation, with the right-hand
+// sides as the second operand.
+template <typename Scalar>
+void forward_columns(const CholeskyPlan& plan, const std::uint8_t* included, const Scalar* panels,
+                     const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch) {
+  using S = Shape<Scalar>;
+  for (std::size_t f = 0; f < plan.front_count; ++f) {
+    if (included[f] == 0) continue;
+    const CholeskyFront& front = plan.fronts[f];
+    const std::ptrdiff_t step = tile_step_of(front);
+    const Scalar* const panel = panels + front.panel;
+    Scalar* const pivot = x + static_cast<std::ptrdiff_t>(front.first_pivot) * kTile;
+    const Scalar* const inverse = inverse_diagonal + front.first_pivot;
+    for (int t = 0; t < front.pivot_tiles; ++t) {
+      const std::int32_t depth = t * kTile;
+      const Scalar* const tile = panel + t * step;
+      const int width = front.pivots - depth < kTile ? front.pivots - depth : kTile;
+      if (depth > 0) {
+        multiply<Scalar, false>(tile, step, 1, pivot, depth, scratch, kTile, kTile);
+        for (int r = 0; r < width; ++r) {
+          for (int j = 0; j < kTile; ++j) pivot[(depth + r) * kTile + j] += scratch[j * kTile + r];
+        }
+      }
+      for (int c = 0; c < width; ++c) {
+        Scalar* const row = pivot + (depth + c) * kTile;
+        for (int q = 0; q < c; ++q) {
+          const Scalar factor = tile[(depth + q) * kTile + c];
+          for (int k = 0; k < kTile; k += S::kWidth)
+            vector_at(row + k) -= factor * vector_at(row + k - (c - q) * kTile);
+        }
+        for (int k = 0; k < kTile; k += S::kWidth) vector_at(row + k) *= inverse[depth + c];
+      }
+    }
+    const std::ptrdiff_t height = static_cast<std::ptrdiff_t>(front.row_tiles) * kTile;
+    multiply<Scalar, false>(panel + front.pivot_tiles * step, step, front.row_tiles, pivot, front.pivots, scratch,
+                            kTile, height);
+    for (std::int32_t b = 0; b < front.rows / 3; ++b) {
+      Scalar* const to = x + static_cast<std::ptrdiff_t>(plan.row_position[front.row_begin + b]) * kTile;
+      for (int r = 0; r < 3; ++r) {
+        for (int j = 0; j < kTile; ++j) to[r * kTile + j] += scratch[j * height + 3 * b + r];
+      }
+    }
+  }
+}
+
+template <typename Scalar>
+void backward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
+              Scalar* scratch) {
+  using S = Shape<Scalar>;
+  using Vector = typename S::Vector;
   for (std::size_t f = plan.front_count; f-- > 0;) {
     const CholeskyFront& front = plan.fronts[f];
     const std::ptrdiff_t step = tile_step_of(front);

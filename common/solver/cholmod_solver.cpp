@@ -52,9 +52,9 @@ void CholmodSolver::analyze(const BlockMatrix& blocks) {
   Workspace& w = *workspace_;
   w.clear();
   w.gather.clear();
-  const int size = 3 * blocks.block_count();
+  const int size = 3 * blocks.core_count();
   const std::size_t entries =
-      9 * static_cast<std::size_t>(blocks.stored_blocks()) - 3 * static_cast<std::size_t>(blocks.block_count());
+      9 * static_cast<std::size_t>(blocks.core_blocks()) - 3 * static_cast<std::size_t>(blocks.core_count());
   w.matrix = cholmod_allocate_sparse(static_cast<std::size_t>(size), static_cast<std::size_t>(size), entries, 1, 1, -1,
                                      CHOLMOD_REAL, &w.common);
   if (w.matrix == nullptr) throw std::runtime_error("CholmodSolver: no memory for the matrix");
@@ -95,20 +95,59 @@ bool CholmodSolver::factorize() {
          w.factor->minor == w.factor->n;
 }
 
-void CholmodSolver::solve(const VectorX& rhs, VectorX& x) {
+bool CholmodSolver::apply(int system, const double* from, int columns) {
   Workspace& w = *workspace_;
   cholmod_dense b{};
-  b.nrow = b.nzmax = b.d = static_cast<std::size_t>(rhs.size());
-  b.ncol = 1;
-  b.x = const_cast<double*>(rhs.data());  // CHOLMOD reads it only
+  b.nrow = b.d = w.factor->n;
+  b.ncol = static_cast<std::size_t>(columns);
+  b.nzmax = b.nrow * b.ncol;
+  b.x = const_cast<double*>(from);  // CHOLMOD reads it only
   b.xtype = CHOLMOD_REAL;
   b.dtype = CHOLMOD_DOUBLE;
-  if (cholmod_solve2(CHOLMOD_A, w.factor, &b, nullptr, &w.solution, nullptr, &w.scratch_y, &w.scratch_e, &w.common) ==
-      0) {
+  return cholmod_solve2(system, w.factor, &b, nullptr, &w.solution, nullptr, &w.scratch_y, &w.scratch_e, &w.common) !=
+         0;
+}
+
+const double* CholmodSolver::solution() const { return static_cast<const double*>(workspace_->solution->x); }
+
+void CholmodSolver::solve(const VectorX& rhs, VectorX& x) {
+  const auto size = static_cast<std::ptrdiff_t>(workspace_->factor->n);
+  if (!apply(CHOLMOD_A, rhs.data(), 1)) {
     x.setConstant(std::numeric_limits<double>::quiet_NaN());  // the caller checks directions for finite numbers
     return;
   }
-  std::copy_n(static_cast<const double*>(w.solution->x), rhs.size(), x.data());
+  std::copy_n(solution(), size, x.data());
+}
+
+void CholmodSolver::half_solve(int first, int second, const VectorX& from, VectorX& to) {
+  const auto size = static_cast<Eigen::Index>(workspace_->factor->n);
+  if (apply(first, from.data(), 1)) {
+    scratch_ = Eigen::Map<const VectorX>(solution(), size);
+    if (apply(second, scratch_.data(), 1)) {
+      to.head(size) = Eigen::Map<const VectorX>(solution(), size);
+      return;
+    }
+  }
+  to.setConstant(std::numeric_limits<double>::quiet_NaN());
+}
+
+void CholmodSolver::forward(const VectorX& rhs, VectorX& half) { half_solve(CHOLMOD_P, CHOLMOD_L, rhs, half); }
+
+void CholmodSolver::backward(const VectorX& half, VectorX& x) { half_solve(CHOLMOD_Lt, CHOLMOD_Pt, half, x); }
+
+void CholmodSolver::forward_columns(std::span<const ColumnsRow> rows, HalfColumns& half) {
+  const auto size = static_cast<Eigen::Index>(workspace_->factor->n);
+  half.ranges.assign(1, {0, static_cast<std::int32_t>(size)});
+  Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(size, kColumns);
+  for (const ColumnsRow& row : rows) columns.middleRows<3>(3 * row.block) += row.values;
+  for (const int system : {CHOLMOD_P, CHOLMOD_L}) {
+    if (apply(system, columns.data(), kColumns)) {
+      columns = Eigen::Map<const Eigen::MatrixXd>(solution(), size, kColumns);
+    } else {
+      columns.setConstant(std::numeric_limits<double>::quiet_NaN());
+    }
+  }
+  half.values = columns;
 }
 
 }  // namespace softhand

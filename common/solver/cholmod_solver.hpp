@@ -19,9 +19,17 @@ class CholmodSolver final : public LinearSolver {
   void load(const BlockMatrix& matrix) override;
   bool factorize() override;
   void solve(const VectorX& rhs, VectorX& x) override;
+  void forward(const VectorX& rhs, VectorX& half) override;
+  void backward(const VectorX& half, VectorX& x) override;
+  void forward_columns(std::span<const ColumnsRow> rows, HalfColumns& half) override;
 
  private:
   struct Workspace;
+  bool apply(int system, const double* from, int columns);
+  void half_solve(int first, int second, const VectorX& from, VectorX& to);
+  const double* solution() const;
+
+  VectorX scratch_;
   std::unique_ptr<Workspace> workspace_;
 };
 

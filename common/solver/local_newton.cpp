@@ -55,28 +55,37 @@ void LocalNewton::include_journal(const BlockMatrix& hessian) {
     blocks_.push_back(block);
   };
   for (const std::int32_t stored : hessian.journal()) {
-    const auto next = std::upper_bound(hessian.column_start().begin(), hessian.column_start().end(), stored);
-    include(static_cast<std::int32_t>(next - hessian.column_start().begin()) - 1);
-    include(hessian.row()[static_cast<std::size_t>(stored)]);
+    const auto [row, column] = hessian.position(stored);
+    include(column);
+    include(row);
+  }
+}
+
+// Calls visit(stored, place of the row, place of the column) for the stored blocks between blocks that move.
+template <typename Visit>
+void LocalNewton::for_each_pair(const BlockMatrix& hessian, Visit&& visit) const {
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const auto column = static_cast<std::size_t>(blocks_[i]);
+    if (blocks_[i] >= hessian.core_count()) continue;
+    for (std::int32_t k = hessian.column_start()[column]; k < hessian.column_start()[column + 1]; ++k) {
+      const std::int32_t j = place_[static_cast<std::size_t>(hessian.row()[static_cast<std::size_t>(k)])];
+      if (j >= 0) visit(k, j, static_cast<std::int32_t>(i));
+    }
+  }
+  for (const std::int32_t stored : hessian.border_in_use()) {
+    const auto [row, column] = hessian.position(stored);
+    const std::int32_t j = place_[static_cast<std::size_t>(row)], i = place_[static_cast<std::size_t>(column)];
+    if (i >= 0 && j >= 0) visit(stored, j, i);
   }
 }
 
 // Orders the blocks so that the factor is sparse: nodes of one patch of skin are adjacent, and bodies come last.
 // Fingers are coupled only through the object.
 void LocalNewton::order_blocks(const BlockMatrix& hessian) {
-  const auto for_each_pair = [&](auto visit) {
-    for (std::size_t i = 0; i < blocks_.size(); ++i) {
-      const auto column = static_cast<std::size_t>(blocks_[i]);
-      for (std::int32_t k = hessian.column_start()[column]; k < hessian.column_start()[column + 1]; ++k) {
-        const std::int32_t row = hessian.row()[static_cast<std::size_t>(k)];
-        const std::int32_t j = place_[static_cast<std::size_t>(row)];
-        if (j >= 0) visit(static_cast<std::int32_t>(i), j, row);
-      }
-    }
-  };
   for (std::size_t i = 0; i < blocks_.size(); ++i) roots_[i] = static_cast<std::int32_t>(i);
-  for_each_pair([&](std::int32_t i, std::int32_t j, std::int32_t row) {
-    if (row >= layout_.node_count || blocks_[static_cast<std::size_t>(i)] >= layout_.node_count) return;
+  for_each_pair(hessian, [&](std::int32_t, std::int32_t j, std::int32_t i) {
+    if (std::max(blocks_[static_cast<std::size_t>(j)], blocks_[static_cast<std::size_t>(i)]) >= layout_.node_count)
+      return;
     roots_[static_cast<std::size_t>(root_of(i))] = root_of(j);
   });
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
@@ -92,7 +101,7 @@ void LocalNewton::order_blocks(const BlockMatrix& hessian) {
     place_[static_cast<std::size_t>(blocks_[i])] = static_cast<std::int32_t>(i);
     first_[i] = static_cast<Eigen::Index>(i);
   }
-  for_each_pair([&](std::int32_t i, std::int32_t j, std::int32_t) {
+  for_each_pair(hessian, [&](std::int32_t, std::int32_t j, std::int32_t i) {
     Eigen::Index& first = first_[static_cast<std::size_t>(std::max(i, j))];
     first = std::min<Eigen::Index>(first, std::min(i, j));
   });
@@ -101,17 +110,11 @@ void LocalNewton::order_blocks(const BlockMatrix& hessian) {
 // The whole symmetric matrix of the blocks that move.
 void LocalNewton::gather(const BlockMatrix& hessian, Dense& dense) const {
   dense.topLeftCorner(size_, size_).setZero();
-  for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    const auto column = static_cast<std::size_t>(blocks_[i]);
-    for (std::int32_t k = hessian.column_start()[column]; k < hessian.column_start()[column + 1]; ++k) {
-      const std::int32_t j = place_[static_cast<std::size_t>(hessian.row()[static_cast<std::size_t>(k)])];
-      if (j < 0) continue;
-      const Eigen::Map<const Matrix3> block(hessian.values().data() + 9 * static_cast<std::ptrdiff_t>(k));
-      const auto c = 3 * static_cast<Eigen::Index>(i), r = 3 * static_cast<Eigen::Index>(j);
-      dense.block<3, 3>(r, c) = block;
-      dense.block<3, 3>(c, r) = block.transpose();
-    }
-  }
+  for_each_pair(hessian, [&](std::int32_t stored, std::int32_t j, std::int32_t i) {
+    const Eigen::Map<const Matrix3> block(hessian.values().data() + 9 * static_cast<std::ptrdiff_t>(stored));
+    dense.block<3, 3>(3 * j, 3 * i) = block;
+    dense.block<3, 3>(3 * i, 3 * j) = block.transpose();
+  });
 }
 
 // Modes of the patches with the largest residual forces. The last mode is that of the forces on all blocks that do not
@@ -157,9 +160,9 @@ void LocalNewton::gather_modes(const BlockMatrix& hessian, const VectorX& gradie
     for (std::size_t i = 0; i < blocks_.size(); ++i)
       smooth_.row(row).segment<3>(3 * static_cast<Eigen::Index>(i)) = product_.segment<3>(3 * blocks_[i]);
     for (int other = 0; other < mode_count_; ++other)
-      smooth_(row, local + other) = product_.dot(modes_[static_cast<std::size_t>(other)]);
+      smooth_(row, local + other) = inner_product(layout_, product_, modes_[static_cast<std::size_t>(other)]);
     smooth_.col(row).head(local) = smooth_.row(row).head(local);
-    smooth_gradient_[row] = mode.dot(gradient);
+    smooth_gradient_[row] = inner_product(layout_, mode, gradient);
   }
 }
 

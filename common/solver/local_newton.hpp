@@ -45,6 +45,8 @@ class LocalNewton {
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
   void include_journal(const BlockMatrix& hessian);
+  template <typename Visit>
+  void for_each_pair(const BlockMatrix& hessian, Visit&& visit) const;
   void order_blocks(const BlockMatrix& hessian);
   void gather(const BlockMatrix& hessian, Dense& dense) const;
   void make_modes(const VectorX& gradient, int most_modes, LinearSolver& factor);

@@ -9,6 +9,7 @@
 
 #include "math/rotation.hpp"
 #include "solver/block_cholesky.hpp"
+#include "solver/bordered_solver.hpp"
 
 namespace softhand {
 namespace {
@@ -114,15 +115,21 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
   if (options_.factor != "float" && options_.factor != "double") {
     throw std::invalid_argument("NewtonSolver: factor must be float or double, got " + options_.factor);
   }
+  const auto bordered = [](std::unique_ptr<LinearSolver> core) {
+    return std::make_unique<BorderedSolver>(std::move(core));
+  };
+  const auto in_double = [&] {
+    return bordered(std::make_unique<BlockCholesky<double>>(widest_instruction_set(), options_.helper));
+  };
   if (options_.linear_solver) {
-    linear_solver_ = options_.linear_solver();
+    linear_solver_ = bordered(options_.linear_solver());
   } else if (options_.factor == "float") {
-    linear_solver_ = std::make_unique<BlockCholesky<float>>(widest_instruction_set(), options_.helper);
-    precise_solver_ = std::make_unique<BlockCholesky<double>>(widest_instruction_set(), options_.helper);
+    linear_solver_ = bordered(std::make_unique<BlockCholesky<float>>(widest_instruction_set(), options_.helper));
+    precise_solver_ = in_double();
   } else {
-    linear_solver_ = std::make_unique<BlockCholesky<double>>(widest_instruction_set(), options_.helper);
+    linear_solver_ = in_double();
   }
-  BlockPattern pattern(layout_.block_count());
+  BlockPattern pattern(layout_.block_count(), layout_.border_count());
   for (const Energy* term : terms_) term->add_pattern(pattern);
   hessian_ = BlockMatrix(pattern);
   for (Energy* term : terms_) term->bind(hessian_);
@@ -228,7 +235,7 @@ bool NewtonSolver::evaluate(const State& state, StepReport& report, bool with_he
                               ? terms_[t]->add_all(state, gradient_, hessian_, k < first_kinked_ ? smooth : curvature_)
                               : terms_[t]->add_gradient(state, gradient_);
     if (known == 0) potentials_.joules[k] = energy;
-    const double taken_so_far = with_work ? gradient_.dot(displacement_) : 0.0;
+    const double taken_so_far = with_work ? inner_product(layout_, gradient_, displacement_) : 0.0;
     report.terms[t].name = terms_[t]->name();
     report.terms[t].joules = energy;
     report.terms[t].taken = taken_so_far - taken;
@@ -370,7 +377,7 @@ bool NewtonSolver::solve_contact(State& state, StepReport& report) {
 // A full step may also end far before the minimum. A Hessian that was made positive semi-definite is too stiff where
 // tissue snaps through, for dozens of iterations. In this case the search continues beyond the full step.
 double NewtonSolver::search(State& state, StepReport& report, bool measured, bool with_hessian) {
-  const double slope = gradient_.dot(direction_);
+  const double slope = inner_product(layout_, gradient_, direction_);
   const double rounding = rounding_of_energy(report);
   const StepReport before = report;
   base_ = state;
@@ -385,7 +392,7 @@ double NewtonSolver::search(State& state, StepReport& report, bool measured, boo
     for (int trial = 0; trial <= kMaxBracketings; ++trial) {
       move(state, scale);
       const bool finite = evaluate(state, report, with_hessian && trial == 0);
-      const double there = finite ? gradient_.dot(tangent_) : 0.0;
+      const double there = finite ? inner_product(layout_, gradient_, tangent_) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
       const bool is_bracketed = high > 0;
       const bool continues =

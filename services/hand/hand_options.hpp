@@ -20,7 +20,7 @@ struct HandOptions {
   double reposition_distance = 0.5;
   double near_distance = 0.05;
   double release_time = 0.1;
-  std::int64_t mirrored_objects = 4;
+  std::int64_t mirrored_objects = 16;
   std::int64_t static_objects = 4;
   SimulationOptions simulation;
 };
@@ -45,11 +45,11 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
            "Objects nearer to the hand than this are mirrored in its simulation. Fast objects are mirrored earlier.");
   v.number("release_time", o.release_time, "s", {0, 1},
            "Time after the last contact for which the hand still owns an object.");
-  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 16},
+  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 64},
             "Slots for objects that can move. The nearest objects get them. If the scene lists objects, never more "
-            "slots than movable objects in it. Each slot adds six columns to the matrix.");
+            "slots than movable objects in it. An object that nothing touches costs almost nothing.");
   v.integer(
-      "static_objects", o.static_objects, "1", {0, 16},
+      "static_objects", o.static_objects, "1", {0, 64},
       "Slots for objects that cannot move (a table). If the scene lists objects, never more slots than fixed objects "
       "in it.");
   describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);

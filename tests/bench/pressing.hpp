@@ -18,11 +18,11 @@ namespace softhand::bench {
 /// touch.
 class Pressing {
  public:
-  /// `clearance`: distance from the hand's highest node up to the untouched balls, m.
+  /// `clearance`: distance from the hand's highest node up to the untouched balls, m. `slots`: for movable objects.
   Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json",
-           HandOptions options = {})
+           HandOptions options = {}, int slots = 8)
       : hand_(load_hand(SOFTHAND_SOURCE_DIR "/config/hands/" + hand_file)) {
-    options.mirrored_objects = 8;
+    options.mirrored_objects = slots;
     loop_ = std::make_unique<HandLoop>(hand_, options, HandKey{});
     constexpr std::array<Joint, 5> tips{Joint::thumb_tip, Joint::index_tip, Joint::middle_tip, Joint::ring_tip,
                                         Joint::little_tip};
@@ -77,6 +77,14 @@ class Pressing {
     return static_cast<int>(objects.size());
   }
   int contacts() const { return static_cast<int>(output_->contacts.contacts.size()); }
+  const HandSimulation& simulation() const { return loop_->simulation(); }
+  /// Number of objects in slots.
+  int mirrored_objects() const {
+    int count = 0;
+    for (int slot = 0; slot < simulation().slot_count(); ++slot)
+      count += simulation().slot_mode(slot) != SlotMode::empty;
+    return count;
+  }
   double contact_seconds() const { return output_->report.timing.begin + output_->report.timing.end; }
 
  private:

@@ -175,6 +175,24 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
   return costs;
 }
 
+// Median fast step of a hand with 17 objects in slots, of which it touches one, over that of a hand with this one
+// alone. The two take turns.
+double slot_cost_ratio() {
+  constexpr int kIdle = 16, kSteps = 120;
+  HandOptions fast;
+  fast.simulation.solver.max_iterations = 1;
+  std::array<Pressing, 2> hands{Pressing(1, kIdle, 0.02, hand_name(1450), fast, kIdle + 1),
+                                Pressing(1, 0, 0.02, hand_name(1450), fast, 1)};
+  std::array<std::vector<double>, 2> times;
+  for (Pressing& hand : hands) hand.settle();
+  for (int i = 0; i < kSteps; ++i) {
+    for (std::size_t k = 0; k < hands.size(); ++k)
+      times[k].push_back(hands[k].step([](auto&& work) { return seconds_of(work); }));
+  }
+  const bool valid = hands[0].mirrored_objects() == kIdle + 1 && hands[0].touched_objects() == 1;
+  return valid ? median(times[0]) / median(times[1]) : std::nan("");
+}
+
 // Seconds of a step of all hands by the number of hands. Each hand has a loop of its own, as its service has.
 std::vector<std::pair<double, double>> by_hands() {
   constexpr int kSteps = 20;
@@ -444,6 +462,8 @@ Json run() {
   if (!all_touched) fmt::print("  (touched {} and {} of 5 objects)\n", clutter[0].touched, clutter[1].touched);
   put("clutter_cost_ratio", all_touched ? clutter[1].step / clutter[0].step : std::nan(""),
       "step with 100 near objects, 5 touched, over step with these 5 alone");
+  put("slot_cost_ratio", slot_cost_ratio(),
+      "fast step with 16 near, untouched objects in slots over step without them");
   put("settled_world_cost_ratio", settled_world_cost_ratio(),
       "step with 100 boxes at rest on a table over step while they settle");
 
