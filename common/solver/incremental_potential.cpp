@@ -34,13 +34,9 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
     if (!terms_[t]->is_potential()) continue;
     BlockPattern touched(layout_.block_count());
     terms_[t]->add_pattern(touched);
-    std::size_t bodies = 0;
-    for (const auto& [column, row] : touched.lower_triangle()) {
-      ++potential_blocks_;
-      if (column != row && row >= layout_.node_count)
-        bodies = std::max(bodies, static_cast<std::size_t>(row - layout_.node_count) / 2 + 1);
-    }
-    potential_bodies_ = std::max(potential_bodies_, bodies);
+    potential_blocks_ += static_cast<double>(touched.lower_triangle().size());
+    const int bodies = std::min(terms_[t]->needed_bodies(), layout_.body_count);
+    potential_bodies_ = std::max(potential_bodies_, static_cast<std::size_t>(bodies));
     order_.insert(bodies == 0 ? order_.begin() + static_cast<std::ptrdiff_t>(first_bodily_++) : order_.end(), t);
   }
   first_frozen_ = order_.size();

@@ -277,6 +277,48 @@ TEST(NewtonSolver, ReusesThePotentialsFromTheEndOfTheLastStep) {
   EXPECT_TRUE(same_bits(paths[0], paths[1]));
 }
 
+/// Pulls a body to the origin. It depends on one body, so its pattern has no pair.
+class Tether final : public Energy {
+ public:
+  explicit Tether(bool is_declared) : is_declared_(is_declared) {}
+  std::string_view name() const override { return "tether"; }
+  bool is_potential() const override { return is_declared_; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
+  double value(const State& state) const override {
+    return 0.5 * kStiffness * state.body_poses[0].position.squaredNorm();
+  }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    gradient.segment<3>(0) += kStiffness * state.body_poses[0].position;
+    return value(state);
+  }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    hessian.add(slot_, kStiffness * Matrix3::Identity());
+  }
+
+ private:
+  static constexpr double kStiffness = 50;
+  bool is_declared_;
+  BlockSlot slot_;
+};
+
+TEST(NewtonSolver, NoticesThatTheBodyOfAPotentialMoved) {
+  Vector3 ends[2];
+  for (const bool is_declared : {false, true}) {
+    Inertia inertia({}, 1);
+    inertia.set_dynamic(0, 0.1, 1e-4 * Matrix3::Identity(), Vector3::Zero());
+    Tether tether(is_declared);
+    State state = empty_state({0, 1});
+    NewtonSolver solver({&tether, &inertia}, state.layout(), SolverOptions{});
+    for (int i = 0; i < 4; ++i) {
+      if (i == 2) state.body_poses[0].position = Vector3(0.1, 0.02, -0.05);
+      solver.step(state, 0.01);
+    }
+    ends[is_declared] = state.body_poses[0].position;
+  }
+  EXPECT_EQ(ends[0], ends[1]) << "the forces of the old place were reused";
+}
+
 // A line search that halves steps until the energy falls would stop short of a kink. It takes 538 iterations here, 65
 // of them in one step.
 TEST(NewtonSolver, LineSearchCrossesKinks) {
