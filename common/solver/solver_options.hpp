@@ -68,9 +68,9 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
            "joints while the whole is positive definite. With a work budget, or with fewer than 3 iterations, "
            "'adaptive' is 'projected'.");
   v.choice("factor", o.factor, {"float", "double"},
-           "Precision of the factor and of the products in the tissue's Hessian. Energy, gradient and residual are "
-           "always double, so float can only slow down convergence. If a float factor fails or makes no progress, the "
-           "step uses double.");
+           "Precision of the factor and of the products in the tissue's Hessian. With the curvature 'exact' these "
+           "products are always double. Energy, gradient and residual are always double too, so float can only slow "
+           "down convergence. If a float factor fails or makes no progress, the step uses double.");
 }
 
 /// With fewer iterations than this, a step cannot measure how well a reused factor contracts. Such a step takes plain
