@@ -25,7 +25,7 @@ class LineSearch {
   };
   /// Moves `state` along the direction until E has fallen by Armijo's rule and is near its minimum. Returns the scale
   /// of the move. Returns 0 if E does not fall in floating point. Then `state` and the report are unchanged, except
-  /// for time and work. Energy and gradient must be those of `state`.
+  /// for time and work, but the potential's gradient is that of a trial. Energy and gradient must be those of `state`.
   double search(IncrementalPotential& potential, Linkage& linkage, const VectorX& direction, State& state,
                 StepMeter& meter, const Request& request);
 

@@ -120,7 +120,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   predictor_.begin_ordinary_step();
   potential_.try_exact();
   policy_.begin_step(time_step, continues && report.factorisations > 0, touches);
-  bool evaluated = true;                // energy, residual and gradient are those of `state`
+  bool evaluated = true;                // the report's energy and residual are those of `state`
+  bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
   bool have_best = false;
   double best_energy = 0;
@@ -167,7 +168,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       if (!direction_.allFinite()) return false;
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
       linearised = !is_last && !policy_.may_reuse() && kUsualReduction * report.residual > options_.residual_tolerance;
-      if (!options_.line_search) break;
+      if (!options_.line_search) {
+        linkage_.move(state, direction_, scale = 1);
+        if (evaluated && !potential_.evaluate(state, meter, {.hessian = linearised})) return false;
+        break;
+      }
       scale = line_search_.search(potential_, linkage_, direction_, state, meter,
                                   {.gradient = evaluated, .hessian = linearised});
       // If something else holds the tissue, it does not turn with its bone, and the way along the linkage is short.
@@ -179,19 +184,17 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       break;
     }
     if (scale == 0) {
-      if (options_.line_search && iteration > 0) {
-        if (!policy_.affords_whole_factor(report)) report.status = StepStatus::budget_spent;
-        report.increment = 0;
-        break;
-      }
-      // The state is at a kink (the polar rotation jumps where s_2 + s_3 = 0). A full step leaves the kink. Without it,
-      // the state would stay here for ever.
-      linkage_.move(state, direction_, 1);
-      if (evaluated && !potential_.evaluate(state, meter, {.hessian = linearised})) return false;
+      // No factor gives a direction in which the energy falls: `state` is a minimum in floating point. It can be a kink
+      // where the gradient is not zero. The gradient is now that of a trial.
+      if (iteration > 0 && !policy_.affords_whole_factor(report)) report.status = StepStatus::budget_spent;
+      report.increment = 0;
+      evaluated = true;
+      has_gradient = false;
+      break;
     }
     policy_.learn(decision,
                   {.scale = scale,
-                   .move = (scale > 0 ? scale : 1.0) * largest_move(state),
+                   .move = scale * largest_move(state),
                    .residual_before = residual_before,
                    .measured = evaluated},
                   report);
@@ -211,7 +214,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   const bool is_cut_off = report.status == StepStatus::budget_spent ||
                           (report.status == StepStatus::iteration_limit && options_.max_iterations < kFewIterations);
   if (is_cut_off && touches && report.factorisations > report.kink_factors && report.shifts == 0) {
-    if (!evaluated && !potential_.evaluate(state, meter, {})) return false;
+    if (!(evaluated && has_gradient) && !potential_.evaluate(state, meter, {})) return false;
     evaluated = true;
     solve_contact(state, meter);
   }
