@@ -131,6 +131,16 @@ double Linkage::root_mean_square(const VectorX& increment) const {
   return std::sqrt(std::max(nodes, bodies));
 }
 
+double Linkage::largest_move(const VectorX& increment) const {
+  double nodes = 0, bodies = 0;
+  if (layout_.node_count > 0)
+    nodes =
+        Eigen::Map<const Eigen::Matrix3Xd>(increment.data(), 3, layout_.node_count).colwise().squaredNorm().maxCoeff();
+  for (int body = 0; body < linked_bodies(); ++body)
+    bodies = std::max(bodies, increment.segment<3>(translation(body)).squaredNorm());
+  return std::sqrt(std::max(nodes, bodies));
+}
+
 void Linkage::coast(State& state, double time_step) {
   for (std::size_t b = 0; b < links_.size(); ++b) {
     const Twist& velocity = state.body_velocities[b];

@@ -62,6 +62,8 @@ class Linkage {
   void set_later_state(const State& state);
   /// RMS of an increment's translations, m: the larger of two values, one of the nodes and one of the linked bodies.
   double root_mean_square(const VectorX& increment) const;
+  /// Largest translation of an increment, m: of all nodes and linked bodies.
+  double largest_move(const VectorX& increment) const;
   /// Moves the linked bodies of `state` for `time_step` seconds at constant velocity. Their attached nodes keep their
   /// velocity relative to the body. Nodes of other bodies move at constant velocity.
   void coast(State& state, double time_step);

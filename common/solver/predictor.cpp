@@ -10,7 +10,10 @@ namespace {
 constexpr int kMaxIterations = 6;
 // Ratio of two increments. Above it, a new factor costs less than the iterations that it saves.
 constexpr double kSlowContraction = 0.15;
-constexpr double kStalled = 0.5;       // ratio of two increments, or of two residuals
+constexpr double kStalled = 0.5;  // ratio of two increments, or of two residuals
+// Largest movement of a node or bone over the tolerance of the RMS. One node of 1,450 could otherwise move 38
+// tolerances.
+constexpr double kLargest = 7;
 constexpr double kNoEnergy = 1e-12;    // J, 1 mN over 1 nm: smaller energy differences are rounding errors
 constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if the prediction error is larger, chord steps fail
 
@@ -100,7 +103,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     const bool stalled = iteration > 0 && renews && moved > kStalled * before;
     carried_.contracts_slowly =
         iteration > 0 ? moved > kSlowContraction * before : carried_.contracts_slowly && !renews;
-    const bool moved_little = moved <= tolerance_;
+    const bool moved_little = moved <= tolerance_ && linkage.largest_move(direction_) <= kLargest * tolerance_;
     const bool renewed = std::exchange(renews, !moved_little && carried_.contracts_slowly && !stalled);
     const double residual = report.residual;
     if (!potential.evaluate(state, meter, {.hessian = renews, .may_be_result = moved_little})) return give_up();

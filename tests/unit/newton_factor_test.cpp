@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -14,6 +15,7 @@
 namespace softhand {
 namespace {
 
+using testing::Anchors;
 using testing::Brick;
 using testing::converging;
 using testing::FaultyTerm;
@@ -393,6 +395,27 @@ TEST(NewtonSolver, ChordStepDoesNotMistakeATooStiffFactorForConvergence) {
   state.node_positions(0, 0) += 1e-4;
   for (int i = 0; i < 60; ++i) EXPECT_TRUE(solver.step(state, 0.01).chord) << i;
   EXPECT_LE((state.node_positions - brick.state.node_positions).colwise().norm().maxCoeff(), 5e-6);
+}
+
+// The factor is too stiff at one node of 400. The RMS hardly sees this node.
+TEST(NewtonSolver, ChordStepSeesASingleNodeThatMoves) {
+  constexpr int kNodes = 400;
+  const DofLayout layout{kNodes, 1};  // the body carries the nodes
+  State state = empty_state(layout);
+  std::vector<int> all(kNodes);
+  std::iota(all.begin(), all.end(), 0);
+  Anchors anchors(all, 1e4, state.node_positions);
+  Inertia inertia(std::vector<double>(kNodes, 1e-6), 1);
+  inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
+  FaultyTerm faulty;
+  NewtonSolver solver({&inertia, &anchors, &faulty}, layout, SolverOptions{});
+  solver.use_linkage(Linkage(layout, {}, std::vector<std::int32_t>(kNodes, 0)), [](Linkage&) { return true; });
+  faulty.curvature = 5e3;
+  EXPECT_TRUE(solver.step(state, 0.01).chord);
+  faulty.curvature = 0;
+  state.node_positions(0, 0) = 3e-4;
+  EXPECT_TRUE(solver.step(state, 0.01).chord);
+  EXPECT_LE(std::abs(state.node_positions(0, 0)), 4e-5) << "an iteration leaves a third of the way";
 }
 
 // The material is almost steel: a small remaining motion still means much energy.
