@@ -38,6 +38,7 @@ void FactorPolicy::begin_step(double time_step, bool has_factor, bool touches) {
                !carried_.was_cut_off;
   has_factor_ = has_factor;
   is_first_ = true;
+  is_revised_ = false;
   reuses_ = may_reuse_ && (carried_.time_step == time_step || has_factor);
   carried_.time_step = 0;
   in_double_ = needs_double_ = false;
@@ -70,7 +71,8 @@ FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_r
     if (renews_kinks && remaining < kinks_work_ + reserve) renews_kinks = !affords_whole && remaining >= kinks_work_;
     if (renews && !renews_kinks && !affords_whole) renews = false;
     // If a chord step did not factorise in this step, its factor is not usable here.
-    stops = remaining < reuse_work_ || (!renews && !has_factor_);
+    // The direction of a factor without the contacts of a revision would go into the object.
+    stops = remaining < reuse_work_ || (!renews && (!has_factor_ || is_revised_));
   }
   return {.stops = stops,
           .renewal = renews_kinks ? Renewal::kinks
@@ -108,6 +110,13 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
   }
   is_first_ = false;
   has_factor_ = true;
+  is_revised_ = false;
+}
+
+void FactorPolicy::start_again() {
+  is_revised_ = true;
+  reuses_ = false;
+  remaining_move_ = std::numeric_limits<double>::infinity();
 }
 
 bool FactorPolicy::has_converged(const StepReport& report) const {

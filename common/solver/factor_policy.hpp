@@ -48,6 +48,9 @@ class FactorPolicy {
   };
   /// Learns from an iteration with `decision`.
   void learn(const Decision& decision, const Iteration& iteration, const StepReport& report);
+  /// The energy has changed after an iteration (`Energy::revise`). The last factor lacks the new contacts, so the next
+  /// iteration renews it.
+  void start_again();
   /// By the residual and by the estimated remaining movement.
   bool has_converged(const StepReport& report) const;
   bool affords_whole_factor(const StepReport& report) const { return remaining_work(report) >= whole_work_; }
@@ -82,6 +85,7 @@ class FactorPolicy {
   bool in_double_ = false;     // the next factors are in double
   bool needs_double_ = false;  // a float factor made no progress
   bool double_helps_ = true;   // double converges better than float if float converges slowly; true until disproved
+  bool is_revised_ = false;    // after the last iteration
   int consecutive_kinks_ = 0;  // iterations so far whose factor was renewed only in the terms with kinks
   double reserved_ = 0;        // work for a solve of contact alone
   double last_move_ = 0;

@@ -22,6 +22,8 @@ class HessianFactor {
   /// if these terms hardly changed or if the sum is not positive definite. Then the whole Hessian must be renewed.
   bool renew_kinks(IncrementalPotential& potential, const State& state, StepMeter& meter);
   void solve(const VectorX& rhs, VectorX& x, StepMeter& meter);
+  /// The linear solver with the last factor. The caller counts the work.
+  LinearSolver& linear_solver() { return *last_; }
 
   /// Whether this is the factor of the potential's Hessian as it is now, without a shift.
   bool is_of(const IncrementalPotential& potential) const { return version_ == potential.version(); }

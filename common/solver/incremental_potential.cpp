@@ -58,6 +58,12 @@ void IncrementalPotential::begin_step(const State& state, double time_step) {
   for (Energy* term : terms_) term->begin_step(state, time_step);
 }
 
+bool IncrementalPotential::revise(const State& state) {
+  bool changed = false;
+  for (Energy* term : terms_) changed |= term->revise(state);
+  return changed;
+}
+
 void IncrementalPotential::end_step(State& state) {
   for (Energy* term : terms_) term->end_step(state);
 }

@@ -32,6 +32,8 @@ class IncrementalPotential {
 
   /// Calls `begin_step` of all terms.
   void begin_step(const State& state, double time_step);
+  /// Lets the terms change after an iteration (`Energy::revise`). Returns whether the energy has changed.
+  bool revise(const State& state);
   void end_step(State& state);
   const State& start() const { return start_; }  ///< the state at the start of the step
 

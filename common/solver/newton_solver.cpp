@@ -17,7 +17,8 @@ constexpr double kLeastMove = 1e-5;
 // with the next gradient.
 constexpr double kUsualReduction = 0.01;
 constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
-constexpr int kContactSolves = 2;   // after a step that did not converge
+constexpr int kMaxRevisions = 4;    // of the terms in a step
+constexpr int kContactSolves = 3;   // after a step that did not converge
 
 double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -64,12 +65,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     const auto timer = meter.time(&StepTiming::begin);
     potential_.begin_step(state, time_step);
   }
-  const bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
+  bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
   bool is_finite = true;
   auto predicted = Predictor::Outcome::failed;
   if (may_be_chord && predictor_.is_promising()) {
     policy_.drop_factor();
     predicted = predictor_.step(state, time_step, potential_, factor_, linkage_, meter);
+    if (predicted == Predictor::Outcome::converged && revise(state)) predicted = Predictor::Outcome::failed;
+    may_be_chord = !linkage_.any_touching();
   }
   if (predicted == Predictor::Outcome::converged) {
     report.status = StepStatus::converged;
@@ -105,7 +108,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     policy_.set_carried({});
   } else {
     policy_.end_step(time_step, report);
-    if (may_be_chord && report.factorisations > report.kink_factors && !factor_.is_fallback() && report.shifts == 0)
+    if (may_be_chord && !linkage_.any_touching() && report.factorisations > report.kink_factors &&
+        !factor_.is_fallback() && report.shifts == 0)
       predictor_.keep_factor(time_step);
   }
   report.state_changed = true;
@@ -116,13 +120,15 @@ StepReport NewtonSolver::step(State& state, double time_step) {
 // `state` has less energy than the start of the step. Returns false if a value is NaN or infinite.
 bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter) {
   StepReport& report = meter.report;
-  const bool touches = linkage_.any_touching();
+  bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
   potential_.try_exact();
   policy_.begin_step(time_step, continues && report.factorisations > 0, touches);
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
+  const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
+  int revisions = 0;
   bool have_best = false;
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
@@ -199,6 +205,19 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
                    .measured = evaluated},
                   report);
     ++report.iterations;
+    // A converged step is revised at its end only, so that its result does not depend on the way there.
+    const bool may_be_last =
+        is_truncated || policy_.has_converged(report) || report.increment <= options_.increment_tolerance;
+    if (may_be_last && revisions < kMaxRevisions && revise(state)) {
+      ++revisions;
+      touches = linkage_.any_touching();
+      may_be_chord = may_be_chord && !touches;
+      policy_.start_again();
+      if (!potential_.evaluate(state, meter, {})) return false;
+      evaluated = true;
+      linearised = have_best = false;
+      continue;
+    }
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
       break;
@@ -216,27 +235,40 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   if (is_cut_off && touches && report.factorisations > report.kink_factors && report.shifts == 0) {
     if (!(evaluated && has_gradient) && !potential_.evaluate(state, meter, {})) return false;
     evaluated = true;
-    solve_contact(state, meter);
+    if (!solve_contact(state, meter)) return false;
   }
   report.measured = evaluated;
   return true;
 }
 
-// Moves the touched nodes and objects towards their equilibrium while everything else stays. Energy, residual and
-// gradient must be those of `state`.
-void NewtonSolver::solve_contact(State& state, StepMeter& meter) {
+// Lets the terms change after an iteration. Returns whether the energy has changed.
+bool NewtonSolver::revise(const State& state) {
+  const bool changed = potential_.revise(state);
+  if (changed && prepare_) prepare_(linkage_);
+  return changed;
+}
+
+// Moves the touched nodes and objects towards their equilibrium. The rest of the hand gives way along a few modes.
+// Energy, residual and gradient must be those of `state`. Returns false if a value is NaN or infinite.
+bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
+  const StepWork& prices = meter.prices;
   for (int k = 0; k < kContactSolves; ++k) {
     LocalNewton::Result result;
     {
       const auto timer = meter.time(&StepTiming::solve);
+      const double remaining = options_.work_budget - meter.report.work - prices.contact_blocks - prices.evaluation;
+      const int most_modes = remaining > 0 ? static_cast<int>(std::min(remaining / prices.solve, 100.0)) : 0;
       result = local_newton_.minimise(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
-                                      potential_.change_hessian(), direction_);
+                                      potential_.change_hessian(), most_modes, factor_.linear_solver(), direction_);
     }
-    meter.report.work += meter.prices.contact_blocks + meter.prices.per_local_operation * result.operations;
-    if (!result.found) return;
+    meter.report.work +=
+        prices.contact_blocks + prices.per_local_operation * result.operations + result.modes * prices.solve;
+    if (!result.found) break;
     ++meter.report.contact_solves;
-    if (line_search_.search(potential_, linkage_, direction_, state, meter, {}) == 0) return;
+    if (line_search_.search(potential_, linkage_, direction_, state, meter, {}) == 0) break;
+    if (revise(state) && !potential_.evaluate(state, meter, {})) return false;
   }
+  return true;
 }
 
 // Returns the largest movement of a node or body in the last iteration's increment, relative to its tolerance. A

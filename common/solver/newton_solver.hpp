@@ -67,8 +67,9 @@ class NewtonSolver {
 
  private:
   bool minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter);
+  bool revise(const State& state);
   double largest_move(const State& state) const;
-  void solve_contact(State& state, StepMeter& meter);
+  bool solve_contact(State& state, StepMeter& meter);
 
   SolverOptions options_;
   DofLayout layout_;

@@ -53,11 +53,12 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
            "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). No iteration starts "
            "that would exceed the budget, except the first. 0: unlimited; `softhand-hand` then uses the work that this "
            "machine does in 0.6 of its period.");
-  v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
-           "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
-           "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
-           "mean square), and none of them by more than seven times this. The remaining error is a fraction of this. 0: "
-           "never.");
+  v.number(
+      "chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
+      "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
+      "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
+      "mean square), and none of them by more than seven times this. The remaining error is a fraction of this. 0: "
+      "never.");
   v.flag("line_search", o.line_search,
          "Search along each iteration's direction, on the energy. Without it, steps of one or two iterations throw "
          "gripped objects.");
