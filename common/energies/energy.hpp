@@ -25,8 +25,9 @@ class Energy {
  public:
   virtual ~Energy() = default;
   virtual std::string_view name() const = 0;
-  /// True if the Hessian can jump between iterations, because contact begins or friction slips. Otherwise the Hessian
-  /// changes only with the state, and little within a step.
+  /// True for contact and friction: the Hessian jumps often, in few blocks. The solver renews this part of its factor
+  /// alone, and its blocks are the unknowns of the solve of contact alone. A Hessian that jumps rarely or in many
+  /// blocks (limits of joints and strain) is false: the solver renews everything once a step converges slowly.
   virtual bool has_kinks() const { return false; }
   /// True if the term depends only on positions and poses, not on values fixed in `begin_step`. Then its value at the
   /// end of one step equals its value at the start of the next.
