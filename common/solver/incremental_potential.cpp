@@ -55,6 +55,7 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
 
 void IncrementalPotential::begin_step(const State& state, double time_step) {
   start_ = state;
+  exact_now_ = tries_exact_;
   for (Energy* term : terms_) term->begin_step(state, time_step);
 }
 

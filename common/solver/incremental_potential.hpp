@@ -64,9 +64,8 @@ class IncrementalPotential {
   /// and per radian differ by orders of magnitude.
   void shift_diagonal(double shift);
   /// If the last Hessian was exact, evaluates it again at `state` with projected terms, and takes projected Hessians
-  /// until `try_exact`. Returns false if it was not exact.
+  /// for the rest of the step. Returns false if it was not exact.
   bool project_hessian(const State& state, StepMeter& meter);
-  void try_exact() { exact_now_ = tries_exact_; }
   /// Renews the part of the terms with kinks in the Hessian. The version must not have changed since the last
   /// `evaluate` with a Hessian or the last `renew_kinks`. Returns false if that part hardly changed. Then the rest of
   /// the Hessian is what is stale.

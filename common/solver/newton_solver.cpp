@@ -122,7 +122,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   StepReport& report = meter.report;
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
-  potential_.try_exact();
   policy_.begin_step(time_step, continues && report.factorisations > 0, touches);
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
