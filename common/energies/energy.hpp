@@ -1,6 +1,7 @@
 // The interface of an energy term. The solver knows nothing else about a term.
 #pragma once
 
+#include <limits>
 #include <string_view>
 
 #include "energies/energy_ledger.hpp"
@@ -24,13 +25,16 @@ class Energy {
  public:
   virtual ~Energy() = default;
   virtual std::string_view name() const = 0;
-  /// True if the Hessian can jump between iterations, because contact begins or friction slips. Otherwise the Hessian
-  /// changes only with the state, and little within a step.
+  /// True for contact and friction: the Hessian jumps often, in few blocks. The solver renews this part of its factor
+  /// alone, and its blocks are the unknowns of the solve of contact alone. A Hessian that jumps rarely or in many
+  /// blocks (limits of joints and strain) is false: the solver renews everything once a step converges slowly.
   virtual bool has_kinks() const { return false; }
   /// True if the term depends only on positions and poses, not on values fixed in `begin_step`. Then its value at the
-  /// end of one step equals its value at the start of the next. Its pattern must contain every body that it depends on,
-  /// at least as part of a pair.
+  /// end of one step equals its value at the start of the next.
   virtual bool is_potential() const { return false; }
+  /// For a potential: it depends on the poses of this many bodies, the first ones of the state. 0: only on node
+  /// positions. The default is right for every potential. A smaller number saves evaluations.
+  virtual int needed_bodies() const { return std::numeric_limits<int>::max(); }
   /// Adds every block that `add_hessian` can ever touch to the pattern.
   virtual void add_pattern(BlockPattern& pattern) const = 0;
   /// Looks up the slots of those blocks and stores them.

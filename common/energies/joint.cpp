@@ -1,5 +1,6 @@
 #include "energies/joint.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -91,6 +92,12 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
 }
 
 Vector3 JointEnergy::angles(int joint, const State& state) const { return geometry_of(site(joint), state).angles; }
+
+int JointEnergy::needed_bodies() const {
+  int bodies = 0;
+  for (const JointData& joint : joints_) bodies = std::max({bodies, joint.site.parent + 1, joint.site.child + 1});
+  return bodies;
+}
 
 void JointEnergy::add_pattern(BlockPattern& pattern) const {
   for (const JointData& joint : joints_) joint.blocks.add_pattern(pattern);

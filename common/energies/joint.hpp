@@ -45,6 +45,7 @@ class JointEnergy final : public Energy {
 
   std::string_view name() const override { return "joint"; }
   bool is_potential() const override { return true; }
+  int needed_bodies() const override;
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;

@@ -83,6 +83,12 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
   offset_.setZero(4, static_cast<Eigen::Index>(most_ties));
 }
 
+int SkeletonTissue::needed_bodies() const {
+  int bodies = 0;
+  for (const Bone& bone : bones_) bodies = std::max(bodies, bone.body + 1);
+  return bodies;
+}
+
 void SkeletonTissue::add_pattern(BlockPattern& pattern) const {
   for (const NodePair& pair : node_pairs_) pattern.add(layout_.node_block(pair.row), layout_.node_block(pair.column));
   for (const Bone& bone : bones_) {

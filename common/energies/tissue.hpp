@@ -55,6 +55,7 @@ class Tissue final : public Energy {
 
   std::string_view name() const override { return "tissue"; }
   bool is_potential() const override { return true; }
+  int needed_bodies() const override { return 0; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   double value(const State& state) const override;

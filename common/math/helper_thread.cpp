@@ -1,6 +1,12 @@
 #include "math/helper_thread.hpp"
 
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
 #include <chrono>
+#include <cstddef>
+#include <cstdio>
 
 namespace softhand {
 namespace {
@@ -15,20 +21,57 @@ void relax() {
 
 }  // namespace
 
+CoreClaim::CoreClaim(int core) {
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  // A name that starts with a zero belongs to no folder. It disappears with its socket.
+  const int length = std::snprintf(name.sun_path + 1, sizeof(name.sun_path) - 1, "softhand/core/%d", core);
+  socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const auto size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + static_cast<std::size_t>(length));
+  if (socket_ >= 0 && bind(socket_, reinterpret_cast<const sockaddr*>(&name), size) != 0)
+    close(std::exchange(socket_, -1));
+}
+
+CoreClaim::~CoreClaim() {
+  if (socket_ >= 0) close(socket_);
+}
+
+CorePair choose_cores(const cpu_set_t& allowed, int here, const std::function<bool(int)>& claim) {
+  const auto find = [&allowed](int except, auto&& accepts) {
+    for (int core = 0; core < CPU_SETSIZE; ++core) {
+      if (core != except && CPU_ISSET(core, &allowed) && accepts(core)) return core;
+    }
+    return -1;
+  };
+  CorePair cores{.caller = claim(here) ? here : find(here, claim)};
+  if (cores.caller < 0) {
+    cores.caller = here;
+  } else {
+    cores.helper = find(cores.caller, claim);
+  }
+  if (cores.helper < 0) cores.helper = find(cores.caller, [](int) { return true; });
+  return cores;
+}
+
 HelperThread::HelperThread() : caller_(pthread_self()) {
   const int here = sched_getcpu();
   if (here < 0 || pthread_getaffinity_np(caller_, sizeof(callers_cores_), &callers_cores_) != 0) return;
-  int other = -1;
-  for (int core = 0; core < CPU_SETSIZE && other < 0; ++core) {
-    if (core != here && CPU_ISSET(core, &callers_cores_)) other = core;
-  }
+  const CorePair cores = choose_cores(callers_cores_, here, [this](int core) {
+    CoreClaim claim(core);
+    if (!claim.holds()) return false;
+    (callers_claim_.holds() ? helpers_claim_ : callers_claim_) = std::move(claim);
+    return true;
+  });
   cpu_set_t mine, its;
   CPU_ZERO(&mine);
-  CPU_SET(here, &mine);
-  if (other < 0 || pthread_setaffinity_np(caller_, sizeof(mine), &mine) != 0) return;
+  CPU_SET(cores.caller, &mine);
+  if (cores.helper < 0 || pthread_setaffinity_np(caller_, sizeof(mine), &mine) != 0) {
+    callers_claim_ = {};
+    return;
+  }
   thread_ = std::thread([this] { serve(); });
   CPU_ZERO(&its);
-  CPU_SET(other, &its);
+  CPU_SET(cores.helper, &its);
   pthread_setaffinity_np(thread_.native_handle(), sizeof(its), &its);
 }
 

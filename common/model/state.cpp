@@ -4,6 +4,14 @@
 
 namespace softhand {
 
+State empty_state(DofLayout layout) {
+  State state;
+  state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, layout.node_count);
+  state.body_poses.resize(static_cast<std::size_t>(layout.body_count));
+  state.body_velocities.resize(static_cast<std::size_t>(layout.body_count));
+  return state;
+}
+
 void apply_increment(State& state, const VectorX& direction, double scale) {
   const DofLayout layout = state.layout();
   state.node_positions += scale * Eigen::Map<const Eigen::Matrix3Xd>(direction.data(), 3, layout.node_count);

@@ -32,6 +32,9 @@ struct State {
   DofLayout layout() const { return {static_cast<int>(node_positions.cols()), static_cast<int>(body_poses.size())}; }
 };
 
+/// A state of this layout at rest: everything at the origin.
+State empty_state(DofLayout layout);
+
 /// state := state (+) scale * direction. Nodes and translations are added; rotations are spatial increments: exp(w) R.
 void apply_increment(State& state, const VectorX& direction, double scale = 1.0);
 

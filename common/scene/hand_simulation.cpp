@@ -81,7 +81,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
     if (helper_) tissue->use(*helper_);
-    if (options.solver.factor == "float") tissue->use_single_hessian();
+    if (options.solver.factor == "float" && options.solver.curvature != "exact") tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
     auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
     attachments_ = attachments.get();

@@ -13,13 +13,9 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
     : layout_(layout),
       links_(std::move(links)),
       node_bodies_(std::move(node_bodies)),
-      is_straight_(static_cast<std::size_t>(layout.body_count), 0),
-      earlier_orientations_(static_cast<std::size_t>(layout.body_count), Quaternion::Identity()),
       levers_(links_.size(), Vector3::Zero()),
-      turns_(earlier_orientations_.size(), Matrix3::Identity()),
-      coasted_(earlier_orientations_.size(), Matrix3::Identity()),
-      then_(earlier_orientations_.size(), Vector3::Zero()),
-      now_(earlier_orientations_.size(), Vector3::Zero()) {
+      tangent_(VectorX::Zero(layout.dof_count())) {
+  resize_bodies();
   if (node_bodies_.size() != static_cast<std::size_t>(layout.node_count))
     throw std::invalid_argument("Linkage: expected one body per node");
   if (links_.size() > earlier_orientations_.size()) throw std::invalid_argument("Linkage: more links than bodies");
@@ -31,6 +27,16 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
     if (body_of_node < 0 || body_of_node >= layout.body_count)
       throw std::invalid_argument("Linkage: the body of a node is not a body of the state");
   }
+}
+
+void Linkage::resize_bodies() {
+  const auto bodies = static_cast<std::size_t>(layout_.body_count);
+  is_straight_.assign(bodies, 0);
+  earlier_orientations_.assign(bodies, Quaternion::Identity());
+  turns_.assign(bodies, Matrix3::Identity());
+  coasted_.assign(bodies, Matrix3::Identity());
+  then_.assign(bodies, Vector3::Zero());
+  now_.assign(bodies, Vector3::Zero());
 }
 
 void Linkage::clear_touching() {
@@ -48,7 +54,7 @@ void Linkage::set_touching(int body) {
 
 void Linkage::straighten() { std::fill(is_straight_.begin(), is_straight_.end(), std::uint8_t{1}); }
 
-void Linkage::move(State& state, const VectorX& increment, double scale, VectorX& tangent) {
+void Linkage::move(State& state, const VectorX& increment, double scale) {
   for (int body = 0; body < layout_.body_count; ++body) {
     const auto b = static_cast<std::size_t>(body);
     const Vector3 linear = increment.segment<3>(translation(body)), angular = increment.segment<3>(rotation(body));
@@ -70,8 +76,13 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
       pose.position = state.body_poses[a].position + turned_arm - turned_lever;
       now_[b] = now_[a] + parent_angular.cross(turned_arm) + coasted_[a] * gap - angular.cross(turned_lever);
     }
-    tangent.segment<3>(translation(body)) = now_[b];
-    tangent.segment<3>(rotation(body)) = angular;
+    tangent_.segment<3>(translation(body)) = now_[b];
+    tangent_.segment<3>(rotation(body)) = angular;
+  }
+  if (node_bodies_.empty()) {
+    state.node_positions += scale * Eigen::Map<const Eigen::Matrix3Xd>(increment.data(), 3, layout_.node_count);
+    tangent_.head(3 * layout_.node_count) = increment.head(3 * layout_.node_count);
+    return;
   }
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
     const auto b = static_cast<std::size_t>(node_bodies_[n]);
@@ -79,7 +90,7 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
     const Vector3 whole = increment.segment<3>(3 * column);
     if (is_straight_[b]) {
       state.node_positions.col(column) += scale * whole;
-      tangent.segment<3>(3 * column) = whole;
+      tangent_.segment<3>(3 * column) = whole;
       continue;
     }
     const Vector3 angular = increment.segment<3>(rotation(node_bodies_[n]));
@@ -87,7 +98,7 @@ void Linkage::move(State& state, const VectorX& increment, double scale, VectorX
     const Vector3 own = whole - increment.segment<3>(translation(node_bodies_[n])) - angular.cross(arm);
     const Vector3 turned = coasted_[b] * (arm + scale * own);
     state.node_positions.col(column) = state.body_poses[b].position + turned;
-    tangent.segment<3>(3 * column) = now_[b] + angular.cross(turned) + coasted_[b] * own;
+    tangent_.segment<3>(3 * column) = now_[b] + angular.cross(turned) + coasted_[b] * own;
   }
 }
 
@@ -117,6 +128,16 @@ double Linkage::root_mean_square(const VectorX& increment) const {
   if (layout_.node_count > 0) nodes = increment.head(3 * layout_.node_count).squaredNorm() / layout_.node_count;
   for (int body = 0; body < linked_bodies(); ++body)
     bodies += increment.segment<3>(translation(body)).squaredNorm() / linked_bodies();
+  return std::sqrt(std::max(nodes, bodies));
+}
+
+double Linkage::largest_move(const VectorX& increment) const {
+  double nodes = 0, bodies = 0;
+  if (layout_.node_count > 0)
+    nodes =
+        Eigen::Map<const Eigen::Matrix3Xd>(increment.data(), 3, layout_.node_count).colwise().squaredNorm().maxCoeff();
+  for (int body = 0; body < linked_bodies(); ++body)
+    bodies = std::max(bodies, increment.segment<3>(translation(body)).squaredNorm());
   return std::sqrt(std::max(nodes, bodies));
 }
 

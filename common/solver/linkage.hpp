@@ -31,7 +31,8 @@ class Linkage {
     int parent = -1;                  ///< a body with a smaller index; -1: no parent
     Vector3 joint = Vector3::Zero();  ///< in the body's own frame
   };
-  Linkage() = default;
+  /// No joints, and no node is attached: `move` moves everything along straight lines.
+  explicit Linkage(DofLayout layout) : layout_(layout), tangent_(VectorX::Zero(layout.dof_count())) { resize_bodies(); }
   /// `links`: for the first bodies of the state. The other bodies have no joints. `node_bodies`: by node, the body that
   /// the node is attached to. Throws std::invalid_argument if an index is out of range.
   Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> node_bodies);
@@ -48,8 +49,10 @@ class Linkage {
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
   /// a body's joint follows its parent, and an attached node turns with its body. So a large turn of a bone stretches
   /// no tissue. Touching bodies and their nodes move straight: contact is stiffer than tissue, and the increment
-  /// satisfies contact only to first order. `tangent` becomes the derivative of the move with respect to `scale`.
-  void move(State& state, const VectorX& increment, double scale, VectorX& tangent);
+  /// satisfies contact only to first order.
+  void move(State& state, const VectorX& increment, double scale);
+  /// Derivative of the last `move` with respect to its scale.
+  const VectorX& tangent() const { return tangent_; }
   /// RMS distance of the linked bodies in `state` from where they would be after `time_step` seconds with the
   /// velocities of `start`, m.
   double prediction_error(const State& start, const State& state, double time_step) const;
@@ -59,6 +62,8 @@ class Linkage {
   void set_later_state(const State& state);
   /// RMS of an increment's translations, m: the larger of two values, one of the nodes and one of the linked bodies.
   double root_mean_square(const VectorX& increment) const;
+  /// Largest translation of an increment, m: of all nodes and linked bodies.
+  double largest_move(const VectorX& increment) const;
   /// Moves the linked bodies of `state` for `time_step` seconds at constant velocity. Their attached nodes keep their
   /// velocity relative to the body. Nodes of other bodies move at constant velocity.
   void coast(State& state, double time_step);
@@ -74,6 +79,8 @@ class Linkage {
   auto rotation(int body) const { return 3 * layout_.body_rotation_block(body); }
   auto translation(int body) const { return 3 * layout_.body_translation_block(body); }
 
+  void resize_bodies();
+
   DofLayout layout_;
   std::vector<Link> links_;
   std::vector<std::int32_t> node_bodies_;
@@ -85,6 +92,7 @@ class Linkage {
   std::vector<Matrix3> coasted_;                  // scratch, by body: the rotation of a step or of a move
   // Scratch, by body: t_b and T_b, or their gradients. In `move`: the old position and the derivative of the new one.
   std::vector<Vector3> then_, now_;
+  VectorX tangent_;
 };
 
 }  // namespace softhand

@@ -36,9 +36,7 @@ LocalNewton::LocalNewton(DofLayout layout)
       kinked_gradient_(layout.dof_count()) {
   blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
   patches_.reserve(kMaxBlocks + 1);
-  trial_.node_positions = trial_.node_velocities = Eigen::Matrix3Xd::Zero(3, layout.node_count);
-  trial_.body_poses.resize(static_cast<std::size_t>(layout.body_count));
-  trial_.body_velocities.resize(static_cast<std::size_t>(layout.body_count));
+  trial_ = empty_state(layout);
 }
 
 std::int32_t LocalNewton::root_of(std::int32_t place) const {

@@ -169,11 +169,10 @@ TEST(Linkage, MoveIsTheIncrementToFirstOrder) {
   Chain chain;
   place(chain);
   const VectorX x = chain.increment();
-  VectorX tangent(x.size());
   double before = 0;
   for (const double scale : {1e-2, 1e-3, 1e-4}) {
     State along = chain.state, straight = chain.state;
-    chain.linkage.move(along, x, scale, tangent);
+    chain.linkage.move(along, x, scale);
     apply_increment(straight, x, scale);
     const double apart = distance(along, straight);
     if (before > 0) {
@@ -182,8 +181,8 @@ TEST(Linkage, MoveIsTheIncrementToFirstOrder) {
     before = apart;
   }
   State still = chain.state;
-  chain.linkage.move(still, x, 0, tangent);
-  EXPECT_LE((tangent - x).lpNorm<Eigen::Infinity>(), 1e-14);
+  chain.linkage.move(still, x, 0);
+  EXPECT_LE((chain.linkage.tangent() - x).lpNorm<Eigen::Infinity>(), 1e-14);
 }
 
 TEST(Linkage, TangentIsTheDerivativeOfTheMove) {
@@ -191,12 +190,11 @@ TEST(Linkage, TangentIsTheDerivativeOfTheMove) {
   place(chain);
   const VectorX x = chain.increment();
   constexpr double kScale = 0.7, kStep = 1e-6;
-  VectorX tangent(x.size()), unused(x.size());
   State ahead = chain.state, there = chain.state;
-  chain.linkage.move(ahead, x, kScale + kStep, unused);
-  chain.linkage.move(there, x, kScale, tangent);
+  chain.linkage.move(ahead, x, kScale + kStep);
+  chain.linkage.move(there, x, kScale);
   State expected = there;
-  apply_increment(expected, tangent, kStep);
+  apply_increment(expected, chain.linkage.tangent(), kStep);
   EXPECT_LE(distance(ahead, expected), 1e-10);
 }
 
@@ -205,7 +203,7 @@ TEST(Linkage, MoveTurnsCarriedNodesWithoutStretch) {
   Chain chain;
   place(chain);
   const Vector3 turn(0.4, -0.8, 0.45);
-  VectorX x = VectorX::Zero(3 * (kNodes + 8)), tangent(x.size());
+  VectorX x = VectorX::Zero(3 * (kNodes + 8));
   const Vector3 pivot = chain.state.body_poses[0].position;
   for (int n = 0; n < kNodes; ++n) x.segment<3>(3 * n) = turn.cross(Vector3(chain.state.node_positions.col(n)) - pivot);
   for (int body = 0; body < 3; ++body) {
@@ -214,7 +212,7 @@ TEST(Linkage, MoveTurnsCarriedNodesWithoutStretch) {
     x.segment<3>(3 * (kNodes + 2 * body) + 3) = turn;
   }
   State moved = chain.state;
-  chain.linkage.move(moved, x, 1, tangent);
+  chain.linkage.move(moved, x, 1);
   for (int a = 0; a < kNodes; ++a) {
     for (int b = 0; b < a; ++b) {
       EXPECT_NEAR((moved.node_positions.col(a) - moved.node_positions.col(b)).norm(),
@@ -229,17 +227,16 @@ TEST(Linkage, MovesTouchingBodiesAndTheirParentsStraight) {
   Chain chain;
   place(chain);
   const VectorX x = chain.increment();
-  VectorX tangent(x.size());
   State along = chain.state, straight = chain.state;
   chain.linkage.set_touching(2);  // 2 hangs on 1, and 1 on 0
   EXPECT_TRUE(chain.linkage.any_touching());
-  chain.linkage.move(along, x, 0.5, tangent);
+  chain.linkage.move(along, x, 0.5);
   apply_increment(straight, x, 0.5);
   EXPECT_LE(distance(along, straight), 1e-14);
   chain.linkage.clear_touching();
   EXPECT_FALSE(chain.linkage.any_touching());
   along = chain.state;
-  chain.linkage.move(along, x, 0.5, tangent);
+  chain.linkage.move(along, x, 0.5);
   EXPECT_GT(distance(along, straight), 1e-3);
 }
 

@@ -2,7 +2,9 @@
 // kinks.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,7 @@
 namespace softhand {
 namespace {
 
+using testing::Anchors;
 using testing::Brick;
 using testing::converging;
 using testing::FaultyTerm;
@@ -277,6 +280,48 @@ TEST(NewtonSolver, ReusesThePotentialsFromTheEndOfTheLastStep) {
   EXPECT_TRUE(same_bits(paths[0], paths[1]));
 }
 
+/// Pulls a body to the origin. It depends on one body, so its pattern has no pair.
+class Tether final : public Energy {
+ public:
+  explicit Tether(bool is_declared) : is_declared_(is_declared) {}
+  std::string_view name() const override { return "tether"; }
+  bool is_potential() const override { return is_declared_; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
+  double value(const State& state) const override {
+    return 0.5 * kStiffness * state.body_poses[0].position.squaredNorm();
+  }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    gradient.segment<3>(0) += kStiffness * state.body_poses[0].position;
+    return value(state);
+  }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    hessian.add(slot_, kStiffness * Matrix3::Identity());
+  }
+
+ private:
+  static constexpr double kStiffness = 50;
+  bool is_declared_;
+  BlockSlot slot_;
+};
+
+TEST(NewtonSolver, NoticesThatTheBodyOfAPotentialMoved) {
+  Vector3 ends[2];
+  for (const bool is_declared : {false, true}) {
+    Inertia inertia({}, 1);
+    inertia.set_dynamic(0, 0.1, 1e-4 * Matrix3::Identity(), Vector3::Zero());
+    Tether tether(is_declared);
+    State state = empty_state({0, 1});
+    NewtonSolver solver({&tether, &inertia}, state.layout(), SolverOptions{});
+    for (int i = 0; i < 4; ++i) {
+      if (i == 2) state.body_poses[0].position = Vector3(0.1, 0.02, -0.05);
+      solver.step(state, 0.01);
+    }
+    ends[is_declared] = state.body_poses[0].position;
+  }
+  EXPECT_EQ(ends[0], ends[1]) << "the forces of the old place were reused";
+}
+
 // A line search that halves steps until the energy falls would stop short of a kink. It takes 538 iterations here, 65
 // of them in one step.
 TEST(NewtonSolver, LineSearchCrossesKinks) {
@@ -351,6 +396,95 @@ TEST(NewtonSolver, ChordStepDoesNotMistakeATooStiffFactorForConvergence) {
   state.node_positions(0, 0) += 1e-4;
   for (int i = 0; i < 60; ++i) EXPECT_TRUE(solver.step(state, 0.01).chord) << i;
   EXPECT_LE((state.node_positions - brick.state.node_positions).colwise().norm().maxCoeff(), 5e-6);
+}
+
+/// A one-sided spring against x below the rest position, for all nodes: a limit, as joints and strain have one.
+class Limit final : public Energy {
+ public:
+  Limit(const Eigen::Matrix3Xd& rest, bool has_kinks) : least_(rest.row(0)), has_kinks_(has_kinks) {}
+  std::string_view name() const override { return "limit"; }
+  bool has_kinks() const override { return has_kinks_; }
+  bool is_potential() const override { return !has_kinks_; }
+  int needed_bodies() const override { return 0; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix& matrix) override {
+    for (int n = 0; n < matrix.block_count(); ++n) slots_.push_back(matrix.find(n, n));
+  }
+  double value(const State& state) const override {
+    return 0.5 * kStiffness * (state.node_positions.row(0) - least_).cwiseMin(0.0).squaredNorm();
+  }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    for (Eigen::Index n = 0; n < least_.size(); ++n)
+      gradient[3 * n] += kStiffness * std::min(0.0, state.node_positions(0, n) - least_[n]);
+    return value(state);
+  }
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
+    Matrix3 block = Matrix3::Zero();
+    block(0, 0) = kStiffness;
+    for (Eigen::Index n = 0; n < least_.size(); ++n) {
+      if (state.node_positions(0, n) < least_[n]) hessian.add(slots_[static_cast<std::size_t>(n)], block);
+    }
+  }
+
+ private:
+  static constexpr double kStiffness = 1e4;
+  Eigen::RowVectorXd least_;
+  bool has_kinks_;
+  std::vector<BlockSlot> slots_;
+};
+
+// The Hessian of a limit jumps, although the term has no kinks in the sense of the interface. The steps end at the same
+// minimum, in about as many iterations.
+TEST(NewtonSolver, ConvergesAcrossLimitsOfTermsWithoutKinks) {
+  Eigen::Matrix3Xd paths[2];
+  int iterations[2] = {0, 0}, most[2] = {0, 0};
+  for (const int has_kinks : {0, 1}) {
+    Brick brick;
+    Rubbing rubbing;
+    Limit limit(brick.state.node_positions, has_kinks == 1);
+    auto terms = brick.terms();
+    terms.push_back(&limit);
+    terms.push_back(&rubbing);
+    SolverOptions options;
+    options.max_iterations = 200;
+    options.residual_tolerance = 1e-8;
+    NewtonSolver solver(terms, brick.state.layout(), options);
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      brick.shake(2e-4, seed);
+      for (int i = 0; i < 5; ++i) {
+        const StepReport report = solver.step(brick.state, 0.01);
+        ASSERT_EQ(report.status, StepStatus::converged) << has_kinks << ' ' << seed << ' ' << i;
+        iterations[has_kinks] += report.iterations;
+        most[has_kinks] = std::max(most[has_kinks], report.iterations);
+      }
+    }
+    paths[has_kinks] = brick.state.node_positions;
+  }
+  std::printf("  iterations %d (most %d), with kinks %d (%d)\n", iterations[0], most[0], iterations[1], most[1]);
+  EXPECT_LE((paths[0] - paths[1]).cwiseAbs().maxCoeff(), 1e-7);
+  EXPECT_LE(iterations[0], 1.2 * iterations[1]);
+  EXPECT_LE(most[0], 60);
+}
+
+// The factor is too stiff at one node of 400. The RMS hardly sees this node.
+TEST(NewtonSolver, ChordStepSeesASingleNodeThatMoves) {
+  constexpr int kNodes = 400;
+  const DofLayout layout{kNodes, 1};  // the body carries the nodes
+  State state = empty_state(layout);
+  std::vector<int> all(kNodes);
+  std::iota(all.begin(), all.end(), 0);
+  Anchors anchors(all, 1e4, state.node_positions);
+  Inertia inertia(std::vector<double>(kNodes, 1e-6), 1);
+  inertia.set_dynamic(0, 0.01, 1e-6 * Matrix3::Identity(), Vector3::Zero());
+  FaultyTerm faulty;
+  NewtonSolver solver({&inertia, &anchors, &faulty}, layout, SolverOptions{});
+  solver.use_linkage(Linkage(layout, {}, std::vector<std::int32_t>(kNodes, 0)), [](Linkage&) { return true; });
+  faulty.curvature = 5e3;
+  EXPECT_TRUE(solver.step(state, 0.01).chord);
+  faulty.curvature = 0;
+  state.node_positions(0, 0) = 3e-4;
+  EXPECT_TRUE(solver.step(state, 0.01).chord);
+  EXPECT_LE(std::abs(state.node_positions(0, 0)), 4e-5) << "an iteration leaves a third of the way";
 }
 
 // The material is almost steel: a small remaining motion still means much energy.

@@ -544,6 +544,62 @@ TEST(NewtonSolver, RecoversFromCollapseAndInversion) {
   }
 }
 
+/// f |x - x_0| of the first node's x, with a small curvature. Its minimum is a kink: no direction leads down from it,
+/// although the gradient is not zero.
+class Valley final : public Energy {
+ public:
+  std::string_view name() const override { return "valley"; }
+  void add_pattern(BlockPattern&) const override {}
+  void bind(const BlockMatrix& matrix) override { slot_ = matrix.find(0, 0); }
+  double value(const State& state) const override { return 2.0 * std::abs(state.node_positions(0, 0)); }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    gradient[0] += state.node_positions(0, 0) < 0 ? -2.0 : 2.0;
+    return value(state);
+  }
+  void add_hessian(const State&, BlockMatrix& hessian, Curvature) const override {
+    hessian.add(slot_, 10.0 * Matrix3::Identity());
+  }
+
+ private:
+  BlockSlot slot_;
+};
+
+TEST(NewtonSolver, StaysWhereNoDirectionLeadsDown) {
+  for (const std::int64_t iterations : {1, 2, 60}) {
+    for (const bool measures : {true, false}) {
+      Valley valley;
+      State state = one_node(Vector3::Zero());
+      SolverOptions options = converging(iterations);
+      options.measure_result = measures;
+      NewtonSolver solver({&valley}, state.layout(), options);
+      const StepReport report = solver.step(state, 0.01);
+      EXPECT_EQ(state.node_positions(0, 0), 0) << iterations << ": the step raised the energy";
+      EXPECT_TRUE(report.state_changed);
+      EXPECT_EQ(report.increment, 0);
+      EXPECT_EQ(report.energy, 0);
+    }
+  }
+}
+
+// The polar rotation jumps where the sum of the two smallest stretches is zero: all tetrahedra are mirrored. From the
+// ridge of the energy (compressed) every direction leads down. At its valley (stretched) none may.
+TEST(NewtonSolver, DoesNotRaiseTheEnergyAtTheKinkOfThePolarRotation) {
+  for (const double stretch : {0.5, 1.0, 2.0, 4.0}) {
+    for (const std::int64_t iterations : {1, 3, 60}) {
+      Brick brick;
+      brick.state.node_positions.row(0) *= stretch;
+      brick.state.node_positions.row(2) *= -1;
+      const Eigen::Matrix3Xd before = brick.state.node_positions;
+      NewtonSolver solver(brick.terms(), brick.state.layout(), converging(iterations));
+      const StepReport report = solver.step(brick.state, 0.01);
+      double start = 0;
+      for (std::size_t t = 0; t < report.term_count; ++t) start += report.terms[t].start;
+      EXPECT_LT(report.energy, start) << stretch << ' ' << iterations;
+      EXPECT_FALSE(same_bits(before, brick.state.node_positions)) << "still at the kink";
+    }
+  }
+}
+
 TEST(NewtonSolver, SurvivesRandomNodes) {
   int at_rest = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {

@@ -1,0 +1,51 @@
+// The factor of the Hessian: in float with a fallback in double, or in double, or of another linear solver.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "solver/incremental_potential.hpp"
+#include "solver/linear_solver.hpp"
+
+namespace softhand {
+
+class HessianFactor {
+ public:
+  /// Analyses the pattern of `hessian`.
+  HessianFactor(const SolverOptions& options, const BlockMatrix& hessian);
+
+  /// Makes a new factor of the potential's Hessian, in double if `in_double` or if the float factor fails. An exact
+  /// Hessian that is not positive definite is evaluated again at `state`, projected. After this, shifts of the diagonal
+  /// are tried. Returns false if all fail.
+  bool renew(IncrementalPotential& potential, const State& state, bool in_double, StepMeter& meter);
+  /// Renews only the terms with kinks, at `state`, and the fronts above their blocks. Requires `is_of`. Returns false
+  /// if these terms hardly changed or if the sum is not positive definite. Then the whole Hessian must be renewed.
+  bool renew_kinks(IncrementalPotential& potential, const State& state, StepMeter& meter);
+  void solve(const VectorX& rhs, VectorX& x, StepMeter& meter);
+  /// The linear solver with the last factor. The caller counts the work.
+  LinearSolver& linear_solver() { return *last_; }
+
+  /// Whether this is the factor of the potential's Hessian as it is now, without a shift.
+  bool is_of(const IncrementalPotential& potential) const { return version_ == potential.version(); }
+  /// No other factor would be more precise.
+  bool is_most_precise() const { return !precise_ || last_ == precise_.get(); }
+  /// The factor is the fallback in double.
+  bool is_fallback() const { return last_ == precise_.get(); }
+  /// Floating-point operations of a whole factorisation, and the count of numbers in the factor.
+  double operations() const { return solver_->factor_operations(); }
+  double entries() const { return solver_->factor_entries(); }
+
+  /// Takes over the factor of `other`, which was made of the same pattern. Returns false and does nothing if the linear
+  /// solvers differ in kind.
+  bool take_over(const HessianFactor& other);
+
+ private:
+  void count_work(StepMeter& meter) const;
+
+  std::unique_ptr<LinearSolver> solver_;
+  std::unique_ptr<LinearSolver> precise_;  // fallback in double for a float factor; else null
+  LinearSolver* last_ = nullptr;           // the one of these two that holds the last factor
+  std::uint64_t version_ = 0;              // of the factorised Hessian; 0: it was shifted, or there is no factor
+};
+
+}  // namespace softhand
