@@ -51,7 +51,8 @@ std::string without_text(const std::string& source) {
 // functions are local to the file, and members belong to their class.
 std::set<std::string> defined_types(const std::string& source) {
   static const std::regex token(
-      R"(namespace\s+([\w:]*)\s*\{|\b(?:class|struct|union|enum(?:\s+class)?)\s+(?:alignas\([^)]*\)\s*)?(\w+)(?:\s+final)?(?:\s*:(?!:)[^;{(]*)?\s*\{|\{|\})",
+      R"(namespace\s+([\w:]*)\s*\{|\b(?:class|struct|union|enum(?:\s+class)?)\s+(?:alignas\([^)]*\)\s*)?)"
+      R"((\w+)(?:\s+final)?(?:\s*:(?!:)[^;{(]*)?\s*\{|\{|\})",
       std::regex::optimize);
   std::set<std::string> names;
   std::vector<std::string> scopes;  // name of a namespace; "-" for all other scopes
