@@ -61,10 +61,14 @@ std::vector<Vector3> points_of(const std::vector<Triangle>& surface) {
   return points;
 }
 
-// Corners and volume of the hull of the part.
+// Corners and volume of the hull of the part. With fewer corners a hull that failed can succeed.
 void close(Part& part, std::size_t most_vertices) {
-  part.corners = hull_corners(points_of(part.surface), most_vertices);
-  part.hull_volume = hull_volume(part.corners);
+  const std::vector<Vector3> points = points_of(part.surface);
+  for (std::size_t most = most_vertices; most >= 4; most = most * 3 / 4) {
+    part.corners = hull_corners(points, most);
+    part.hull_volume = hull_volume(part.corners);
+    if (part.hull_volume > 0) return;
+  }
 }
 
 // Cuts `part` at the best plane. The result replaces `part` and is returned.
