@@ -111,8 +111,8 @@ def unit(a):
 
 
 def sweep(path, across, up_radius, side_radius, count=16, closed=False):
-    """A tube with an elliptic section along a path. `across` is a direction that is never along the path. The ends of an
-    open path are flat."""
+    """A tube with an elliptic section along a path. `across` is a direction that is never along the path. The ends of
+    an open path are flat."""
     mesh, rings = Mesh(), []
     size = len(path)
     for i, point in enumerate(path):
@@ -140,7 +140,8 @@ def rounded_box(half, radius, parts=3, flat=None):
     def line(axis):
         middle = 1 if flat is None else max(1, math.ceil(2 * inner[axis] / flat))
         return ([(-a, -inner[axis]) for a in reversed(steps)]
-                + [(0, inner[axis] * (2 * i / middle - 1)) for i in range(1, middle)] + [(a, inner[axis]) for a in steps])
+                + [(0, inner[axis] * (2 * i / middle - 1)) for i in range(1, middle)]
+                + [(a, inner[axis]) for a in steps])
 
     mesh, found = Mesh(), {}
 
@@ -267,8 +268,8 @@ def button():
     slider = {"kind": "slider", "parent": "housing", "child": "button", "origin": [0, 0.014, 0], "axis": [0, 1, 0],
               "minimum": -0.005, "maximum": 0, "friction": 0.1, "damping": 0.5, "stiffness": 800, "rest": 0.002,
               "detents": [{"at": -0.0025, "depth": -0.00087, "width": 0.0015, "period": 0}]}
-    return {"links": [link("housing", [housing], 0.5, 0.001, mass=0.120), link("button", [cap], 0.6, 0.001, mass=0.012)],
-            "joints": [slider]}
+    links = [link("housing", [housing], 0.5, 0.001, mass=0.120), link("button", [cap], 0.6, 0.001, mass=0.012)]
+    return {"links": links, "joints": [slider]}
 
 
 def key():
@@ -276,7 +277,8 @@ def key():
     ring = lathe([(0.0035, -0.00095), (0.0038, -0.00125), (0.0117, -0.00125), (0.0120, -0.00095), (0.0120, 0.00095),
                   (0.0117, 0.00125), (0.0038, 0.00125), (0.0035, 0.00095)], 40, closed=True)
     bow = ring.moved(turn=lambda v: (v[0], -v[2], v[1]))
-    shaft = prism([(-0.004, -0.045), (-0.001, -0.045), (0.004, -0.040), (0.004, -0.007), (-0.004, -0.007)], -0.0012, 0.0012)
+    shaft = prism([(-0.004, -0.045), (-0.001, -0.045), (0.004, -0.040), (0.004, -0.007), (-0.004, -0.007)],
+                  -0.0012, 0.0012)
     teeth = [prism([(-0.0062, y - 0.0035), (-0.0012, y - 0.0045), (-0.0012, y + 0.0045), (-0.0062, y + 0.0012)],
                    -0.00115, 0.00115) for y in (-0.022, -0.031, -0.0395)]
     return {"links": [link("key", [bow, shaft, *teeth], 0.4, 0.0006, density=8500)]}

@@ -74,8 +74,8 @@ def render(model, coordinates):
     image = [(0.97, 0.97, 0.97)] * (wide * high)
     light = unit(LIGHT)
     for index, t in shapes:
-        p = [(wide / 2 + scale * (v[0] - (low[0] + top[0]) / 2), high / 2 - scale * (v[1] - (low[1] + top[1]) / 2), v[2])
-             for v in t]
+        middle = [(low[k] + top[k]) / 2 for k in range(2)]
+        p = [(wide / 2 + scale * (v[0] - middle[0]), high / 2 - scale * (v[1] - middle[1]), v[2]) for v in t]
         area = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1])
         if area >= 0:  # seen from behind
             continue

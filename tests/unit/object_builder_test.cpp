@@ -101,7 +101,8 @@ std::string gltf(const TriangleMesh& mesh, const std::string& buffer_uri, std::s
       const auto value = static_cast<float>(v[k]);
       buffer += bytes_of(&value, 4);
     }
-  return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"children":[1],"translation":[1,0,0]},)"
+  return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],)"
+         R"("nodes":[{"children":[1],"translation":[1,0,0]},)"
          R"({"mesh":0,"scale":[2,1,1]}],"meshes":[{"primitives":[{"attributes":{"POSITION":1},"indices":0}]}],)"
          R"("accessors":[{"bufferView":0,"componentType":5123,"count":)" +
          std::to_string(3 * mesh.triangles.size()) +
