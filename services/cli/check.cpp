@@ -11,6 +11,7 @@
 #include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
+#include "runtime/object_store.hpp"
 #include "tracking/tracking_loop.hpp"
 #include "world/world_options.hpp"
 
@@ -24,6 +25,20 @@ void check_hand(const std::string& path) {
   fmt::print("{}: a {} hand, {} nodes, {} tetrahedra, {:.0f} ml, {} attachments, {} skin vertices\n", path,
              hand.side == Side::left ? "left" : "right", hand.node_count(), hand.tetrahedra.size(), volume * 1e6,
              hand.attachments.size(), hand.skin_vertices.size());
+}
+
+void check_object(const std::string& path) {
+  const LoadedObject object = load_object(path);
+  fmt::print("{}: an object of {} links and {} joints, SHA-256 {}\n", path, object.model.links.size(),
+             object.model.joints.size(), object.sha256);
+  for (const ObjectLink& link : object.model.links) {
+    fmt::print("  link {}: {:.1f} g, {} triangles, cells of {:.2f} mm, {} convex pieces\n", link.name, 1e3 * link.mass,
+               link.mesh.triangles.size(), 1e3 * link.grid_spacing, link.pieces.size());
+  }
+  for (const LinkJoint& joint : object.model.joints) {
+    fmt::print("  {} from {} to {}\n", to_string(joint.law.kind), object.model.links[joint.parent].name,
+               object.model.links[joint.child].name);
+  }
 }
 
 void check_rig(const std::string& path) {
@@ -82,7 +97,9 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
 }
 
 int run_check(const std::string& path) {
-  if (path.ends_with(".json")) {
+  if (path.ends_with(kObjectSuffix)) {
+    check_object(path);
+  } else if (path.ends_with(".json")) {
     check_hand(path);
   } else if (is_rig(path)) {
     check_rig(path);
