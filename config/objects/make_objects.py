@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Makes the object files of this folder: make_objects.py BUILDER [NAME...].
+"""Makes the object files of this folder: make_objects.py BUILDER [NAME...] [--out FOLDER].
 
 BUILDER is the program softhand-build-object. Without names it makes all objects. Writes closed OBJ meshes and a
-description of each object to a temporary folder, and the object files to the folder of this script. Lengths are in m.
-Needs only Python's standard library.
+description of each object to a temporary folder, and the object files to FOLDER, by default the folder of this script.
+Lengths are in m. Needs only Python's standard library.
 """
+import argparse
 import json
 import math
 import os
 import subprocess
-import sys
 import tempfile
 
 NOTICE = "Made by config/objects/make_objects.py of softhand; under the licence of softhand"
@@ -298,10 +298,16 @@ OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, p
 
 
 def main():
-    builder, names = sys.argv[1], sys.argv[2:] or list(OBJECTS)
-    here = os.path.dirname(os.path.abspath(__file__))
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("builder", help="the program softhand-build-object")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"objects to make: {', '.join(OBJECTS)}; default: all")
+    parser.add_argument("--out", default=os.path.dirname(os.path.abspath(__file__)), metavar="FOLDER")
+    options = parser.parse_intermixed_args()
+    unknown = [name for name in options.names if name not in OBJECTS]
+    if unknown:
+        parser.error(f"unknown object {unknown[0]}; expected one of {', '.join(OBJECTS)}")
     with tempfile.TemporaryDirectory() as folder:
-        for name in names:
+        for name in options.names or OBJECTS:
             description = {"name": name, "notice": NOTICE, **OBJECTS[name]()}
             for part in description["links"]:
                 files = []
@@ -312,10 +318,8 @@ def main():
             path = os.path.join(folder, name + ".json")
             with open(path, "w", encoding="utf-8") as out:
                 json.dump(description, out, indent=1)
-            subprocess.run([builder, path, "--output", os.path.join(here, name + ".object.json")], check=True)
+            subprocess.run([options.builder, path, "--output", os.path.join(options.out, name + ".object.json")], check=True)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        sys.exit(__doc__)
     main()

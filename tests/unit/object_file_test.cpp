@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <random>
 
 #include "geometry/mesh_distance.hpp"
 #include "model/object_model.hpp"
@@ -175,6 +176,40 @@ TEST(ObjectFile, BadFilesAreRefusedWithFileAndField) {
   std::ofstream(path) << good.substr(0, good.size() / 2);
   EXPECT_NE(message([&] { load_object(path); }).find("not an object file"), std::string::npos);
   EXPECT_NE(message([&] { load_object(temporary / "none"); }).find("cannot be opened"), std::string::npos);
+}
+
+// Every damaged file is either refused with a message or still valid.
+TEST(ObjectFile, DamagedFilesDoNotCrash) {
+  const Folder temporary;
+  save_object(two_boxes(), temporary / "a.object.json");
+  const std::string good = content(temporary / "a.object.json");
+  std::mt19937 random(11);
+  const std::string characters = "0123456789-+.eE,:[]{}\"\\ntfx \x80";
+  int refused = 0;
+  for (int i = 0; i < 2000; ++i) {
+    std::string text = good;
+    for (int k = 0; k < 1 + i % 4; ++k) {
+      const std::size_t place = random() % text.size();
+      switch (random() % 3) {
+        case 0:
+          text[place] = characters[random() % characters.size()];
+          break;
+        case 1:
+          text.erase(place, 1 + random() % 20);
+          break;
+        default:
+          text.insert(place, 1 + random() % 3, characters[random() % characters.size()]);
+          break;
+      }
+    }
+    try {
+      parse_object(text, "file");
+    } catch (const std::runtime_error& error) {
+      ++refused;
+      EXPECT_EQ(std::string(error.what()).rfind("file: ", 0), 0u) << error.what();
+    }
+  }
+  EXPECT_GT(refused, 1000);
 }
 
 TEST(ObjectFile, FindsAnObjectByNameAndHash) {
