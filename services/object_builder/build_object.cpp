@@ -1,5 +1,6 @@
 #include "object_builder/build_object.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -41,22 +42,29 @@ LinkJoint read_joint(const FieldReader& reader, const std::vector<LinkSource>& l
   return joint;
 }
 
-// The mesh as the file will hold it: rounded, welded, without triangles that this leaves without an area.
+// The mesh as the file will hold it: rounded, welded, without triangles that this leaves without an area. Vertices and
+// triangles are sorted, because the order of CGAL's unions depends on addresses.
 TriangleMesh rounded(const TriangleMesh& mesh) {
-  TriangleMesh out;
   std::map<std::array<double, 3>, std::int32_t> places;
-  for (const auto& triangle : mesh.triangles) {
-    std::array<std::int32_t, 3> corners{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Vector3 x = rounded_position(mesh.vertices[static_cast<std::size_t>(triangle[k])]);
-      const auto [found, fresh] =
-          places.try_emplace({x.x(), x.y(), x.z()}, static_cast<std::int32_t>(out.vertices.size()));
-      if (fresh) out.vertices.push_back(x);
-      corners[k] = found->second;
-    }
-    if (corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0])
-      out.triangles.push_back(corners);
+  const auto key = [&mesh](std::int32_t v) {
+    const Vector3 x = rounded_position(mesh.vertices[static_cast<std::size_t>(v)]);
+    return std::array<double, 3>{x.x(), x.y(), x.z()};
+  };
+  for (const auto& triangle : mesh.triangles)
+    for (const std::int32_t v : triangle) places.try_emplace(key(v), 0);
+  TriangleMesh out;
+  for (auto& [place, number] : places) {
+    number = static_cast<std::int32_t>(out.vertices.size());
+    out.vertices.emplace_back(place[0], place[1], place[2]);
   }
+  for (const auto& triangle : mesh.triangles) {
+    std::array<std::int32_t, 3> corners{places.at(key(triangle[0])), places.at(key(triangle[1])),
+                                        places.at(key(triangle[2]))};
+    if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) continue;
+    std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
+    out.triangles.push_back(corners);
+  }
+  std::sort(out.triangles.begin(), out.triangles.end());
   return out;
 }
 
