@@ -69,6 +69,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);
   describe_list(v, "objects", "An object of the world.", o.objects);
+  describe_list(v, "joints", "A joint between two objects (docs/articulated-objects.md).", o.joints);
   describe_section(v, "haptic", "Haptic devices.", o.haptic);
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
   describe_section(v, "viewer", "The browser viewer.", o.viewer);

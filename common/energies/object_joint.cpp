@@ -201,13 +201,7 @@ double ObjectJointEnergy::coordinate(int place, const State& state) const {
 double ObjectJointEnergy::gap(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set) return 0;
-  const JointPose pose = pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent);
-  Vector3 offset(pose.offset(0).value, pose.offset(1).value, pose.offset(2).value);
-  const JointLaw& law = joint.model.law;
-  if (law.kind == ObjectJointKind::slider) offset.y() = 0;
-  if (law.kind == ObjectJointKind::screw)
-    offset.y() -= law.pitch / (2 * std::numbers::pi) * joint_coordinate(law, pose);
-  return offset.norm();
+  return held_gap(joint.model.law, pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
 }
 
 double ObjectJointEnergy::misalignment(int place, const State& state) const {

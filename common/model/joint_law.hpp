@@ -116,6 +116,8 @@ struct JointPose {
 /// Coordinate q of a hinge, a slider or a screw from the poses alone. The turn of a hinge is the one nearest to the
 /// middle of its limits, or to the rest of its spring, or to 0. The turn of a screw is the one nearest to its place.
 double joint_coordinate(const JointLaw& law, const JointPose& pose);
+/// Distance (m) of the two frames in the directions that the joint holds.
+double held_gap(const JointLaw& law, const JointPose& pose);
 /// The row of q, with the turn nearest to `near`.
 JointRow joint_row(const JointLaw& law, const JointPose& pose, double near);
 

@@ -66,7 +66,8 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   Scene scene = read_scene(path, overrides);
   std::string wrong;
   for (const std::string& problem :
-       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
+       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz,
+                   scene.options.joints)) {
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
   if (!wrong.empty()) throw ConfigError(wrong);

@@ -48,6 +48,8 @@ SOFTHAND_NAMED(FingerContact);
 SOFTHAND_NAMED(Contacts);
 SOFTHAND_NAMED(Shape);
 SOFTHAND_NAMED(ObjectDescription);
+SOFTHAND_NAMED(JointDetent);
+SOFTHAND_NAMED(ObjectJointDescription);
 SOFTHAND_NAMED(NeighbourPlane);
 SOFTHAND_NAMED(ObjectState);
 SOFTHAND_NAMED(WorldObjects);
@@ -247,6 +249,7 @@ TEST(BusWire, BytesMatchFastsGenerator) {
   SOFTHAND_CHECK(MessageReply);
   SOFTHAND_CHECK(LoopStatus);
   SOFTHAND_CHECK(ObjectDescription);
+  SOFTHAND_CHECK(ObjectJointDescription);
   SOFTHAND_CHECK(HandDescription);
 #undef SOFTHAND_CHECK
 }
