@@ -94,6 +94,7 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
     HandOptions& hand = scene.options.hand;
     hand.mirrored_objects = std::min(hand.mirrored_objects, movable);
     hand.static_objects = std::min(hand.static_objects, static_cast<std::int64_t>(objects.size()) - movable);
+    hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
   return scene;
 }
