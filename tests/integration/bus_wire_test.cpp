@@ -189,7 +189,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
               !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply>))
         << topic.name;
   });
-  EXPECT_EQ(names.size(), 15u);
+  EXPECT_EQ(names.size(), 16u);
 }
 
 /// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.
