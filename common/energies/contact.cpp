@@ -262,7 +262,7 @@ double ContactSet::reach(const Slot& slot, const Pose& from, const Pose& to) con
 }
 
 void ContactSet::begin_step(const State& state, double time_step) {
-  if (std::exchange(in_step_, true)) remove_if([](const Anchor& anchor) { return anchor.fresh; });
+  if (std::exchange(in_step_, true)) remove_if([](const Anchor& anchor) { return !anchor.known; });
   time_step_ = time_step;
   start_positions_ = state.node_positions;
   bool any = false;
@@ -281,7 +281,27 @@ void ContactSet::begin_step(const State& state, double time_step) {
     s.jumped = s.seen && reach(s, s.last_pose, s.start_pose) > kSamePlace;
     find_candidates(slot, state);
   }
-  for (Anchor& anchor : anchors_) begin_anchor(anchor, state);
+  for (Anchor& anchor : anchors_) {
+    const Vector3 position = state.node_positions.col(anchor.node);
+    begin_anchor(anchor, position, position + time_step * state.node_velocities.col(anchor.node));
+  }
+}
+
+bool ContactSet::revise(const State& state) {
+  bool changed = false;
+  for (Anchor& anchor : anchors_) {
+    if (!anchor.two_sided) continue;
+    anchor.two_sided = false;
+    if (!(offset(anchor, state).depth > 0)) continue;
+    anchor.friction_bound = 0;
+    changed = true;
+  }
+  find_crossed(state, [&](Anchor& anchor) {
+    anchor.fresh = true;
+    begin_anchor(anchor, start_positions_.col(anchor.node), state.node_positions.col(anchor.node));
+    changed = true;
+  });
+  return changed;
 }
 
 void ContactSet::find_candidates(int slot, const State& state) {
@@ -318,12 +338,13 @@ void ContactSet::find_candidates(int slot, const State& state) {
       }
       if (Anchor* anchor = create(slot, node, inside, surface.normal)) anchor->saved_recess = -surface.distance;
     } else if (const auto met = meeting(s, position, position + time_step_ * state.node_velocities.col(node))) {
-      if (Anchor* anchor = create(slot, node, met->point, met->normal)) anchor->fresh = true;
+      if (Anchor* anchor = create(slot, node, met->point, met->normal)) anchor->fresh = anchor->two_sided = true;
     }
   });
 }
 
-void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
+// `start`: of the node's path in this step, world. `end`: its predicted end.
+void ContactSet::begin_anchor(Anchor& anchor, const Vector3& start, const Vector3& end) {
   anchor.anchor = anchor.saved_anchor;
   anchor.normal = anchor.saved_normal;
   anchor.recess = anchor.saved_recess;
@@ -334,24 +355,22 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   anchor.recess -= out;
 
   const Slot& s = at(anchor.slot);
-  const Vector3 position = state.node_positions.col(anchor.node);
-  const Vector3 end = position + time_step_ * state.node_velocities.col(anchor.node);
-  const Vector3 before = to_local(pose_before(anchor), position);
+  const Vector3 before = to_local(pose_before(anchor), start);
   const double depth_before = anchor.normal.dot(before - anchor.anchor);
   const double force_before = anchor.stiffness * std::max(0.0, -depth_before);
-  const bool swept = sweep(anchor, position, end, anchor.friction * force_before);
+  const bool swept = sweep(anchor, start, end, anchor.friction * force_before);
   const auto tangential = [&anchor](const Vector3& v) { return Vector3(v - anchor.normal.dot(v) * anchor.normal); };
   const Vector3 next = to_local(s.end_pose, end) - anchor.anchor;
   // A swept plane is at the predicted end of the node's path, so it gives no stretch at the start.
-  const Vector3 now = swept ? next : Vector3(to_local(s.start_pose, position) - anchor.anchor);
+  const Vector3 now = swept ? next : Vector3(to_local(s.start_pose, start) - anchor.anchor);
   Vector3 stretch = tangential(now);
   const Vector3 movement = tangential(next - now);
-  if (anchor.fresh) {
+  if (anchor.fresh || anchor.missed) {
     const double depth = std::max(0.0, -anchor.normal.dot(next));
     const double inertia = node_masses_[static_cast<std::size_t>(anchor.node)] / (time_step_ * time_step_);
     anchor.friction_bound = anchor.friction * anchor.stiffness * depth * inertia / (inertia + anchor.stiffness);
     anchor.predicted_secant = anchor.friction_bound > 0 ? friction_of(anchor).secant(movement.norm()) : 0.0;
-    anchor.stretch_origin = stretch;
+    anchor.stretch_origin = anchor.fresh ? stretch : Vector3(Vector3::Zero());
   } else {
     const double force = swept ? force_before : anchor.stiffness * std::max(0.0, -anchor.normal.dot(now));
     anchor.friction_bound = anchor.friction * force;
@@ -376,8 +395,8 @@ void ContactSet::begin_anchor(Anchor& anchor, const State& state) {
   // there is a choice. If the object moves little, the choice uses the predicted path of the node. If it moves far, the
   // choice uses the actual stretch.
   anchor.stretch_start = stretch - anchor.stretch_origin;
-  const Vector3 first =
-      tangential(to_local(body_pose(anchor.slot, state), position) - anchor.anchor) - anchor.stretch_origin;
+  const Pose& pose = s.kind == ContactObject::fixed ? s.end_pose : s.start_pose;
+  const Vector3 first = tangential(to_local(pose, start) - anchor.anchor) - anchor.stretch_origin;
   if ((first - anchor.stretch_start).norm() < kLittleMotion) anchor.stretch_start = first;
   const Vector3 from_anchor = before - anchor.anchor;
   anchor.start_energy = normal_energy(anchor, swept ? depth_before : anchor.normal.dot(from_anchor));
@@ -474,7 +493,7 @@ void ContactSet::end_step(const State& state) {
   }
   for (Anchor& anchor : anchors_) {
     const Offset o = offset(anchor, state);
-    const double pressure = anchor.fresh || o.depth < 0 ? -anchor.stiffness * o.depth : 0.0;
+    const double pressure = anchor.two_sided || o.depth < 0 ? -anchor.stiffness * o.depth : 0.0;
     const Vector3 push = pressure * o.normal;
     const Vector3 drag = -friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
     anchor.force = push + drag;
@@ -497,14 +516,12 @@ void ContactSet::end_step(const State& state) {
     return depth >= 0 && !(anchor.recess > 0);
   });
 
-  displacements_ = state.node_positions - start_positions_;
-  bool any = false;
-  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
-    Slot& s = at(slot);
+  find_crossed(state, [&](Anchor& anchor) {
+    anchor.missed = true;
+    settle(anchor, offset(anchor, state));
+  });
+  for (Slot& s : slots_) {
     if (s.geometry == nullptr) continue;
-    if (!any) groups_.update(start_positions_, displacements_, 1.0);
-    any = true;
-    find_missed(slot, state);
     s.last_pose = s.end_pose;
     s.seen = true;
   }
@@ -520,18 +537,30 @@ void ContactSet::end_step(const State& state) {
   }
 }
 
-void ContactSet::find_missed(int slot, const State& state) {
-  const Slot& s = at(slot);
-  groups_.for_each_near(*s.geometry, s.end_pose, reach(s, s.start_pose, s.end_pose), [&](std::int32_t node) {
-    if (has_anchor_[pair(slot, node)]) return;
-    const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
-    const Vector3 end = to_local(s.end_pose, state.node_positions.col(node));
-    ++queries_;
-    if (s.geometry->signed_distance(end) > (end - start).norm()) return;
-    if (const auto met = meeting(s, start_positions_.col(node), state.node_positions.col(node))) {
-      if (Anchor* anchor = create(slot, node, met->point, met->normal)) settle(*anchor, offset(*anchor, state));
+// Creates an anchor for each node that crossed an object's surface between the step's start and `state`, and calls
+// found(anchor).
+template <typename Found>
+void ContactSet::find_crossed(const State& state, Found&& found) {
+  bool any = false;
+  for (int slot = 0; slot < static_cast<int>(slots_.size()); ++slot) {
+    Slot& s = at(slot);
+    if (s.geometry == nullptr) continue;
+    if (!std::exchange(any, true)) {
+      displacements_ = state.node_positions - start_positions_;
+      groups_.update(start_positions_, displacements_, 1.0);
     }
-  });
+    s.end_pose = body_pose(slot, state);
+    groups_.for_each_near(*s.geometry, s.end_pose, reach(s, s.start_pose, s.end_pose), [&](std::int32_t node) {
+      if (has_anchor_[pair(slot, node)]) return;
+      const Vector3 start = to_local(s.start_pose, start_positions_.col(node));
+      const Vector3 end = to_local(s.end_pose, state.node_positions.col(node));
+      ++queries_;
+      if (s.geometry->signed_distance(end) > (end - start).norm()) return;
+      if (const auto met = meeting(s, start_positions_.col(node), state.node_positions.col(node))) {
+        if (Anchor* anchor = create(slot, node, met->point, met->normal)) found(*anchor);
+      }
+    });
+  }
 }
 
 double ContactSet::normal_energy(const Anchor& anchor, double depth) const {
@@ -590,7 +619,7 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   // The true stretch of a fresh anchor starts at the crossing. For an anchor ahead, it is the stretch of the energy.
   const bool ahead = std::exchange(anchor.ahead, false);
   if (!ahead) anchor.stretch_origin.setZero();
-  anchor.fresh = false;
+  anchor.fresh = anchor.two_sided = anchor.missed = false;
   const Offset o = offset(anchor, state);
   const double limit = anchor.friction * anchor.stiffness * std::max(0.0, -o.depth);
   const double stretch = o.stretch.norm();
@@ -767,7 +796,7 @@ double ContactEnergy::value(const State& state) const {
   double energy = 0;
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     const double depth = contacts_.offset(anchor, state).depth;
-    if (anchor.fresh || depth < 0) energy += 0.5 * anchor.stiffness * depth * depth;
+    if (anchor.two_sided || depth < 0) energy += 0.5 * anchor.stiffness * depth * depth;
   }
   return energy;
 }
@@ -776,7 +805,7 @@ double ContactEnergy::add_gradient(const State& state, VectorX& gradient) const 
   double energy = 0;
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     const ContactSet::Offset o = contacts_.offset(anchor, state);
-    if (!anchor.fresh && !(o.depth < 0)) continue;
+    if (!anchor.two_sided && !(o.depth < 0)) continue;
     energy += 0.5 * anchor.stiffness * o.depth * o.depth;
     contacts_.scatter_gradient(anchor, o.lever, anchor.stiffness * o.depth * o.normal, gradient);
   }
@@ -786,7 +815,7 @@ double ContactEnergy::add_gradient(const State& state, VectorX& gradient) const 
 void ContactEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     const ContactSet::Offset o = contacts_.offset(anchor, state);
-    if (!anchor.fresh && !(o.depth < 0)) continue;
+    if (!anchor.two_sided && !(o.depth < 0)) continue;
     const Matrix3 stiffness = anchor.stiffness * o.normal * o.normal.transpose();
     contacts_.scatter_hessian(anchor, o.lever, anchor.stiffness * o.depth * o.normal, stiffness, hessian, curvature);
   }

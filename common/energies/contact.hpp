@@ -12,9 +12,11 @@
 //   invariant under a rigid motion of node and object. Then force and torque balance exactly: the opposite of the
 //   node's force acts on the object at the node's position.
 // - A contact is one-sided (n . (x_n - x_a) < 0): it only pushes. Exception: a node that is predicted to cross the
-//   surface within the step. Its anchor is put at the crossing at the step's start, and is two-sided for this step.
-//   Otherwise a step of one Newton iteration would miss the contact, because it starts before the crossing. Then a
-//   tip at 1 m/s would sink 11 mm before the first force.
+//   surface within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration
+//   has moved the node. Otherwise the first iteration would miss the contact, because it starts before the crossing.
+//   Then a tip at 1 m/s would sink 11 mm.
+// - Contact is revised after iterations: a node that crossed a surface without being predicted to gets an anchor at the
+//   crossing, and no anchor is two-sided any more.
 // - A node that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
 //   at 1 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
@@ -60,7 +62,9 @@ class ContactSet {
     double friction = 0;            ///< mu
     double friction_stiffness = 0;  ///< k_c w min(mu, 1), N/m
     // Fixed within the step.
-    bool fresh = false;           ///< predicted to cross in this step: two-sided
+    bool fresh = false;           ///< began in this step, before the node reached the surface
+    bool missed = false;          ///< found at the end of the last step: its normal force is not known yet
+    bool two_sided = false;       ///< predicted to cross in this step, and no iteration has moved the node yet
     bool sliding = false;         ///< slid in the last step and still moves in that direction
     bool ahead = false;           ///< anchor and normal are at the point to which the node slides
     double friction_bound = 0;    ///< mu f_n, N, with f_n from the step's start
@@ -116,6 +120,9 @@ class ContactSet {
 
   /// A step that began and did not end (refused or failed) has no effect on the next step.
   void begin_step(const State& state, double time_step);
+  /// `Energy::revise`: adds the nodes that crossed a surface between the step's start and `state`. Fresh anchors that
+  /// would pull become one-sided.
+  bool revise(const State& state);
   void end_step(const State& state);
   void add_pattern(BlockPattern& pattern) const;
   void bind(const BlockMatrix& matrix);
@@ -184,7 +191,7 @@ class ContactSet {
   Anchor* create(int slot, std::int32_t node, const Vector3& point, const Vector3& normal);
   template <typename Ends>
   void remove_if(Ends&& ends);
-  void begin_anchor(Anchor& anchor, const State& state);
+  void begin_anchor(Anchor& anchor, const Vector3& start, const Vector3& end);
   const Pose& pose_before(const Anchor& anchor) const;
   bool sweep(Anchor& anchor, const Vector3& start, const Vector3& end, double limit);
   static bool same_side(const Pose& from, const Vector3& before, const Pose& to, const Vector3& now);
@@ -193,7 +200,8 @@ class ContactSet {
   static bool only_turns_past(const ShapeGeometry& geometry, const Pose& from, const Pose& to, const Vector3& start,
                               const Vector3& end);
   void find_candidates(int slot, const State& state);
-  void find_missed(int slot, const State& state);
+  template <typename Found>
+  void find_crossed(const State& state, Found&& found);
   void slide(Anchor& anchor, double drag, const State& state);
   double normal_energy(const Anchor& anchor, double depth) const;
   bool hooks(const Anchor& anchor, const State& state, const Eigen::Matrix3Xd& bones) const;
@@ -242,6 +250,7 @@ class ContactEnergy final : public Energy {
   double value(const State& state) const override;
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  bool revise(const State& state) override { return contacts_.revise(state); }
   void end_step(State& state) override { contacts_.end_step(state); }
   EnergyFlow flow(double, double, double) const override { return contacts_.normal_flow(); }
 

@@ -46,6 +46,10 @@ class Energy {
     add_hessian(state, hessian, curvature);
     return add_gradient(state, gradient);
   }
+  /// Called after an iteration that moved the step's start to `state`. A term may change what it fixed in `begin_step`,
+  /// because the iteration went another way than predicted. Example: it crossed a surface. Returns whether `value` has
+  /// changed; the minimisation then continues with the new function.
+  virtual bool revise(const State& /*state*/) { return false; }
   /// Called after the solver has finished the step: anchors slide, contacts begin and end, inertia writes the new
   /// velocities into `state`.
   virtual void end_step(State& /*state*/) {}

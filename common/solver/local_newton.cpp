@@ -13,6 +13,8 @@ constexpr int kMaxHalvings = 5;
 constexpr double kArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
+constexpr int kMaxRows = 3 * LocalNewton::kMaxBlocks + LocalNewton::kMaxModes;
+
 }  // namespace
 
 LocalNewton::LocalNewton(DofLayout layout)
@@ -21,15 +23,19 @@ LocalNewton::LocalNewton(DofLayout layout)
       order_(kMaxBlocks),
       roots_(kMaxBlocks, 0),
       first_(kMaxBlocks, 0),
-      smooth_(3 * kMaxBlocks, 3 * kMaxBlocks),
-      factor_(3 * kMaxBlocks, 3 * kMaxBlocks),
-      smooth_gradient_(3 * kMaxBlocks),
-      local_gradient_(3 * kMaxBlocks),
-      step_(3 * kMaxBlocks),
-      total_(3 * kMaxBlocks),
-      trial_total_(3 * kMaxBlocks),
+      modes_(kMaxModes, VectorX::Zero(layout.dof_count())),
+      force_(layout.dof_count()),
+      product_(layout.dof_count()),
+      smooth_(kMaxRows, kMaxRows),
+      factor_(kMaxRows, kMaxRows),
+      smooth_gradient_(kMaxRows),
+      local_gradient_(kMaxRows),
+      step_(kMaxRows),
+      total_(kMaxRows),
+      trial_total_(kMaxRows),
       kinked_gradient_(layout.dof_count()) {
   blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
+  patches_.reserve(kMaxBlocks + 1);
   trial_.node_positions = trial_.node_velocities = Eigen::Matrix3Xd::Zero(3, layout.node_count);
   trial_.body_poses.resize(static_cast<std::size_t>(layout.body_count));
   trial_.body_velocities.resize(static_cast<std::size_t>(layout.body_count));
@@ -108,14 +114,66 @@ void LocalNewton::gather(const BlockMatrix& hessian, Dense& dense) const {
   }
 }
 
+// Modes of the patches with the largest residual forces. The last mode is that of the forces on all blocks that do not
+// move, and of the other patches.
+void LocalNewton::make_modes(const VectorX& gradient, int most_modes, LinearSolver& factor) {
+  patches_.clear();
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    if (blocks_[i] >= layout_.node_count) continue;
+    const std::int32_t patch = order_[i].first;
+    if (patches_.empty() || patches_.back().second != patch) patches_.push_back({0.0, patch});
+    patches_.back().first -= gradient.segment<3>(3 * blocks_[i]).squaredNorm();
+  }
+  std::sort(patches_.begin(), patches_.end());
+  mode_count_ = std::min({most_modes, kMaxModes, static_cast<int>(patches_.size()) + 1});
+  for (int m = 0; m < mode_count_; ++m) {
+    const bool is_rest = m + 1 == mode_count_;
+    if (is_rest) {
+      force_ = -gradient;
+    } else {
+      force_.setZero();
+    }
+    for (std::size_t i = 0; i < blocks_.size(); ++i) {
+      const auto patch = std::find_if(patches_.begin(), patches_.begin() + (mode_count_ - 1),
+                                      [&](const auto& p) { return p.second == order_[i].first; });
+      const bool has_own_mode = patch != patches_.begin() + (mode_count_ - 1);
+      auto force = force_.segment<3>(3 * blocks_[i]);
+      if (is_rest && has_own_mode) force.setZero();
+      if (!is_rest && has_own_mode && patch - patches_.begin() == m) force = -gradient.segment<3>(3 * blocks_[i]);
+    }
+    VectorX& mode = modes_[static_cast<std::size_t>(m)];
+    factor.solve(force_, mode);
+    for (const std::int32_t block : blocks_) mode.segment<3>(3 * block).setZero();
+  }
+}
+
+// The rows of the modes in `smooth_` and `smooth_gradient_`. `hessian` is without the terms with kinks.
+void LocalNewton::gather_modes(const BlockMatrix& hessian, const VectorX& gradient) {
+  const auto local = 3 * static_cast<Eigen::Index>(blocks_.size());
+  for (int m = 0; m < mode_count_; ++m) {
+    const VectorX& mode = modes_[static_cast<std::size_t>(m)];
+    hessian.multiply(mode, product_);
+    const Eigen::Index row = local + m;
+    for (std::size_t i = 0; i < blocks_.size(); ++i)
+      smooth_.row(row).segment<3>(3 * static_cast<Eigen::Index>(i)) = product_.segment<3>(3 * blocks_[i]);
+    for (int other = 0; other < mode_count_; ++other)
+      smooth_(row, local + other) = product_.dot(modes_[static_cast<std::size_t>(other)]);
+    smooth_.col(row).head(local) = smooth_.row(row).head(local);
+    smooth_gradient_[row] = mode.dot(gradient);
+  }
+}
+
+Eigen::Index LocalNewton::first_column(Eigen::Index row) const {
+  return row < 3 * static_cast<Eigen::Index>(blocks_.size()) ? 3 * first_[static_cast<std::size_t>(row / 3)] : 0;
+}
+
 // Computes the Cholesky factor within the envelope: a row stores no entry before its first one. Returns false if the
 // matrix is not positive definite.
 bool LocalNewton::factorise(double& operations) {
-  const auto first = [this](Eigen::Index row) { return 3 * first_[static_cast<std::size_t>(row / 3)]; };
   for (Eigen::Index i = 0; i < size_; ++i) {
-    const Eigen::Index begin = first(i);
+    const Eigen::Index begin = first_column(i);
     for (Eigen::Index j = begin; j <= i; ++j) {
-      const Eigen::Index from = std::max(begin, first(j)), count = std::max<Eigen::Index>(j - from, 0);
+      const Eigen::Index from = std::max(begin, first_column(j)), count = std::max<Eigen::Index>(j - from, 0);
       const double rest = factor_(i, j) - factor_.row(i).segment(from, count).dot(factor_.row(j).segment(from, count));
       operations += 2.0 * static_cast<double>(count + 1);
       if (j < i) {
@@ -131,13 +189,12 @@ bool LocalNewton::factorise(double& operations) {
 }
 
 void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
-  const auto first = [this](Eigen::Index row) { return 3 * first_[static_cast<std::size_t>(row / 3)]; };
   for (Eigen::Index i = 0; i < size_; ++i) {
-    const Eigen::Index begin = first(i);
+    const Eigen::Index begin = first_column(i);
     step[i] = (step[i] - factor_.row(i).segment(begin, i - begin).dot(step.segment(begin, i - begin))) / factor_(i, i);
   }
   for (Eigen::Index i = size_; i-- > 0;) {
-    const Eigen::Index begin = first(i);
+    const Eigen::Index begin = first_column(i);
     step[i] /= factor_(i, i);
     step.segment(begin, i - begin) -= step[i] * factor_.row(i).segment(begin, i - begin).transpose();
   }
@@ -171,7 +228,8 @@ void LocalNewton::move_to(const State& state, const Eigen::Ref<const VectorX>& m
 }
 
 LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature,
-                                          const VectorX& gradient, BlockMatrix& hessian, VectorX& direction) {
+                                          const VectorX& gradient, BlockMatrix& hessian, int most_modes,
+                                          LinearSolver& factor, VectorX& direction) {
   Result result;
   const auto renew_kinked = [&](const State& at) {
     hessian.take_back();
@@ -185,7 +243,10 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   include_journal(hessian);
   if (blocks_.empty() || blocks_.size() > kMaxBlocks) return result;
   order_blocks(hessian);
-  const Eigen::Index size = size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
+  make_modes(gradient, most_modes, factor);
+  result.modes = mode_count_;
+  const Eigen::Index local = 3 * static_cast<Eigen::Index>(blocks_.size());
+  const Eigen::Index size = size_ = local + mode_count_;
   const auto smooth = smooth_.topLeftCorner(size, size);
   auto smooth_gradient = smooth_gradient_.head(size), local_gradient = local_gradient_.head(size),
        step = step_.head(size), total = total_.head(size), trial_total = trial_total_.head(size);
@@ -200,11 +261,14 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   double energy = kinked_energy(kinked, state);
   select(gradient, smooth_gradient);
   select(kinked_gradient_, local_gradient);
-  smooth_gradient -= local_gradient;
+  smooth_gradient.head(local) -= local_gradient.head(local);
+  gather_modes(hessian, gradient);
   total.setZero();
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     renew_kinked(trial_);
     gather(hessian, factor_);
+    factor_.topLeftCorner(size, size).bottomRows(mode_count_) = smooth.bottomRows(mode_count_);
+    local_gradient.setZero();
     select(kinked_gradient_, local_gradient);
     local_gradient += smooth_gradient;
     local_gradient.noalias() += smooth * total;
@@ -228,10 +292,11 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     total = trial_total;
     if (step.lpNorm<Eigen::Infinity>() < kSmallMove) break;
   }
-  result.found = total.lpNorm<Eigen::Infinity>() > kSmallMove;
   direction.setZero();
+  for (int m = 0; m < mode_count_; ++m) direction += total[local + m] * modes_[static_cast<std::size_t>(m)];
   for (std::size_t i = 0; i < blocks_.size(); ++i)
     direction.segment<3>(3 * blocks_[i]) = total.segment<3>(3 * static_cast<Eigen::Index>(i));
+  result.found = direction.lpNorm<Eigen::Infinity>() > kSmallMove;
   return result;
 }
 

@@ -16,6 +16,7 @@
 #include "energies/energy.hpp"
 #include "math/block_matrix.hpp"
 #include "model/state.hpp"
+#include "solver/linear_solver.hpp"
 
 namespace softhand {
 
@@ -23,19 +24,22 @@ class LocalNewton {
  public:
   /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with 64 of them.
   static constexpr int kMaxBlocks = 128;
+  static constexpr int kMaxModes = 6;
 
   explicit LocalNewton(DofLayout layout);
 
   struct Result {
     bool found = false;     ///< `direction` lowers the model's energy, and moves something by more than 1 um
     double operations = 0;  ///< floating-point operations of the factors
+    int modes = 0;          ///< number of modes; each needs a solve with `factor`
   };
   /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.
   /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
   /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. It is unchanged if there are no
-  /// blocks or more than `kMaxBlocks`; then nothing is found. Does not allocate.
+  /// blocks or more than `kMaxBlocks`; then nothing is found. `most_modes`: at most this many modes are used, and at
+  /// most `kMaxModes`. `factor`: of a nearby Hessian; it solves for the modes. Does not allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
-                  BlockMatrix& hessian, VectorX& direction);
+                  BlockMatrix& hessian, int most_modes, LinearSolver& factor, VectorX& direction);
 
  private:
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -43,6 +47,9 @@ class LocalNewton {
   void include_journal(const BlockMatrix& hessian);
   void order_blocks(const BlockMatrix& hessian);
   void gather(const BlockMatrix& hessian, Dense& dense) const;
+  void make_modes(const VectorX& gradient, int most_modes, LinearSolver& factor);
+  void gather_modes(const BlockMatrix& hessian, const VectorX& gradient);
+  Eigen::Index first_column(Eigen::Index row) const;
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
   std::int32_t root_of(std::int32_t place) const;
@@ -55,7 +62,11 @@ class LocalNewton {
   std::vector<std::pair<std::int32_t, std::int32_t>> order_;  // scratch: sort key and block
   std::vector<std::int32_t> roots_;  // by place: another place of the same patch of skin; itself if it is the root
   std::vector<Eigen::Index> first_;  // by place: the first place that it shares a stored block with
-  Eigen::Index size_ = 0;            // rows in use
+  Eigen::Index size_ = 0;            // rows in use: of the blocks, then one for each mode
+  std::vector<VectorX> modes_;       // of all blocks, 0 in those that move
+  int mode_count_ = 0;
+  VectorX force_, product_;                               // scratch, of all blocks
+  std::vector<std::pair<double, std::int32_t>> patches_;  // scratch: residual force and root of a patch
   Dense smooth_, factor_;
   VectorX smooth_gradient_, local_gradient_, step_, total_, trial_total_;
   VectorX kinked_gradient_;  // of all blocks

@@ -49,7 +49,8 @@ constexpr double kLeastStride = 1.5, kLongestStride = 4;
 constexpr double kInside = 0.05;       // fraction of a bracket: least distance of the next trial from the ends
 constexpr double kPredictable = 2e-3;  // m, RMS of the bones: if the prediction error is larger, chord steps fail
 constexpr double kShortStep = 0.2;     // scale of an iteration: if it is shorter, all further moves are straight
-constexpr int kContactSolves = 2;      // after a step that did not converge
+constexpr int kMaxRevisions = 4;       // of the terms in a step
+constexpr int kContactSolves = 3;      // after a step that did not converge
 constexpr double kNoise = 100;         // times the rounding of the energy: no search if the slope promises less
 
 double steady_seconds() {
@@ -344,10 +345,12 @@ void NewtonSolver::move(State& state, double scale) {
 // gradient must be those of `state`. False if nothing was found or the energy does not fall.
 bool NewtonSolver::solve_contact(State& state, StepReport& report) {
   const double begin = clock_();
+  const double remaining = options_.work_budget - report.work - work_.contact_blocks - work_.evaluation;
+  const int most_modes = remaining > 0 ? static_cast<int>(std::min(remaining / work_.solve, 100.0)) : 0;
   const LocalNewton::Result result =
-      local_newton_.minimise(state, kinked_, curvature_, gradient_, hessian_, direction_);
+      local_newton_.minimise(state, kinked_, curvature_, gradient_, hessian_, most_modes, *factor_, direction_);
   report.timing.solve += clock_() - begin;
-  report.work += work_.contact_blocks + work_.per_local_operation * result.operations;
+  report.work += work_.contact_blocks + work_.per_local_operation * result.operations + result.modes * work_.solve;
   has_smooth_ = false;  // `hessian_` no longer belongs to the last factor
   if (!result.found) return false;
   ++report.contact_solves;
@@ -485,12 +488,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     return report;
   };
   bool continues_chord_step = false;  // a chord step did not converge, but its state has less energy than the start
-  const bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
-  const bool touches = prepare_ && linkage_.any_touching();
+  bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
+  bool touches = prepare_ && linkage_.any_touching();
   if (may_be_chord && is_predictable_) {
     if (chord_step(state, time_step, report)) return report;
     // In the fast mode the iterations begin at the step's start, as in the source.
     continues_chord_step = std::exchange(report.chord, false) && options_.max_iterations >= kFewIterations;
+    touches = linkage_.any_touching();
+    may_be_chord = !touches;
     if (!continues_chord_step) {
       state = start_;
       const StepTiming spent = report.timing;
@@ -519,6 +524,9 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   bool double_helps = true;  // double converges better than float if float converges slowly; true until disproved
   // Number of consecutive iterations so far whose factor was renewed only in the terms with kinks.
   int consecutive_kink_factors = reuses_factor ? 0 : kMaxConsecutiveKinkFactors;
+  const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
+  int revisions = 0;
+  bool is_revised = false;  // after the last iteration
   double best_energy = 0;
   double moved_before = 0;
   double contraction = 0;
@@ -571,7 +579,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       if (renews && !renews_kinks && !affords_whole) renews = false;
       // If a chord step did not factorise in this step, its factor is not usable here.
       const bool has_factor = iteration > 0 || report.factorisations > 0;
-      if (remaining < reuse_work || (!renews && !has_factor)) {
+      // The last factor lacks the contacts of a revision. Its direction would go into the object.
+      if (remaining < reuse_work || (!renews && (!has_factor || is_revised))) {
         report.status = StepStatus::budget_spent;
         break;
       }
@@ -642,6 +651,19 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       in_double = needs_double || double_helps;
     }
     ++report.iterations;
+    // A converged step is revised at its end only, so that its result does not depend on the way there.
+    const bool may_be_last = is_truncated || has_converged() || report.increment <= options_.increment_tolerance;
+    is_revised = may_be_last && revisions < kMaxRevisions && revise(state);
+    if (is_revised) {
+      ++revisions;
+      touches = prepare_ && linkage_.any_touching();
+      may_be_chord = may_be_chord && !touches;
+      if (!evaluate(state, report, false)) return give_up();
+      evaluated = true;
+      linearised = have_best = reuses_factor = false;
+      remaining_move = std::numeric_limits<double>::infinity();
+      continue;
+    }
     if (report.increment <= options_.increment_tolerance) {
       report.status = StepStatus::converged;
       break;
@@ -667,6 +689,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       evaluated = true;
     }
     for (int k = 0; k < kContactSolves && solve_contact(state, report); ++k) {
+      if (revise(state) && !evaluate(state, report, false)) return give_up();
     }
   }
   if (prepare_) is_predictable_ = linkage_.prediction_error(start_, state, time_step) <= kPredictable;
@@ -685,6 +708,14 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   report.state_changed = true;
   report.measured = evaluated;
   return report;
+}
+
+// Lets the terms change after an iteration (`Energy::revise`). Returns whether the energy has changed.
+bool NewtonSolver::revise(const State& state) {
+  bool changed = false;
+  for (Energy* term : terms_) changed |= term->revise(state);
+  if (changed && prepare_) prepare_(linkage_);
+  return changed;
 }
 
 void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare) {
@@ -799,6 +830,10 @@ bool NewtonSolver::chord_step(State& state, double time_step, StepReport& report
     // With a factor that is much too stiff the increments are small, however large the residual is.
     const bool shrank = report.residual <= std::max(options_.residual_tolerance, kStalled * residual);
     if (moved_little && fell && shrank) {
+      if (revise(state)) {
+        fell_below_start = false;
+        return give_up();
+      }
       const double end = clock_();
       for (Energy* term : terms_) term->end_step(state);
       report.timing.end = clock_() - end;

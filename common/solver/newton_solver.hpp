@@ -198,6 +198,7 @@ class NewtonSolver {
   bool chord_step(State& state, double time_step, StepReport& report);
   double search(State& state, StepReport& report, bool measured, bool with_hessian);
   double largest_move(const State& state) const;
+  bool revise(const State& state);
   void move(State& state, double scale);
   bool solve_contact(State& state, StepReport& report);
 

@@ -288,6 +288,50 @@ TEST(Contact, NothingTunnelsThroughAThinPlate) {
   }
 }
 
+// A node at rest that an iteration moves through the surface: velocities did not predict the contact.
+TEST(Contact, ReviseFindsWhatAnIterationCrossed) {
+  const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
+  Rig rig(1, 500, 1e-3);
+  rig.contacts.set_object(0, &plate, 0.5, 1, ContactObject::fixed);
+  rig.state.node_positions.row(1).setConstant(0.002);
+  rig.contact.begin_step(rig.state, 0.01);
+  EXPECT_EQ(rig.contacts.count(), 0);
+  State moved = rig.state;
+  moved.node_positions.row(1).setConstant(-0.003);
+  EXPECT_TRUE(rig.contact.revise(moved));
+  EXPECT_EQ(rig.contacts.count(), 3);
+  EXPECT_NEAR(rig.contact.value(moved), 3 * 0.5 * 500 * 0.00325 * 0.00325, 1e-9);
+  EXPECT_EQ(rig.contact.value(rig.state), 0) << "it only pushes";
+  EXPECT_FALSE(rig.contact.revise(moved)) << "nothing new";
+  // The step is repeated from its start, as after a failure. It has no effect.
+  rig.contact.begin_step(rig.state, 0.01);
+  EXPECT_EQ(rig.contacts.count(), 0);
+}
+
+// A node that was predicted to cross stays outside. Before the first iteration its anchor acts from both sides, and
+// after it the anchor does not pull.
+TEST(Contact, AFreshContactDoesNotPullAfterAnIteration) {
+  const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));
+  Rig rig(1, 500, 1e-3);
+  rig.contacts.set_object(0, &plate, 0.5, 1, ContactObject::fixed);
+  rig.state.node_positions.row(1).setConstant(0.002);
+  rig.state.node_velocities.row(1).setConstant(-1);
+  rig.state.node_velocities.row(0).setConstant(0.2);
+  rig.contact.begin_step(rig.state, 0.01);
+  ASSERT_EQ(rig.contacts.count(), 3);
+  State moved = rig.state;
+  moved.node_positions.row(1).setConstant(0.001);
+  moved.node_positions.row(0).array() += 0.001;
+  EXPECT_GT(rig.contact.value(moved), 0);
+  EXPECT_TRUE(rig.contact.revise(moved));
+  EXPECT_EQ(rig.contact.value(moved), 0);
+  EXPECT_EQ(rig.friction.value(moved), 0);
+  VectorX gradient = VectorX::Zero(rig.state.layout().dof_count());
+  rig.contact.add_gradient(moved, gradient);
+  rig.friction.add_gradient(moved, gradient);
+  EXPECT_EQ(gradient.norm(), 0);
+}
+
 // An object that is moved past resting nodes between two steps still catches them.
 TEST(Contact, KinematicPlateSweepsNodesAlong) {
   const ShapeGeometry plate(make(ShapeKind::box, {0.5, 0.00025, 0.5}));

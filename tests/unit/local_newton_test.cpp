@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "solver/block_cholesky.hpp"
+
 namespace softhand {
 namespace {
 
@@ -93,17 +95,22 @@ struct Scene {
     for (Energy* term : all()) term->add_gradient(at, gradient);
     return gradient;
   }
-  LocalNewton::Result minimise(VectorX& direction) {
+  LocalNewton::Result minimise(VectorX& direction, int most_modes = 0) {
     hessian.set_zero();
     for (Energy* term : {&tie, &first, &second, &third}) term->add_hessian(state, hessian, Curvature::projected);
     hessian.begin_journal();
     for (Energy* term : walls()) term->add_hessian(state, hessian, Curvature::projected);
-    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, direction);
+    factor.analyze(hessian);
+    factor.load(hessian);
+    EXPECT_TRUE(factor.factorize());
+    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, factor,
+                           direction);
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
   Wall near{2, 0.005, 1e4}, far{3, 0.02, 1e4};
   State state;
   BlockMatrix hessian;
+  BlockCholesky<double> factor;
   LocalNewton solver{DofLayout{4, 0}};
 };
 
@@ -119,6 +126,27 @@ TEST(LocalNewton, MinimisesOverTouchedNodesAndMovesNoOther) {
   const VectorX before = scene.gradient_at(scene.state), after = scene.gradient_at(moved);
   EXPECT_GT(before.tail(6).lpNorm<Eigen::Infinity>(), 10);
   EXPECT_LE(after.tail(6).lpNorm<Eigen::Infinity>(), 1e-6) << "the other terms are quadratic, so this is exact";
+}
+
+// The chain has two blocks outside the walls. With the mode of all residual forces, they give way too.
+TEST(LocalNewton, ModesMoveTheRest) {
+  Scene scene;
+  VectorX held(12), direction(12);
+  ASSERT_TRUE(scene.minimise(held).found);
+  const LocalNewton::Result result = scene.minimise(direction, 6);
+  ASSERT_TRUE(result.found);
+  EXPECT_EQ(result.modes, 2) << "one patch of touched nodes, and the rest";
+  EXPECT_GT(direction.head(6).norm(), 0);
+  State moved = scene.state, moved_alone = scene.state;
+  apply_increment(moved, direction);
+  apply_increment(moved_alone, held);
+  const auto energy = [&](const State& state) {
+    double sum = 0;
+    for (const Energy* term : scene.all()) sum += term->value(state);
+    return sum;
+  };
+  EXPECT_LT(energy(moved), 0.5 * energy(moved_alone));
+  EXPECT_LE(scene.gradient_at(moved).tail(6).lpNorm<Eigen::Infinity>(), 1e-6);
 }
 
 TEST(LocalNewton, FindsNothingInBalance) {

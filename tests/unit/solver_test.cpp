@@ -8,6 +8,7 @@
 #include <cstring>
 #include <utility>
 
+#include "energies/contact.hpp"
 #include "energies/inertia.hpp"
 #include "energies/tissue.hpp"
 #include "solver/block_cholesky.hpp"
@@ -217,6 +218,41 @@ TEST(NewtonSolver, NonfiniteNeverReachesTheState) {
   }
   faulty.gradient_entry = 0;
   EXPECT_TRUE(solver.step(brick.state, 0.01).state_changed);
+}
+
+// Nodes at rest are pulled through a thin plate within one step. Their velocities do not predict it.
+TEST(NewtonSolver, StopsWhatCrossesASurfaceWithinTheStep) {
+  Shape shape;
+  shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
+  shape.size = {0.5, 0.00025, 0.5};
+  const ShapeGeometry plate(shape);
+  HandModel hand;
+  hand.nodes = {Vector3(0, 0.002, 0), Vector3(0, 0.002, 0.01), Vector3(0.01, 0.002, 0)};
+  hand.surface = {{0, 1, 2}};
+  hand.node_body.assign(3, 0);
+  for (const std::int64_t iterations : {1, 2, 60}) {
+    const std::vector<double> masses(3, 1e-3);
+    ContactSet contacts(hand, masses, 1e4, 0, 0, 1);
+    contacts.set_object(0, &plate, 0, 1, ContactObject::fixed);
+    ContactEnergy contact(contacts);
+    Inertia inertia(masses, 1);
+    inertia.hold(0);
+    inertia.set_node_gravity(Vector3(0, -1000, 0));
+    State state;
+    state.node_velocities = state.node_positions = Eigen::Matrix3Xd::Zero(3, 3);
+    for (int n = 0; n < 3; ++n) state.node_positions.col(n) = hand.nodes[static_cast<std::size_t>(n)];
+    state.body_poses.resize(1);
+    state.body_velocities.resize(1);
+    SolverOptions options;
+    options.max_iterations = iterations;
+    NewtonSolver solver({&inertia, &contact}, state.layout(), options);
+    for (int step = 0; step < 3; ++step) {
+      solver.step(state, 0.01);
+      if (iterations == 1) continue;
+      EXPECT_NEAR(state.node_positions.row(1).minCoeff(), 0.00025 - 1.0 / 1e4, 2e-5) << "step " << step;
+    }
+    EXPECT_GT(state.node_positions.row(1).minCoeff(), 0) << iterations << " iterations";
+  }
 }
 
 TEST(NewtonSolver, ShiftsAnIndefiniteMatrixOrReportsFailure) {
