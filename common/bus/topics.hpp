@@ -101,8 +101,8 @@ template <typename F>
 void for_each(F&& f) {
   f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
       f(object_coupling), f(bone_wrench);
-  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description),
-      f(object_joint), f(hand_description);
+  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description), f(object_joint),
+      f(hand_description);
 }
 
 }  // namespace topics

@@ -43,8 +43,8 @@ struct MirroredObject {
 /// A joint between two mirrored objects, or between one and an object that does not move.
 struct MirroredJoint {
   JointLaw law;
-  int parent_slot = -1;    ///< -1: the parent does not move
-  Pose parent_pose;        ///< of the parent's body frame in the world, used if `parent_slot` is -1
+  int parent_slot = -1;  ///< -1: the parent does not move
+  Pose parent_pose;      ///< of the parent's body frame in the world, used if `parent_slot` is -1
   int child_slot = 0;
   Pose parent_from_joint;  ///< the joint's frame in the parent's body frame
   Pose child_from_joint;
@@ -175,7 +175,7 @@ class HandSimulation {
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
   ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects
-  Tissue* tissue_ = nullptr;  // null: the hand has only bones
+  Tissue* tissue_ = nullptr;             // null: the hand has only bones
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;

@@ -43,10 +43,10 @@ struct HandCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
   std::uint64_t refused_order = 0;      ///< samples that are not newer than the last one
   std::uint64_t repositioned = 0;
-  std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
-  std::uint64_t failed_steps = 0;          ///< steps in which the solver failed and kept the state
-  std::uint64_t budget_steps = 0;          ///< steps that reached the work budget before convergence
-  std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::use_linkage`)
+  std::uint64_t stale_steps = 0;   ///< steps whose newest skeleton was older than `stale_after`
+  std::uint64_t failed_steps = 0;  ///< steps in which the solver failed and kept the state
+  std::uint64_t budget_steps = 0;  ///< steps that reached the work budget before convergence
+  std::uint64_t chord_steps = 0;   ///< chord steps (`NewtonSolver::use_linkage`)
   /// (object, step) pairs near the hand without a slot: all slots were taken, or too few were free for all objects that
   /// joints connect.
   std::uint64_t objects_without_slot = 0;
@@ -64,8 +64,8 @@ class HandLoop {
   /// 1e9]. For an object that can move, mass (kg) and inertia (kg m^2) must be in (0, 1e9].
   void describe_object(const ObjectDescription& description);
 
-  /// Takes a joint between two objects that the world announced or removed. The hand releases both objects. Call between
-  /// steps. Throws std::invalid_argument and keeps the previous description if the joint cannot run.
+  /// Takes a joint between two objects that the world announced or removed. The hand releases both objects. Call
+  /// between steps. Throws std::invalid_argument and keeps the previous description if the joint cannot run.
   void describe_joint(const ObjectJointDescription& description);
 
   /// Copies the state of `other`. Both loops then continue identically, as far as their options allow it. `other` must

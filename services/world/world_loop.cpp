@@ -52,7 +52,8 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
       engine_(make_physics_engine(options.engine)),
       output_(std::make_unique<WorldOutput>()) {
   std::string wrong;
-  for (const std::string& text : check_world(options, objects, hand_step, joints)) wrong += (wrong.empty() ? "" : "\n") + text;
+  for (const std::string& text : check_world(options, objects, hand_step, joints))
+    wrong += (wrong.empty() ? "" : "\n") + text;
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   objects_.reserve(objects.size());
   for (const ObjectOptions& from : objects) {
@@ -595,8 +596,7 @@ double WorldLoop::energy() const {
     const JointLaw& law = joint.engine.law;
     const JointPose pose = pose_of(joint);
     if (law.has_coordinate()) sum += law.potential(softhand::joint_coordinate(law, pose)).energy;
-    if (law.kind == ObjectJointKind::ball)
-      sum += law.stiffness * (1 - std::cos(rotation_log(pose.relative).norm()));
+    if (law.kind == ObjectJointKind::ball) sum += law.stiffness * (1 - std::cos(rotation_log(pose.relative).norm()));
   }
   return sum;
 }

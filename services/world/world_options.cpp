@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -84,8 +85,7 @@ void check_joints(const std::vector<JointOptions>& joints, const std::vector<Obj
     if (child != nullptr && child->mass == 0)
       refuse(".child = '" + joint.child + "': the object is static; expected an object with a mass (swap them)");
     if (parent != nullptr && parent == child) refuse(": parent and child are the same object");
-    if (parent != nullptr && parent != child &&
-        !pairs.insert(std::minmax(joint.parent, joint.child)).second)
+    if (parent != nullptr && parent != child && !pairs.insert(std::minmax(joint.parent, joint.child)).second)
       refuse(": the objects '" + joint.parent + "' and '" + joint.child + "' have another joint already");
     if (parent != nullptr && child != nullptr && parent->mass > 0 && parent->floating != child->floating)
       refuse(": one of its objects floats and the other does not; set `floating` alike");
@@ -134,6 +134,38 @@ double symmetric_growth(double stiffness_per_mass, double damping_ratio, double 
   map.bottomRows<8>().setZero();
   map.block<8, 8>(4, 0).setIdentity();
   return map.eigenvalues().cwiseAbs().maxCoeff();
+}
+
+std::vector<std::string> check_assemblies(const std::vector<ObjectOptions>& objects,
+                                          const std::vector<JointOptions>& joints, std::int64_t slots,
+                                          std::int64_t places) {
+  std::map<std::string, std::string> set;  // by movable object: the first name of its set
+  for (const ObjectOptions& object : objects)
+    if (object.mass > 0) set[object.name] = object.name;
+  for (const JointOptions& joint : joints) {
+    if (!set.contains(joint.parent) || !set.contains(joint.child)) continue;
+    const std::string from = set[joint.parent], to = set[joint.child];
+    for (auto& [name, first] : set)
+      if (first == from) first = to;
+  }
+  std::map<std::string, std::int64_t> links, held;
+  for (const auto& [name, first] : set) ++links[first];
+  for (const JointOptions& joint : joints)
+    if (set.contains(joint.child)) ++held[set[joint.child]];
+  std::vector<std::string> wrong;
+  for (const auto& [first, count] : held) {
+    if (links[first] > slots)
+      wrong.push_back("hand.mirrored_objects = " + std::to_string(slots) + ": joints connect '" + first + "' to " +
+                      std::to_string(links[first] - 1) +
+                      " other movable objects, and a hand takes all of them or none; nearest value that works: " +
+                      std::to_string(links[first]));
+    if (count > places)
+      wrong.push_back(
+          "hand.object_joints = " + std::to_string(places) + ": the objects around '" + first + "' have " +
+          std::to_string(count) +
+          " joints, and a hand takes all of them or none; nearest value that works: " + std::to_string(count));
+  }
+  return wrong;
 }
 
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,

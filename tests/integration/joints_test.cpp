@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -21,8 +22,8 @@ const std::string kScene = std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pi
 
 Scene scene_with(const std::vector<ObjectOptions>& objects, const std::vector<JointOptions>& joints,
                  std::vector<std::string> overrides = {}) {
-  overrides.insert(overrides.end(), {"hand.model=right_400.hand.json", "tracker.position_noise=0",
-                                     "tracker.rotation_noise=0"});
+  overrides.insert(overrides.end(),
+                   {"hand.model=right_400.hand.json", "tracker.position_noise=0", "tracker.rotation_noise=0"});
   Scene scene = read_scene(kScene, overrides);
   scene.options.objects = objects;
   scene.options.joints = joints;
@@ -92,18 +93,19 @@ std::pair<double, double> heights_around(const HandModel& hand, const Vector3& p
 
 // Follows joint 1 and all objects through a run.
 struct Track {
-  double q = 0, q_most = -1e9, q_least = 1e9;       // in the world
-  double world_gap = 0, hand_gap = 0;               // m, largest of joint 1
-  double follow_gap = 0;                            // m, largest distance between a twin and its copy
+  double q = 0, q_most = -1e9, q_least = 1e9;  // in the world
+  double world_gap = 0, hand_gap = 0;          // m, largest of joint 1
+  double follow_gap = 0;                       // m, largest distance between a twin and its copy
   double least_q_while_owned = 1e9;
   std::uint64_t owned_steps = 0, partly_owned_steps = 0;
-  double largest_jump = 0;     // m, of a copy in a world step beyond its velocity, at the release
+  double largest_jump = 0;  // m, of a copy in a world step beyond its velocity, at the release
   double defect = 0;
   std::map<std::uint32_t, Vec3> last;
 };
 
-Track run(VirtualRig& rig, double seconds, const std::string& name = "joint",
-          const std::function<void(double, const Track&)>& after = [](double, const Track&) {}) {
+Track run(
+    VirtualRig& rig, double seconds, const std::string& name = "joint",
+    const std::function<void(double, const Track&)>& after = [](double, const Track&) {}) {
   Track t;
   rig.run(seconds, [&](const HandStepView& view) {
     t.q = rig.world().joint_coordinate(name);
@@ -126,10 +128,11 @@ Track run(VirtualRig& rig, double seconds, const std::string& name = "joint",
     after(static_cast<double>(view.time - VirtualRig::kStart) * 1e-9, t);
   });
   t.defect = rig.hand().simulation().ledger().defect();
-  std::printf("  q %.6g in [%.6g, %.6g], joint gap %.4f mm in the world, %.4f mm in the hand, copies within %.2f mm, "
-              "owned %d steps, ledger defect %.2g\n",
-              t.q, t.q_least, t.q_most, 1e3 * t.world_gap, 1e3 * t.hand_gap, 1e3 * t.follow_gap,
-              static_cast<int>(t.owned_steps), t.defect);
+  std::printf(
+      "  q %.6g in [%.6g, %.6g], joint gap %.4f mm in the world, %.4f mm in the hand, copies within %.2f mm, "
+      "owned %d steps, ledger defect %.2g\n",
+      t.q, t.q_least, t.q_most, 1e3 * t.world_gap, 1e3 * t.hand_gap, 1e3 * t.follow_gap,
+      static_cast<int>(t.owned_steps), t.defect);
   return t;
 }
 
@@ -142,13 +145,13 @@ class JumpWitness final : public RigWitness {
       const auto before = last_.find(state.object);
       if (before != last_.end()) {
         const Vector3 moved = to_vector(state.position) - to_vector(before->second.position);
-        const double speed = std::max(to_vector(state.linear_velocity).norm(),
-                                      to_vector(before->second.linear_velocity).norm());
+        const double speed =
+            std::max(to_vector(state.linear_velocity).norm(), to_vector(before->second.linear_velocity).norm());
         if (before->second.owned != 0 && state.owned == 0) {
           ++releases;
           jump = std::max(jump, moved.norm() - objects.step_period * speed);
-          speed_jump = std::max(
-              speed_jump, (to_vector(state.linear_velocity) - to_vector(before->second.linear_velocity)).norm());
+          speed_jump = std::max(speed_jump,
+                                (to_vector(state.linear_velocity) - to_vector(before->second.linear_velocity)).norm());
         }
       }
       last_[state.object] = state;
@@ -163,12 +166,13 @@ class JumpWitness final : public RigWitness {
 };
 
 TEST(Joints, APinchedDrawerMovesAlongItsAxisOnlyAndStopsAtItsLimit) {
-  // The cube of pinch_lift is a drawer in a housing below the table: it slides up by 60 mm. The hand lifts by 100 mm and
-  // then turns by 60 degrees, which the drawer does not do.
+  // The cube of pinch_lift is a drawer in a housing below the table: it slides up by 60 mm. The hand lifts by 100 mm
+  // and then turns by 60 degrees, which the drawer does not do.
   JointOptions slide = joint("slider", "table", "cube", {0, 0.02, 0}, {0, 1, 0}, {0, 0.06});
   slide.friction = 0.3;
-  Scene scene = scene_with({}, {slide}, {"generator.lift_height=0.1", "generator.approach_time=0.4",
-                                         "generator.hold_time=0.5", "generator.turn_time=0.5"});
+  Scene scene = scene_with({}, {slide},
+                           {"generator.lift_height=0.1", "generator.approach_time=0.4", "generator.hold_time=0.5",
+                            "generator.turn_time=0.5"});
   scene.options.objects = read_scene(kScene).options.objects;
   scene.options.hand.mirrored_objects = scene.options.hand.static_objects = 1;
   const HandModel hand = load_scene_hand(scene);
@@ -205,17 +209,20 @@ TEST(Joints, ALidOpensOnItsHingeAndFallsShut) {
   const Vector3 tip = hand.rest_joints[static_cast<std::size_t>(index_of(Joint::middle_tip))].position;
   const Vector3 edge(tip.x(), 0.2, tip.z());
   const double highest = heights_around(hand, tip, 0.06).second;
-  const std::vector<ObjectOptions> objects{
-      box("chest", 0, {0.06, 0.02, 0.02}, edge + Vector3(0, 0, -0.13)),
-      box("lid", 0.1, {0.06, 0.003, 0.055}, edge + Vector3(0, 0, -0.05))};
+  const std::vector<ObjectOptions> objects{box("chest", 0, {0.06, 0.02, 0.02}, edge + Vector3(0, 0, -0.13)),
+                                           box("lid", 0.1, {0.06, 0.003, 0.055}, edge + Vector3(0, 0, -0.05))};
   JointOptions hinge = joint("hinge", "chest", "lid", Vector3(0, 0, 0.02), {-1, 0, 0}, {0, 1.2});
   hinge.friction = 0.005;
   scene = scene_with(objects, {hinge});
   JumpWitness witness;
-  VirtualRig rig(scene, hand, std::make_unique<StiffHand>(hand, [&](double time) {
-                   const double up = smooth((time - 0.5) / 1.0) - smooth((time - 2.0) / 1.0);
-                   return Pose{Vector3(0, 0.177 - highest + 0.09 * up, 0), Quaternion::Identity()};
-                 }), &witness);
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<StiffHand>(hand,
+                                  [&](double time) {
+                                    const double up = smooth((time - 0.5) / 1.0) - smooth((time - 2.0) / 1.0);
+                                    return Pose{Vector3(0, 0.177 - highest + 0.09 * up, 0), Quaternion::Identity()};
+                                  }),
+      &witness);
   const Track t = run(rig, 4);
   std::printf("  released %d times, jump %.4f mm, %.4f m/s\n", witness.releases, 1e3 * witness.jump,
               witness.speed_jump);
@@ -244,10 +251,14 @@ TEST(Joints, AButtonGoesThroughItsDetentAndReturns) {
   scene = scene_with(objects, {slide});
   double pressed = 0;
   JumpWitness witness;
-  VirtualRig rig(scene, hand, std::make_unique<StiffHand>(hand, [&](double time) {
-                   const double down = smooth((time - 0.5) / 1.0) - smooth((time - 2.5) / 0.5);
-                   return Pose{Vector3(0, 0.214 - lowest - 0.017 * down, 0), Quaternion::Identity()};
-                 }), &witness);
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<StiffHand>(hand,
+                                  [&](double time) {
+                                    const double down = smooth((time - 0.5) / 1.0) - smooth((time - 2.5) / 0.5);
+                                    return Pose{Vector3(0, 0.214 - lowest - 0.017 * down, 0), Quaternion::Identity()};
+                                  }),
+      &witness);
   double q_hand = 0;
   const Track t = run(rig, 4, "joint", [&](double time, const Track& now) {
     if (time > 1.8 && time < 2.4) pressed = now.q;
@@ -287,9 +298,8 @@ TEST(Joints, LinkedBoxesAreOwnedAndReleasedTogetherAndAMissingSlotTakesNone) {
     JumpWitness witness;
     VirtualRig rig(scene, hand, std::make_unique<StiffHand>(hand, path), &witness);
     double lifted = 0;
-    const Track t = run(rig, 4, "joint", [&](double, const Track&) {
-      lifted = std::max(lifted, rig.world().joint_coordinate("rail"));
-    });
+    const Track t = run(rig, 4, "joint",
+                        [&](double, const Track&) { lifted = std::max(lifted, rig.world().joint_coordinate("rail")); });
     std::printf("  rail up to %.2f mm, at last %.4f mm, released %d times, jump %.4f mm, %.4f m/s\n", 1e3 * lifted,
                 1e3 * rig.world().joint_coordinate("rail"), witness.releases, 1e3 * witness.jump, witness.speed_jump);
     EXPECT_EQ(t.partly_owned_steps, 0u);
@@ -317,9 +327,9 @@ TEST(Joints, EqualRunsGiveEqualBits) {
     scene.options.objects = read_scene(kScene).options.objects;
     scene.options.hand.mirrored_objects = scene.options.hand.static_objects = 1;
     const HandModel hand = load_scene_hand(scene);
-    VirtualRig rig(scene, hand,
-                   std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker,
-                                                   hand_key(scene)));
+    VirtualRig rig(
+        scene, hand,
+        std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
     rig.run(2.0, [](const HandStepView&) {});
     return rig.state_hash();
   };

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <numbers>
 
@@ -44,11 +45,13 @@ WorldOptions weightless() {
 }
 
 struct JointedWorld {
-  JointedWorld(const std::vector<ObjectOptions>& objects, const std::vector<JointOptions>& joints, const WorldOptions& options = {})
+  JointedWorld(const std::vector<ObjectOptions>& objects, const std::vector<JointOptions>& joints,
+               const WorldOptions& options = {})
       : world(options, objects, 1.0 / 90, joints) {
     run(kStep);
   }
-  void run(double seconds, const std::function<void()>& after = [] {}) {
+  void run(
+      double seconds, const std::function<void()>& after = [] {}) {
     for (int i = 0; i < std::lround(seconds / kStep); ++i) {
       world.step(++steps * 4000000LL, {});
       after();
@@ -108,6 +111,8 @@ TEST(WorldJoint, PendulumHasThePeriodOfThePhysicalPendulum) {
     gap = std::max(gap, run.world.joint_gap("joint"));
   });
   ASSERT_GE(crossings.size(), 2u);
+  std::printf("  period %.4f s, exact %.4f s; joint opens by %.3f mm\n", crossings[1] - crossings[0], period,
+              1e3 * gap);
   EXPECT_NEAR(crossings[1] - crossings[0], period, 0.02 * period);
   EXPECT_NEAR(lowest, -kPi, 0.05) << "loses or gains energy";
   // A step of T turns the arm l by w T: the joint opens by l (w T)^2/2, and half of it is left after a step.
@@ -127,6 +132,7 @@ TEST(WorldJoint, SliderWithFrictionStopsWhereCoulombPredictsAndHolds) {
   run.run(1);
   const double rest = run.world.joint_coordinate("joint");
   const double predicted = speed * speed * 0.05 / (2 * 0.1);
+  std::printf("  slid %.3f mm, Coulomb %.3f mm\n", 1e3 * (rest - start), 1e3 * predicted);
   EXPECT_NEAR(rest - start, predicted, 0.03 * predicted);
   run.run(2);
   EXPECT_NEAR(run.world.joint_coordinate("joint"), rest, 1e-6);
@@ -154,6 +160,8 @@ TEST(WorldJoint, SpringsOfAnyStiffnessHangAtTheirAnalyticPlace) {
     JointedWorld run({base(), cube(0.05, 0.1)}, {slide});
     run.run(4);
     const double expected = -0.05 * 9.81 / stiffness;
+    std::printf("  %g N/m hangs at %.6g mm, exact %.6g mm\n", stiffness, 1e3 * run.world.joint_coordinate("joint"),
+                1e3 * expected);
     EXPECT_NEAR(run.world.joint_coordinate("joint"), expected, 1e-3 * std::abs(expected) + 2e-6) << stiffness;
   }
 }
@@ -270,6 +278,8 @@ TEST(WorldJoint, TwoFreeLinksKeepTheirMomentum) {
   const Vector3 before = momentum();
   const double energy = run.world.energy();
   run.run(2);
+  std::printf("  momentum changes by %.2g, energy by %.2g\n", (momentum() - before).norm() / before.norm(),
+              run.world.energy() / energy - 1);
   EXPECT_LE((momentum() - before).norm(), 1e-4 * before.norm());
   EXPECT_NEAR(run.world.energy(), energy, 0.02 * energy);
   EXPECT_LE(run.world.joint_gap("joint"), 1e-4);
@@ -361,7 +371,8 @@ TEST(WorldJoint, RefusesJointsThatCannotRun) {
     return found.empty() ? std::string() : found[0];
   };
   EXPECT_EQ(wrong([](JointOptions&) {}), "");
-  EXPECT_NE(wrong([](JointOptions& j) { j.parent = "door"; }).find("expected the name of an object"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.parent = "door"; }).find("expected the name of an object"),
+            std::string::npos);
   EXPECT_NE(wrong([](JointOptions& j) { std::swap(j.parent, j.child); }).find("static"), std::string::npos);
   EXPECT_NE(wrong([](JointOptions& j) { j.parent = "cube"; }).find("same object"), std::string::npos);
   EXPECT_NE(wrong([](JointOptions& j) { j.axis = {0, 0, 0}; }).find("axis"), std::string::npos);
@@ -371,6 +382,19 @@ TEST(WorldJoint, RefusesJointsThatCannotRun) {
   EXPECT_NE(wrong([](JointOptions& j) { j.kind = "fixed", j.friction = 1; }).find("free coordinate"),
             std::string::npos);
   EXPECT_NE(wrong([](JointOptions& j) { j.detents = {{0, 1, 1, 1}}; }).find("period"), std::string::npos);
+}
+
+TEST(WorldJoint, NamesSetsOfObjectsThatAHandCanNeverTake) {
+  ObjectOptions first = cube(0.05, 0.1), second = first, third = first;
+  first.name = "a", second.name = "b", third.name = "c";
+  JointOptions one = joint("hinge"), two = one, three = one;
+  one.parent = "a", one.child = "b";
+  two.parent = "b", two.child = "c";
+  three.parent = "base", three.child = "c";
+  const std::vector<ObjectOptions> objects{base(), first, second, third};
+  EXPECT_TRUE(check_assemblies(objects, {one, two, three}, 3, 3).empty());
+  EXPECT_EQ(check_assemblies(objects, {one, two, three}, 2, 2).size(), 2u);
+  EXPECT_TRUE(check_assemblies(objects, {one, three}, 2, 1).empty());
 }
 
 }  // namespace

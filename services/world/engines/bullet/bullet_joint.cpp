@@ -37,7 +37,8 @@ BulletJoint::BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidB
 
 // A row in metres or radians. An offset is converted to the engine's lengths.
 void BulletJoint::add_held(const JointRow& row, double dt) {
-  rows_.push_back({static_cast<int>(rows_.size()), row, -kCorrection * row.value / dt, -SIMD_INFINITY, SIMD_INFINITY, 0});
+  rows_.push_back(
+      {static_cast<int>(rows_.size()), row, -kCorrection * row.value / dt, -SIMD_INFINITY, SIMD_INFINITY, 0});
 }
 
 // Limits, friction, and the change of the other forces. `unit`: engine units of a force per N, or of a torque per N m.
@@ -56,7 +57,8 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
   const JointLaw::Potential potential = law.potential(q);
   const double resistance = dt * dt * std::max(0.0, potential.curvature) + dt * law.damping;
   // unit/length engine forces per engine speed.
-  if (resistance > 0) rows_.push_back({BulletJoint::drag, row, 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (resistance * unit / length)});
+  if (resistance > 0)
+    rows_.push_back({BulletJoint::drag, row, 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (resistance * unit / length)});
   if (potential.slope == 0 || (!m_rbA.isActive() && !m_rbB.isActive())) return;
   const double force = -potential.slope * unit;
   m_rbA.applyCentralForce(to_bullet(force * row.parent_linear));
@@ -121,7 +123,8 @@ void BulletJoint::prepare(double dt) {
     const Vector3 normal = a.cross(b);
     if (normal.norm() > 1e-6) {
       const double gap = law.maximum - std::atan2(normal.norm(), a.dot(b));
-      rows_.push_back({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt, -SIMD_INFINITY, 0, 0});
+      rows_.push_back({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt,
+                       -SIMD_INFINITY, 0, 0});
     }
   }
   if (passive_) return;
@@ -140,14 +143,15 @@ void BulletJoint::prepare(double dt) {
     impulses_[static_cast<std::size_t>(friction + k)] = impulses_[static_cast<std::size_t>(BulletJoint::drag + k)] = 0;
     if (law.friction > 0) rows_.push_back({friction + k, turning(0, axis), 0, -bound, bound, 0});
     if (law.stiffness > 0)
-      rows_.push_back({BulletJoint::drag + k, turning(0, axis), 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (dt * dt * law.stiffness * torque)});
+      rows_.push_back({BulletJoint::drag + k, turning(0, axis), 0, -SIMD_INFINITY, SIMD_INFINITY,
+                       1 / (dt * dt * law.stiffness * torque)});
   }
   if (law.stiffness > 0 && (m_rbA.isActive() || m_rbB.isActive())) {
     // The gradient of k (1 - cos) is k sin about the axis of the relative rotation.
     const double angle = turn.norm();
-    const Vector3 pull =
-        angle > 0 ? Vector3(-law.stiffness * torque * std::sin(angle) / angle * (pose.parent_frame * turn))
-                  : Vector3(Vector3::Zero());
+    const Vector3 pull = angle > 0
+                             ? Vector3(-law.stiffness * torque * std::sin(angle) / angle * (pose.parent_frame * turn))
+                             : Vector3(Vector3::Zero());
     m_rbA.applyTorque(to_bullet(-pull));
     m_rbB.applyTorque(to_bullet(pull));
   }

@@ -61,13 +61,14 @@ class BulletJoint final : public btTypedConstraint {
   std::array<double, meanings> impulses_{};
 };
 
-/// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out of
-/// the row's diagonal, so that soft rows diverge. And it starts the impulses of joints at zero in each step, so that a
-/// load on a long arm opens the joint by 0.2 mm.
+/// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out
+/// of the row's diagonal, so that soft rows diverge. And it starts the impulses of joints at zero in each step, so that
+/// a load on a long arm opens the joint by 0.2 mm.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
  protected:
   void convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) override;
-  btScalar solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count, const btContactSolverInfo& info) override;
+  btScalar solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
+                                         const btContactSolverInfo& info) override;
 
  private:
   struct Converted {
