@@ -202,6 +202,27 @@ TEST(Joints, APinchedDrawerMovesAlongItsAxisOnlyAndStopsAtItsLimit) {
   EXPECT_LT(witness.jump, 1e-4);
 }
 
+TEST(Joints, APinchedCapTurnsAndAdvancesByItsPitch) {
+  JointOptions thread = joint("screw", "table", "cube", {0, 0.02, 0}, {0, 1, 0}, {0, 20});
+  thread.pitch = 0.003;
+  thread.friction = 0.005;
+  Scene scene = scene_with({}, {thread}, {"generator.lift_height=0", "generator.hold_time=0.3"});
+  scene.options.objects = read_scene(kScene).options.objects;
+  scene.options.hand.mirrored_objects = scene.options.hand.static_objects = 1;
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
+  double off_thread = 0;
+  const Track t = run(rig, motion->duration() + 0.5, "joint", [&](double, const Track& now) {
+    const double height = rig.world().objects().objects[1].position[1] - 0.02;
+    off_thread = std::max(off_thread, std::abs(height - thread.pitch * now.q / (2 * std::numbers::pi)));
+  });
+  std::printf("  off the thread by %.4f mm\n", 1e3 * off_thread);
+  EXPECT_NEAR(t.q_most, std::numbers::pi / 3, 0.1);
+  EXPECT_LT(off_thread, 2e-5);
+  EXPECT_LT(t.hand_gap, 2e-4);
+}
+
 TEST(Joints, ALidOpensOnItsHingeAndFallsShut) {
   // The fingertips push the lid's free edge up from below and let it down again. The lid rests at q = 0.
   Scene scene = scene_with({}, {});
