@@ -70,8 +70,8 @@ void add_scalar(const Sink& sink, const JointRow& row, double slope, double curv
 // f = weight * sum over axes of (1 - a.b) for unit vectors a of the parent and b of the child.
 struct AxisDistance {
   double f = 0;
-  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();    // parent rotation, child rotation
-  Eigen::Matrix<double, 6, 6> hessian = Eigen::Matrix<double, 6, 6>::Zero();     // Gauss-Newton
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();   // parent rotation, child rotation
+  Eigen::Matrix<double, 6, 6> hessian = Eigen::Matrix<double, 6, 6>::Zero();    // Gauss-Newton
   Eigen::Matrix<double, 6, 6> remainder = Eigen::Matrix<double, 6, 6>::Zero();  // exact minus Gauss-Newton
 
   void add(const Vector3& a, const Vector3& b, double weight) {
@@ -201,28 +201,22 @@ double ObjectJointEnergy::coordinate(int place, const State& state) const {
 double ObjectJointEnergy::gap(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set) return 0;
-  const JointPose pose = pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent);
-  Vector3 offset(pose.offset(0).value, pose.offset(1).value, pose.offset(2).value);
-  const JointLaw& law = joint.model.law;
-  if (law.kind == ObjectJointKind::slider) offset.y() = 0;
-  if (law.kind == ObjectJointKind::screw)
-    offset.y() -= law.pitch / (2 * std::numbers::pi) * joint_coordinate(law, pose);
-  return offset.norm();
+  return held_gap(joint.model.law, pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
 }
 
 double ObjectJointEnergy::misalignment(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set || joint.model.law.kind == ObjectJointKind::ball) return 0;
   const JointPose pose = pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent);
-  const double f =
-      axis_distance(pose.parent_frame, pose.child_frame, holds_one_axis(joint.model.law.kind)).f;
+  const double f = axis_distance(pose.parent_frame, pose.child_frame, holds_one_axis(joint.model.law.kind)).f;
   return 2 * std::asin(std::min(1.0, std::sqrt(0.5 * f)));
 }
 
 void ObjectJointEnergy::add_pattern(BlockPattern& pattern) const {
   for (int row = 0; row < 2 * bodies_; ++row) {
     for (int column = 0; column <= row; ++column)
-      pattern.add(layout_.body_translation_block(first_body_) + row, layout_.body_translation_block(first_body_) + column);
+      pattern.add(layout_.body_translation_block(first_body_) + row,
+                  layout_.body_translation_block(first_body_) + column);
   }
 }
 

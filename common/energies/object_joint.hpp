@@ -1,5 +1,5 @@
-// Joints between rigid objects: hinge, slider, ball, screw and fixed, with limits, friction, spring, damping and detents
-// (model/joint_law.hpp). This is not in the source. The joints of the hand's own bones are eq. 20 (joint.hpp).
+// Joints between rigid objects: hinge, slider, ball, screw and fixed, with limits, friction, spring, damping and
+// detents (model/joint_law.hpp). This is not in the source. The joints of the hand's own bones are eq. 20 (joint.hpp).
 //
 //   U = 1/2 k |held offsets|^2 + 1/2 k_o |held axes of the parent - those of the child|^2 (half of it for three axes)
 //       + 1/2 k_q (max(0, q - max)^2 + max(0, min - q)^2) + spring(q) + detents(q)
@@ -53,8 +53,8 @@ class ObjectJointEnergy final : public Energy {
   ObjectJointEnergy(DofLayout layout, int first_body, int bodies, int places);
 
   int place_count() const { return static_cast<int>(joints_.size()); }
-  /// Puts a joint into a place; its friction has no stretch at first. Throws std::invalid_argument if the law, a body or
-  /// a mass is not usable.
+  /// Puts a joint into a place; its friction has no stretch at first. Throws std::invalid_argument if the law, a body
+  /// or a mass is not usable.
   void set_joint(int place, const ObjectJoint& joint);
   void clear_joint(int place);
   bool is_set(int place) const { return at(place).set; }
@@ -74,11 +74,11 @@ class ObjectJointEnergy final : public Energy {
   /// All that a step carries to the next one.
   struct Memory {
     struct Joint {
-      bool anchored = false;     // the anchor is valid
-      double anchor = 0;         // of the friction, a value of q
+      bool anchored = false;                            // the anchor is valid
+      double anchor = 0;                                // of the friction, a value of q
       Quaternion anchor_turn = Quaternion::Identity();  // ball: relative rotation at the anchor
-      double direction = 0;      // of the last slide, -1 or 1; 0: it sticks
-      Pose parent;               // prescribed parent at the start of the next step
+      double direction = 0;                             // of the last slide, -1 or 1; 0: it sticks
+      Pose parent;                                      // prescribed parent at the start of the next step
     };
     std::vector<Joint> joints;  // by place
     double stored = 0;          // J

@@ -163,6 +163,13 @@ double joint_coordinate(const JointLaw& law, const JointPose& pose) {
   return near + std::remainder(angle - near, kTurn);
 }
 
+double held_gap(const JointLaw& law, const JointPose& pose) {
+  Vector3 offset(pose.offset(0).value, pose.offset(1).value, pose.offset(2).value);
+  if (law.kind == ObjectJointKind::slider) offset.y() = 0;
+  if (law.kind == ObjectJointKind::screw) offset.y() -= law.pitch / kTurn * joint_coordinate(law, pose);
+  return offset.norm();
+}
+
 JointRow joint_row(const JointLaw& law, const JointPose& pose, double near) {
   if (law.kind == ObjectJointKind::slider) return pose.offset(1);
   JointRow row = pose.twist();

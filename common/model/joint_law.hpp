@@ -98,12 +98,12 @@ struct JointRow {
 struct JointPose {
   JointPose(const Pose& parent, const Pose& child, const Pose& parent_from_joint, const Pose& child_from_joint);
 
-  Pose parent, child;              ///< of the bodies, with their origin at the centre of mass
+  Pose parent, child;  ///< of the bodies, with their origin at the centre of mass
   Quaternion parent_frame, child_frame;
-  Vector3 child_arm;               ///< from the child's centre to its frame, world axes
-  Vector3 lever;                   ///< from the parent's centre to the child's frame, world axes
-  Vector3 parent_arm;              ///< from the parent's centre to its own frame, world axes
-  Quaternion relative;             ///< of the child's frame in the parent's frame
+  Vector3 child_arm;    ///< from the child's centre to its frame, world axes
+  Vector3 lever;        ///< from the parent's centre to the child's frame, world axes
+  Vector3 parent_arm;   ///< from the parent's centre to its own frame, world axes
+  Quaternion relative;  ///< of the child's frame in the parent's frame
 
   /// Place of the child's frame along axis 0..2 of the parent's frame.
   JointRow offset(int axis) const;
@@ -116,6 +116,8 @@ struct JointPose {
 /// Coordinate q of a hinge, a slider or a screw from the poses alone. The turn of a hinge is the one nearest to the
 /// middle of its limits, or to the rest of its spring, or to 0. The turn of a screw is the one nearest to its place.
 double joint_coordinate(const JointLaw& law, const JointPose& pose);
+/// Distance (m) of the two frames in the directions that the joint holds.
+double held_gap(const JointLaw& law, const JointPose& pose);
 /// The row of q, with the turn nearest to `near`.
 JointRow joint_row(const JointLaw& law, const JointPose& pose, double near);
 

@@ -81,12 +81,16 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   Scene scene = read_scene(path, overrides);
   std::string wrong;
   for (const std::string& problem :
-       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
+       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints)) {
+    wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
+  }
+  const HandOptions& options = scene.options.hand;
+  for (const std::string& problem :
+       check_assemblies(scene.options.objects, scene.options.joints, options.mirrored_objects, options.object_joints)) {
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
   if (!wrong.empty()) throw ConfigError(wrong);
   const HandModel hand = load_scene_hand(scene);
-  const HandOptions& options = scene.options.hand;
   const TrackingOptions& tracking = scene.options.tracking;
   try_start(path + ": generator: ", [&] { make_scene_motion(scene, hand); });
   try_start(path + ": hand.tracked_input.", [&] { TrackedInput{options.tracked_input}; });

@@ -1,14 +1,16 @@
 // Joints between objects: derivatives of every kind and law, balance, laws of the coordinate, and known answers.
+#include "energies/object_joint.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <numbers>
 #include <vector>
 
 #include "energies/dense_step.hpp"
 #include "energies/inertia.hpp"
-#include "energies/object_joint.hpp"
 #include "math/rotation.hpp"
 #include "solver/newton_solver.hpp"
 #include "support/count_allocations.hpp"
@@ -69,7 +71,9 @@ State posed(const ObjectJoint& joint, double twist, double along, const Vector3&
   return state;
 }
 
-std::string name_of(const ::testing::TestParamInfo<ObjectJointKind>& info) { return std::string(to_string(info.param)); }
+std::string name_of(const ::testing::TestParamInfo<ObjectJointKind>& info) {
+  return std::string(to_string(info.param));
+}
 
 class ObjectJointKinds : public ::testing::TestWithParam<ObjectJointKind> {};
 INSTANTIATE_TEST_SUITE_P(, ObjectJointKinds,
@@ -125,7 +129,9 @@ TEST_P(ObjectJointKinds, AClosedJointCostsNothing) {
   ObjectJointEnergy term({1, 2}, 0, 2, 1);
   term.set_joint(0, joint);
   const bool turns = joint.law.turns(), slides = GetParam() == ObjectJointKind::slider;
-  const double twist = turns ? 0.7 : 0, along = slides ? 0.03 : GetParam() == ObjectJointKind::screw ? 0.02 * 0.7 / (2 * kPi) : 0;
+  const double twist = turns ? 0.7 : 0, along = slides                                 ? 0.03
+                                                : GetParam() == ObjectJointKind::screw ? 0.02 * 0.7 / (2 * kPi)
+                                                                                       : 0;
   const State state = posed(joint, twist, along);
   term.begin_step(state, kStep);
   EXPECT_LE(term.value(state), 1e-20);
@@ -194,6 +200,7 @@ TEST(ObjectJoint, PendulumHasThePeriodOfThePhysicalPendulum) {
     before = now;
   }
   ASSERT_GE(crossings.size(), 2u);
+  std::printf("  period %.5f s, exact %.5f s\n", crossings[1] - crossings[0], expected);
   EXPECT_NEAR(crossings[1] - crossings[0], expected, 2e-3 * expected);
   EXPECT_LE(body.term.gap(0, body.state), 1e-5);
 }
@@ -207,6 +214,7 @@ TEST(ObjectJoint, SliderWithFrictionStopsWhereCoulombPredicts) {
   body.state.body_velocities[0].linear = {0, speed, 0};
   for (int i = 0; i < 1000; ++i) body.step(dt);
   const double predicted = speed * speed * OneBody::mass / (2 * law.friction);
+  std::printf("  slid %.3f mm, Coulomb %.3f mm\n", 1e3 * body.q(), 1e3 * (predicted - 0.5 * speed * dt));
   EXPECT_NEAR(body.q(), predicted - 0.5 * speed * dt, 0.01 * predicted);
   const double rest = body.q();
   for (int i = 0; i < 1000; ++i) body.step(dt);
@@ -293,13 +301,13 @@ TEST(ObjectJoint, ButtonRestsWhereItsForcesBalanceAndSnapsAtItsLargestForce) {
   const double rest = body.q();
   EXPECT_NEAR(rest, 0, 2e-5) << "pre-compressed against its limit";
   for (;; force += 2e-4) {
-    body.inertia.set_dynamic(0, OneBody::mass, OneBody::turning * Matrix3::Identity(),
-                             {0, -force / OneBody::mass, 0});
+    body.inertia.set_dynamic(0, OneBody::mass, OneBody::turning * Matrix3::Identity(), {0, -force / OneBody::mass, 0});
     before = body.q();
     for (int i = 0; i < 3; ++i) body.step(0.02);
     if (before - body.q() > 2e-4 && before < -1e-4) break;
     ASSERT_LT(force, 3);
   }
+  std::printf("  snaps at %.4f N, exact %.4f N\n", force, largest);
   EXPECT_NEAR(force, largest, 0.01 * largest);
   // Released, it returns through the well to its limit: the spring is stronger than the well.
   body.inertia.set_dynamic(0, OneBody::mass, OneBody::turning * Matrix3::Identity(), Vector3::Zero());
@@ -324,6 +332,7 @@ TEST(ObjectJoint, DetentsHoldTheAnalyticPositionUnderALoad) {
       continue;
     }
     EXPECT_LT(std::abs(q), 0.2 / std::sqrt(5.0));
+    std::printf("  holds %.4g of %.4g N m at %.4f rad\n", std::abs(law.potential(q).slope), strongest, q);
     EXPECT_NEAR(std::abs(law.potential(q).slope), share * strongest * std::abs(std::cos(q)), 1e-3 * strongest);
   }
 }
@@ -357,6 +366,9 @@ TEST_P(ObjectJointKinds, TwoFreeBodiesKeepTheirMomentum) {
   const auto before = momentum();
   for (int i = 0; i < 100; ++i) stepper.step(state, 1e-3, 1e-13);
   const auto after = momentum();
+  std::printf("  momentum changes by %.2g, angular momentum by %.2g in 100 steps\n",
+              (after - before).head<3>().norm() / before.head<3>().norm(),
+              (after - before).tail<3>().norm() / before.tail<3>().norm());
   EXPECT_LE((after - before).head<3>().norm(), 1e-9 * before.head<3>().norm());
   // Backward Euler takes the torque at the end of the step and the arm at both ends: O(dt) of the angular momentum.
   EXPECT_LE((after - before).tail<3>().norm(), 0.02 * before.tail<3>().norm());
@@ -395,7 +407,6 @@ TEST_P(ObjectJointKinds, LedgerCloses) {
   if (joint.law.has_coordinate()) {
     EXPECT_GT(ledger.total().friction, 0);
   }
-
 }
 
 TEST_P(ObjectJointKinds, AStepThatDoesNotEndHasNoEffectAndMemoryRepeatsTheBits) {
