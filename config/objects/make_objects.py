@@ -318,7 +318,8 @@ def main():
             path = os.path.join(folder, name + ".json")
             with open(path, "w", encoding="utf-8") as out:
                 json.dump(description, out, indent=1)
-            subprocess.run([options.builder, path, "--output", os.path.join(options.out, name + ".object.json")], check=True)
+            output = os.path.join(options.out, name + ".object.json")
+            subprocess.run([options.builder, path, "--output", output], check=True)
 
 
 if __name__ == "__main__":
