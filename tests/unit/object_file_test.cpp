@@ -245,6 +245,19 @@ TEST(ObjectFile, LinksFollowTheirJoints) {
   EXPECT_LT((screwed.orientation * Vector3::UnitX() + Vector3::UnitX()).norm(), 1e-12);
 }
 
+// Points on the triangles of a mesh, with their corners, edges and middles.
+std::vector<Vector3> samples(const TriangleMesh& mesh) {
+  std::vector<Vector3> points;
+  for (const auto& t : mesh.triangles)
+    for (int i = 0; i <= 6; ++i)
+      for (int j = 0; i + j <= 6; ++j)
+        points.push_back((i * mesh.vertices[static_cast<std::size_t>(t[0])] +
+                          j * mesh.vertices[static_cast<std::size_t>(t[1])] +
+                          (6 - i - j) * mesh.vertices[static_cast<std::size_t>(t[2])]) /
+                         6);
+  return points;
+}
+
 // The objects in their whole range: links do not overlap, and the pieces lie about on the mesh.
 TEST(ShippedObjects, LinksDoNotOverlap) {
   for (const char* name : kShipped) {
@@ -266,10 +279,10 @@ TEST(ShippedObjects, LinksDoNotOverlap) {
       for (const double part : {0.0, 0.25, 0.5, 1.0}) {
         const double q = joint.law.minimum + part * (joint.law.maximum - joint.law.minimum);
         const Pose pose = link_poses(object, {q})[joint.child], back = pose.inverse();
-        for (const Vector3& v : object.links[joint.child].mesh.vertices)
-          ASSERT_GT(parent.distance(pose * v), 0) << "q " << q << ", child's vertex at " << v.transpose();
-        for (const Vector3& v : object.links[joint.parent].mesh.vertices)
-          ASSERT_GT(child.distance(back * v), 0) << "q " << q << ", parent's vertex at " << v.transpose();
+        for (const Vector3& v : samples(object.links[joint.child].mesh))
+          ASSERT_GT(parent.distance(pose * v), 0) << "q " << q << ", child's point " << v.transpose();
+        for (const Vector3& v : samples(object.links[joint.parent].mesh))
+          ASSERT_GT(child.distance(back * v), 0) << "q " << q << ", parent's point " << v.transpose();
       }
     }
   }
