@@ -69,6 +69,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);
   describe_list(v, "objects", "An object of the world.", o.objects);
+  describe_list(v, "joints", "A joint between two objects (docs/articulated-objects.md).", o.joints);
   describe_section(v, "haptic", "Haptic devices.", o.haptic);
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
   describe_section(v, "viewer", "The browser viewer.", o.viewer);
@@ -93,6 +94,7 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
     HandOptions& hand = scene.options.hand;
     hand.mirrored_objects = std::min(hand.mirrored_objects, movable);
     hand.static_objects = std::min(hand.static_objects, static_cast<std::int64_t>(objects.size()) - movable);
+    hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
   return scene;
 }

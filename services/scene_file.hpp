@@ -76,6 +76,7 @@ struct SceneOptions {
   HandOptions hand;
   WorldOptions world;
   std::vector<ObjectOptions> objects;
+  std::vector<JointOptions> joints;
   HapticOptions haptic;
   TactileOptions tactile;
   ViewerOptions viewer;

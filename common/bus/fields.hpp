@@ -134,6 +134,38 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("shape", m.shape);
 }
 
+template <typename V, Is<JointDetent> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("at", m.at);
+  v.field("depth", m.depth);
+  v.field("width", m.width);
+  v.field("period", m.period);
+}
+
+template <typename V, Is<ObjectJointDescription> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("joint_id", m.joint);
+  v.field("stamp", m.stamp);
+  v.field("name", m.name);
+  v.field("removed", m.removed);
+  v.field("kind", m.kind);
+  v.field("parent", m.parent);
+  v.field("child", m.child);
+  v.field("parent_position", m.parent_position);
+  v.field("parent_orientation", m.parent_orientation);
+  v.field("child_position", m.child_position);
+  v.field("child_orientation", m.child_orientation);
+  v.field("pitch", m.pitch);
+  v.field("limited", m.limited);
+  v.field("lower_limit", m.lower_limit);
+  v.field("upper_limit", m.upper_limit);
+  v.field("friction", m.friction);
+  v.field("damping", m.damping);
+  v.field("stiffness", m.stiffness);
+  v.field("rest", m.rest);
+  v.field("detents", m.detents);
+}
+
 template <typename V, Is<NeighbourPlane> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.field("neighbour", m.neighbour);

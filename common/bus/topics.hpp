@@ -88,6 +88,9 @@ inline constexpr Topic<LoopStatus> loop_status{{
 inline constexpr Topic<ObjectDescription> object_description{{
     "softhand/v1/object_description", "softhand::v1::ObjectDescription",
     reliable,    late,  1, 256,     0,  0,    0, false,    0, "world", "hand, viewer, recorder"}};
+inline constexpr Topic<ObjectJointDescription> object_joint{{
+    "softhand/v1/object_joint", "softhand::v1::ObjectJointDescription",
+    reliable,    late,  1, 256,     0,  0,    0, false,    0, "world", "hand, recorder"}};
 inline constexpr Topic<HandDescription> hand_description{{
     "softhand/v1/hand_description", "softhand::v1::HandDescription",
     reliable,    late,  1, kHands,  0,  0,    0, false,    0, "hand", "viewer, recorder"}};
@@ -98,7 +101,7 @@ template <typename F>
 void for_each(F&& f) {
   f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
       f(object_coupling), f(bone_wrench);
-  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description),
+  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(object_description), f(object_joint),
       f(hand_description);
 }
 

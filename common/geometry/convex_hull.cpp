@@ -12,6 +12,10 @@
 namespace softhand {
 namespace {
 
+// Of `hull_corners`: evenly spread directions, and the smallest distance between two corners that matters, m.
+constexpr std::size_t kDirections = 256;
+constexpr double kSameReach = 1e-6;
+
 struct Face {
   std::array<int, 3> corners{};
   Vector3 normal = Vector3::Zero();
@@ -221,6 +225,43 @@ ConvexHull convex_hull(std::span<const Vector3> points) {
     if (builder.build(simplex)) return builder.result();
   }
   throw std::invalid_argument("convex hull: no closed hull found; remove vertices that are almost equal");
+}
+
+std::vector<Vector3> hull_corners(std::span<const Vector3> vertices, std::size_t most) {
+  std::vector<Vector3> directions, extremes;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double sign : {-1.0, 1.0}) directions.push_back(sign * Vector3::Unit(axis));
+  const double golden = M_PI * (3 - std::sqrt(5.0));
+  for (std::size_t i = 0; i < kDirections; ++i) {
+    const double y = 1 - 2 * (static_cast<double>(i) + 0.5) / kDirections, across = std::sqrt(1 - y * y);
+    const double angle = golden * static_cast<double>(i);
+    directions.emplace_back(across * std::cos(angle), y, across * std::sin(angle));
+  }
+  for (const Vector3& direction : directions) {
+    extremes.push_back(*std::max_element(vertices.begin(), vertices.end(), [&](const Vector3& a, const Vector3& b) {
+      return direction.dot(a) < direction.dot(b);
+    }));
+  }
+  std::vector<double> reach(directions.size(), -1e300);
+  std::vector<Vector3> corners;
+  const auto choose = [&](std::size_t i) {
+    corners.push_back(extremes[i]);
+    for (std::size_t k = 0; k < directions.size(); ++k) reach[k] = std::max(reach[k], directions[k].dot(extremes[i]));
+  };
+  while (corners.size() < most) {
+    std::size_t worst = 0;
+    double farthest = kSameReach;
+    for (std::size_t k = 0; k < directions.size(); ++k) {
+      const double beyond = directions[k].dot(extremes[k]) - reach[k];
+      if (beyond > farthest) {
+        farthest = beyond;
+        worst = k;
+      }
+    }
+    if (farthest == kSameReach) break;
+    choose(worst);
+  }
+  return corners;
 }
 
 }  // namespace softhand

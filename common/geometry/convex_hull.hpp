@@ -23,4 +23,8 @@ struct ConvexHull {
 /// their size.
 ConvexHull convex_hull(std::span<const Vector3> points);
 
+/// At most `most` of the points whose hull is nearly that of all of them: in turn the point that is farthest beyond the
+/// chosen ones in one of 262 directions, until none is farther by more than a micrometre. Deterministic.
+std::vector<Vector3> hull_corners(std::span<const Vector3> points, std::size_t most);
+
 }  // namespace softhand

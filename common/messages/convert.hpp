@@ -20,6 +20,38 @@ inline Pose to_pose(const Vec3& position, const Vec4& orientation) {
   return {to_vector(position), to_quaternion(orientation)};
 }
 
+/// The law that a description states. It is not checked (`check_joint_law`).
+inline JointLaw to_law(const ObjectJointDescription& joint) {
+  JointLaw law;
+  law.kind = static_cast<ObjectJointKind>(joint.kind);
+  law.pitch = joint.pitch;
+  if (joint.limited != 0) {
+    law.minimum = joint.lower_limit;
+    law.maximum = joint.upper_limit;
+  }
+  law.friction = joint.friction;
+  law.damping = joint.damping;
+  law.stiffness = joint.stiffness;
+  law.rest = joint.rest;
+  for (const JointDetent& detent : joint.detents)
+    law.detents[law.detent_count++] = {detent.at, detent.depth, detent.width, detent.period};
+  return law;
+}
+/// Writes the law into a description.
+inline void set_law(ObjectJointDescription& joint, const JointLaw& law) {
+  joint.kind = static_cast<std::uint32_t>(law.kind);
+  joint.pitch = law.pitch;
+  joint.limited = law.limited() ? 1 : 0;
+  joint.lower_limit = law.limited() ? law.minimum : 0;
+  joint.upper_limit = law.limited() ? law.maximum : 0;
+  joint.friction = law.friction;
+  joint.damping = law.damping;
+  joint.stiffness = law.stiffness;
+  joint.rest = law.rest;
+  joint.detents.clear();
+  for (const Detent& well : law.wells()) joint.detents.push_back({well.at, well.depth, well.width, well.period});
+}
+
 template <std::size_t n>
 bool all_finite(const std::array<double, n>& values) {
   return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });

@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <type_traits>
 
+#include "model/joint_law.hpp"
 #include "model/skeleton.hpp"
 
 namespace softhand {
@@ -174,6 +175,38 @@ struct ObjectDescription {
   Shape shape;
 };
 
+/// A well in the potential of a joint's coordinate (`Detent` in model/joint_law.hpp).
+struct JointDetent {
+  double at = 0;      ///< m or rad
+  double depth = 0;   ///< J; negative: a hump
+  double width = 1;   ///< m or rad, > 0
+  double period = 0;  ///< m or rad; 0: one well
+};
+/// object_joint (transient local): a joint between two objects; key: joint id. model/joint_law.hpp explains the law.
+struct ObjectJointDescription {
+  std::uint32_t joint = 0;
+  Stamp stamp;
+  std::array<char, 64> name{};  ///< zero-terminated
+  std::uint32_t removed = 0;    ///< 1: the joint was removed
+  std::uint32_t kind = 0;       ///< ObjectJointKind
+  std::uint32_t parent = 0;     ///< object id; may be static
+  std::uint32_t child = 0;      ///< object id; can move
+  Vec3 parent_position{};       ///< the joint's frame in the parent's body frame
+  Vec4 parent_orientation{0, 0, 0, 1};
+  Vec3 child_position{};  ///< the joint's frame in the child's body frame
+  Vec4 child_orientation{0, 0, 0, 1};
+  double pitch = 0;           ///< m per turn, screw only
+  std::uint32_t limited = 0;  ///< 1: q stays between the limits
+  double lower_limit = 0;
+  double upper_limit = 0;
+  double friction = 0;
+  double damping = 0;
+  double stiffness = 0;
+  double rest = 0;
+  BoundedVector<JointDetent, kMaxDetents> detents;
+};
+inline constexpr std::size_t kMaxObjectJoints = 128;
+
 inline constexpr std::uint32_t kNeighbourStatic = 0;
 inline constexpr std::uint32_t kNeighbourCompliant = 1;
 inline constexpr std::uint32_t kNeighbourDynamic = 2;
@@ -224,7 +257,8 @@ struct ObjectTwin {
   Vec3 angular_velocity{};
   Vec3 contact_force{};   ///< f_h, from the hand on the object, N
   Vec3 contact_torque{};  ///< about the centre of mass, N m
-  Vec3 coupling_force{};  ///< from U'_crb on the twin (mode symmetric), N
+  /// From U'_crb on the twin (mode symmetric), or from its joints with other objects (mode owner), N.
+  Vec3 coupling_force{};
   Vec3 coupling_torque{};
 };
 inline constexpr std::size_t kMaxMirrored = 16;

@@ -11,6 +11,7 @@
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
+#include "energies/object_joint.hpp"
 #include "energies/plane_contact.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
@@ -39,7 +40,7 @@ Twist at_point(const Twist& of_centre, const Vector3& lever) {
 }  // namespace
 
 HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots,
-                               int static_slots, const ObjectSpring& object_spring)
+                               int static_slots, const ObjectSpring& object_spring, int object_joints)
     : hand_(hand),
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
@@ -120,6 +121,12 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     planes_ = planes.get();
     terms_.push_back(std::move(planes));
   }
+  // In mode symmetric the joints act in the world alone.
+  if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0 && object_joints > 0) {
+    auto joints = std::make_unique<ObjectJointEnergy>(layout, kBodyCount, mirrored_slots_, object_joints);
+    joints_ = joints.get();
+    terms_.push_back(std::move(joints));
+  }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness > 0) {
     std::vector<CouplingSite> sites;
     for (int slot = 0; slot < mirrored_slots_; ++slot) sites.push_back({kBodyCount + slot, Pose{}, {}});
@@ -172,6 +179,7 @@ void HandSimulation::restore(const State& state) {
   state_ = state;
   if (contacts_) contacts_->reset();
   if (planes_ != nullptr) planes_->reset();
+  if (joints_ != nullptr) joints_->reset();
   ledger_.restart();
   stored_is_valid_ = false;
   restored_ = true;
@@ -260,6 +268,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   *coupling_ = *other.coupling_;
   if (contacts_ != nullptr) *contacts_ = *other.contacts_;
   if (planes_ != nullptr) *planes_ = *other.planes_;
+  if (joints_ != nullptr) *joints_ = *other.joints_;
   if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
   solver_->take_factor(*other.solver_);
 }
@@ -367,6 +376,35 @@ Wrench HandSimulation::coupling_wrench(Body body) const { return coupling_->wren
 Wrench HandSimulation::object_coupling_wrench(int slot) const {
   return object_coupling_ == nullptr || slot_is_static(slot) ? Wrench{} : object_coupling_->wrench(slot, state_);
 }
+
+Wrench HandSimulation::joint_wrench(int slot) const {
+  return joints_ == nullptr || slot_is_static(slot) ? Wrench{} : joints_->wrench(kBodyCount + slot);
+}
+
+int HandSimulation::joint_count() const { return joints_ == nullptr ? 0 : joints_->place_count(); }
+
+void HandSimulation::set_joint(int place, const MirroredJoint& from) {
+  ObjectJoint joint;
+  joint.law = from.law;
+  joint.child = kBodyCount + from.child_slot;
+  joint.parent_from_joint = from.parent_from_joint;
+  joint.child_from_joint = from.child_from_joint;
+  const MirroredObject& child = objects_[static_cast<std::size_t>(from.child_slot)];
+  joint.child_mass = child.mass;
+  joint.child_inertia = child.inertia;
+  if (from.parent_slot >= 0) {
+    const MirroredObject& parent = objects_[static_cast<std::size_t>(from.parent_slot)];
+    joint.parent = kBodyCount + from.parent_slot;
+    joint.parent_mass = parent.mass;
+    joint.parent_inertia = parent.inertia;
+  }
+  joints_->set_joint(place, joint);
+  joints_->set_parent_motion(place, from.parent_pose);
+}
+
+void HandSimulation::clear_joint(int place) { joints_->clear_joint(place); }
+double HandSimulation::joint_coordinate(int place) const { return joints_->coordinate(place, state_); }
+double HandSimulation::joint_gap(int place) const { return joints_->gap(place, state_); }
 
 Wrench HandSimulation::contact_wrench(int slot) const { return contacts_->wrench(slot); }
 int HandSimulation::contact_count() const { return contacts_ ? contacts_->count() : 0; }

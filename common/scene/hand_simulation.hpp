@@ -15,6 +15,7 @@
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
+#include "model/joint_law.hpp"
 #include "scene/simulation_options.hpp"
 #include "scene/untangle.hpp"
 #include "solver/newton_solver.hpp"
@@ -24,6 +25,7 @@ namespace softhand {
 class BodyCoupling;
 class ContactSet;
 class Inertia;
+class ObjectJointEnergy;
 class PlaneContact;
 class Tissue;
 
@@ -36,6 +38,16 @@ struct MirroredObject {
   double mass = 1;                        ///< kg, > 0
   Matrix3 inertia = Matrix3::Identity();  ///< kg m^2, body axes
   double friction = 0;
+};
+
+/// A joint between two mirrored objects, or between one and an object that does not move.
+struct MirroredJoint {
+  JointLaw law;
+  int parent_slot = -1;  ///< -1: the parent does not move
+  Pose parent_pose;      ///< of the parent's body frame in the world, used if `parent_slot` is -1
+  int child_slot = 0;
+  Pose parent_from_joint;  ///< the joint's frame in the parent's body frame
+  Pose child_from_joint;
 };
 
 /// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, without
@@ -57,7 +69,7 @@ class HandSimulation {
  public:
   /// The hand is at rest with its wrist at the world's origin. All slots are empty.
   HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
-                 const ObjectSpring& object_spring = {});
+                 const ObjectSpring& object_spring = {}, int object_joints = 0);
   ~HandSimulation();
 
   const HandModel& hand() const { return hand_; }
@@ -93,6 +105,15 @@ class HandSimulation {
   /// Target of U'_crb, the world's copy (mode symmetric).
   void set_object_target(int slot, const Pose& pose, const Twist& velocity);
 
+  /// Places 0 ... `object_joints` - 1 for joints. A joint acts from the next step on. Its slots must be dynamic: the
+  /// slots of one set of jointed objects become dynamic together.
+  int joint_count() const;
+  void set_joint(int place, const MirroredJoint& joint);
+  void clear_joint(int place);
+  /// Coordinate of the joint in rad or m, and the distance (m) of its frames in the directions that it holds.
+  double joint_coordinate(int place) const;
+  double joint_gap(int place) const;
+
   /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hand
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
@@ -109,6 +130,8 @@ class HandSimulation {
   /// Wrench of the hand on the object in the slot, about the object's centre of mass.
   Wrench contact_wrench(int slot) const;
   Wrench object_coupling_wrench(int slot) const;
+  /// Wrench of all joints on the object in the slot in the last step, about its centre of mass.
+  Wrench joint_wrench(int slot) const;
   /// Whether any node touches the object.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;
@@ -151,7 +174,8 @@ class HandSimulation {
   BodyCoupling* object_coupling_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
-  Tissue* tissue_ = nullptr;  // null: the hand has only bones
+  ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects
+  Tissue* tissue_ = nullptr;             // null: the hand has only bones
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;

@@ -11,6 +11,7 @@
 #include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
+#include "runtime/object_store.hpp"
 #include "tracking/tracking_loop.hpp"
 #include "world/world_options.hpp"
 
@@ -24,6 +25,20 @@ void check_hand(const std::string& path) {
   fmt::print("{}: a {} hand, {} nodes, {} tetrahedra, {:.0f} ml, {} attachments, {} skin vertices\n", path,
              hand.side == Side::left ? "left" : "right", hand.node_count(), hand.tetrahedra.size(), volume * 1e6,
              hand.attachments.size(), hand.skin_vertices.size());
+}
+
+void check_object(const std::string& path) {
+  const LoadedObject object = load_object(path);
+  fmt::print("{}: an object of {} links and {} joints, SHA-256 {}\n", path, object.model.links.size(),
+             object.model.joints.size(), object.sha256);
+  for (const ObjectLink& link : object.model.links) {
+    fmt::print("  link {}: {:.1f} g, {} triangles, cells of {:.2f} mm, {} convex pieces\n", link.name, 1e3 * link.mass,
+               link.mesh.triangles.size(), 1e3 * link.grid_spacing, link.pieces.size());
+  }
+  for (const LinkJoint& joint : object.model.joints) {
+    fmt::print("  {} from {} to {}\n", to_string(joint.law.kind), object.model.links[joint.parent].name,
+               object.model.links[joint.child].name);
+  }
 }
 
 void check_rig(const std::string& path) {
@@ -66,12 +81,16 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   Scene scene = read_scene(path, overrides);
   std::string wrong;
   for (const std::string& problem :
-       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz)) {
+       check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints)) {
+    wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
+  }
+  const HandOptions& options = scene.options.hand;
+  for (const std::string& problem :
+       check_assemblies(scene.options.objects, scene.options.joints, options.mirrored_objects, options.object_joints)) {
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
   if (!wrong.empty()) throw ConfigError(wrong);
   const HandModel hand = load_scene_hand(scene);
-  const HandOptions& options = scene.options.hand;
   const TrackingOptions& tracking = scene.options.tracking;
   try_start(path + ": generator: ", [&] { make_scene_motion(scene, hand); });
   try_start(path + ": hand.tracked_input.", [&] { TrackedInput{options.tracked_input}; });
@@ -82,7 +101,9 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
 }
 
 int run_check(const std::string& path) {
-  if (path.ends_with(".json")) {
+  if (path.ends_with(kObjectSuffix)) {
+    check_object(path);
+  } else if (path.ends_with(".json")) {
     check_hand(path);
   } else if (is_rig(path)) {
     check_rig(path);

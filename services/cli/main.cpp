@@ -78,9 +78,10 @@ int main(int argc, char** argv) {
   command->callback([&] { run = [&status] { return run_status(status); }; });
 
   std::string file;
-  command = app.add_subcommand(
-      "check",
-      "Check a scene, rig (.toml) or hand (.json) file: print what it contains, or the errors with line, key or field");
+  command = app.add_subcommand("check",
+                               "Check a scene, rig (.toml), hand or object (.json) file: print what it contains, or "
+                               "the errors with line, key or "
+                               "field");
   command->add_option("file", file, "The file")->required()->type_name("FILE");
   command->callback([&] { run = [&file] { return run_check(file); }; });
 

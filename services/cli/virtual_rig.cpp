@@ -45,9 +45,10 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
   const bool layered = !options_.hand.direct;
   if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, options_.hand.rate_hz, hand, key);
-  world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz);
+  world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints);
   hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
   for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
+  for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand_->describe_joint(joint);
   descriptions_heard_ = world_->descriptions_version();
   haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop,
                                                      std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
@@ -89,6 +90,8 @@ void VirtualRig::send(const Message& message) {
     description.stamp.sample_time = world_->objects().stamp.sample_time + 1;  // the world's next step
     hand_->describe_object(description);
   }
+  for (const ObjectJointDescription& joint : world_->joint_descriptions())
+    if (joint.stamp.sequence > descriptions_heard_) hand_->describe_joint(joint);
   descriptions_heard_ = world_->descriptions_version();
 }
 

@@ -133,10 +133,12 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
       symmetric_(object_spring.linear_stiffness > 0),
       time_step_(1.0 / options.rate_hz),
       simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
-                                                   static_cast<int>(options.static_objects), object_spring)),
+                                                   static_cast<int>(options.static_objects), object_spring,
+                                                   static_cast<int>(options.object_joints))),
       tracked_(options.tracked_input) {
   slot_object_.assign(static_cast<std::size_t>(simulation_->slot_count()), -1);
   objects_.reserve(kMaxObjects);
+  joints_.reserve(kMaxObjectJoints);
   waiting_.reserve(kMaxObjects);
   output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
       output_.surface.hand = key_;
@@ -147,10 +149,11 @@ HandLoop::~HandLoop() = default;
 void HandLoop::describe_object(const ObjectDescription& description) {
   auto known = std::find_if(objects_.begin(), objects_.end(),
                             [&description](const KnownObject& o) { return o.id == description.object; });
-  if (known != objects_.end()) clear_slot(*known);
+  if (known != objects_.end()) release(known->assembly);
   if (description.removed != 0) {
     if (known == objects_.end()) return;
     objects_.erase(known);
+    find_assemblies();
     // The indices of the objects after the erased one have changed.
     for (std::size_t o = 0; o < objects_.size(); ++o) {
       if (objects_[o].slot >= 0) slot_object_[static_cast<std::size_t>(objects_[o].slot)] = static_cast<int>(o);
@@ -177,12 +180,94 @@ void HandLoop::describe_object(const ObjectDescription& description) {
       description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
       description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()),
       description.friction};
+  find_assemblies();
+}
+
+void HandLoop::describe_joint(const ObjectJointDescription& description) {
+  auto known = std::find_if(joints_.begin(), joints_.end(),
+                            [&description](const KnownJoint& j) { return j.id == description.joint; });
+  KnownJoint joint;
+  joint.id = description.joint;
+  joint.parent = description.parent;
+  joint.child = description.child;
+  joint.law = to_law(description);
+  joint.parent_from_joint = to_pose(description.parent_position, description.parent_orientation);
+  joint.child_from_joint = to_pose(description.child_position, description.child_orientation);
+  if (description.removed == 0) {
+    check_joint_law(joint.law);
+    const auto is_frame = [](const Vec3& position, const Vec4& orientation) {
+      return moderate(position) && is_unit(to_quaternion(orientation).norm());
+    };
+    if (!is_frame(description.parent_position, description.parent_orientation) ||
+        !is_frame(description.child_position, description.child_orientation))
+      throw std::invalid_argument("a frame of the joint is not a pose, expected finite metres and unit quaternions");
+    if (description.parent == description.child)
+      throw std::invalid_argument("parent and child are object " + std::to_string(description.child) +
+                                  ", expected two objects");
+    joint.parent_from_joint.orientation.normalize();
+    joint.child_from_joint.orientation.normalize();
+    if (known == joints_.end() && joints_.size() == kMaxObjectJoints)
+      throw std::invalid_argument("joints: at most " + std::to_string(kMaxObjectJoints));
+  }
+  if (known != joints_.end()) {
+    for (const std::uint32_t id : {known->parent, known->child})
+      if (const KnownObject* object = find_object(id)) release(object->assembly);
+    joints_.erase(known);
+  }
+  if (description.removed == 0) {
+    for (const std::uint32_t id : {joint.parent, joint.child})
+      if (const KnownObject* object = find_object(id)) release(object->assembly);
+    joints_.push_back(joint);
+  }
+  find_assemblies();
+}
+
+HandLoop::KnownObject* HandLoop::find_object(std::uint32_t id) {
+  const auto known = std::find_if(objects_.begin(), objects_.end(), [id](const KnownObject& o) { return o.id == id; });
+  return known == objects_.end() ? nullptr : &*known;
+}
+
+/// Ends the joints of an assembly and gives up its slots. The world moves its objects again.
+void HandLoop::release(std::uint32_t assembly) {
+  for (KnownObject& object : objects_) {
+    if (object.assembly != assembly) continue;
+    for (KnownJoint& joint : joints_) {
+      if (joint.place < 0 || (joint.parent != object.id && joint.child != object.id)) continue;
+      simulation_->clear_joint(joint.place);
+      joint.place = -1;
+    }
+    clear_slot(object);
+    object.owned = false;
+    object.last_touch = 0;
+  }
+}
+
+void HandLoop::find_assemblies() {
+  for (KnownObject& object : objects_) {
+    object.assembly = object.id;
+    object.jointed = false;
+  }
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const KnownJoint& joint : joints_) {
+      KnownObject* parent = find_object(joint.parent);
+      KnownObject* child = find_object(joint.child);
+      if (parent == nullptr || child == nullptr || child->description.is_static != 0) continue;
+      child->jointed = true;
+      if (parent->description.is_static != 0) continue;
+      parent->jointed = true;
+      if (parent->assembly == child->assembly) continue;
+      parent->assembly = child->assembly = std::min(parent->assembly, child->assembly);
+      changed = true;
+    }
+  }
 }
 
 void HandLoop::take_state(const HandLoop& other) {
   simulation_->take_state(*other.simulation_);
   tracked_ = other.tracked_;
   objects_ = other.objects_;
+  joints_ = other.joints_;
   slot_object_ = other.slot_object_;
   skeleton_ = other.skeleton_;
   any_skeleton_ = other.any_skeleton_;
@@ -208,9 +293,8 @@ void HandLoop::reset(Nanoseconds time) {
   simulation_->clear_targets();
   any_skeleton_ = reposition_asked_ = false;
   for (KnownObject& object : objects_) {
-    clear_slot(object);
-    object.seen = object.owned = false;
-    object.last_touch = 0;
+    release(object.assembly);
+    object.seen = false;
   }
 }
 
@@ -308,7 +392,7 @@ void HandLoop::take_world(const WorldObjects& world) {
   // Another world may have taken over with fewer objects. The previous world did not announce their removal.
   for (KnownObject& object : objects_) {
     if (object.listed || !object.seen) continue;
-    clear_slot(object);
+    release(object.assembly);
     object.seen = object.owned = false;
   }
   world_time_ = world.stamp.sample_time;
@@ -363,6 +447,15 @@ void HandLoop::measure_distances() {
       object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
     }
   }
+  // All objects of an assembly are as near as its nearest one.
+  for (const KnownObject& object : objects_) {
+    if (!object.jointed || !object.seen) continue;
+    for (KnownObject& other : objects_) {
+      if (other.assembly != object.assembly) continue;
+      other.distance = std::min(other.distance, object.distance);
+      other.near = std::max(other.near, object.near);
+    }
+  }
 }
 
 // The nearest objects get the slots. An object gives up its slot to another one only if that one is nearer by more than
@@ -380,6 +473,11 @@ void HandLoop::give_slots(Nanoseconds now) {
             [&at](int a, int b) { return at(a).distance != at(b).distance ? at(a).distance < at(b).distance : a < b; });
   for (const int o : waiting_) {
     KnownObject& object = at(o);
+    if (object.slot >= 0) continue;  // it got its slot with its assembly
+    if (object.jointed && !symmetric_) {
+      if (!get_slots_for_assembly(object, now)) ++counters_.objects_without_slot;
+      continue;
+    }
     const bool is_static = object.description.is_static != 0;
     int farthest = -1;
     for (int slot = 0; slot < simulation_->slot_count() && object.slot < 0; ++slot) {
@@ -394,17 +492,114 @@ void HandLoop::give_slots(Nanoseconds now) {
     }
     if (object.slot < 0 && farthest >= 0 && at(farthest).distance > object.distance + kSlotPreference) {
       object.slot = at(farthest).slot;
-      clear_slot(at(farthest));
+      if (at(farthest).jointed) {
+        release(at(farthest).assembly);
+      } else {
+        clear_slot(at(farthest));
+      }
     }
     if (object.slot < 0) {
       ++counters_.objects_without_slot;
       continue;
     }
-    slot_object_[static_cast<std::size_t>(object.slot)] = o;
-    simulation_->set_slot(object.slot, object.mirrored);
-    follow_world(object, now);
-    object.owned = false;
-    if (symmetric_ && !is_static) simulation_->make_dynamic(object.slot, Vector3::Zero());
+    give_slot(static_cast<std::size_t>(o), object.slot, now);
+  }
+}
+
+void HandLoop::give_slot(std::size_t o, int slot, Nanoseconds now) {
+  KnownObject& object = objects_[o];
+  object.slot = slot;
+  slot_object_[static_cast<std::size_t>(slot)] = static_cast<int>(o);
+  simulation_->set_slot(slot, object.mirrored);
+  follow_world(object, now);
+  object.owned = false;
+  if (symmetric_ && object.description.is_static == 0) simulation_->make_dynamic(slot, Vector3::Zero());
+}
+
+/// All objects of an assembly get slots, or none does. Farther objects make room if that is enough for all.
+bool HandLoop::get_slots_for_assembly(KnownObject& object, Nanoseconds now) {
+  const std::uint32_t assembly = object.assembly;
+  int needed = 0, joints = 0, free = 0;
+  for (const KnownObject& each : objects_) {
+    if (each.assembly != assembly) continue;
+    if (!each.seen) return false;
+    ++needed;
+  }
+  int places = simulation_->joint_count();
+  for (const KnownJoint& joint : joints_) {
+    const KnownObject* child = find_object(joint.child);
+    const KnownObject* parent = find_object(joint.parent);
+    if (child == nullptr || parent == nullptr) continue;
+    if (child->assembly == assembly) ++joints;
+    if (child->assembly != assembly && child->slot >= 0) --places;  // reserved for another assembly
+  }
+  if (joints > places) return false;
+  const auto holder_of = [this](int slot) -> KnownObject* {
+    const int holder = slot_object_[static_cast<std::size_t>(slot)];
+    return holder < 0 ? nullptr : &objects_[static_cast<std::size_t>(holder)];
+  };
+  const auto is_held = [&](const KnownObject& holder) {  // by a touch of any object of its assembly
+    return std::any_of(objects_.begin(), objects_.end(), [&](const KnownObject& each) {
+      return each.assembly == holder.assembly && each.slot >= 0 && (each.owned || simulation_->touched(each.slot));
+    });
+  };
+  const auto gives_way = [&](const KnownObject& holder) {
+    return !is_held(holder) && holder.distance > object.distance + kSlotPreference;
+  };
+  int possible = 0;
+  for (int slot = 0; slot < simulation_->slot_count(); ++slot) {
+    if (simulation_->slot_is_static(slot)) continue;
+    const KnownObject* holder = holder_of(slot);
+    if (holder == nullptr) ++free;
+    if (holder == nullptr || gives_way(*holder)) ++possible;
+  }
+  if (possible < needed) return false;
+  while (free < needed) {
+    KnownObject* farthest = nullptr;
+    for (int slot = 0; slot < simulation_->slot_count(); ++slot) {
+      KnownObject* holder = simulation_->slot_is_static(slot) ? nullptr : holder_of(slot);
+      if (holder != nullptr && gives_way(*holder) && (farthest == nullptr || holder->distance > farthest->distance))
+        farthest = holder;
+    }
+    const std::uint32_t leaving = farthest->assembly;
+    for (const KnownObject& each : objects_)
+      if (each.assembly == leaving && each.slot >= 0) ++free;
+    release(leaving);
+  }
+  int slot = 0;
+  for (std::size_t o = 0; o < objects_.size(); ++o) {
+    if (objects_[o].assembly != assembly) continue;
+    while (simulation_->slot_is_static(slot) || holder_of(slot) != nullptr) ++slot;
+    give_slot(o, slot, now);
+  }
+  return true;
+}
+
+/// A joint acts while the hand owns its objects.
+void HandLoop::move_joints() {
+  for (KnownJoint& joint : joints_) {
+    const KnownObject* child = find_object(joint.child);
+    const KnownObject* parent = find_object(joint.parent);
+    const bool acts = child != nullptr && child->owned && parent != nullptr &&
+                      (parent->description.is_static != 0 ? parent->seen : parent->owned);
+    if (!acts && joint.place >= 0) {
+      simulation_->clear_joint(joint.place);
+      joint.place = -1;
+    }
+    if (!acts || joint.place >= 0) continue;
+    for (int place = 0; place < simulation_->joint_count() && joint.place < 0; ++place) {
+      if (std::none_of(joints_.begin(), joints_.end(), [place](const KnownJoint& j) { return j.place == place; }))
+        joint.place = place;
+    }
+    if (joint.place < 0) continue;
+    MirroredJoint mirrored;
+    mirrored.law = joint.law;
+    mirrored.child_slot = child->slot;
+    mirrored.parent_slot = parent->description.is_static != 0 ? -1 : parent->slot;
+    mirrored.parent_pose = to_pose(parent->state.position, parent->state.orientation);
+    mirrored.parent_from_joint = joint.parent_from_joint;
+    mirrored.child_from_joint = joint.child_from_joint;
+    simulation_->set_joint(joint.place, mirrored);
   }
 }
 
@@ -412,15 +607,21 @@ void HandLoop::mirror_objects(Nanoseconds now) {
   if (objects_.empty()) return;
   measure_distances();
   give_slots(now);
+  // A touch of one object counts for all that joints connect to it.
+  for (const int o : slot_object_) {
+    if (o < 0 || !simulation_->touched(objects_[static_cast<std::size_t>(o)].slot)) continue;
+    const std::uint32_t assembly = objects_[static_cast<std::size_t>(o)].assembly;
+    for (KnownObject& object : objects_)
+      if (object.assembly == assembly && object.slot >= 0) object.last_touch = now;
+  }
   for (const int o : slot_object_) {
     if (o >= 0) mirror(objects_[static_cast<std::size_t>(o)], now);
   }
+  if (!joints_.empty() && !symmetric_) move_joints();
 }
 
 void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   const bool is_static = object.description.is_static != 0;
-  if (simulation_->touched(object.slot)) object.last_touch = now;
-
   if (is_static) {
     follow_world(object, now);
     return;
@@ -523,7 +724,8 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
     const Pose pose = simulation_->slot_pose(object.slot);
     const Twist velocity = simulation_->slot_velocity(object.slot);
     const Wrench contact = simulation_->contact_wrench(object.slot);
-    const Wrench spring = simulation_->object_coupling_wrench(object.slot);
+    const Wrench spring =
+        symmetric_ ? simulation_->object_coupling_wrench(object.slot) : simulation_->joint_wrench(object.slot);
     coupling.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation),
                               to_wire(velocity.linear), to_wire(velocity.angular), to_wire(contact.force),
                               to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});

@@ -43,11 +43,13 @@ struct HandCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
   std::uint64_t refused_order = 0;      ///< samples that are not newer than the last one
   std::uint64_t repositioned = 0;
-  std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
-  std::uint64_t failed_steps = 0;          ///< steps in which the solver failed and kept the state
-  std::uint64_t budget_steps = 0;          ///< steps that reached the work budget before convergence
-  std::uint64_t chord_steps = 0;           ///< chord steps (`NewtonSolver::use_linkage`)
-  std::uint64_t objects_without_slot = 0;  ///< (object, step) pairs near the hand while all slots were taken
+  std::uint64_t stale_steps = 0;   ///< steps whose newest skeleton was older than `stale_after`
+  std::uint64_t failed_steps = 0;  ///< steps in which the solver failed and kept the state
+  std::uint64_t budget_steps = 0;  ///< steps that reached the work budget before convergence
+  std::uint64_t chord_steps = 0;   ///< chord steps (`NewtonSolver::use_linkage`)
+  /// (object, step) pairs near the hand without a slot: all slots were taken, or too few were free for all objects that
+  /// joints connect.
+  std::uint64_t objects_without_slot = 0;
 };
 
 class HandLoop {
@@ -61,6 +63,10 @@ class HandLoop {
   /// allocates. Throws std::invalid_argument and keeps the previous description on a bad shape or friction outside [0,
   /// 1e9]. For an object that can move, mass (kg) and inertia (kg m^2) must be in (0, 1e9].
   void describe_object(const ObjectDescription& description);
+
+  /// Takes a joint between two objects that the world announced or removed. The hand releases both objects. Call
+  /// between steps. Throws std::invalid_argument and keeps the previous description if the joint cannot run.
+  void describe_joint(const ObjectJointDescription& description);
 
   /// Copies the state of `other`. Both loops then continue identically, as far as their options allow it. `other` must
   /// have the same hand, the same number of slots and the same objects. Call between steps. Allocates.
@@ -98,11 +104,27 @@ class HandLoop {
     double distance = 0;  // m, to the hand; infinity if it is certainly out of reach
     double near = 0;      // m; the object is mirrored at or below this distance
     int slot = -1;
+    std::uint32_t assembly = 0;  // id of one of the movable objects that joints connect; its own without joints
+    bool jointed = false;        // the assembly has more than one object or a joint
     bool owned = false;
     Nanoseconds last_touch = 0;
   };
 
+  struct KnownJoint {
+    std::uint32_t id = 0;
+    std::uint32_t parent = 0, child = 0;  // object ids
+    JointLaw law;
+    Pose parent_from_joint, child_from_joint;
+    int place = -1;  // in the simulation; -1: does not act
+  };
+
   void clear_slot(KnownObject& object);
+  void release(std::uint32_t assembly);
+  void find_assemblies();
+  KnownObject* find_object(std::uint32_t id);
+  bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);
+  void give_slot(std::size_t object, int slot, Nanoseconds now);
+  void move_joints();
   void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
@@ -129,6 +151,7 @@ class HandLoop {
   std::unique_ptr<HandSimulation> simulation_;
   TrackedInput tracked_;  // used only if the intermediate layer is left out
   std::vector<KnownObject> objects_;
+  std::vector<KnownJoint> joints_;
   std::vector<int> slot_object_;  // index into objects_, -1 = free
   std::vector<int> waiting_;      // indices into objects_ of near objects without a slot, nearest first
   Skeleton skeleton_;             // newest intermediate skeleton

@@ -22,6 +22,7 @@ struct HandOptions {
   double release_time = 0.1;
   std::int64_t mirrored_objects = 16;
   std::int64_t static_objects = 4;
+  std::int64_t object_joints = 8;
   SimulationOptions simulation;
 };
 
@@ -52,6 +53,9 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
       "static_objects", o.static_objects, "1", {0, 64},
       "Slots for objects that cannot move (a table). If the scene lists objects, never more slots than fixed objects "
       "in it.");
+  v.integer("object_joints", o.object_joints, "1", {0, 64},
+            "Places for joints between objects. Objects that joints connect get slots together. If the scene lists "
+            "objects, never more places than joints in it.");
   describe_section(v, "tracked_input", "Input without the intermediate layer.", o.tracked_input);
   describe_section(v, "simulation", "Energies and solver.", o.simulation);
 }

@@ -60,6 +60,7 @@ void run(int argc, char** argv) {
   bus::Reader heads(p, bus::topics::head_pose);
   bus::Reader worlds(p, bus::topics::objects);
   bus::Reader descriptions(p, bus::topics::object_description);
+  bus::Reader joints(p, bus::topics::object_joint);
   bus::Writer simulated_writer(p, bus::topics::simulated_skeleton);
   bus::Writer coupling_writer(p, bus::topics::object_coupling);
   bus::Writer contacts_writer(p, bus::topics::contacts);
@@ -109,6 +110,14 @@ void run(int argc, char** argv) {
         log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
       }
     });
+    joints.take_all([&](const ObjectJointDescription& d) {
+      try {
+        loop.describe_joint(d);
+      } catch (const std::exception& error) {
+        ++refused_objects;
+        log_line("joint {} ('{}') refused: {}", d.joint, get_text(d.name), error.what());
+      }
+    });
     HandInput input;
     if (skeletons.take_latest(*skeleton)) input.skeleton = skeleton.get();
     if (worlds.take_latest(*world)) input.world = world.get();
@@ -131,7 +140,7 @@ void run(int argc, char** argv) {
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
-    status.input_drops = dropped_before(skeletons, heads, worlds, descriptions);
+    status.input_drops = dropped_before(skeletons, heads, worlds, descriptions, joints);
     add_counter(status, "hand_nodes", hand.node_count());
     add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);

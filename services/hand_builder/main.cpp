@@ -68,7 +68,7 @@ int main(int argc, char** argv) {
     const Side side = side_name == "left" ? Side::left : Side::right;
     builder::RestSkeleton rest;
     std::unique_ptr<const builder::SkinShape> skin;
-    builder::TriangleMesh display;
+    TriangleMesh display;
     if (!gltf.empty()) {
       builder::RiggedHand rigged = builder::load_rigged_hand(gltf);
       rest = rigged.rest;

@@ -1,152 +1,18 @@
-// Signed distance to a triangle mesh. The nearest triangle is found with a tree of boxes. The sign is that of the
-// pseudonormal of the nearest feature (Baerentzen and Aanaes 2005).
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <map>
-#include <numeric>
+// The skin of a rigged hand as a SkinShape.
+#include "geometry/mesh_distance.hpp"
 
 #include "hand_builder/rigged_hand.hpp"
 
 namespace softhand::builder {
-namespace {
 
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-// The nearest part of a triangle to a point: 0-2 = a corner, 3-5 = the edge that starts there, 6 = the inside.
-struct Nearest {
-  Vector3 point;
-  int feature;
-};
-// Ericson, Real-Time Collision Detection, 5.1.5.
-Nearest nearest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c) {
-  const Vector3 ab = b - a, ac = c - a, ap = p - a, bp = p - b, cp = p - c;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap), d3 = ab.dot(bp), d4 = ac.dot(bp), d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d1 <= 0 && d2 <= 0) return {a, 0};
-  if (d3 >= 0 && d4 <= d3) return {b, 1};
-  if (d6 >= 0 && d5 <= d6) return {c, 2};
-  const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return {a + d1 / (d1 - d3) * ab, 3};
-  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return {a + d2 / (d2 - d6) * ac, 5};
-  return {a + (vb * ab + vc * ac) / (va + vb + vc), 6};
-}
-
-}  // namespace
-
-struct MeshSkin::Tree {
-  struct Box {
-    Vector3 low, high;
-    std::size_t first, count;  // triangles of a leaf; an inner box has count 0
-    std::size_t left, right;
-  };
-  std::vector<Vector3> vertices;
-  std::vector<std::array<std::int32_t, 3>> triangles;  // in the order of the leaves
-  std::vector<std::array<Vector3, 7>> normals;         // of corners, edges, face
-  std::vector<Box> boxes;
-
-  explicit Tree(const TriangleMesh& mesh) : vertices(mesh.vertices), triangles(mesh.triangles) {
-    build(0, triangles.size());
-    // Corner normals are weighted by the angles of their triangles. Edge normals weight both triangles equally.
-    std::vector<Vector3> corner(vertices.size(), Vector3::Zero());
-    std::map<std::array<std::int32_t, 2>, Vector3> edge;
-    const auto key = [](std::int32_t a, std::int32_t b) {
-      return std::array<std::int32_t, 2>{std::min(a, b), std::max(a, b)};
-    };
-    const auto face_normal = [this](const std::array<std::int32_t, 3>& t) {
-      return Vector3(
-          (vertices[at(t[1])] - vertices[at(t[0])]).cross(vertices[at(t[2])] - vertices[at(t[0])]).normalized());
-    };
-    for (const auto& t : triangles) {
-      const Vector3 normal = face_normal(t);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const Vector3 one = vertices[at(t[(k + 1) % 3])] - vertices[at(t[k])],
-                      other = vertices[at(t[(k + 2) % 3])] - vertices[at(t[k])];
-        corner[at(t[k])] += std::atan2(one.cross(other).norm(), one.dot(other)) * normal;
-        edge.try_emplace(key(t[k], t[(k + 1) % 3]), Vector3::Zero()).first->second += normal;
-      }
-    }
-    for (const auto& t : triangles) {
-      std::array<Vector3, 7> n;
-      for (std::size_t k = 0; k < 3; ++k) {
-        n[k] = corner[at(t[k])];
-        n[3 + k] = edge.at(key(t[k], t[(k + 1) % 3]));
-      }
-      n[6] = face_normal(t);
-      normals.push_back(n);
-    }
-  }
-
-  std::size_t build(std::size_t first, std::size_t last) {
-    const std::size_t number = boxes.size();
-    Box box{Vector3::Constant(1e9), Vector3::Constant(-1e9), first, last - first, 0, 0};
-    for (std::size_t i = first; i < last; ++i) {
-      for (const std::int32_t v : triangles[i]) {
-        box.low = box.low.cwiseMin(vertices[at(v)]);
-        box.high = box.high.cwiseMax(vertices[at(v)]);
-      }
-    }
-    boxes.push_back(box);
-    if (last - first > 4) {
-      int axis = 0;
-      (box.high - box.low).maxCoeff(&axis);
-      const std::size_t middle = (first + last) / 2;
-      const auto place = [&](const std::array<std::int32_t, 3>& t) {
-        return vertices[at(t[0])][axis] + vertices[at(t[1])][axis] + vertices[at(t[2])][axis];
-      };
-      const auto begin = triangles.begin();
-      std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle),
-                       begin + static_cast<std::ptrdiff_t>(last),
-                       [&](const auto& a, const auto& b) { return place(a) < place(b); });
-      const std::size_t left = build(first, middle), right = build(middle, last);
-      boxes[number].count = 0;
-      boxes[number].left = left;
-      boxes[number].right = right;
-    }
-    return number;
-  }
-
-  struct Best {
-    double squared = std::numeric_limits<double>::infinity();
-    Vector3 point;
-    std::size_t triangle = 0;
-    int feature = 6;
-  };
-  double squared_to(std::size_t box, const Vector3& p) const {
-    return (boxes[box].low - p).cwiseMax(p - boxes[box].high).cwiseMax(0.0).squaredNorm();
-  }
-  void search(std::size_t number, const Vector3& p, Best& best) const {
-    const Box& box = boxes[number];
-    for (std::size_t i = box.first; i < box.first + box.count; ++i) {
-      const auto& t = triangles[i];
-      const Nearest nearest = nearest_on_triangle(p, vertices[at(t[0])], vertices[at(t[1])], vertices[at(t[2])]);
-      const double squared = (p - nearest.point).squaredNorm();
-      if (squared < best.squared) best = {squared, nearest.point, i, nearest.feature};
-    }
-    if (box.count > 0) return;
-    const double left = squared_to(box.left, p), right = squared_to(box.right, p);
-    for (const auto& [squared, child] : {std::min(std::pair{left, box.left}, std::pair{right, box.right}),
-                                         std::max(std::pair{left, box.left}, std::pair{right, box.right})}) {
-      if (squared < best.squared) search(child, p, best);
-    }
-  }
-};
-
-MeshSkin::MeshSkin(const TriangleMesh& mesh) : tree_(std::make_unique<const Tree>(mesh)) {}
+MeshSkin::MeshSkin(const TriangleMesh& mesh) : mesh_(std::make_unique<const MeshDistance>(mesh)) {}
 MeshSkin::~MeshSkin() = default;
 
-double MeshSkin::distance(const Vector3& point) const {
-  Tree::Best best;
-  tree_->search(0, point, best);
-  const double distance = std::sqrt(best.squared);
-  const bool outside =
-      (point - best.point).dot(tree_->normals[best.triangle][static_cast<std::size_t>(best.feature)]) >= 0;
-  return outside ? distance : -distance;
-}
+double MeshSkin::distance(const Vector3& point) const { return mesh_->distance(point); }
 
 std::array<Vector3, 2> MeshSkin::bounds() const {
   const Vector3 margin = Vector3::Constant(0.006);
-  return {tree_->boxes[0].low - margin, tree_->boxes[0].high + margin};
+  return {mesh_->low() - margin, mesh_->high() + margin};
 }
 
 }  // namespace softhand::builder

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "hand_builder/skin_shape.hpp"
+#include "model/triangle_mesh.hpp"
 
 namespace softhand::builder {
 
@@ -16,11 +17,6 @@ struct TetrahedralMesh {
 
   double volume() const;                    ///< cubic metres
   double minimum_dihedral_degrees() const;  ///< over all tetrahedra
-};
-
-struct TriangleMesh {
-  std::vector<Vector3> vertices;
-  std::vector<std::array<std::int32_t, 3>> triangles;  ///< outward orientation
 };
 
 /// The requested edge length at a point, as a multiple of a common scale.

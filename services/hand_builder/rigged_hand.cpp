@@ -4,13 +4,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <fstream>
-#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "mesh_files/gltf_file.hpp"
 #include "trackers/replay/recording.hpp"
 
 namespace softhand::builder {
@@ -20,97 +19,8 @@ using nlohmann::json;
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The part of glTF 2.0 that a rigged hand needs. Every access is checked against the size of the file.
-class Glb {
- public:
-  Glb(std::istream& in, std::string name) : name_(std::move(name)) {
-    const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    const auto word = [&](std::size_t place) {
-      std::uint32_t value = 0;
-      std::memcpy(&value, bytes.data() + place, sizeof value);
-      return value;
-    };
-    check(bytes.size() >= 20 && word(0) == 0x46546C67 && word(4) == 2, "header",
-          "a binary glTF file of version 2 (.glb)");
-    const std::size_t text = word(12);
-    check(word(16) == 0x4E4F534A && text <= bytes.size() - 20, "chunk 0", "JSON inside the file");
-    check(bytes.size() - 20 - text >= 8 && word(24 + text) == 0x004E4942 && word(20 + text) <= bytes.size() - 28 - text,
-          "chunk 1", "binary data inside the file");
-    document_ = json::parse(bytes.begin() + 20, bytes.begin() + 20 + static_cast<std::ptrdiff_t>(text), nullptr, false);
-    check(document_.is_object(), "chunk 0", "valid JSON");
-    binary_ = bytes.substr(28 + text, word(20 + text));
-  }
-
-  void check(bool good, const std::string& field, const std::string& expected) const {
-    if (!good) throw std::runtime_error(name_ + ": " + field + ": expected " + expected);
-  }
-  const json& document() const { return document_; }
-  const json& element(const char* list, std::size_t index) const {
-    const auto found = document_.find(list);
-    check(found != document_.end() && found->is_array() && index < found->size() && (*found)[index].is_object(), list,
-          "an element " + std::to_string(index));
-    return (*found)[index];
-  }
-  std::size_t index(const json& object, const char* key, const std::string& where) const {
-    const auto found = object.find(key);
-    check(found != object.end() && found->is_number_unsigned(), where + "." + key, "an index");
-    return found->get<std::size_t>();
-  }
-
-  /// The numbers of an accessor, row by row. Normalised integers are returned as fractions.
-  std::vector<double> numbers(std::size_t accessor_index, const std::string& type, const std::string& what) const {
-    const std::string where = "accessors[" + std::to_string(accessor_index) + "] (" + what + ")";
-    const json& accessor = element("accessors", accessor_index);
-    check(accessor.value("type", std::string()) == type, where + ".type", type);
-    check(!accessor.contains("sparse"), where + ".sparse", "no sparse data");
-    const json& view = element("bufferViews", index(accessor, "bufferView", where));
-    check(index(view, "buffer", where + ".bufferView") == 0 && !element("buffers", 0).contains("uri"),
-          where + ".bufferView.buffer", "the binary chunk of the file");
-    const std::size_t columns = type == "SCALAR" ? 1 : type == "VEC3" ? 3 : type == "VEC4" ? 4 : 16;
-    const std::size_t component = index(accessor, "componentType", where), count = index(accessor, "count", where);
-    check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType",
-          "5121, 5123, 5125 or 5126");
-    const std::size_t width = component == 5121 ? 1 : component == 5123 ? 2 : 4;
-    const std::size_t start = view.value("byteOffset", std::size_t{0}),
-                      offset = accessor.value("byteOffset", std::size_t{0});
-    const std::size_t length = index(view, "byteLength", where + ".bufferView");
-    const std::size_t stride = view.value("byteStride", columns * width);
-    const std::size_t size = binary_.size();
-    check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 &&
-              length <= size && start <= size - length && offset + (count - 1) * stride + columns * width <= length,
-          where, "data inside the binary chunk");
-    const bool normalised = accessor.value("normalized", false);
-    std::vector<double> out;
-    out.reserve(count * columns);
-    const auto read = [&]<typename T>(T value, std::size_t place, double scale) {
-      std::memcpy(&value, binary_.data() + place, sizeof value);
-      out.push_back(static_cast<double>(value) / (normalised ? scale : 1.0));
-      check(std::isfinite(out.back()), where, "finite numbers");
-    };
-    for (std::size_t row = 0; row < count; ++row) {
-      for (std::size_t column = 0; column < columns; ++column) {
-        const std::size_t place = start + offset + row * stride + column * width;
-        if (component == 5121)
-          read(std::uint8_t{}, place, 255);
-        else if (component == 5123)
-          read(std::uint16_t{}, place, 65535);
-        else if (component == 5125)
-          read(std::uint32_t{}, place, 1);
-        else
-          read(float{}, place, 1);
-      }
-    }
-    return out;
-  }
-
- private:
-  std::string name_;
-  json document_;
-  std::string binary_;
-};
-
 // Merges all primitives of the skinned mesh, in the file's frame. Corners at the same place are welded.
-TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_count) {
+TriangleMesh read_mesh(const GltfFile& file, const json& mesh, std::size_t joint_count) {
   TriangleMesh out;
   std::map<std::array<long long, 3>, std::int32_t> places;
   const auto primitives = mesh.find("primitives");
@@ -157,7 +67,7 @@ TriangleMesh read_mesh(const Glb& file, const json& mesh, std::size_t joint_coun
   return out;
 }
 
-void check_closed(const Glb& file, const TriangleMesh& mesh) {
+void check_closed(const GltfFile& file, const TriangleMesh& mesh) {
   std::map<std::array<std::int32_t, 2>, int> edges;
   std::vector<bool> used(mesh.vertices.size(), false);
   double volume = 0;
@@ -191,7 +101,7 @@ RiggedHand load_rigged_hand(const std::string& path) {
 }
 
 RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
-  const Glb file(in, name);
+  const GltfFile file(in, name);
   const json& document = file.document();
   file.check(document.contains("skins") && document["skins"].is_array() && document["skins"].size() == 1, "skins",
              "exactly one");

@@ -7,6 +7,10 @@
 
 #include "hand_builder/mesher.hpp"
 
+namespace softhand {
+class MeshDistance;
+}
+
 namespace softhand::builder {
 
 /// The content of the file as a right hand in its wrist's frame. Metres.
@@ -34,8 +38,7 @@ class MeshSkin : public SkinShape {
   std::array<Vector3, 2> bounds() const override;
 
  private:
-  struct Tree;
-  std::unique_ptr<const Tree> tree_;
+  std::unique_ptr<const MeshDistance> mesh_;
 };
 
 }  // namespace softhand::builder

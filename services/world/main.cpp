@@ -15,24 +15,29 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "world", "The physics world of a scene");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const WorldOptions& options = scene.options.world;
-  WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz);
+  WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   bus::Reader couplings(service.participant(), bus::topics::object_coupling);
   bus::Writer objects(service.participant(), bus::topics::objects);
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
+  bus::Writer joints(service.participant(), bus::topics::object_joint);
 
   std::uint64_t described = 0;
   const auto describe_objects = [&](Nanoseconds now) {
     const std::uint64_t before = std::exchange(described, loop.descriptions_version());
     if (described == before) return;
-    for (const ObjectDescription& each : loop.descriptions()) {
-      if (each.stamp.sequence <= before) continue;  // unchanged; a hand releases every object that is described again
-      ObjectDescription description = each;
-      service.stamp(description.stamp);
-      description.stamp.sample_time = now;
-      descriptions.write(description);
-    }
+    const auto write_changed = [&](auto& writer, const auto& list) {
+      for (const auto& each : list) {
+        if (each.stamp.sequence <= before) continue;  // unchanged; a hand releases every object that is described again
+        auto description = each;
+        service.stamp(description.stamp);
+        description.stamp.sample_time = now;
+        writer.write(description);
+      }
+    };
+    write_changed(descriptions, loop.descriptions());
+    write_changed(joints, loop.joint_descriptions());
   };
   describe_objects(0);
 

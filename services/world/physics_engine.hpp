@@ -9,6 +9,7 @@
 
 #include "math/types.hpp"
 #include "messages/messages.hpp"
+#include "model/joint_law.hpp"
 
 namespace softhand {
 
@@ -19,6 +20,15 @@ struct EngineObject {
   Vector3 inertia = Vector3::Zero();  ///< principal, kg m^2
   double friction = 0;                ///< a pair uses the geometric mean
   Pose pose;
+};
+
+/// A joint between two bodies. `child` can move. Jointed bodies do not collide with each other.
+struct EngineJoint {
+  JointLaw law;
+  std::size_t parent = 0;  ///< slot
+  std::size_t child = 0;   ///< slot
+  Pose parent_from_joint;  ///< the joint's frame in the parent's body frame
+  Pose child_from_joint;
 };
 
 /// Uniform solid of unit density: the convex hull of some points.
@@ -41,6 +51,11 @@ class PhysicsEngine {
   virtual void set_gravity(std::size_t slot, const Vector3& gravity) = 0;
   /// Adds a force (N) and a torque about the centre of mass (N m), world axes, for the next step.
   virtual void apply(std::size_t slot, const Wrench& wrench) = 0;
+  /// Joints have numbers 0..127. Both bodies must exist as long as the joint exists.
+  virtual void add_joint(std::size_t number, const EngineJoint& joint) = 0;
+  virtual void remove_joint(std::size_t number) = 0;
+  /// A passive joint holds its bodies together and keeps its limits, but has no friction, spring, damping and detents.
+  virtual void set_passive(std::size_t number, bool passive) = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at

@@ -30,6 +30,7 @@ bool is_plausible(const ObjectTwin& twin) {
   const double norm = to_quaternion(twin.orientation).norm();
   return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) &&
          all_finite(twin.angular_velocity) && all_finite(twin.contact_force) && all_finite(twin.contact_torque) &&
+         all_finite(twin.coupling_force) && all_finite(twin.coupling_torque) &&
          std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 && norm < 2;
 }
 
@@ -43,14 +44,16 @@ bool before(const HandKey& a, const HandKey& b) { return a.user != b.user ? a.us
 
 }  // namespace
 
-WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step)
+WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step,
+                     const std::vector<JointOptions>& joints)
     : options_(options),
       step_(1 / options.rate_hz),
       gravity_(options.gravity[0], options.gravity[1], options.gravity[2]),
       engine_(make_physics_engine(options.engine)),
       output_(std::make_unique<WorldOutput>()) {
   std::string wrong;
-  for (const std::string& text : check_world(options, objects, hand_step)) wrong += (wrong.empty() ? "" : "\n") + text;
+  for (const std::string& text : check_world(options, objects, hand_step, joints))
+    wrong += (wrong.empty() ? "" : "\n") + text;
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   objects_.reserve(objects.size());
   for (const ObjectOptions& from : objects) {
@@ -71,12 +74,110 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
     description.stamp.sequence = ++descriptions_version_;
     insert(objects_.size() - 1);
   }
+  make_joints(joints);
 }
 
 WorldLoop::~WorldLoop() = default;
 
 Vector3 WorldLoop::gravity_of(const Object& object) const {
   return object.weightless || !object.dynamic ? Vector3(Vector3::Zero()) : gravity_;
+}
+
+/// The child's frame lies where the parent's frame is at the start.
+void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
+  joints_.reserve(joints.size());
+  for (const JointOptions& from : joints) {
+    Joint& joint = joints_.emplace_back();
+    joint.options = from;
+    joint.engine.law = joint_law(from);
+    joint.engine.parent = static_cast<std::size_t>(find(from.parent) - objects_.data());
+    joint.engine.child = static_cast<std::size_t>(find(from.child) - objects_.data());
+    const Object& parent = objects_[joint.engine.parent];
+    const Object& child = objects_[joint.engine.child];
+    const Pose frame{to_vector(from.position),
+                     Quaternion::FromTwoVectors(Vector3::UnitY(), to_vector(from.axis)).normalized()};
+    joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * frame;
+    joint.engine.child_from_joint = child.start.inverse() * (parent.start * joint.engine.parent_from_joint);
+    ObjectJointDescription& description = joint_descriptions_.emplace_back();
+    description.joint = static_cast<std::uint32_t>(joints_.size());
+    set_text(description.name, from.name);
+    description.parent = static_cast<std::uint32_t>(joint.engine.parent + 1);
+    description.child = static_cast<std::uint32_t>(joint.engine.child + 1);
+    description.parent_position = to_wire(joint.engine.parent_from_joint.position);
+    description.parent_orientation = to_wire(joint.engine.parent_from_joint.orientation);
+    description.child_position = to_wire(joint.engine.child_from_joint.position);
+    description.child_orientation = to_wire(joint.engine.child_from_joint.orientation);
+    set_law(description, joint.engine.law);
+    description.stamp.sequence = ++descriptions_version_;
+  }
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) attach(slot);
+  find_assemblies();
+}
+
+void WorldLoop::find_assemblies() {
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) objects_[slot].assembly = slot;
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const Joint& joint : joints_) {
+      Object& parent = objects_[joint.engine.parent];
+      Object& child = objects_[joint.engine.child];
+      if (!parent.dynamic || parent.assembly == child.assembly) continue;
+      parent.assembly = child.assembly = std::min(parent.assembly, child.assembly);
+      changed = true;
+    }
+  }
+}
+
+/// Adds the joints of an object whose other object is present too. Describes those that were removed.
+void WorldLoop::attach(std::size_t slot) {
+  for (std::size_t j = 0; j < joints_.size(); ++j) {
+    Joint& joint = joints_[j];
+    if (joint.present || (joint.engine.parent != slot && joint.engine.child != slot) ||
+        !objects_[joint.engine.parent].present || !objects_[joint.engine.child].present)
+      continue;
+    engine_->add_joint(j, joint.engine);
+    joint.present = true;
+    if (joint_descriptions_[j].removed == 0) continue;
+    joint_descriptions_[j].removed = 0;
+    joint_descriptions_[j].stamp.sequence = ++descriptions_version_;
+  }
+}
+
+void WorldLoop::detach(std::size_t slot) {
+  for (std::size_t j = 0; j < joints_.size(); ++j) {
+    Joint& joint = joints_[j];
+    if (!joint.present || (joint.engine.parent != slot && joint.engine.child != slot)) continue;
+    engine_->remove_joint(j);
+    joint.present = false;
+  }
+}
+
+bool WorldLoop::are_jointed(std::size_t one, std::size_t other) const {
+  return std::any_of(joints_.begin(), joints_.end(), [one, other](const Joint& joint) {
+    return joint.present && ((joint.engine.parent == one && joint.engine.child == other) ||
+                             (joint.engine.parent == other && joint.engine.child == one));
+  });
+}
+
+JointPose WorldLoop::pose_of(const Joint& joint) const {
+  return {objects_[joint.engine.parent].pose, objects_[joint.engine.child].pose, joint.engine.parent_from_joint,
+          joint.engine.child_from_joint};
+}
+
+const WorldLoop::Joint& WorldLoop::find_joint(std::string_view name) const {
+  for (const Joint& joint : joints_)
+    if (joint.options.name == name) return joint;
+  throw std::invalid_argument("no joint has the name '" + std::string(name) + "'");
+}
+
+double WorldLoop::joint_coordinate(std::string_view name) const {
+  const Joint& joint = find_joint(name);
+  return joint.engine.law.has_coordinate() ? softhand::joint_coordinate(joint.engine.law, pose_of(joint)) : 0;
+}
+
+double WorldLoop::joint_gap(std::string_view name) const {
+  const Joint& joint = find_joint(name);
+  return held_gap(joint.engine.law, pose_of(joint));
 }
 
 /// Adds an object to the engine at its start pose, at rest.
@@ -93,12 +194,19 @@ void WorldLoop::insert(std::size_t slot) {
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
-/// Removes the object in its present state and inserts it at its start pose.
-void WorldLoop::restore(std::size_t slot) {
-  engine_->remove(slot);
-  insert(slot);
-  describe(slot, false);
-  take_from_hands(objects_[slot]);
+/// Removes an assembly in its present state and inserts it at its start pose. An object that was removed returns.
+void WorldLoop::restore(std::size_t first) {
+  const std::size_t assembly = objects_[first].assembly;
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    if (objects_[slot].assembly != assembly || (slot != first && !objects_[slot].present)) continue;
+    detach(slot);
+    engine_->remove(slot);
+    insert(slot);
+    describe(slot, false);
+    take_from_hands(objects_[slot]);
+  }
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    if (objects_[slot].assembly == assembly && objects_[slot].present) attach(slot);
 }
 
 void WorldLoop::describe(std::size_t slot, bool removed) {
@@ -114,7 +222,18 @@ void WorldLoop::take_from_hands(Object& object) {
 
 void WorldLoop::reset(Nanoseconds time) {
   reset_time_ = time;
-  for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
+  restore_all();
+}
+
+void WorldLoop::restore_all() {
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) detach(slot);
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    engine_->remove(slot);
+    insert(slot);
+    describe(slot, false);
+    take_from_hands(objects_[slot]);
+  }
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) attach(slot);
 }
 
 void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& input) {
@@ -212,7 +331,8 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   const double delay = (1 + options_.staleness) * (step_ + object.owner_step);
   Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
                 {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
-                {to_vector(owner_twin->contact_force), to_vector(owner_twin->contact_torque)}};
+                {to_vector(owner_twin->contact_force) + to_vector(owner_twin->coupling_force),
+                 to_vector(owner_twin->contact_torque) + to_vector(owner_twin->coupling_torque)}};
   // `age` is that at `now`, the end of this step. Staleness is judged by the age at the start of the step.
   const bool force_stale = age - step_ > std::max(3 * object.owner_step + 1.5 * step_, kForceStall);
   if (force_stale) leader.wrench = {-follower.mass * follower.gravity, Vector3::Zero()};
@@ -268,6 +388,11 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
     newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
+  // The hand computes friction, spring and detents of the objects that it owns. Its wrench on the twin has them.
+  for (std::size_t j = 0; j < joints_.size(); ++j) {
+    if (joints_[j].present)
+      engine_->set_passive(j, objects_[joints_[j].engine.parent].owned || objects_[joints_[j].engine.child].owned);
+  }
   engine_->step(step_);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     Object& object = objects_[slot];
@@ -278,11 +403,13 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
         !velocity.angular.allFinite()) {
       // Never publish NaN or infinity: the object stays at its last valid pose.
       ++counters_.repaired;
+      detach(slot);
       engine_->remove(slot);
       engine_->add(
           slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
       engine_->set_gravity(slot, gravity_of(object));
       object.velocity = object.previous_velocity = {};
+      attach(slot);
       continue;
     }
     object.previous_velocity = object.velocity;
@@ -330,7 +457,7 @@ void WorldLoop::find_planes(std::size_t slot) {
   const double range = std::max(kNearestPlane, std::min(kFarthestPlane, speed * delay));
   for (std::size_t other = 0; other < objects_.size(); ++other) {
     const Object& neighbour = objects_[other];
-    if (other == slot || !neighbour.present) continue;
+    if (other == slot || !neighbour.present || are_jointed(slot, other)) continue;
     Vector3 direction;
     if (!engine_->closest_direction(slot, other, range, direction)) continue;
     const SeparatingPlane found =
@@ -385,7 +512,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
         name = value.substr(0, each.options.name.size());
   }
   if (key == "object.reset" && name == "*") {
-    for (std::size_t slot = 0; slot < objects_.size(); ++slot) restore(slot);
+    restore_all();
     return result_of(kReplyApplied, "all objects reset");
   }
   Object* object = find(name);
@@ -397,6 +524,12 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   }
   if (!object->present) return result_of(kReplyRefused, "the object was removed; object.reset restores it");
   if (key == "object.remove") {
+    detach(slot);
+    for (std::size_t j = 0; j < joints_.size(); ++j) {
+      if (joints_[j].engine.parent != slot && joints_[j].engine.child != slot) continue;
+      joint_descriptions_[j].removed = 1;
+      joint_descriptions_[j].stamp.sequence = ++descriptions_version_;
+    }
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
     object->planes.clear();
@@ -409,14 +542,25 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 ||
       static_cast<std::size_t>(read) != numbers.size() || !to.allFinite() || to.norm() > 1000)
     return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
+  for (const Joint& joint : joints_) {
+    if (joint.present && (joint.engine.parent == slot || objects_[joint.engine.child].assembly == object->assembly) &&
+        !objects_[joint.engine.parent].dynamic)
+      return result_of(kReplyRefused, "a joint holds the object to a static one");
+  }
   // The message gives the place of the shape's frame, as in the scene file. The pose is that of the body frame.
   const Pose& body_frame = object->solid.body_frame;
-  object->pose.position = to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
-  object->velocity = object->previous_velocity = {};
-  object->planes.clear();
-  engine_->place(slot, object->pose, {});
-  describe(slot, false);
-  take_from_hands(*object);
+  const Vector3 place = to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
+  const Vector3 shift = place - object->pose.position;
+  for (std::size_t link = 0; link < objects_.size(); ++link) {
+    Object& each = objects_[link];
+    if (each.assembly != object->assembly || !each.present) continue;
+    each.pose.position = link == slot ? place : Vector3(each.pose.position + shift);
+    each.velocity = each.previous_velocity = {};
+    each.planes.clear();
+    engine_->place(link, each.pose, {});
+    describe(link, false);
+    take_from_hands(each);
+  }
   return result_of(kReplyApplied, "moved");
 }
 
@@ -446,6 +590,13 @@ double WorldLoop::energy() const {
     sum += 0.5 * object.options.mass * object.velocity.linear.squaredNorm() +
            0.5 * spin.dot(object.solid.inertia.cwiseProduct(spin)) -
            object.options.mass * gravity_of(object).dot(object.pose.position);
+  }
+  for (const Joint& joint : joints_) {
+    if (!joint.present) continue;
+    const JointLaw& law = joint.engine.law;
+    const JointPose pose = pose_of(joint);
+    if (law.has_coordinate()) sum += law.potential(softhand::joint_coordinate(law, pose)).energy;
+    if (law.kind == ObjectJointKind::ball) sum += law.stiffness * (1 - std::cos(rotation_log(pose.relative).norm()));
   }
   return sum;
 }

@@ -39,7 +39,8 @@ struct WorldCounters {
 class WorldLoop {
  public:
   /// Throws std::invalid_argument with all messages of check_world.
-  WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90);
+  WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90,
+            const std::vector<JointOptions>& joints = {});
   ~WorldLoop();
 
   /// Advances the world by its own period T, from `now` - T to `now`, independent of the time since the last call. A
@@ -51,6 +52,8 @@ class WorldLoop {
   /// One description per object of the scene. Removed objects have a flag. Publish those again whose `stamp.sequence`
   /// is larger than an earlier `descriptions_version`: they have changed since.
   const std::vector<ObjectDescription>& descriptions() const { return descriptions_; }
+  /// One description per joint of the scene, with numbers from the same sequence. Publish the objects first.
+  const std::vector<ObjectJointDescription>& joint_descriptions() const { return joint_descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
   /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored.
@@ -58,9 +61,11 @@ class WorldLoop {
 
   /// Answers messages. Call between steps. The hand that holds the object releases it. Other keys, and messages to
   /// another module than `module`, are ignored. Keys:
-  /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns.
-  /// - `object.remove` NAME
-  /// - `object.teleport` NAME X Y Z: place of the shape's frame in m, at rest, orientation unchanged.
+  /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns. Objects that joints
+  ///   connect to it are reset too.
+  /// - `object.remove` NAME: removes its joints too.
+  /// - `object.teleport` NAME X Y Z: place of the shape's frame in m, at rest, orientation unchanged. Objects that
+  ///   joints connect to it move along. An object that is jointed to a static one is refused.
   MessageReply answer(const Message& message, std::string_view module = "world");
 
   /// Adds the age of the newest coupling, the energy of the objects and the counters.
@@ -68,8 +73,12 @@ class WorldLoop {
 
   const WorldCounters& counters() const { return counters_; }
   double step_period() const { return step_; }
-  /// Kinetic and potential energy of the movable objects, J.
+  /// Kinetic and potential energy of the movable objects and of their joints, J.
   double energy() const;
+  /// Coordinate of the joint in rad or m (model/joint_law.hpp). Throws std::invalid_argument for an unknown name.
+  double joint_coordinate(std::string_view name) const;
+  /// Distance (m) of the two frames of the joint in the directions that it holds.
+  double joint_gap(std::string_view name) const;
 
  private:
   struct Object {
@@ -89,11 +98,26 @@ class WorldLoop {
     Pose pose;
     Twist velocity;
     Twist previous_velocity;
+    std::size_t assembly = 0;  ///< slot of the first of the movable objects that joints of the scene connect
     BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< of the last step, only while near_hand
   };
 
+  struct Joint {
+    JointOptions options;
+    EngineJoint engine;
+    bool present = false;
+  };
+
+  void make_joints(const std::vector<JointOptions>& joints);
+  void find_assemblies();
+  void attach(std::size_t slot);
+  void detach(std::size_t slot);
+  bool are_jointed(std::size_t one, std::size_t other) const;
+  JointPose pose_of(const Joint& joint) const;
+  const Joint& find_joint(std::string_view name) const;
   void insert(std::size_t slot);
-  void restore(std::size_t slot);
+  void restore(std::size_t first);
+  void restore_all();
   void describe(std::size_t slot, bool removed);
   void take_from_hands(Object& object);
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
@@ -110,6 +134,8 @@ class WorldLoop {
   std::unique_ptr<PhysicsEngine> engine_;
   std::vector<Object> objects_;
   std::vector<ObjectDescription> descriptions_;
+  std::vector<Joint> joints_;
+  std::vector<ObjectJointDescription> joint_descriptions_;
   std::uint64_t descriptions_version_ = 0;
   WorldCounters counters_;
   Nanoseconds newest_input_ = 0;

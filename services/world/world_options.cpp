@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -61,7 +62,67 @@ double stiffest_stable(double stiffness_per_mass, double damping_ratio, double w
   return stable;
 }
 
+void check_joints(const std::vector<JointOptions>& joints, const std::vector<ObjectOptions>& objects,
+                  std::vector<std::string>& wrong) {
+  if (joints.size() > kMaxObjectJoints)
+    wrong.push_back("joints: " + std::to_string(joints.size()) + " joints, expected at most " +
+                    std::to_string(kMaxObjectJoints));
+  std::set<std::string> names;
+  std::set<std::pair<std::string, std::string>> pairs;
+  for (const JointOptions& joint : joints) {
+    const auto refuse = [&](const std::string& what) { wrong.push_back("joints." + joint.name + what); };
+    const auto find = [&objects](const std::string& name) -> const ObjectOptions* {
+      for (const ObjectOptions& object : objects)
+        if (object.name == name) return &object;
+      return nullptr;
+    };
+    const ObjectOptions* parent = find(joint.parent);
+    const ObjectOptions* child = find(joint.child);
+    if (joint.name.empty() || joint.name.size() > 63) refuse(".name: expected 1 to 63 characters");
+    if (!names.insert(joint.name).second) refuse(": the name is used twice");
+    if (parent == nullptr) refuse(".parent = '" + joint.parent + "': expected the name of an object");
+    if (child == nullptr) refuse(".child = '" + joint.child + "': expected the name of an object");
+    if (child != nullptr && child->mass == 0)
+      refuse(".child = '" + joint.child + "': the object is static; expected an object with a mass (swap them)");
+    if (parent != nullptr && parent == child) refuse(": parent and child are the same object");
+    if (parent != nullptr && parent != child && !pairs.insert(std::minmax(joint.parent, joint.child)).second)
+      refuse(": the objects '" + joint.parent + "' and '" + joint.child + "' have another joint already");
+    if (parent != nullptr && child != nullptr && parent->mass > 0 && parent->floating != child->floating)
+      refuse(": one of its objects floats and the other does not; set `floating` alike");
+    const Vector3 axis(joint.axis[0], joint.axis[1], joint.axis[2]);
+    if (!(axis.norm() > 1e-6)) refuse(".axis: length 0, expected a direction");
+    try {
+      const JointLaw law = joint_law(joint);
+      check_joint_law(law);
+      if (law.has_coordinate() && law.limited() && (law.minimum > 0 || law.maximum < 0))
+        refuse(".limits: the scene places the objects at 0, which is outside; expected lower <= 0 <= upper");
+    } catch (const std::invalid_argument& problem) {
+      refuse(": " + std::string(problem.what()));
+    }
+  }
+}
+
 }  // namespace
+
+JointLaw joint_law(const JointOptions& joint) {
+  JointLaw law;
+  law.kind = object_joint_kind(joint.kind);
+  law.pitch = joint.pitch;
+  if (joint.limits[0] != 0 || joint.limits[1] != 0) {
+    law.minimum = joint.limits[0];
+    law.maximum = joint.limits[1];
+  }
+  law.friction = joint.friction;
+  law.damping = joint.damping;
+  law.stiffness = joint.stiffness;
+  law.rest = joint.rest;
+  if (joint.detents.size() > kMaxDetents)
+    throw std::invalid_argument("detents: " + std::to_string(joint.detents.size()) + ", expected at most " +
+                                std::to_string(kMaxDetents));
+  for (const DetentOptions& detent : joint.detents)
+    law.detents[law.detent_count++] = {detent.at, detent.depth, detent.width, detent.period};
+  return law;
+}
 
 double symmetric_growth(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
   const double period = std::max(world_step, hand_step);
@@ -75,8 +136,40 @@ double symmetric_growth(double stiffness_per_mass, double damping_ratio, double 
   return map.eigenvalues().cwiseAbs().maxCoeff();
 }
 
+std::vector<std::string> check_assemblies(const std::vector<ObjectOptions>& objects,
+                                          const std::vector<JointOptions>& joints, std::int64_t slots,
+                                          std::int64_t places) {
+  std::map<std::string, std::string> set;  // by movable object: the first name of its set
+  for (const ObjectOptions& object : objects)
+    if (object.mass > 0) set[object.name] = object.name;
+  for (const JointOptions& joint : joints) {
+    if (!set.contains(joint.parent) || !set.contains(joint.child)) continue;
+    const std::string from = set[joint.parent], to = set[joint.child];
+    for (auto& [name, first] : set)
+      if (first == from) first = to;
+  }
+  std::map<std::string, std::int64_t> links, held;
+  for (const auto& [name, first] : set) ++links[first];
+  for (const JointOptions& joint : joints)
+    if (set.contains(joint.child)) ++held[set[joint.child]];
+  std::vector<std::string> wrong;
+  for (const auto& [first, count] : held) {
+    if (links[first] > slots)
+      wrong.push_back("hand.mirrored_objects = " + std::to_string(slots) + ": joints connect '" + first + "' to " +
+                      std::to_string(links[first] - 1) +
+                      " other movable objects, and a hand takes all of them or none; nearest value that works: " +
+                      std::to_string(links[first]));
+    if (count > places)
+      wrong.push_back(
+          "hand.object_joints = " + std::to_string(places) + ": the objects around '" + first + "' have " +
+          std::to_string(count) +
+          " joints, and a hand takes all of them or none; nearest value that works: " + std::to_string(count));
+  }
+  return wrong;
+}
+
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
-                                     double hand_step) {
+                                     double hand_step, const std::vector<JointOptions>& joints) {
   std::vector<std::string> wrong;
   const auto refuse = [&wrong](const auto&... parts) {
     std::ostringstream text;
@@ -135,6 +228,7 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
       refuse(where, ": ", problem.what());
     }
   }
+  check_joints(joints, objects, wrong);
   return wrong;
 }
 

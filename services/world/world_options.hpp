@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "model/joint_law.hpp"
 #include "runtime/options.hpp"
 
 namespace softhand {
@@ -38,6 +39,30 @@ struct ObjectOptions {
   std::array<double, 3> position{0, 0, 0};
   std::array<double, 4> orientation{0, 0, 0, 1};
   bool floating = false;
+};
+
+struct DetentOptions {
+  double at = 0;
+  double depth = 0;
+  double width = 0.001;
+  double period = 0;
+};
+
+/// A joint between two objects. Its coordinate is 0 where the scene places the objects.
+struct JointOptions {
+  std::string name = "joint";
+  std::string kind = "hinge";
+  std::string parent;
+  std::string child;
+  std::array<double, 3> position{0, 0, 0};
+  std::array<double, 3> axis{0, 1, 0};
+  double pitch = 0;
+  std::array<double, 2> limits{0, 0};
+  double friction = 0;
+  double damping = 0;
+  double stiffness = 0;
+  double rest = 0;
+  std::vector<DetentOptions> detents;
 };
 
 inline void describe(OptionVisitor& v, VertexOptions& o) {
@@ -86,10 +111,52 @@ inline void describe(OptionVisitor& v, ObjectOptions& o) {
   v.flag("floating", o.floating, "Gravity acts only after a hand has touched the object for the first time.");
 }
 
+inline void describe(OptionVisitor& v, DetentOptions& o) {
+  v.number("at", o.at, "m or rad", {-1000, 1000}, "Coordinate of the bottom of the well.");
+  v.number("depth", o.depth, "J", {-100, 100},
+           "Depth of the well. Negative: a hump, for example the dome of a button.");
+  v.number("width", o.width, "m or rad", {1e-6, 1000},
+           "Half the width of the well. The largest force is 1.717 depth/width.");
+  v.number("period", o.period, "m or rad", {0, 1000},
+           "The well repeats at this distance, at least twice the width. 0 = one well.");
+}
+
+inline void describe(OptionVisitor& v, JointOptions& o) {
+  v.string("name", o.name, "Name of the joint. Unique in the scene, at most 63 characters.");
+  v.choice("kind", o.kind, {"fixed", "hinge", "slider", "ball", "screw"},
+           "Kind of the joint. Its coordinate is an angle about the axis (hinge, screw) or a distance along the axis "
+           "(slider). It is 0 where the scene places the objects.");
+  v.string("parent", o.parent, "Name of one object. It may be static.");
+  v.string("child", o.child, "Name of the other object. It must have a mass.");
+  v.numbers("position", o.position.data(), 3, "m", {-10, 10}, "Place of the joint in the frame of the parent's shape.");
+  v.numbers("axis", o.axis.data(), 3, "1", {-1, 1},
+            "Direction of the joint's axis in the frame of the parent's shape. Any length but 0.");
+  v.number("pitch", o.pitch, "m", {-1, 1},
+           "Screw: travel of the child along the axis per turn. Negative: left-handed.");
+  v.numbers("limits", o.limits.data(), 2, "m or rad", {-1000, 1000},
+            "Lowest and highest coordinate. Ball: [0, largest angle between the axes]. [0, 0] = no limits.");
+  v.number("friction", o.friction, "N or N m", {0, 1e4}, "Largest force or torque of dry friction.");
+  v.number("damping", o.damping, "N s/m or N m s/rad", {0, 1e4}, "Force or torque per speed.");
+  v.number("stiffness", o.stiffness, "N/m or N m/rad", {0, 1e6}, "Stiffness of a spring about `rest`.");
+  v.number("rest", o.rest, "m or rad", {-1000, 1000}, "Coordinate at which the spring has no force.");
+  describe_list(v, "detents",
+                "Wells that hold the coordinate: detents = [{at = 0, depth = 0.001, width = 0.002}], up to 8.",
+                o.detents);
+}
+
+/// The law of a joint. Throws std::invalid_argument for an unknown kind or more than 8 detents.
+JointLaw joint_law(const JointOptions& joint);
+
 /// Returns every reason why a world cannot run, one sentence each with the value, the reason and the nearest value that
 /// works. Empty if the world can run. `hand_step` (s) is the period of the coupled hand simulation.
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
-                                     double hand_step = 1.0 / 90);
+                                     double hand_step = 1.0 / 90, const std::vector<JointOptions>& joints = {});
+
+/// Returns a sentence for each set of jointed objects that a hand with so many slots for movable objects and places for
+/// joints can never take: it takes all of them or none.
+std::vector<std::string> check_assemblies(const std::vector<ObjectOptions>& objects,
+                                          const std::vector<JointOptions>& joints, std::int64_t slots,
+                                          std::int64_t places);
 
 /// Growth factor of the symmetric coupling of ES2725128A1, per period of the slower side. Two equal bodies are joined
 /// by an implicit spring on both sides, with copies that are two periods old. Unstable above 1. `stiffness_per_mass` is

@@ -48,6 +48,8 @@ SOFTHAND_NAMED(FingerContact);
 SOFTHAND_NAMED(Contacts);
 SOFTHAND_NAMED(Shape);
 SOFTHAND_NAMED(ObjectDescription);
+SOFTHAND_NAMED(JointDetent);
+SOFTHAND_NAMED(ObjectJointDescription);
 SOFTHAND_NAMED(NeighbourPlane);
 SOFTHAND_NAMED(ObjectState);
 SOFTHAND_NAMED(WorldObjects);
@@ -187,7 +189,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
               !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply>))
         << topic.name;
   });
-  EXPECT_EQ(names.size(), 15u);
+  EXPECT_EQ(names.size(), 16u);
 }
 
 /// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.
@@ -247,6 +249,7 @@ TEST(BusWire, BytesMatchFastsGenerator) {
   SOFTHAND_CHECK(MessageReply);
   SOFTHAND_CHECK(LoopStatus);
   SOFTHAND_CHECK(ObjectDescription);
+  SOFTHAND_CHECK(ObjectJointDescription);
   SOFTHAND_CHECK(HandDescription);
 #undef SOFTHAND_CHECK
 }

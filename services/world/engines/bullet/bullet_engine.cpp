@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "messages/convert.hpp"
+#include "world/engines/bullet/bullet_joint.hpp"
 
 namespace softhand {
 namespace {
@@ -92,6 +93,7 @@ class BulletEngine final : public PhysicsEngine {
   }
 
   ~BulletEngine() override {
+    for (std::size_t number = 0; number < joints_.size(); ++number) remove_joint(number);
     for (std::size_t slot = 0; slot < bodies_.size(); ++slot) remove(slot);
   }
 
@@ -150,7 +152,31 @@ class BulletEngine final : public PhysicsEngine {
     bodies_[slot]->applyTorque(to_bullet(wrench.torque, kScale * kScale));
   }
 
-  void step(double dt) override { world_.stepSimulation(static_cast<float>(dt), 0); }
+  void add_joint(std::size_t number, const EngineJoint& joint) override {
+    joints_[number] = std::make_unique<BulletJoint>(joint, *bodies_[joint.parent], *bodies_[joint.child], kScale);
+    world_.addConstraint(joints_[number].get(), true);
+    forget_contacts(joint.parent);
+    forget_contacts(joint.child);
+    wake_all();
+  }
+
+  void remove_joint(std::size_t number) override {
+    if (!joints_[number]) return;
+    const EngineJoint joint = joints_[number]->joint();
+    world_.removeConstraint(joints_[number].get());
+    joints_[number].reset();
+    forget_contacts(joint.parent);
+    forget_contacts(joint.child);
+    wake_all();
+  }
+
+  void set_passive(std::size_t number, bool passive) override { joints_[number]->set_passive(passive); }
+
+  void step(double dt) override {
+    for (const auto& joint : joints_)
+      if (joint) joint->prepare(dt);
+    world_.stepSimulation(static_cast<float>(dt), 0);
+  }
 
   Pose pose(std::size_t slot) const override {
     const btTransform& transform = bodies_[slot]->getWorldTransform();
@@ -199,6 +225,13 @@ class BulletEngine final : public PhysicsEngine {
   }
 
  private:
+  /// A pair of bodies that overlaps already is not filtered again when a joint begins or ends. So it is found anew.
+  void forget_contacts(std::size_t slot) {
+    if (bodies_[slot])
+      world_.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(bodies_[slot]->getBroadphaseHandle(),
+                                                                             &dispatcher_);
+  }
+
   /// Bullet does not notice that the support of a sleeping body was removed or that a body was placed on it.
   void wake_all() {
     for (const auto& body : bodies_)
@@ -208,10 +241,11 @@ class BulletEngine final : public PhysicsEngine {
   btDefaultCollisionConfiguration configuration_;
   btCollisionDispatcher dispatcher_{&configuration_};
   btDbvtBroadphase broadphase_;
-  btSequentialImpulseConstraintSolver solver_;
+  BulletJointSolver solver_;
   btDiscreteDynamicsWorld world_{&dispatcher_, &broadphase_, &solver_, &configuration_};
   std::array<std::unique_ptr<btCollisionShape>, kMaxObjects> shapes_;
   std::array<std::unique_ptr<btRigidBody>, kMaxObjects> bodies_;
+  std::array<std::unique_ptr<BulletJoint>, kMaxObjectJoints> joints_;
 };
 
 }  // namespace

@@ -1,0 +1,222 @@
+#include "world/engines/bullet/bullet_joint.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kCorrection = 0.5;  // part of an error that a step removes
+constexpr int kJointType = 0x736a;   // user constraint type of BulletJoint
+
+Pose pose_of(const btRigidBody& body, double scale) {
+  const btTransform& transform = body.getWorldTransform();
+  const btQuaternion q = transform.getRotation();
+  const btVector3& p = transform.getOrigin();
+  return {Vector3(p.x(), p.y(), p.z()) / scale, Quaternion(q.w(), q.x(), q.y(), q.z()).normalized()};
+}
+
+btVector3 to_bullet(const Vector3& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+void store(btScalar* out, const Vector3& v) {
+  for (int k = 0; k < 3; ++k) out[k] = static_cast<float>(v[k]);
+}
+
+}  // namespace
+
+BulletJoint::BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale)
+    : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale) {
+  setUserConstraintType(kJointType);
+  rows_.reserve(16);
+}
+
+// A row in metres or radians. An offset is converted to the engine's lengths.
+void BulletJoint::add_held(const JointRow& row, double dt) {
+  rows_.push_back(
+      {static_cast<int>(rows_.size()), row, -kCorrection * row.value / dt, -SIMD_INFINITY, SIMD_INFINITY, 0});
+}
+
+// Limits, friction, and the change of the other forces. `unit`: engine units of a force per N, or of a torque per N m.
+// The row's own speed is in engine units: `row` has been converted.
+void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
+  const JointLaw& law = joint_.law;
+  const double length = law.kind == ObjectJointKind::slider ? scale_ : 1;  // engine units of q
+  const double q = row.value;
+  const auto reach = [dt](double gap) { return gap > 0 ? gap / dt : kCorrection * gap / dt; };
+  if (law.minimum > -std::numeric_limits<double>::infinity())
+    rows_.push_back({lower_limit, row, -length * reach(q - law.minimum), 0, SIMD_INFINITY, 0});
+  if (law.maximum < std::numeric_limits<double>::infinity())
+    rows_.push_back({upper_limit, row, length * reach(law.maximum - q), -SIMD_INFINITY, 0, 0});
+  if (passive_) return;
+  if (law.friction > 0) rows_.push_back({friction, row, 0, -law.friction * unit * dt, law.friction * unit * dt, 0});
+  const JointLaw::Potential potential = law.potential(q);
+  const double resistance = dt * dt * std::max(0.0, potential.curvature) + dt * law.damping;
+  // unit/length engine forces per engine speed.
+  if (resistance > 0)
+    rows_.push_back({BulletJoint::drag, row, 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (resistance * unit / length)});
+  if (potential.slope == 0 || (!m_rbA.isActive() && !m_rbB.isActive())) return;
+  const double force = -potential.slope * unit;
+  m_rbA.applyCentralForce(to_bullet(force * row.parent_linear));
+  m_rbA.applyTorque(to_bullet(force * row.parent_angular));
+  m_rbB.applyCentralForce(to_bullet(force * row.child_linear));
+  m_rbB.applyTorque(to_bullet(force * row.child_angular));
+}
+
+void BulletJoint::prepare(double dt) {
+  rows_.clear();
+  const JointLaw& law = joint_.law;
+  const JointPose pose(pose_of(m_rbA, scale_), pose_of(m_rbB, scale_), joint_.parent_from_joint,
+                       joint_.child_from_joint);
+  // Engine units: levers and offsets times the scale.
+  const auto scaled = [this](JointRow row) {
+    row.value *= scale_;
+    row.parent_angular *= scale_;
+    row.child_angular *= scale_;
+    return row;
+  };
+  JointRow q;
+  if (law.has_coordinate()) q = joint_row(law, pose, joint_coordinate(law, pose));
+  for (int axis = 0; axis < 3; ++axis) {
+    if (axis == 1 && law.kind == ObjectJointKind::slider) continue;
+    JointRow offset = pose.offset(axis);
+    if (axis == 1 && law.kind == ObjectJointKind::screw) {
+      JointRow thread = q;
+      offset += thread *= -law.pitch / (2 * std::numbers::pi);
+    }
+    add_held(scaled(offset), dt);
+  }
+  const auto turning = [](double value, const Vector3& axis) {
+    JointRow row;
+    row.value = value;
+    row.parent_angular = -axis;
+    row.child_angular = axis;
+    return row;
+  };
+  const Vector3 turn = rotation_log(pose.relative);
+  if (law.turns()) {
+    // The child's axis y turns towards the parent's about a x b.
+    const Vector3 a = pose.parent_frame * Vector3(Vector3::UnitY()), b = pose.child_frame * Vector3(Vector3::UnitY());
+    const Vector3 error = a.cross(b);
+    for (const int axis : {0, 2}) {
+      const Vector3 direction = pose.parent_frame * Vector3(Vector3::Unit(axis));
+      add_held(turning(direction.dot(error), direction), dt);
+    }
+  } else if (law.kind != ObjectJointKind::ball) {
+    for (int axis = 0; axis < 3; ++axis)
+      add_held(turning(turn[axis], pose.parent_frame * Vector3(Vector3::Unit(axis))), dt);
+  }
+  if (law.turns()) add_law(q, scale_ * scale_, dt);
+  if (law.kind == ObjectJointKind::slider) {
+    const double value = q.value;
+    q = scaled(q);
+    q.value = value;
+    add_law(q, scale_, dt);
+  }
+  if (law.kind != ObjectJointKind::ball) return;
+  if (law.limited()) {
+    const Vector3 a = pose.parent_frame * Vector3(Vector3::UnitY()), b = pose.child_frame * Vector3(Vector3::UnitY());
+    const Vector3 normal = a.cross(b);
+    if (normal.norm() > 1e-6) {
+      const double gap = law.maximum - std::atan2(normal.norm(), a.dot(b));
+      rows_.push_back({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt,
+                       -SIMD_INFINITY, 0, 0});
+    }
+  }
+  if (passive_) return;
+  const double torque = scale_ * scale_;
+  // The first row lies along the relative rotation speed: the bound holds for the whole torque.
+  const Vector3 spin = [this] {
+    const btVector3 w = m_rbB.getAngularVelocity() - m_rbA.getAngularVelocity();
+    return Vector3(w.x(), w.y(), w.z());
+  }();
+  const Vector3 first = spin.norm() > 1e-6 ? Vector3(spin.normalized()) : Vector3(Vector3::UnitX());
+  const Vector3 second = first.unitOrthogonal();
+  // Their directions change from step to step, so their impulses start at zero.
+  for (int k = 0; k < 3; ++k) {
+    const Vector3 axis = k == 0 ? first : k == 1 ? second : Vector3(first.cross(second));
+    const double bound = law.friction * torque * dt;
+    impulses_[static_cast<std::size_t>(friction + k)] = impulses_[static_cast<std::size_t>(BulletJoint::drag + k)] = 0;
+    if (law.friction > 0) rows_.push_back({friction + k, turning(0, axis), 0, -bound, bound, 0});
+    if (law.stiffness > 0)
+      rows_.push_back({BulletJoint::drag + k, turning(0, axis), 0, -SIMD_INFINITY, SIMD_INFINITY,
+                       1 / (dt * dt * law.stiffness * torque)});
+  }
+  if (law.stiffness > 0 && (m_rbA.isActive() || m_rbB.isActive())) {
+    // The gradient of k (1 - cos) is k sin about the axis of the relative rotation.
+    const double angle = turn.norm();
+    const Vector3 pull = angle > 0
+                             ? Vector3(-law.stiffness * torque * std::sin(angle) / angle * (pose.parent_frame * turn))
+                             : Vector3(Vector3::Zero());
+    m_rbA.applyTorque(to_bullet(-pull));
+    m_rbB.applyTorque(to_bullet(pull));
+  }
+}
+
+void BulletJoint::getInfo1(btConstraintInfo1* info) {
+  info->m_numConstraintRows = static_cast<int>(rows_.size());
+  info->nub = 0;
+}
+
+void BulletJoint::getInfo2(btConstraintInfo2* info) {
+  for (std::size_t r = 0; r < rows_.size(); ++r) {
+    const Row& row = rows_[r];
+    const auto at = static_cast<std::ptrdiff_t>(r) * info->rowskip;
+    store(info->m_J1linearAxis + at, row.jacobian.parent_linear);
+    store(info->m_J1angularAxis + at, row.jacobian.parent_angular);
+    store(info->m_J2linearAxis + at, row.jacobian.child_linear);
+    store(info->m_J2angularAxis + at, row.jacobian.child_angular);
+    info->m_constraintError[at] = static_cast<float>(row.speed);
+    info->m_lowerLimit[at] = static_cast<float>(row.lower);
+    info->m_upperLimit[at] = static_cast<float>(row.upper);
+  }
+}
+
+void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) {
+  btSequentialImpulseConstraintSolver::convertJoints(constraints, count, info);
+  converted_.clear();
+  int row = 0;
+  for (int i = 0; i < count; ++i) {
+    const int rows = m_tmpConstraintSizesPool[i].m_numConstraintRows;
+    if (rows > 0 && constraints[i]->getUserConstraintType() == kJointType) {
+      auto& joint = static_cast<BulletJoint&>(*constraints[i]);
+      converted_.push_back({&joint, row});
+      for (int r = 0; r < rows; ++r) {
+        btSolverConstraint& target = m_tmpSolverNonContactConstraintPool[row + r];
+        if (const double compliance = joint.compliance(r); compliance != 0) {
+          // Bullet has 1/d with d = J M^-1 J^T, and the right-hand side times 1/d. The row needs d + compliance.
+          const double before = target.m_jacDiagABInv, after = before / (1 + before * compliance);
+          target.m_rhs = static_cast<float>(target.m_rhs * (after / before));
+          target.m_jacDiagABInv = static_cast<float>(after);
+          target.m_cfm = static_cast<float>(compliance * after);
+        }
+        const auto start = static_cast<float>(joint.impulse(r));
+        const btScalar impulse = std::clamp(start, target.m_lowerLimit, target.m_upperLimit);
+        target.m_appliedImpulse = impulse;
+        btSolverBody& parent = m_tmpSolverBodyPool[target.m_solverBodyIdA];
+        btSolverBody& child = m_tmpSolverBodyPool[target.m_solverBodyIdB];
+        parent.internalApplyImpulse(target.m_contactNormal1 * parent.internalGetInvMass(), target.m_angularComponentA,
+                                    impulse);
+        child.internalApplyImpulse(target.m_contactNormal2 * child.internalGetInvMass(), target.m_angularComponentB,
+                                   impulse);
+      }
+    }
+    row += rows;
+  }
+}
+
+btScalar BulletJointSolver::solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
+                                                          const btContactSolverInfo& info) {
+  for (const Converted& each : converted_) {
+    for (int r = 0; r < each.joint->row_count(); ++r)
+      each.joint->impulse(r) = m_tmpSolverNonContactConstraintPool[each.row + r].m_appliedImpulse;
+  }
+  converted_.clear();
+  return btSequentialImpulseConstraintSolver::solveGroupCacheFriendlyFinish(bodies, count, info);
+}
+
+}  // namespace softhand

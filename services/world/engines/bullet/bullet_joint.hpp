@@ -1,0 +1,81 @@
+// A joint between two bodies as rows of Bullet's constraint solver. Bullet's own constraints have no screw, no dry
+// friction that holds, and springs that are integrated explicitly. Only bullet_engine.cpp includes this header.
+//
+// Rows of a step, J v = c with an impulse between bounds:
+// - held offsets and axes: c removes half of the error, no bounds,
+// - limits: v may not carry q beyond its limit within the step, one-sided,
+// - dry friction: v = 0, impulse within +-B dt,
+// - spring, damping and detents: their force at the start of the step acts as an external force. A row with the
+//   compliance 1/(dt^2 U'' + dt b) adds the change over the step. So the sum is the force at the end of the step, for
+//   any stiffness.
+#pragma once
+
+#include <btBulletDynamicsCommon.h>
+
+#include <array>
+#include <vector>
+
+#include "world/physics_engine.hpp"
+
+namespace softhand {
+
+class BulletJoint final : public btTypedConstraint {
+ public:
+  /// `scale`: engine lengths per metre. The bodies must outlive the joint.
+  BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale);
+
+  const EngineJoint& joint() const { return joint_; }
+  int row_count() const { return static_cast<int>(rows_.size()); }
+  void set_passive(bool passive) { passive_ = passive; }
+  /// Computes the rows of the next step from the poses of the bodies, and applies the forces of spring and detents.
+  /// Call it before each step.
+  void prepare(double dt);
+  /// Compliance of a row relative to 1, in the engine's units; 0: a hard row.
+  double compliance(int row) const { return rows_[static_cast<std::size_t>(row)].compliance; }
+
+  /// Impulse of the row in the last step, as a start for the next step. Rows keep their meaning, not their place.
+  double& impulse(int row) { return impulses_[static_cast<std::size_t>(rows_[static_cast<std::size_t>(row)].meaning)]; }
+
+  void getInfo1(btConstraintInfo1* info) override;
+  void getInfo2(btConstraintInfo2* info) override;
+  void setParam(int, btScalar, int) override {}
+  btScalar getParam(int, int) const override { return 0; }
+
+ private:
+  // What a row does; also its place in `impulses_`. The first six are the held offsets and axes.
+  enum Meaning { held = 0, lower_limit = 6, upper_limit, friction, drag = friction + 3, meanings = drag + 3 };
+  struct Row {
+    int meaning = held;
+    JointRow jacobian;
+    double speed = 0;  // c
+    double lower = 0, upper = 0;
+    double compliance = 0;
+  };
+  void add_held(const JointRow& row, double dt);
+  void add_law(const JointRow& row, double unit, double dt);
+
+  EngineJoint joint_;
+  double scale_;
+  bool passive_ = false;
+  std::vector<Row> rows_;
+  std::array<double, meanings> impulses_{};
+};
+
+/// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out
+/// of the row's diagonal, so that soft rows diverge. And it starts the impulses of joints at zero in each step, so that
+/// a load on a long arm opens the joint by 0.2 mm.
+class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
+ protected:
+  void convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) override;
+  btScalar solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
+                                         const btContactSolverInfo& info) override;
+
+ private:
+  struct Converted {
+    BulletJoint* joint = nullptr;
+    int row = 0;
+  };
+  std::vector<Converted> converted_;  // the joints of this group of bodies, with their first rows
+};
+
+}  // namespace softhand

@@ -1,0 +1,401 @@
+// Joints between objects in the physics world alone: known answers in Bullet, descriptions, messages, refusals.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <numbers>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+#include "unit/world_objects.hpp"
+#include "world/world_loop.hpp"
+
+namespace softhand {
+namespace {
+
+using test::cube;
+using test::object;
+using test::position;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kStep = 1.0 / 250;
+
+ObjectOptions base() {
+  ObjectOptions o;
+  o.name = "base";
+  o.half_extents = {0.02, 0.02, 0.02};
+  return o;
+}
+
+JointOptions joint(const char* kind, std::array<double, 3> axis = {0, 1, 0}) {
+  JointOptions j;
+  j.name = "joint";
+  j.kind = kind;
+  j.parent = "base";
+  j.child = "cube";
+  j.axis = axis;
+  return j;
+}
+
+WorldOptions weightless() {
+  WorldOptions options;
+  options.gravity = {0, 0, 0};
+  return options;
+}
+
+struct JointedWorld {
+  JointedWorld(const std::vector<ObjectOptions>& objects, const std::vector<JointOptions>& joints,
+               const WorldOptions& options = {})
+      : world(options, objects, 1.0 / 90, joints) {
+    run(kStep);
+  }
+  void run(
+      double seconds, const std::function<void()>& after = [] {}) {
+    for (int i = 0; i < std::lround(seconds / kStep); ++i) {
+      world.step(++steps * 4000000LL, {});
+      after();
+    }
+  }
+  /// The cube.
+  const ObjectState& child() const {
+    for (const ObjectState& state : world.objects().objects)
+      if (state.object == 2) return state;
+    throw std::runtime_error("no child");
+  }
+  /// Pulls the cube by a hand's twin in mode owner for one step would hide the joint. So a push is a released twin.
+  void throw_child(const Vector3& linear, const Vector3& angular) {
+    ObjectCoupling coupling;
+    coupling.stamp.sample_time = (steps + 1) * 4000000LL;
+    coupling.step_period = 1.0 / 90;
+    ObjectTwin twin;
+    twin.object = 2;
+    twin.owned = 1;
+    twin.position = child().position;
+    twin.orientation = child().orientation;
+    for (int i = 0; i < 60; ++i) {
+      coupling.stamp.sample_time = (steps + 1) * 4000000LL;
+      Pose pose = to_pose(twin.position, twin.orientation);
+      pose = increment(pose, kStep * linear, kStep * angular);
+      twin.position = to_wire(pose.position);
+      twin.orientation = to_wire(pose.orientation);
+      twin.linear_velocity = to_wire(linear);
+      twin.angular_velocity = to_wire(angular);
+      coupling.twins.clear();
+      coupling.twins.push_back(twin);
+      world.step(++steps * 4000000LL, {{&coupling, 1}});
+    }
+    // From now on nobody owns it.
+  }
+
+  WorldLoop world;
+  Nanoseconds steps = 0;
+};
+
+TEST(WorldJoint, PendulumHasThePeriodOfThePhysicalPendulum) {
+  // The scene places the cube beside the hinge and gravity pulls it down: it swings by 90 degrees to either side of
+  // -90 degrees. T = 4 sqrt((I + m l^2)/(m g l)) K(sin 45 deg) with K = 1.8541.
+  ObjectOptions child = cube(0.05, 0);
+  child.position = {0.1, 0, 0};
+  JointedWorld run({base(), child}, {joint("hinge", {0, 0, 1})});
+  const double inertia = 0.05 / 3 * 2 * 0.0004, arm = 0.1;
+  const double period = 4 * std::sqrt((inertia + 0.05 * arm * arm) / (0.05 * 9.81 * arm)) * 1.854075;
+  std::vector<double> crossings;
+  double before = 0, gap = 0, lowest = 0;
+  run.run(2.5 * period, [&] {
+    const double q = run.world.joint_coordinate("joint");
+    if (before > -kPi / 2 && q <= -kPi / 2)
+      crossings.push_back(kStep * (static_cast<double>(run.steps) - (-kPi / 2 - q) / (before - q)));
+    before = q;
+    lowest = std::min(lowest, q);
+    gap = std::max(gap, run.world.joint_gap("joint"));
+  });
+  ASSERT_GE(crossings.size(), 2u);
+  std::printf("  period %.4f s, exact %.4f s; joint opens by %.3f mm\n", crossings[1] - crossings[0], period,
+              1e3 * gap);
+  EXPECT_NEAR(crossings[1] - crossings[0], period, 0.02 * period);
+  EXPECT_NEAR(lowest, -kPi, 0.05) << "loses or gains energy";
+  // A step of T turns the arm l by w T: the joint opens by l (w T)^2/2, and half of it is left after a step.
+  EXPECT_LE(gap, 4e-4);
+}
+
+TEST(WorldJoint, SliderWithFrictionStopsWhereCoulombPredictsAndHolds) {
+  JointOptions slide = joint("slider", {1, 0, 0});
+  slide.friction = 0.1;
+  ObjectOptions child = cube(0.05, 0);
+  child.position = {0.1, 0, 0};
+  JointedWorld run({base(), child}, {slide}, weightless());
+  run.throw_child({0.4, 0, 0}, Vector3::Zero());
+  run.run(kStep);
+  const double speed = run.child().linear_velocity[0], start = run.world.joint_coordinate("joint");
+  EXPECT_NEAR(speed, 0.4, 0.05);
+  run.run(1);
+  const double rest = run.world.joint_coordinate("joint");
+  const double predicted = speed * speed * 0.05 / (2 * 0.1);
+  std::printf("  slid %.3f mm, Coulomb %.3f mm\n", 1e3 * (rest - start), 1e3 * predicted);
+  EXPECT_NEAR(rest - start, predicted, 0.03 * predicted);
+  run.run(2);
+  EXPECT_NEAR(run.world.joint_coordinate("joint"), rest, 1e-6);
+  EXPECT_LE(run.world.joint_gap("joint"), 1e-5);
+}
+
+TEST(WorldJoint, FrictionHoldsALoadBelowItsBoundWithoutCreep) {
+  JointOptions slide = joint("slider");
+  slide.friction = 1.02 * 0.05 * 9.81;
+  ObjectOptions child = cube(0.05, 0.1);
+  JointedWorld run({base(), child}, {slide});
+  run.run(10);
+  EXPECT_NEAR(run.world.joint_coordinate("joint"), 0, 2e-6);
+  slide.friction = 0.9 * 0.05 * 9.81;
+  JointedWorld falling({base(), child}, {slide});
+  falling.run(0.5);
+  EXPECT_NEAR(falling.world.joint_coordinate("joint"), -0.5 * 0.1 * 9.81 * 0.25, 0.005);
+}
+
+TEST(WorldJoint, SpringsOfAnyStiffnessHangAtTheirAnalyticPlace) {
+  for (const double stiffness : {5.0, 300.0, 2e4, 1e6}) {
+    JointOptions slide = joint("slider");
+    slide.stiffness = stiffness;
+    slide.damping = 2 * std::sqrt(stiffness * 0.05);
+    JointedWorld run({base(), cube(0.05, 0.1)}, {slide});
+    run.run(4);
+    const double expected = -0.05 * 9.81 / stiffness;
+    std::printf("  %g N/m hangs at %.6g mm, exact %.6g mm\n", stiffness, 1e3 * run.world.joint_coordinate("joint"),
+                1e3 * expected);
+    EXPECT_NEAR(run.world.joint_coordinate("joint"), expected, 1e-3 * std::abs(expected) + 2e-6) << stiffness;
+  }
+}
+
+TEST(WorldJoint, SpringOscillatesWithItsFrequency) {
+  JointOptions slide = joint("slider");
+  slide.stiffness = 5;
+  slide.rest = -0.02;
+  JointedWorld run({base(), cube(0.05, 0.1)}, {slide}, weightless());
+  double before = 0;
+  std::vector<double> crossings;
+  run.run(4, [&] {
+    const double q = run.world.joint_coordinate("joint");
+    if (before > -0.02 && q <= -0.02) crossings.push_back(static_cast<double>(run.steps) * kStep);
+    before = q;
+  });
+  ASSERT_GE(crossings.size(), 3u);
+  const double period = 2 * kPi * std::sqrt(0.05 / 5);
+  EXPECT_NEAR((crossings.back() - crossings.front()) / static_cast<double>(crossings.size() - 1), period,
+              0.02 * period);
+}
+
+TEST(WorldJoint, LimitsStopEveryKind) {
+  ObjectOptions child = cube(0.05, 0);
+  child.position = {0.1, 0, 0};
+  const auto bounded = [](const char* kind, double low, double high) {
+    JointOptions j = joint(kind, {0, 0, 1});
+    j.limits = {low, high};
+    return j;
+  };
+  JointedWorld hinge({base(), child}, {bounded("hinge", -0.5, 0.3)});
+  double lowest = 0;
+  hinge.run(3, [&] { lowest = std::min(lowest, hinge.world.joint_coordinate("joint")); });
+  EXPECT_NEAR(hinge.world.joint_coordinate("joint"), -0.5, 1e-3);
+  EXPECT_GE(lowest, -0.505);
+  JointOptions slide = bounded("slider", -0.03, 0.01);
+  slide.axis = {0, 1, 0};
+  JointedWorld slider({base(), child}, {slide});
+  slider.run(3);
+  EXPECT_NEAR(slider.world.joint_coordinate("joint"), -0.03, 1e-4);
+  JointOptions cone = bounded("ball", 0, 0.6);
+  cone.axis = {1, 0, 0};  // towards the child
+  JointedWorld ball({base(), child}, {cone});
+  ball.run(3);
+  const Vector3 down = position(ball.child());
+  EXPECT_NEAR(std::atan2(-down.y(), std::hypot(down.x(), down.z())), 0.6, 2e-3);
+  EXPECT_LE(ball.world.joint_gap("joint"), 2e-5);
+  JointedWorld fixed({base(), child}, {joint("fixed")});
+  fixed.run(3);
+  EXPECT_LE((position(fixed.child()) - Vector3(0.1, 0, 0)).norm(), 2e-5);
+}
+
+TEST(WorldJoint, AScrewTurnsManyTimesAndAdvancesByItsPitch) {
+  JointOptions thread = joint("screw");
+  thread.pitch = 0.003;
+  thread.limits = {0, 4 * 2 * kPi};
+  JointedWorld run({base(), cube(0.05, 0.05)}, {thread}, weightless());
+  run.throw_child({0, 0.003, 0}, {0, 2 * kPi, 0});
+  run.run(2);
+  const double q = run.world.joint_coordinate("joint");
+  EXPECT_GT(q, 2 * 2 * kPi);
+  EXPECT_NEAR(position(run.child()).y() - 0.05, 0.003 * q / (2 * kPi), 2e-5);
+  run.run(10);
+  EXPECT_LE(run.world.joint_coordinate("joint"), 4 * 2 * kPi + 1e-3);
+}
+
+TEST(WorldJoint, DetentsHoldBelowTheirForceAndSnapAbove) {
+  // A hinge with wells every 30 degrees. The torque is gravity on an arm.
+  for (const double share : {0.4, 1.1}) {
+    const double arm = 0.1, torque = 0.05 * 9.81 * arm, width = 0.2;
+    JointOptions hinge = joint("hinge", {0, 0, 1});
+    hinge.damping = 2e-3;
+    hinge.detents = {{0, torque / share * width / 1.7173, width, kPi / 6}};
+    ObjectOptions child = cube(0.05, 0);
+    child.position = {arm, 0, 0};
+    JointedWorld run({base(), child}, {hinge});
+    run.run(2);
+    const double q = run.world.joint_coordinate("joint");
+    if (share < 1) {
+      EXPECT_GT(q, -width / std::sqrt(5.0));
+      EXPECT_NEAR(joint_law(hinge).potential(q).slope, -torque * std::cos(q), 0.01 * torque);
+    } else {
+      EXPECT_LT(q, -kPi / 12);
+    }
+  }
+}
+
+TEST(WorldJoint, JointedObjectsDoNotCollideAndSleepTogether) {
+  // The cube overlaps its base.
+  ObjectOptions child = cube(0.05, 0.01);
+  JointedWorld run({base(), child}, {joint("hinge")});
+  run.run(6);
+  EXPECT_LE((position(run.child()) - Vector3(0, 0.01, 0)).norm(), 2e-5);
+  LoopStatus status;
+  run.world.fill_status(status, run.steps * 4000000LL);
+  double asleep = -1;
+  for (const NamedValue& counter : status.counters)
+    if (get_text(counter.name) == "asleep") asleep = counter.value;
+  EXPECT_EQ(asleep, 1);
+}
+
+TEST(WorldJoint, TwoFreeLinksKeepTheirMomentum) {
+  ObjectOptions parent = base(), child = cube(0.05, 0.05);
+  parent.mass = 0.1;
+  JointedWorld run({parent, child}, {joint("hinge", {1, 0, 0})}, weightless());
+  run.throw_child({0, 0, 0.3}, {2, 0, 0});
+  run.run(kStep);
+  const auto momentum = [&run] {
+    Vector3 sum = Vector3::Zero();
+    for (const ObjectState& state : run.world.objects().objects)
+      sum += (state.object == 1 ? 0.1 : 0.05) * to_vector(state.linear_velocity);
+    return sum;
+  };
+  const Vector3 before = momentum();
+  const double energy = run.world.energy();
+  run.run(2);
+  std::printf("  momentum changes by %.2g, energy by %.2g\n", (momentum() - before).norm() / before.norm(),
+              run.world.energy() / energy - 1);
+  EXPECT_LE((momentum() - before).norm(), 1e-4 * before.norm());
+  EXPECT_NEAR(run.world.energy(), energy, 0.02 * energy);
+  EXPECT_LE(run.world.joint_gap("joint"), 1e-4);
+}
+
+TEST(WorldJoint, EqualRunsGiveEqualBits) {
+  const auto run_once = [] {
+    JointOptions hinge = joint("hinge", {0, 0, 1});
+    hinge.friction = 1e-3;
+    hinge.stiffness = 0.1;
+    ObjectOptions child = cube(0.05, 0);
+    child.position = {0.1, 0, 0};
+    JointedWorld run({base(), child}, {hinge});
+    run.run(2);
+    return run.child();
+  };
+  const ObjectState one = run_once(), two = run_once();
+  EXPECT_EQ(one.position, two.position);
+  EXPECT_EQ(one.orientation, two.orientation);
+}
+
+TEST(WorldJoint, DescriptionsCarryFramesAndLaw) {
+  JointOptions slide = joint("slider", {1, 0, 0});
+  slide.position = {0, 0.01, 0};
+  slide.limits = {-0.01, 0.1};
+  slide.friction = 0.3;
+  slide.detents = {{0, 0.001, 0.002, 0}};
+  ObjectOptions child = cube(0.05, 0);
+  child.position = {0.1, 0.02, 0};
+  WorldLoop world({}, {base(), child}, 1.0 / 90, {slide});
+  ASSERT_EQ(world.joint_descriptions().size(), 1u);
+  const ObjectJointDescription& d = world.joint_descriptions()[0];
+  EXPECT_EQ(d.joint, 1u);
+  EXPECT_EQ(d.parent, 1u);
+  EXPECT_EQ(d.child, 2u);
+  EXPECT_EQ(d.limited, 1u);
+  EXPECT_EQ(d.upper_limit, 0.1);
+  ASSERT_EQ(d.detents.size(), 1u);
+  EXPECT_LE((to_vector(d.parent_position) - Vector3(0, 0.01, 0)).norm(), 1e-12);
+  EXPECT_LE((to_vector(d.child_position) - Vector3(-0.1, -0.01, 0)).norm(), 1e-12);
+  EXPECT_LE((to_quaternion(d.parent_orientation) * Vector3::UnitY() - Vector3::UnitX()).norm(), 1e-12);
+  const JointLaw law = to_law(d);
+  EXPECT_EQ(law.minimum, -0.01);
+  EXPECT_EQ(law.friction, 0.3);
+  EXPECT_EQ(law.detent_count, 1u);
+}
+
+TEST(WorldJoint, MessagesMoveResetAndRemoveWholeAssemblies) {
+  ObjectOptions parent = base(), child = cube(0.05, 0.05);
+  parent.mass = 0.1;
+  JointedWorld run({parent, child}, {joint("hinge")}, weightless());
+  const auto send = [&run](const char* key, const char* value) {
+    Message message;
+    set_text(message.module, "world");
+    set_text(message.key, key);
+    set_text(message.value, value);
+    return run.world.answer(message).result;
+  };
+  EXPECT_EQ(send("object.teleport", "cube 1 1 1"), kReplyApplied);
+  run.run(0.1);
+  EXPECT_LE((position(run.child()) - Vector3(1, 1, 1)).norm(), 1e-4);
+  EXPECT_LE(run.world.joint_gap("joint"), 1e-5);
+  EXPECT_EQ(send("object.reset", "base"), kReplyApplied);
+  run.run(0.1);
+  EXPECT_LE((position(run.child()) - Vector3(0, 0.05, 0)).norm(), 1e-5);
+  const std::uint64_t before = run.world.descriptions_version();
+  EXPECT_EQ(send("object.remove", "base"), kReplyApplied);
+  EXPECT_EQ(run.world.joint_descriptions()[0].removed, 1u);
+  EXPECT_GT(run.world.joint_descriptions()[0].stamp.sequence, before);
+  run.run(0.1);
+  EXPECT_EQ(send("object.reset", "base"), kReplyApplied);
+  EXPECT_EQ(run.world.joint_descriptions()[0].removed, 0u);
+  run.run(0.1);
+  EXPECT_LE(run.world.joint_gap("joint"), 1e-5);
+
+  JointedWorld housed({base(), child}, {joint("slider")});
+  Message message;
+  set_text(message.module, "world");
+  set_text(message.key, "object.teleport");
+  set_text(message.value, "cube 1 1 1");
+  EXPECT_EQ(housed.world.answer(message).result, kReplyRefused);
+}
+
+TEST(WorldJoint, RefusesJointsThatCannotRun) {
+  const auto wrong = [](const std::function<void(JointOptions&)>& change) {
+    JointOptions j = joint("hinge");
+    change(j);
+    const auto found = check_world({}, {base(), cube(0.05, 0.1)}, 1.0 / 90, {j});
+    return found.empty() ? std::string() : found[0];
+  };
+  EXPECT_EQ(wrong([](JointOptions&) {}), "");
+  EXPECT_NE(wrong([](JointOptions& j) { j.parent = "door"; }).find("expected the name of an object"),
+            std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { std::swap(j.parent, j.child); }).find("static"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.parent = "cube"; }).find("same object"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.axis = {0, 0, 0}; }).find("axis"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.limits = {0.1, 0.2}; }).find("outside"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.limits = {-4, 4}; }).find("range"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.kind = "screw"; }).find("pitch"), std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.kind = "fixed", j.friction = 1; }).find("free coordinate"),
+            std::string::npos);
+  EXPECT_NE(wrong([](JointOptions& j) { j.detents = {{0, 1, 1, 1}}; }).find("period"), std::string::npos);
+}
+
+TEST(WorldJoint, NamesSetsOfObjectsThatAHandCanNeverTake) {
+  ObjectOptions first = cube(0.05, 0.1), second = first, third = first;
+  first.name = "a", second.name = "b", third.name = "c";
+  JointOptions one = joint("hinge"), two = one, three = one;
+  one.parent = "a", one.child = "b";
+  two.parent = "b", two.child = "c";
+  three.parent = "base", three.child = "c";
+  const std::vector<ObjectOptions> objects{base(), first, second, third};
+  EXPECT_TRUE(check_assemblies(objects, {one, two, three}, 3, 3).empty());
+  EXPECT_EQ(check_assemblies(objects, {one, two, three}, 2, 2).size(), 2u);
+  EXPECT_TRUE(check_assemblies(objects, {one, three}, 2, 1).empty());
+}
+
+}  // namespace
+}  // namespace softhand
