@@ -27,7 +27,7 @@
 
 #include <vector>
 
-#include "energies/coulomb.hpp"
+#include "contact/coulomb.hpp"
 #include "energies/energy.hpp"
 #include "model/joint_law.hpp"
 

@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "energies/clique.hpp"
-#include "energies/coulomb.hpp"
+#include "contact/coulomb.hpp"
 #include "energies/energy.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"

@@ -147,8 +147,10 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this](Linkage& linkage) {
         linkage.clear_touching();
         if (contacts_) {
-          for (const ContactSet::Anchor& anchor : contacts_->anchors())
-            linkage.set_touching(hand_.node_body[static_cast<std::size_t>(anchor.node)]);
+          for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
+            contacts_->points().for_each_bone(anchor.point, hand_.node_body,
+                                              [&linkage](int bone, double) { linkage.set_touching(bone); });
+          }
         }
         return !linkage.any_touching() && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
       });
@@ -211,7 +213,7 @@ void HandSimulation::clear_slot(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::empty;
   inertia_->hold(kBodyCount + slot);
   state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = {};
-  contacts_->clear_object(slot);
+  set_contact_object(slot);
   if (!slot_is_static(slot)) {
     if (planes_ != nullptr) planes_->clear_object(slot);
     if (object_coupling_ != nullptr) object_coupling_->clear_target(slot);
@@ -223,11 +225,22 @@ void HandSimulation::set_slot_motion(int slot, const Pose& pose, const Twist& ve
   state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = velocity;
 }
 
+// Gives the object in the slot to the contacts.
+void HandSimulation::set_contact_object(int slot) {
+  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+  const SlotMode mode = slot_mode(slot);
+  if (mode == SlotMode::empty) {
+    contacts_->clear_object(slot);
+  } else {
+    contacts_->set_object(slot, object.shape, object.friction, object.id,
+                          mode == SlotMode::dynamic ? ContactObject::moving : ContactObject::fixed);
+  }
+}
+
 void HandSimulation::make_kinematic(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::kinematic;
   inertia_->hold(kBodyCount + slot);
-  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
-  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::fixed);
+  set_contact_object(slot);
   if (planes_ != nullptr && !slot_is_static(slot)) planes_->clear_object(slot);
 }
 
@@ -245,7 +258,7 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
     }
   }
   inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
-  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
+  set_contact_object(slot);
 }
 
 void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) {
@@ -266,7 +279,10 @@ void HandSimulation::take_state(const HandSimulation& other) {
   stored_is_valid_ = other.stored_is_valid_;
   *inertia_ = *other.inertia_;
   *coupling_ = *other.coupling_;
-  if (contacts_ != nullptr) *contacts_ = *other.contacts_;
+  if (contacts_ != nullptr) {
+    for (int slot = 0; slot < slot_count(); ++slot) set_contact_object(slot);
+    contacts_->load(other.contacts_->save());
+  }
   if (planes_ != nullptr) *planes_ = *other.planes_;
   if (joints_ != nullptr) *joints_ = *other.joints_;
   if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
@@ -420,8 +436,11 @@ void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes
 void HandSimulation::collect_bone_contacts() {
   bone_contact_forces_.fill(Vector3::Zero());
   if (!contacts_) return;
-  for (const ContactSet::Anchor& anchor : contacts_->anchors())
-    bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
+  for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
+    contacts_->points().for_each_bone(anchor.point, hand_.node_body, [this, &anchor](std::size_t bone, double share) {
+      bone_contact_forces_[bone] += share * anchor.force;
+    });
+  }
 }
 
 double HandSimulation::deepest_penetration() const {

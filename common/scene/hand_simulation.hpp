@@ -154,6 +154,7 @@ class HandSimulation {
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
+  void set_contact_object(int slot);
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void limit_node_velocities();

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "energies/coulomb.hpp"
+#include "contact/coulomb.hpp"
 #include "energies/dense_step.hpp"
 #include "energies/derivative_suite.hpp"
 #include "energies/friction.hpp"
@@ -163,6 +163,74 @@ TEST_P(ContactDerivatives, ForcesBalanceAndRigidMotionIsFree) {
     testing::check_balance(*term, moved);
     testing::check_rigid_motion(*term, moved, motion);
   }
+}
+
+// Contact points between the nodes: the middle of each triangle, and of one edge.
+std::vector<ContactPoint> points_between_nodes(const HandModel& hand) {
+  std::vector<ContactPoint> points;
+  for (const auto& triangle : hand.surface) {
+    ContactPoint point;
+    point.body = hand.node_body[0];
+    point.area = 2e-5;
+    point.node_count = 3;
+    for (std::size_t k = 0; k < 3; ++k) point.nodes[k] = triangle[k], point.weights[k] = 1.0 / 3;
+    points.push_back(point);
+    point.node_count = 2;
+    point.weights = {0.75, 0.25};
+    points.push_back(point);
+  }
+  return points;
+}
+
+TEST_P(ContactDerivatives, OfPointsBetweenNodes) {
+  const HandModel hand = skin(4);
+  const std::vector<double> masses(hand.nodes.size(), 1e-4);
+  ContactSet contacts(ContactPoints(points_between_nodes(hand), masses), hand.node_count(), 700, 0, 1, 1);
+  ContactEnergy contact(contacts);
+  FrictionEnergy friction(contacts);
+  const ShapeGeometry sphere(make(ShapeKind::sphere, {0.05, 0, 0}));
+  contacts.set_object(0, &sphere, 0.7, 5, ContactObject::moving);
+  RandomScene scene(GetParam());
+  State& state = scene.rig.state;
+  const Vector3 centre = state.body_poses[0].position;
+  // Each triangle becomes small and moves into the sphere.
+  for (const auto& triangle : hand.surface) {
+    const Vector3 outward = (Vector3(state.node_positions.col(triangle[0])) - centre).normalized();
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3 corner =
+          5e-4 * Vector3(Vector3::Unit(static_cast<int>(k)) - outward[static_cast<int>(k)] * outward);
+      state.node_positions.col(triangle[k]) = centre + 0.0505 * outward + corner;
+      state.node_velocities.col(triangle[k]) = state.body_velocities[0].linear - 0.3 * outward;
+    }
+  }
+  contacts.begin_step(state, 0.01);
+  state.node_positions += 0.01 * state.node_velocities;
+  contacts.end_step(state);
+  ASSERT_GT(contacts.count(), 3);
+  const State moved = testing::perturbed(state, GetParam(), 2e-4, 2e-3);
+  testing::check_term(contact, state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  contacts.begin_step(state, 0.01);
+  testing::check_term(friction, state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  testing::check_balance(contact, moved);
+  testing::check_balance(friction, moved);
+}
+
+// A point of weight 1/3 on three nodes has three times their mass, and its main node is the heaviest one.
+TEST(ContactPoints, HaveMassAndMainNode) {
+  const HandModel hand = skin(2);
+  const ContactPoints points(points_between_nodes(hand), std::vector<double>(hand.nodes.size(), 1e-4));
+  EXPECT_NEAR(points.mass(0), 3e-4, 1e-12);
+  EXPECT_NEAR(points.mass(1), 1e-4 / (0.75 * 0.75 + 0.25 * 0.25), 1e-12);
+  EXPECT_EQ(points.main_node(2), 3);
+  const ContactPoints nodes(hand, std::vector<double>(hand.nodes.size(), 1e-4));
+  EXPECT_EQ(nodes.count(), 6);
+  EXPECT_EQ(nodes.mass(5), 1e-4);
+  ContactPoint bad;
+  bad.weights[0] = 0.9;
+  EXPECT_THROW(ContactPoints({bad}, {1e-4}), std::invalid_argument);
+  bad.weights[0] = 1;
+  bad.nodes[0] = 1;
+  EXPECT_THROW(ContactPoints({bad}, {1e-4}), std::invalid_argument);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, ContactDerivatives, ::testing::Values(1, 2, 3, 4, 5));
