@@ -6,9 +6,13 @@
 namespace softhand {
 namespace {
 
-constexpr double kTeleport = 0.25;        // m; an object that moved farther than this between two steps was teleported
-constexpr double kSamePlace = 1e-9;       // m; an object that moved less than this between two steps has not jumped
-constexpr int kArcPoints = 8;             // the arc of a point around a turning object is sampled in this many pieces
+constexpr double kTeleport = 0.25;    // m; an object that moved farther than this between two steps was teleported
+constexpr double kSamePlace = 1e-9;   // m; an object that moved less than this between two steps has not jumped
+constexpr int kArcPoints = 8;         // the arc of a point around a turning object is sampled in this many pieces
+constexpr double kSmoothTurn = 0.94;  // cosine of 20 degrees; a normal that turns more in a step has met an edge
+// Relative to the slide: heights of the paths on which walls stop an anchor. In a corner, the higher path may start
+// inside the wall.
+constexpr std::array<double, 2> kLifts{0.1, 0.01};
 constexpr double kSweptTurn = 0.996;      // cosine of 5 degrees; a surface that turns farther needs a new plane
 constexpr double kSweptHalfTurn = 0.999;  // cosine of half that angle
 
@@ -98,9 +102,22 @@ double Collider::reach(const Pose& from, const Pose& to, const PointGroups& poin
 std::optional<SurfacePoint> Collider::closest_on_side(const Vector3& place, const Vector3& normal,
                                                       double distance) const {
   const Vector3 from = place + distance * normal;
-  const auto crossing = geometry_->first_crossing(from, place - distance * normal);
+  const auto crossing = geometry_->first_crossing(from, place);
   if (!crossing || !(crossing->normal.dot(normal) > 0)) return std::nullopt;
   return SurfacePoint{crossing->normal.dot(place - crossing->point), crossing->point, crossing->normal};
+}
+
+SurfacePoint Collider::slid(const Vector3& from, const Vector3& normal, const Vector3& movement) const {
+  const Vector3 to = from + movement;
+  const SurfacePoint nearest = geometry_->closest(to);
+  if (nearest.normal.dot(normal) > kSmoothTurn) return nearest;
+  const double length = movement.norm();
+  for (const double height : kLifts) {
+    const Vector3 lift = height * length * normal;
+    if (const auto wall = geometry_->first_crossing(from + lift, to + lift))
+      return {-(to - wall->point).norm(), wall->point, wall->normal};
+  }
+  return closest_on_side(to, normal, length).value_or(nearest);
 }
 
 std::optional<Crossing> Collider::meeting(const Vector3& start, const Vector3& end) const {

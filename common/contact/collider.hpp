@@ -117,6 +117,10 @@ class Collider {
   /// The same, but on the side to which `normal` points. A wall that is thinner than twice the depth of `place` has its
   /// closest surface on the other side. Returns nothing if no such surface is found within `distance` m.
   std::optional<SurfacePoint> closest_on_side(const Vector3& place, const Vector3& normal, double distance) const;
+  /// Where an anchor lies that slid from the surface point `from` with outward normal `normal` by `movement` in its
+  /// tangent plane. This is the closest surface, but never the far side of a thin wall: a wall in the way stops the
+  /// anchor, and the side of `normal` comes before the other side.
+  SurfacePoint slid(const Vector3& from, const Vector3& normal, const Vector3& movement) const;
   /// The point where the surface meets a point that moves from `start` to `end` in the world during this step. If the
   /// object turns, the path in the object's frame is an arc, and the crossing is that of its chord.
   std::optional<Crossing> meeting(const Vector3& start, const Vector3& end) const;

@@ -26,7 +26,7 @@
 #include <vector>
 
 #include "energies/clique.hpp"
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 
 namespace softhand {
 
@@ -47,7 +47,7 @@ struct CouplingSite {
   CouplingGains gains;
 };
 
-class BodyCoupling final : public Energy {
+class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
  public:
   /// Sites have no target at first and exert no force. Throws std::invalid_argument if a gain is negative or NaN.
   BodyCoupling(std::string name, std::vector<CouplingSite> sites, DofLayout layout);
@@ -62,6 +62,25 @@ class BodyCoupling final : public Energy {
   void clear_target(int site) { at(site).active = false; }
   bool has_target(int site) const { return at(site).active; }
   void set_gains(int site, const CouplingGains& gains);
+
+  /// All that a step carries to the next one, and what the caller set.
+  struct Memory {
+    struct Site {
+      std::uint64_t active = 0, pulled = 0;
+      CouplingGains gains;
+      PlainPose target;
+      PlainTwist target_velocity;
+      PlainPose end, end_target;  // of the body and of its target at the end of the last step
+      double stored = 0;          // J
+    };
+    std::vector<Site> sites;
+    void visit(auto& each) { each(sites); }
+  };
+  Memory save() const;
+  /// Throws std::invalid_argument if `memory` has another number of sites.
+  void load(const Memory& memory);
+  /// The bodies were repositioned. Targets and gains stay.
+  void reset();
 
   /// Distance from the site's target to its frame in `state`, metres. Zero without a target.
   double stretch(int site, const State& state) const;
@@ -96,6 +115,7 @@ class BodyCoupling final : public Energy {
     double stiffness = 0;
     double angular_stiffness = 0;
     Pose start;               // of the body
+    Pose start_target;        // the target before it moved
     double start_energy = 0;  // of the springs, towards the previous target, J
     // At the end of the last step.
     bool pulled = false;

@@ -485,7 +485,7 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   dissipated_ += slide.heat;
   if (!slide.moves) return;
   ++queries_;
-  const SurfacePoint nearest = collider.closest(anchor_law::surface_point(anchor) + slide.movement);
+  const SurfacePoint nearest = collider.slid(anchor_law::surface_point(anchor), anchor.normal, slide.movement);
   if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
     anchor_law::place(anchor, nearest);
   } else {

@@ -41,7 +41,7 @@
 #include "contact/collider.hpp"
 #include "contact/contact_point.hpp"
 #include "contact/contact_report.hpp"
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 
@@ -95,6 +95,9 @@ class ContactSet {
     std::vector<Anchor> anchors;  // in the order in which they began
     std::vector<Slot> slots;
     double dissipated = 0, cleared_normal = 0, cleared_friction = 0;  // J
+    void visit(auto& each) {
+      each(anchors), each(slots), each(dissipated), each(cleared_normal), each(cleared_friction);
+    }
   };
   Memory save() const;
   /// The slots must have the same objects as when the memory was saved. Throws std::invalid_argument otherwise.
@@ -219,7 +222,7 @@ class ContactSet {
 };
 
 /// U_n of all anchors. It also calls the set's begin_step and end_step.
-class ContactEnergy final : public Energy {
+class ContactEnergy final : public EnergyWithMemory<ContactEnergy> {
  public:
   explicit ContactEnergy(ContactSet& contacts) : contacts_(contacts) {}
   std::string_view name() const override { return "contact"; }
@@ -232,6 +235,11 @@ class ContactEnergy final : public Energy {
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   bool revise(const State& state) override { return contacts_.revise(state); }
   void end_step(State& state) override { contacts_.end_step(state); }
+  void cancel_step() override { contacts_.cancel_step(); }
+  using Memory = ContactSet::Memory;
+  Memory save() const { return contacts_.save(); }
+  void load(const Memory& memory) { contacts_.load(memory); }
+  void reset() { contacts_.reset(); }
   EnergyFlow flow(double, double, double) const override { return contacts_.normal_flow(); }
 
  private:

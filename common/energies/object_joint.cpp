@@ -151,24 +151,23 @@ void ObjectJointEnergy::set_joint(int place, const ObjectJoint& joint) {
   if (!(joint.child_mass > 0) || (joint.parent >= 0 && !(joint.parent_mass > 0)))
     throw std::invalid_argument("object joint: a mass is not above 0");
   Joint& j = at(place);
-  const Twist velocity = j.parent_velocity;
   j = {};
   j.set = true;
   j.model = joint;
-  j.parent_velocity = velocity;
-  const Pose parent = memory_.joints[static_cast<std::size_t>(place)].parent;
-  memory_.joints[static_cast<std::size_t>(place)] = {};
-  memory_.joints[static_cast<std::size_t>(place)].parent = parent;
+  Memory::Joint fresh;
+  fresh.parent = memory_.joints[static_cast<std::size_t>(place)].parent;
+  fresh.parent_velocity = memory_.joints[static_cast<std::size_t>(place)].parent_velocity;
+  memory_.joints[static_cast<std::size_t>(place)] = fresh;
 }
 
 void ObjectJointEnergy::clear_joint(int place) {
   at(place).set = false;
-  memory_.joints[static_cast<std::size_t>(place)].anchored = false;
+  memory_.joints[static_cast<std::size_t>(place)].anchored = 0;
 }
 
 void ObjectJointEnergy::set_parent_motion(int place, const Pose& pose, const Twist& velocity) {
-  memory_.joints[static_cast<std::size_t>(place)].parent = pose;
-  at(place).parent_velocity = velocity;
+  memory_.joints[static_cast<std::size_t>(place)].parent = to_plain(pose);
+  memory_.joints[static_cast<std::size_t>(place)].parent_velocity = to_plain(velocity);
 }
 
 void ObjectJointEnergy::load(const Memory& memory) {
@@ -180,7 +179,7 @@ void ObjectJointEnergy::load(const Memory& memory) {
 
 void ObjectJointEnergy::reset() {
   for (Memory::Joint& joint : memory_.joints) {
-    joint.anchored = false;
+    joint.anchored = 0;
     joint.direction = 0;
   }
 }
@@ -195,19 +194,20 @@ double ObjectJointEnergy::coordinate(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set || !joint.model.law.has_coordinate()) return 0;
   return joint_coordinate(joint.model.law,
-                          pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
+                          pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent)));
 }
 
 double ObjectJointEnergy::gap(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set) return 0;
-  return held_gap(joint.model.law, pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
+  return held_gap(joint.model.law,
+                  pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent)));
 }
 
 double ObjectJointEnergy::misalignment(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set || joint.model.law.kind == ObjectJointKind::ball) return 0;
-  const JointPose pose = pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent);
+  const JointPose pose = pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent));
   const double f = axis_distance(pose.parent_frame, pose.child_frame, holds_one_axis(joint.model.law.kind)).f;
   return 2 * std::asin(std::min(1.0, std::sqrt(0.5 * f)));
 }
@@ -244,6 +244,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     const Memory::Joint& memory = memory_.joints[place];
+    const Twist parent_velocity = to_twist(memory.parent_velocity);
     const auto turning = [](double mass, const Matrix3& inertia, const Vector3& arm) {
       return inertia.trace() / 3 + mass * arm.squaredNorm();
     };
@@ -265,22 +266,22 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
         std::max(kStickRatio * (slides ? mass : inertia) / square, law.friction / (slides ? kPreSlide : kPreTurn));
     joint.damping = law.damping / time_step;
 
-    const JointPose pose = pose_of(joint, state, memory.parent);
+    const JointPose pose = pose_of(joint, state, to_pose(memory.parent));
     const Twist still;
     const Twist& of_parent =
-        model.parent < 0 ? joint.parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
+        model.parent < 0 ? parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
     double rate = 0;
     if (law.has_coordinate()) {
       joint.start = joint_coordinate(law, pose);
       rate = joint_row(law, pose, joint.start)
                  .rate(of_parent, state.body_velocities[static_cast<std::size_t>(model.child)]);
     }
-    joint.anchor = memory.anchored ? memory.anchor : joint.start;
-    joint.anchor_turn = memory.anchored ? memory.anchor_turn : pose.relative;
+    joint.anchor = memory.anchored != 0 ? memory.anchor : joint.start;
+    joint.anchor_turn = memory.anchored != 0 ? to_quaternion(memory.anchor_turn) : pose.relative;
     joint.slides_on = memory.direction * rate > 0;
-    joint.parent = memory.parent;
+    joint.parent = to_pose(memory.parent);
     start_energy_ += evaluate(joint, state, nullptr, nullptr, Curvature::exact);
-    joint.parent = advanced(memory.parent, joint.parent_velocity, time_step);
+    joint.parent = advanced(joint.parent, parent_velocity, time_step);
   }
 }
 
@@ -418,6 +419,7 @@ void ObjectJointEnergy::end_step(State& state) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     Memory::Joint& memory = memory_.joints[place];
+    const Pose before = to_pose(memory.parent);
     Vector12 local = Vector12::Zero();
     const double energy = evaluate(joint, state, &local, nullptr, Curvature::exact);
     const auto add_wrench = [this](int body, const Vector3& force, const Vector3& torque) {
@@ -428,19 +430,18 @@ void ObjectJointEnergy::end_step(State& state) {
     if (model.parent >= 0) {
       add_wrench(model.parent, local.segment<3>(0), local.segment<3>(3));
     } else {
-      parent_work_ +=
-          local.segment<3>(0).dot(joint.parent.position - memory.parent.position) +
-          local.segment<3>(3).dot(rotation_log(joint.parent.orientation * memory.parent.orientation.conjugate()));
+      parent_work_ += local.segment<3>(0).dot(joint.parent.position - before.position) +
+                      local.segment<3>(3).dot(rotation_log(joint.parent.orientation * before.orientation.conjugate()));
     }
     add_wrench(model.child, local.segment<3>(6), local.segment<3>(9));
-    memory.parent = joint.parent;
+    memory.parent = to_plain(joint.parent);
 
     const JointPose pose = pose_of(joint, state, joint.parent);
     double damper = 0, heat = 0;
     memory.direction = 0;
     memory.anchor = joint.anchor;
-    memory.anchor_turn = joint.anchor_turn;
-    memory.anchored = law.friction > 0;
+    memory.anchor_turn = to_wire(joint.anchor_turn);
+    memory.anchored = law.friction > 0 ? 1 : 0;
     if (law.has_coordinate()) {
       const double moved = joint_row(law, pose, joint.start).value - joint.start;
       damper = 0.5 * joint.damping * moved * moved;
@@ -452,7 +453,7 @@ void ObjectJointEnergy::end_step(State& state) {
       if (slide > 0 && law.kind == ObjectJointKind::ball) {
         const Vector3 turn = rotation_log(pose.relative * joint.anchor_turn.conjugate());
         const double left = 2 * std::asin(0.5 * joint.friction.bound / joint.friction.stiffness);
-        memory.anchor_turn = (rotation_exp(-left / turn.norm() * turn) * pose.relative).normalized();
+        memory.anchor_turn = to_wire((rotation_exp(-left / turn.norm() * turn) * pose.relative).normalized());
       } else if (slide > 0) {
         memory.direction = stretch > 0 ? 1 : -1;
         memory.anchor += memory.direction * slide;

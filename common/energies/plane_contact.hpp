@@ -24,15 +24,15 @@
 #include <span>
 #include <vector>
 
-#include "energies/clique.hpp"
 #include "contact/coulomb.hpp"
-#include "energies/energy.hpp"
+#include "energies/clique.hpp"
+#include "energies/memory.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
 
 namespace softhand {
 
-class PlaneContact final : public Energy {
+class PlaneContact final : public EnergyWithMemory<PlaneContact> {
  public:
   /// Objects are the bodies `first_body` ... `first_body + slots - 1`.
   PlaneContact(DofLayout layout, int first_body, int slots);
@@ -43,6 +43,34 @@ class PlaneContact final : public Energy {
   /// Changes the weight (N) for the next call of `set_planes`. Contacts stay.
   void set_weight(int slot, double weight) { at(slot).weight = weight; }
   void clear_object(int slot);
+
+  /// All that a step carries to the next one. The shapes are not part of it.
+  struct Memory {
+    struct Point {
+      Vec3 stretch{};           // s, world, tangential
+      double normal_force = 0;  // N
+      std::uint64_t sliding = 0;
+    };
+    struct Plane {
+      std::uint32_t neighbour = 0, points = 0;
+      Vec3 point{}, normal{}, velocity{};  // at the start of the next step
+      double friction = 0, stiffness = 0;
+    };
+    struct Slot {
+      std::uint32_t set = 0, plane_count = 0;
+      double mass = 0, weight = 0, stored = 0;
+      std::array<Plane, kMaxNeighbourPlanes> planes;
+      Vec3 force{}, torque{};  // on the object in the last step
+      std::uint64_t count = 0;
+    };
+    std::vector<Slot> slots;
+    std::vector<Point> points;           // of the planes in use, one after the other
+    double dissipated = 0, cleared = 0;  // J
+    void visit(auto& each) { each(slots), each(points), each(dissipated), each(cleared); }
+  };
+  Memory save() const;
+  /// The slots must have the same objects as when the memory was saved. Throws std::invalid_argument otherwise.
+  void load(const Memory& memory);
   /// The objects were repositioned: all contacts end. Planes stay.
   void reset();
   /// Sets the planes as they are at the start of the next step. Then they move with their velocity until they are set
@@ -76,6 +104,8 @@ class PlaneContact final : public Energy {
     double normal_force = 0;            // N
     bool sliding = false;
     // Fixed within the step.
+    Vector3 stretch_start = Vector3::Zero();   // the stretch in the plane of this step
+    bool slides_on = false;                    // slid in the last step and still moves in that direction
     RestingPoint resting;                      // body axes, relative to the centre of mass
     Vector3 material = Vector3::Zero();        // the touching point of the object, body axes
     Vector3 material_start = Vector3::Zero();  // the same point in the world at the step's start
@@ -89,7 +119,8 @@ class PlaneContact final : public Energy {
   };
   struct Plane {
     std::uint32_t neighbour = 0;
-    Vector3 point = Vector3::Zero();  // at the end of the step, once begun
+    Vector3 point = Vector3::Zero();      // at the start of the next step
+    Vector3 end_point = Vector3::Zero();  // at the end of the step
     Vector3 normal = Vector3::UnitY();
     Vector3 velocity = Vector3::Zero();
     double friction = 0;
@@ -121,7 +152,7 @@ class PlaneContact final : public Energy {
     double height = 0;  // u
     bool pushes = false;
   };
-  static double stored(const Point& point, double height);
+  static double stored(const Point& point, const Vector3& stretch, double height);
   Response respond(const Plane& plane, const Point& point, const Pose& body) const;
   std::span<Point> points_of(const Plane& plane) { return {points_.data() + plane.first_point, plane.points}; }
   std::span<const Point> points_of(const Plane& plane) const {

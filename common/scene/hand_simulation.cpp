@@ -11,6 +11,7 @@
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
+#include "energies/memory.hpp"
 #include "energies/object_joint.hpp"
 #include "energies/plane_contact.hpp"
 #include "energies/skeleton_tissue.hpp"
@@ -179,9 +180,8 @@ void HandSimulation::restore(const State& state) {
     throw std::invalid_argument("HandSimulation: the restored state has another layout than the hand");
   }
   state_ = state;
-  if (contacts_) contacts_->reset();
-  if (planes_ != nullptr) planes_->reset();
-  if (joints_ != nullptr) joints_->reset();
+  for (const auto& term : terms_) term->reset_memory();
+  untangler_.reset();
   ledger_.restart();
   stored_is_valid_ = false;
   restored_ = true;
@@ -265,27 +265,64 @@ void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& 
   object_coupling_->set_target(slot, pose, velocity);
 }
 
+// The part of the memory that belongs to no term.
+struct HandSimulation::Memory {
+  std::uint64_t restored = 0, untangled = 0;
+  std::array<Vec3, kBodyCount> bone_contact_forces{};
+  void visit(auto& each) { each(restored), each(untangled), each(bone_contact_forces); }
+};
+
+void HandSimulation::save_memory(MemoryWriter& out) const {
+  for (const auto& term : terms_) term->save_memory(out);
+  write_memory(untangler_.save(), out);
+  Memory memory{restored_, untangled_, {}};
+  for (std::size_t b = 0; b < kBodyCount; ++b) memory.bone_contact_forces[b] = to_wire(bone_contact_forces_[b]);
+  write_memory(memory, out);
+}
+
+void HandSimulation::load_memory(MemoryReader& in) {
+  for (const auto& term : terms_) term->load_memory(in);
+  untangler_.load(read_memory<Untangler::Memory>(in));
+  const Memory memory = read_memory<Memory>(in);
+  restored_ = memory.restored != 0;
+  untangled_ = memory.untangled != 0;
+  for (std::size_t b = 0; b < kBodyCount; ++b) bone_contact_forces_[b] = to_vector(memory.bone_contact_forces[b]);
+}
+
+// Puts the objects and joints of `other` into the same slots and places. `modes_` and `objects_` are already copied.
+void HandSimulation::take_objects(const HandSimulation& other) {
+  *inertia_ = *other.inertia_;  // no memory, only what the caller set
+  for (int slot = 0; slot < slot_count(); ++slot) {
+    set_contact_object(slot);
+    if (planes_ == nullptr || slot_is_static(slot)) continue;
+    const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+    planes_->clear_object(slot);
+    if (slot_mode(slot) == SlotMode::dynamic) planes_->set_object(slot, object.shape, object.mass, 0);
+  }
+  for (int place = 0; place < joint_count(); ++place) {
+    if (other.joints_->is_set(place)) {
+      joints_->set_joint(place, other.joints_->joint(place));
+    } else {
+      joints_->clear_joint(place);
+    }
+  }
+}
+
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
-  untangler_ = other.untangler_;
-  restored_ = other.restored_;
   untangled_nodes_ = other.untangled_nodes_;
-  untangled_ = other.untangled_;
   modes_ = other.modes_;
   objects_ = other.objects_;
   bone_contact_forces_ = other.bone_contact_forces_;
   ledger_ = other.ledger_;
   stored_ = other.stored_;
   stored_is_valid_ = other.stored_is_valid_;
-  *inertia_ = *other.inertia_;
-  *coupling_ = *other.coupling_;
-  if (contacts_ != nullptr) {
-    for (int slot = 0; slot < slot_count(); ++slot) set_contact_object(slot);
-    contacts_->load(other.contacts_->save());
-  }
-  if (planes_ != nullptr) *planes_ = *other.planes_;
-  if (joints_ != nullptr) *joints_ = *other.joints_;
-  if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
+  take_objects(other);
+  std::vector<std::byte> bytes;
+  MemoryWriter out(bytes);
+  other.save_memory(out);
+  MemoryReader in(bytes);
+  load_memory(in);
   solver_->take_factor(*other.solver_);
 }
 
@@ -300,6 +337,9 @@ StepReport HandSimulation::step(double time_step) {
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
+  if (!report.state_changed) {
+    for (const auto& term : terms_) term->cancel_step();
+  }
   if (report.status == StepStatus::budget_spent) limit_node_velocities();
   collect_bone_contacts();
   if (ledger_enabled_) enter_step(report);

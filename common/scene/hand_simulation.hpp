@@ -27,6 +27,8 @@ class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
 class PlaneContact;
+class MemoryReader;  // energies/memory.hpp
+class MemoryWriter;
 class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
@@ -114,6 +116,12 @@ class HandSimulation {
   double joint_coordinate(int place) const;
   double joint_gap(int place) const;
 
+  /// What a step carries to the next one besides the state and the solver's factor: the memory of every term, of the
+  /// untangler and of the simulation itself. To continue from a saved memory: make the same calls of `set_slot`,
+  /// `make_dynamic` and `set_joint`, restore the state, then load. Throws std::invalid_argument if the memory belongs
+  /// to another layout; then part of it may have been loaded.
+  void save_memory(MemoryWriter& out) const;
+  void load_memory(MemoryReader& in);
   /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hand
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
@@ -154,7 +162,9 @@ class HandSimulation {
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
+  struct Memory;
   void set_contact_object(int slot);
+  void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void limit_node_velocities();

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "math/tetrahedron.hpp"
@@ -54,8 +56,35 @@ Untangler::Untangler(const HandModel& hand, double full_check_period)
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
     const CorotationalMaterial law =
         corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
-    mirrored_energy_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
+    mirrored_energies_.push_back(std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law));
+    mirrored_energy_ += mirrored_energies_.back();
   }
+}
+
+Untangler::Memory Untangler::save() const {
+  return {.waited = waited_,
+          .quick_check_done = quick_check_done_,
+          .twisted = twisted_,
+          .tangled = tangled_,
+          .wait = wait_};
+}
+
+void Untangler::load(const Memory& memory) {
+  if (memory.tangled.size() != tangled_.size() || memory.wait.size() != wait_.size())
+    throw std::invalid_argument("untangler: the memory has " + std::to_string(memory.tangled.size()) +
+                                " tetrahedra, expected " + std::to_string(tangled_.size()));
+  waited_ = memory.waited;
+  quick_check_done_ = memory.quick_check_done != 0;
+  twisted_ = memory.twisted != 0;
+  tangled_ = memory.tangled;
+  wait_ = memory.wait;
+}
+
+void Untangler::reset() {
+  waited_ = 0;
+  quick_check_done_ = twisted_ = false;
+  std::fill(tangled_.begin(), tangled_.end(), std::uint8_t{0});
+  std::fill(wait_.begin(), wait_.end(), std::uint8_t{0});
 }
 
 void Untangler::put_back(const View& view, std::size_t node) const {
@@ -126,6 +155,7 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
   const double released = released_energy(view, before);
   bool tangled = before > mirrored_energy_ && released > kReleasedShare * before;
+  if (tangled && put_worst_back(view, before, released)) return accept_move(view);
   if (tests_twist) {
     const bool was_twisted = std::exchange(twisted_, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
     tangled = tangled || (twisted_ && was_twisted);
@@ -137,6 +167,36 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   state.node_positions.swap(positions_);
   state.node_velocities.swap(velocities_);
   return 0;
+}
+
+// All of the tissue is put back and has released `released_by_all` J. Puts back only the tetrahedra that are folded or
+// have more energy than if they were mirrored, with as many rings around them as release nearly as much. So tissue far
+// from the tangle keeps its place and its contacts. Returns false, with all of the tissue put back, if only that
+// releases enough.
+bool Untangler::put_worst_back(const View& view, double before, double released_by_all) {
+  State& state = view.state;
+  state.node_positions = positions_;
+  state.node_velocities = velocities_;
+  std::fill(move_.begin(), move_.end(), std::uint8_t{0});
+  for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
+    if (!view.tissue.is_folded(state, static_cast<int>(t)) &&
+        !(view.tissue.energy(state, static_cast<int>(t)) > mirrored_energies_[t]))
+      continue;
+    for (const std::int32_t n : tetrahedra_[t]) move_[static_cast<std::size_t>(n)] = 1;
+  }
+  int rings = 0;
+  for (const int ring_count : kRings) {
+    int grown = 1;
+    for (; rings < ring_count && grown > 0; ++rings) grown = grow();
+    if (grown == 0) break;
+    for (std::size_t n = 0; n < move_.size(); ++n) {
+      if (move_[n] != 0) put_back(view, n);
+    }
+    if (released_energy(view, before) >= released_by_all - kExtraRelease * std::abs(released_by_all)) return true;
+  }
+  std::fill(move_.begin(), move_.end(), std::uint8_t{1});
+  for (std::size_t n = 0; n < move_.size(); ++n) put_back(view, n);
+  return false;
 }
 
 // Adds the nodes that share a tetrahedron with a node of `move_`. Returns the number of added nodes.

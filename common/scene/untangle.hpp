@@ -30,6 +30,19 @@ class Untangler {
   /// never.
   Untangler(const HandModel& hand, double full_check_period);
 
+  /// All that a step carries to the next one.
+  struct Memory {
+    double waited = 0;  // s, since the last full check
+    std::uint32_t quick_check_done = 0, twisted = 0;
+    std::vector<std::uint8_t> tangled, wait;  // by tetrahedron
+    void visit(auto& each) { each(waited), each(quick_check_done), each(twisted), each(tangled), each(wait); }
+  };
+  Memory save() const;
+  /// Throws std::invalid_argument if `memory` is that of another hand.
+  void load(const Memory& memory);
+  /// The next check starts without the marks of the last one.
+  void reset();
+
   enum class Due : std::uint8_t { nothing, quick_check, full_check };
   /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
   /// due.
@@ -57,12 +70,14 @@ class Untangler {
   void put_back(const View& view, std::size_t node) const;
   void place_bones(const State& state);
   int put_all_back(const View& view, double kinetic_energy, bool tests_twist);
+  bool put_worst_back(const View& view, double before, double released_by_all);
   int untangle_cluster(const View& view, std::size_t seed);
   int grow();
   int accept_move(const View& view);
 
   double full_check_period_;
-  double mirrored_energy_ = 0;  // J; energy of the tissue if every tetrahedron were mirrored
+  std::vector<double> mirrored_energies_;  // J, per tetrahedron: its energy if it were mirrored
+  double mirrored_energy_ = 0;             // J, their sum
   double waited_ = 0;
   bool quick_check_done_ = false;  // a quick check was done since the last full check
   bool twisted_ = false;           // in the last full check

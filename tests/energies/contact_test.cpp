@@ -10,6 +10,8 @@
 #include "energies/derivative_suite.hpp"
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
+#include "energies/memory_suite.hpp"
+#include "math/rotation.hpp"
 
 namespace softhand {
 namespace {
@@ -651,6 +653,63 @@ TEST(Contact, NamesAnObjectTouchedWithoutPressure) {
   EXPECT_EQ(finger.contact_count, 12u);
   EXPECT_EQ(finger.object, 9u);
   EXPECT_EQ(finger.force, Vec3{});
+}
+
+// Nodes slide, stick and leave the ball, which moves under them. `moving`: by the solver.
+TEST_P(ContactDerivatives, MemoryRepeatsTheBits) {
+  for (const ContactObject kind : {ContactObject::moving, ContactObject::fixed}) {
+    RandomScene scene(GetParam(), kind);
+    if (kind == ContactObject::moving) scene.rig.inertia.set_dynamic(0, 0.1, 1e-4 * Matrix3::Identity(), {0, -1, 0});
+    testing::DenseStepper stepper = scene.rig.stepper();
+    // At the start of the last step of each run the object is moved by the caller: a path between the steps.
+    int steps = 0;
+    testing::check_memory(scene.rig.contact, scene.rig.state, [&](State& state) {
+      if (++steps % 5 == 3) state.body_poses[0].position.x() += 1e-3;
+      stepper.step(state, 0.01);
+    });
+  }
+}
+
+TEST(Contact, MemoryOfOtherObjectsIsRefused) {
+  Rig rig(1, 700, 1e-4), other(1, 700, 1e-4);
+  const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
+  rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  const ContactSet::Memory memory = rig.contacts.save();
+  EXPECT_THROW(other.contacts.load(memory), std::invalid_argument);
+  other.contacts.set_object(0, &ball, 0.5, 8, ContactObject::fixed);
+  EXPECT_THROW(other.contacts.load(memory), std::invalid_argument);
+  other.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  EXPECT_NO_THROW(other.contacts.load(memory));
+}
+
+// Nodes slide on the inside of a ring of thin plates. In one step a node slides past the next plate, whose outer side
+// is then nearer than its inner side.
+TEST(Contact, SlidingInsideAThinRingDoesNotLeadOut) {
+  constexpr int kPlates = 12;
+  constexpr double kRadius = 0.02, kThickness = 0.001, kWidth = 0.03;
+  const auto plate = std::make_shared<const ShapeGeometry>(make(ShapeKind::box, {0.0057, kThickness / 2, kWidth}));
+  std::vector<PosedShape> plates;
+  for (int i = 0; i < kPlates; ++i) {
+    const Quaternion turn = rotation_exp(Vector3(0, 0, 2 * M_PI * i / kPlates));
+    plates.push_back({plate, {turn * Vector3(0, -kRadius - kThickness / 2, 0), turn}});
+  }
+  const ShapeGeometry ring(std::move(plates));
+  for (const double speed : {0.2, 0.35, 0.5}) {
+    for (const double friction : {0.0, 0.3}) {
+      Rig rig(1, 700, 1e-3);
+      rig.contacts.set_object(0, &ring, friction, 1, ContactObject::fixed);
+      rig.inertia.hold(0);
+      rig.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
+      for (int n = 0; n < 3; ++n) {
+        rig.state.node_positions.col(n) = Vector3(0.002 * n, -kRadius + 1e-5, 0);
+        rig.state.node_velocities.col(n) = Vector3(speed, 0, 0);
+      }
+      testing::DenseStepper stepper = rig.stepper();
+      for (int i = 0; i < 60; ++i) stepper.step(rig.state, 1.0 / 90);
+      EXPECT_LE(rig.state.node_positions.colwise().norm().maxCoeff(), kRadius / std::cos(M_PI / kPlates) + 1e-3)
+          << speed << " m/s, friction " << friction;
+    }
+  }
 }
 
 TEST(Contact, RefusesBadNumbers) {
