@@ -26,6 +26,7 @@
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
 //   position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick
 //   cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
+// - An anchor that slides moves to the nearest surface, but never to the far side of a thin wall.
 // - A fixed object moves within the step by its velocity. The energy uses the pose at the step's end, because it is a
 //   function of the positions at the step's end. Paths and the friction bound use the pose at the step's start. So only
 //   relative motion counts.

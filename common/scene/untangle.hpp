@@ -47,8 +47,9 @@ class Untangler {
   /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
   /// due.
   Due due(double time_step, double energy);
-  /// Quick check, for a state from outside and when due. Puts all of the tissue back at once under two conditions. It
-  /// has so much energy that it would throw bones and objects. It has less at its rest place relative to the bones.
+  /// Quick check, for a state from outside and when due. Puts tissue back at once under two conditions. The tissue has
+  /// so much energy that it would throw bones and objects. It has less at its rest place relative to the bones. Only
+  /// the tissue that stores this energy is put back, if that releases nearly as much as putting all of it back.
   /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
   /// As in `full_check`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
   int quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
