@@ -34,6 +34,22 @@ void Candidates::set_ends(const State& state) {
   groups_.update(starts_, displacements_, 1.0);
 }
 
+bool Candidates::may_reach(const Collider& collider, const State& state, double seconds, double margin) {
+  const Pose& from = collider.body_pose(state);
+  const Pose to = collider.predicted_pose(state, seconds);
+  begin_step(state, seconds);
+  bool may = false;
+  groups_.for_each_near(*collider.geometry(), from, collider.reach(from, to, groups_) + margin,
+                        [&](std::int32_t point) {
+                          if (may) return;
+                          const Vector3 now = to_local(from, start(point));
+                          const Vector3 next = to_local(to, predicted_end(point));
+                          ++queries_;
+                          may = collider.closest(now).distance <= (next - now).norm() + margin;
+                        });
+  return may;
+}
+
 bool Candidates::predicted(const Collider& collider, int point, Meeting& meeting) {
   const Vector3 position = start(point);
   const Vector3 now = to_local(collider.start_pose(), position);

@@ -55,6 +55,9 @@ class Candidates {
       if (!taken(point) && crossed(collider, point, meeting)) found(meeting);
     });
   }
+  /// Whether a point may come within `margin` m of the object in the next `seconds`, if both keep their velocities.
+  /// Call this between steps.
+  bool may_reach(const Collider& collider, const State& state, double seconds, double margin);
   /// Number of points that were searched for a contact since construction.
   std::uint64_t queries() const { return queries_; }
 

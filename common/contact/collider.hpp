@@ -110,6 +110,10 @@ class Collider {
   /// The pose in `state`, which for a fixed object is the pose of the step's start.
   const Pose& body_pose(const State& state) const { return state.body_poses[static_cast<std::size_t>(body_)]; }
 
+  /// The pose after `seconds` if the object keeps its velocity.
+  Pose predicted_pose(const State& state, double seconds) const {
+    return advanced(body_pose(state), state.body_velocities[static_cast<std::size_t>(body_)], seconds);
+  }
   /// Upper bound of the movement of any point of the object near the hand between two poses, m.
   double reach(const Pose& from, const Pose& to, const PointGroups& points) const;
   /// Closest point of the surface. `place` and the result are in the object's frame.

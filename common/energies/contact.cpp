@@ -13,6 +13,8 @@ namespace softhand {
 namespace {
 
 constexpr double kSmoothTurn = 0.94;   // cosine of 20 degrees; a normal that turns more in a step has met an edge
+constexpr double kLookAhead = 2;       // steps
+constexpr double kTouchMargin = 5e-4;  // m
 constexpr double kOffSurface = 1e-12;  // m; an anchor nearer to the surface than this lies on it
 // Cosine. A contact hooks if it pushes a point away from its bone at a smaller angle than this. At an edge, the
 // contacts of a finger push sideways.
@@ -225,6 +227,11 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
       end = pose * crossing->point;
   }
   return end;
+}
+
+bool ContactSet::may_touch(int slot, const State& state, double time_step) {
+  const Collider& collider = at(slot).collider;
+  return collider.is_set() && candidates_.may_reach(collider, state, kLookAhead * time_step, kTouchMargin);
 }
 
 double ContactSet::stored_energy(std::span<const std::uint8_t> nodes) const {
