@@ -62,7 +62,8 @@ class HandLoop {
   /// samples from before the description are not used for it. Call between steps. A new shape is built, which
   /// allocates. Throws std::invalid_argument and keeps the previous description on a bad shape or friction outside [0,
   /// 1e9]. For an object that can move, mass (kg) and inertia (kg m^2) must be in (0, 1e9].
-  void describe_object(const ObjectDescription& description);
+  /// The shape of an object file comes with the description (object_shapes.hpp).
+  void describe_object(const ObjectDescription& description, std::shared_ptr<const ShapeGeometry> file_shape = nullptr);
 
   /// Takes a joint between two objects that the world announced or removed. The hand releases both objects. Call
   /// between steps. Throws std::invalid_argument and keeps the previous description if the joint cannot run.

@@ -8,9 +8,11 @@
 
 #include "hand/hand_loop.hpp"
 #include "hand/hand_size.hpp"
+#include "hand/object_shapes.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
+#include "world/solid.hpp"
 
 namespace {
 using namespace softhand;
@@ -82,6 +84,12 @@ void run(int argc, char** argv) {
   log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),
            1e3 * fast_step, work_budget);
 
+  // The shapes of the scene are ready before the loop starts. Others are loaded beside the loop.
+  ObjectShapes shapes(object_folders(scene));
+  for (const ObjectOptions& object : scene.options.objects) {
+    if (object.model != nullptr) shapes.prepare(make_solid(object).shape.file[0]);
+  }
+
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
   // service has set its urgency, because the helper inherits that urgency.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
@@ -102,14 +110,20 @@ void run(int argc, char** argv) {
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
-    descriptions.take_all([&](const ObjectDescription& d) {
-      try {
-        loop.describe_object(d);
-      } catch (const std::exception& error) {
-        ++refused_objects;
-        log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
-      }
-    });
+    descriptions.take_all([&](const ObjectDescription& d) { shapes.request(d); });
+    const auto refuse = [&](const ObjectDescription& d, const std::string& problem) {
+      ++refused_objects;
+      if (!problem.empty()) log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
+    };
+    shapes.deliver(
+        [&](const ObjectDescription& d, std::shared_ptr<const ShapeGeometry> shape) {
+          try {
+            loop.describe_object(d, std::move(shape));
+          } catch (const std::exception& error) {
+            refuse(d, error.what());
+          }
+        },
+        refuse);
     joints.take_all([&](const ObjectJointDescription& d) {
       try {
         loop.describe_joint(d);

@@ -123,6 +123,7 @@ class WorldLoop {
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
+  void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
   Wrench without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const;
   void stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const;
   Vector3 gravity_of(const Object& object) const;

@@ -19,7 +19,10 @@ class GraspMotion : public Motion {
   GraspMotion(const HandModel& hand, const GeneratorOptions& options)
       : hand_(hand),
         options_(options),
-        grip_(options.motion == "pinch" ? solve_pinch(hand, options) : solve_power_grasp(hand, options)) {
+        grip_(options.motion == "pinch"   ? solve_pinch(hand, options)
+              : options.motion == "press" ? solve_press(hand, options)
+                                          : solve_power_grasp(hand, options)),
+        orientation_(to_quaternion(options.orientation).normalized()) {
     double end = 0;
     const auto phase = [&](const char* name, double duration) {
       if (duration <= 0) return;
@@ -57,6 +60,7 @@ class GraspMotion : public Motion {
     // In the frame of the object the hand leaves on the path on which it came.
     wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);
     wrist.position += Vector3(0, height, 0) + shake(time);
+    wrist = Pose{centre, orientation_} * Pose{wrist.position - centre, wrist.orientation};
 
     const double place = openness * static_cast<double>(grip_.apertures.size() - 1);
     const auto lower = std::min(static_cast<std::size_t>(std::max(place, 0.0)), grip_.apertures.size() - 2);
@@ -91,6 +95,7 @@ class GraspMotion : public Motion {
   HandModel hand_;
   GeneratorOptions options_;
   Grip grip_;
+  Quaternion orientation_;
   std::vector<MotionPhase> phases_;
   double duration_ = 0;
 };
@@ -108,12 +113,15 @@ std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOption
   if (options.motion == "pinch" && 2 * options.closing_depth >= options.object_width) {
     throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
   }
+  if (!(std::abs(to_quaternion(options.orientation).norm() - 1) < 1e-3))
+    throw std::invalid_argument("generator: orientation: expected a unit quaternion xyzw");
   for (const auto& [axis, key] :
        {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"}}) {
     if (!(to_vector(axis).norm() > 1e-6))
       throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
   }
-  if (options.motion == "pinch" || options.motion == "power_grasp") return std::make_unique<GraspMotion>(hand, options);
+  if (options.motion == "pinch" || options.motion == "power_grasp" || options.motion == "press")
+    return std::make_unique<GraspMotion>(hand, options);
   return make_free_motion(hand, options);
 }
 

@@ -15,10 +15,12 @@ struct GeneratorOptions {
   std::string motion = "pinch";
   std::array<double, 3> object_position{0, 0.02, 0};
   double object_width = 0.04;
+  double object_length = 0;
   double closing_depth = 0.004;
   double opening = 0.02;
   double yaw = 0;
   double tilt = 0;
+  std::array<double, 4> orientation{0, 0, 0, 1};
   double approach_distance = 0.12;
   double lift_height = 0.15;
   double turn_angle = 1.0471975511965976;
@@ -42,13 +44,15 @@ struct GeneratorOptions {
 };
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
-  v.choice("motion", o.motion, {"pinch", "power_grasp", "fist", "free_motion"},
+  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "fist", "free_motion"},
            "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
-           "fist: the hand opens and closes in the air. free_motion: no object.");
+           "press: the index finger pushes down by lower_depth. fist: the hand opens and closes in the air. free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
            "Distance between the two gripped faces, or diameter of the cylinder.");
+  v.number("object_length", o.object_length, "m", {0, 1},
+           "Length of the gripped bar across the grip (pinch). 0 = a cube of object_width.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
@@ -57,6 +61,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.number(
       "tilt", o.tilt, "rad", {-1.6, 1.6},
       "Lean of the hand about the axis of the grip, as far as clearance allows. 0 = wrist above the axis (pinch).");
+  v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1},
+            "Rotation of the whole motion about object_position, a quaternion xyzw. With it, a lift becomes a pull.");
   v.number("approach_distance", o.approach_distance, "m", {0, 1},
            "Distance at which the hand starts its approach and ends its retreat.");
   v.number("lift_height", o.lift_height, "m", {0, 1}, "Lift along +Y.");

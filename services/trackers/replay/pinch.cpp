@@ -17,9 +17,9 @@ struct Distance {
   double value;
   Vector3 gradient;
 };
-// Signed distance to a cube about the origin, negative inside.
-Distance outside_cube(const Vector3& point, double half) {
-  const Vector3 q = point.cwiseAbs() - Vector3::Constant(half);
+// Signed distance to a bar about the origin along x, negative inside.
+Distance outside_bar(const Vector3& point, double half, double half_length) {
+  const Vector3 q = point.cwiseAbs() - Vector3(half_length, half, half);
   Eigen::Index face;
   const double deepest = q.maxCoeff(&face);
   Vector3 gradient = q.cwiseMax(0.0);
@@ -82,7 +82,8 @@ Pose wrist_above(const GripHand& hand, const JointAngles& facing) {
 
 // Goals for the grip and the widest opening. Both use the same wrist pose.
 struct PinchGoals {
-  double half;          // m, half width of the cube
+  double half;          // m, half width of the bar
+  double half_length;   // m, of the bar
   double closed, open;  // m, distance of the pads from the middle
   double closing_depth, lower_depth, tilt;
   double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
@@ -142,7 +143,7 @@ struct PinchGoals {
                     (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
         continue;
       const double margin = grips ? 1e-3 - closing_depth : kClear;
-      const Distance cube = outside_cube(sphere.centre, half);
+      const Distance cube = outside_bar(sphere.centre, half, half_length);
       const double clearance = cube.value - sphere.radius;
       if (clearance < margin)
         s.add_residual(clear, margin - clearance, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
@@ -224,7 +225,7 @@ struct Touches {
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
+  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
