@@ -86,6 +86,8 @@ struct PinchGoals {
   double half_length;   // m, of the bar
   double closed, open;  // m, distance of the pads from the middle
   double closing_depth, lower_depth, tilt;
+  double free_below;    // m, between the bar and the table
+  double stagger;       // m, from index to thumb along the bar
   double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
@@ -116,8 +118,8 @@ struct PinchGoals {
     s.add_residual(exact, thumb_at.z() - reach, {by_thumb(z)});
     s.add_residual(exact, index_at.z() + reach, {by_index(z)});
     const double across = gripping ? exact : 0.1 * kPerMetre;
-    s.add_residual(across, thumb_at.x(), {by_thumb(x)});
-    s.add_residual(across, index_at.x(), {by_index(x)});
+    s.add_residual(across, thumb_at.x() - 0.5 * stagger, {by_thumb(x)});
+    s.add_residual(across, index_at.x() + 0.5 * stagger, {by_index(x)});
     s.add_residual(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
     s.add_residual((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove,
                    {by_thumb(0.5 * y), by_index(0.5 * y)});
@@ -133,7 +135,7 @@ struct PinchGoals {
   void keep_clear(PostureSolver& s, std::size_t posture) const {
     for (const GripHand::Sphere& sphere : s.spheres(posture)) {
       const Finger whose = finger_of(sphere.body);
-      const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
+      const double table = sphere.centre.y() + half + free_below - sphere.radius - lower_depth;
       if (table < kClear)
         s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
@@ -225,7 +227,7 @@ struct Touches {
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
+  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt, o.free_below, o.stagger};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
