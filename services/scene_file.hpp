@@ -46,10 +46,10 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
   v.number("travel", o.goal.travel, "m", {0, 10},
            "The run succeeds only if the object moves at least this far from its first place. 0 = not asked for.");
-  v.number("tilt", o.goal.tilt, "rad", {0, 3.1}, "The same for its largest turn.");
+  v.number("tilt", o.goal.tilt, "rad", {0, 3.1}, "The same for its largest tilt from its first orientation.");
   v.number("returns", o.goal.returns, "m", {0, 10},
            "The run succeeds only if the object ends this near to its first place, untouched and at rest. With `tilt`, "
-           "also within 5 degrees of its first orientation. 0 = not asked for.");
+           "also tilted by at most 5 degrees. 0 = not asked for.");
 }
 
 struct HapticOptions {

@@ -67,6 +67,12 @@ std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const st
   return std::nullopt;
 }
 
+// Angle by which the direction that was upright at `from` has left the vertical, rad.
+double tilt_between(const Pose& from, const Pose& to) {
+  const Vector3 up = to.orientation * (from.orientation.conjugate() * Vector3::UnitY());
+  return std::acos(std::clamp(up.y(), -1.0, 1.0));
+}
+
 std::size_t joint(Joint j) { return static_cast<std::size_t>(index_of(j)); }
 
 bool valid(const Skeleton& skeleton) {
@@ -348,19 +354,17 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
     if (first == nullptr) first = &each;
     last = &each;
     travel = std::max(travel, (each.pose.position - first->pose.position).norm());
-    tilt =
-        std::max(tilt, rotation_log(each.pose.orientation * first->pose.orientation.conjugate()).norm());
+    tilt = std::max(tilt, tilt_between(first->pose, each.pose));
   }
   const bool touched = std::any_of(presses_.begin(), presses_.end(),
                                    [&frame](const Press& press) { return press.object == frame.object; });
   const double away = first == nullptr ? 0 : (last->pose.position - first->pose.position).norm();
-  const double turned =
-      first == nullptr ? 0 : rotation_log(last->pose.orientation * first->pose.orientation.conjugate()).norm();
+  const double end_tilt = first == nullptr ? 0 : tilt_between(first->pose, last->pose);
   constexpr double kDegrees = 180.0 / M_PI;
   json["travel_mm"] = travel * 1e3;
   json["tilt_deg"] = tilt * kDegrees;
   json["end_distance_mm"] = away * 1e3;
-  json["end_turn_deg"] = turned * kDegrees;
+  json["end_tilt_deg"] = end_tilt * kDegrees;
   bool success = true;
   std::string because;
   const auto state = [&](bool holds, const char* text, double got, double asked, const char* unit) {
@@ -385,8 +389,8 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
       state(away <= goal.returns, "it ended %.2f %s from its first place (allowed: %.2f %s)", away * 1e3,
             goal.returns * 1e3, "mm");
       if (goal.tilt > 0)
-        state(turned <= kUpright, "and turned by %.1f %s (allowed: %.1f %s)", turned * kDegrees, kUpright * kDegrees,
-              "degrees");
+        state(end_tilt <= kUpright, "and tilted by %.1f %s (allowed: %.1f %s)", end_tilt * kDegrees,
+              kUpright * kDegrees, "degrees");
       success = success && released;
       because += released ? "; the hand let go of it, and it rests" : "; it was touched or moved at the end";
     }

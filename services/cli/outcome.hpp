@@ -15,7 +15,7 @@ namespace softhand {
 /// What a scene is for. A run succeeds if all of this happens to the grasped object. Zero = not asked for.
 struct Goal {
   double travel = 0;   ///< m, largest distance of the object's centre of mass from its first place
-  double tilt = 0;     ///< rad, largest angle from its first orientation
+  double tilt = 0;     ///< rad, largest angle by which it leaves its first vertical
   double returns = 0;  ///< m, the object ends this near to its first place, untouched and at rest
 
   bool any() const { return travel > 0 || tilt > 0 || returns > 0; }

@@ -18,6 +18,8 @@ struct GeneratorOptions {
   double object_length = 0;
   double free_below = 0;
   double stagger = 0;
+  double body_distance = 0;
+  double body_radius = 0;
   double closing_depth = 0.004;
   double opening = 0.02;
   double yaw = 0;
@@ -61,6 +63,9 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
            "Free space between the gripped object and the table (pinch), so that fingertips can reach below a handle.");
   v.number("stagger", o.stagger, "m", {-0.1, 0.1},
            "Distance from index to thumb along the gripped bar (pinch). The two fingers then also hold a torque.");
+  v.number("body_distance", o.body_distance, "m", {0, 1},
+           "Distance from a handle to the axis of the vessel behind the index finger, along the handle (pinch).");
+  v.number("body_radius", o.body_radius, "m", {0, 1}, "Radius of this vessel. 0 = there is none.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");

@@ -10,6 +10,7 @@ namespace softhand {
 namespace {
 
 constexpr double kClear = 4.5e-3;  // m, clearance of everything that does not grip
+constexpr double kBodyClear = 2e-3;  // m, from a vessel; its handle leaves little room
 constexpr double kAbove = 2e-3;    // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
@@ -88,6 +89,7 @@ struct PinchGoals {
   double closing_depth, lower_depth, tilt;
   double free_below;    // m, between the bar and the table
   double stagger;       // m, from index to thumb along the bar
+  double body_distance, body_radius;  // m, of a vessel behind the index finger; radius 0: there is none
   double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
@@ -138,6 +140,11 @@ struct PinchGoals {
       const double table = sphere.centre.y() + half + free_below - sphere.radius - lower_depth;
       if (table < kClear)
         s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+      const Vector3 from_axis(0, sphere.centre.y(), sphere.centre.z() + body_distance);
+      const double body = from_axis.norm() - body_radius - sphere.radius;
+      if (body_radius > 0 && body < kBodyClear)
+        s.add_residual(clear, kBodyClear - body,
+                       {by_point(posture, sphere.body, sphere.centre, -from_axis.normalized())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
       // takes the joint of its bone into the cube. Skip both.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
@@ -227,7 +234,7 @@ struct Touches {
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt, o.free_below, o.stagger};
+  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt, o.free_below, o.stagger, o.body_distance, o.body_radius};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
