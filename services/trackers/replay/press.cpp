@@ -19,7 +19,7 @@ Grip solve_press(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   JointAngles start = hand.open();
   hand.flex(start, Finger::index, -0.5, -0.3, -0.1);
-  for (const Finger finger : {Finger::middle, Finger::ring, Finger::little}) hand.flex(start, finger, -1.2, -1.4, -0.8);
+  for (const Finger finger : {Finger::middle, Finger::ring, Finger::little}) hand.flex(start, finger, -1.0, -1.2, -0.6);
   hand.flex(start, Finger::thumb, -0.1, -0.2, -0.3);
   start = hand.limited(start);
   // The hand is behind the face: fingers along -Z, palm down.
