@@ -47,7 +47,8 @@ LoadedObject load_scene_object(const Scene& scene, const ObjectOptions& entry) {
   const std::string where = scene.path + ": objects." + entry.name + ".file: ";
   if (entry.file.empty()) throw ConfigError(where + "expected a name in config/objects, or a path");
   const bool has_suffix = entry.file.ends_with(kObjectSuffix);
-  const std::string path = find_file(scene, has_suffix ? entry.file : entry.file + std::string(kObjectSuffix), "objects");
+  const std::string path =
+      find_file(scene, has_suffix ? entry.file : entry.file + std::string(kObjectSuffix), "objects");
   try {
     LoadedObject object = load_object(path);
     // Other processes find the file by the name of the object.

@@ -149,7 +149,15 @@ struct Contacts {
   BoundedVector<Contact, kMaxContacts> contacts;
 };
 
-enum class ShapeKind : std::uint32_t { sphere = 0, box = 1, capsule = 2, cylinder = 3, plane = 4, convex_hull = 5, file = 6 };
+enum class ShapeKind : std::uint32_t {
+  sphere = 0,
+  box = 1,
+  capsule = 2,
+  cylinder = 3,
+  plane = 4,
+  convex_hull = 5,
+  file = 6
+};
 inline constexpr std::size_t kMaxHullVertices = 256;
 /// A link of an object file (docs/object-file.md). Receivers load the file by name and SHA-256.
 struct ShapeFile {

@@ -381,7 +381,8 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
     because = "the hand did not touch the object";
   } else {
     if (goal.travel > 0)
-      state(travel >= goal.travel, "the object moved by %.1f %s (asked: %.1f %s)", travel * 1e3, goal.travel * 1e3, "mm");
+      state(travel >= goal.travel, "the object moved by %.1f %s (asked: %.1f %s)", travel * 1e3, goal.travel * 1e3,
+            "mm");
     if (goal.tilt > 0)
       state(tilt >= goal.tilt, "it tilted by %.1f %s (asked: %.1f %s)", tilt * kDegrees, goal.tilt * kDegrees,
             "degrees");

@@ -30,7 +30,7 @@ struct OutcomeFrame {
   double gravity = 9.81;       ///< m/s^2 along -Y
   double shake_frequency = 0;  ///< Hz; 0 = not shaken
   Goal goal;
-  bool recorded = false;       ///< judge how a recorded hand is followed and holds, instead of the pinch
+  bool recorded = false;  ///< judge how a recorded hand is followed and holds, instead of the pinch
 };
 
 /// Stores copies of what it needs. Not for real-time threads.

@@ -17,8 +17,8 @@
 namespace softhand {
 
 /// Loads the object file by name and SHA-256 in `folders`, and samples the link's distance grid in the object's body
-/// frame. Throws std::runtime_error or std::invalid_argument if the file is missing, has another SHA-256 or does not fit
-/// the description.
+/// frame. Throws std::runtime_error or std::invalid_argument if the file is missing, has another SHA-256 or does not
+/// fit the description.
 std::shared_ptr<const ShapeGeometry> load_shape(const ShapeFile& file, const std::vector<std::string>& folders);
 
 /// Delivers descriptions together with their shapes, without waiting for files.

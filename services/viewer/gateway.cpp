@@ -78,7 +78,8 @@ class Gateway::Impl {
     described_ |= shown;
     pass(hand_descriptions_, described_, Retain::yes,
          [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
-    pass(object_descriptions_, described_, Retain::yes, [this](const ObjectDescription& each) { return encode(each, mesh_of(each)); });
+    pass(object_descriptions_, described_, Retain::yes,
+         [this](const ObjectDescription& each) { return encode(each, mesh_of(each)); });
     pass(surfaces_, shown, Retain::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
       pass(*feed, shown, Retain::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
@@ -206,8 +207,8 @@ class Gateway::Impl {
 
 Gateway::Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
                  bool quantised, double rate_hz, std::vector<std::string> folders)
-    : impl_(std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz,
-                                   std::move(folders))) {}
+    : impl_(
+          std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz, std::move(folders))) {}
 Gateway::~Gateway() = default;
 void Gateway::step(Nanoseconds now) { impl_->step(now); }
 void Gateway::fill_status(LoopStatus& status) const { impl_->fill_status(status); }

@@ -20,7 +20,8 @@ ShapeKind kind_of(const std::string& name) {
   if (name == "plane") return ShapeKind::plane;
   if (name == "convex_hull") return ShapeKind::convex_hull;
   if (name == "file") return ShapeKind::file;
-  throw std::invalid_argument("shape '" + name + "': expected sphere, box, capsule, cylinder, plane, convex_hull or file");
+  throw std::invalid_argument("shape '" + name +
+                              "': expected sphere, box, capsule, cylinder, plane, convex_hull or file");
 }
 
 /// Principal inertia of a uniform solid of mass 1.

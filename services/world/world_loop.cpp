@@ -25,7 +25,7 @@ constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the ha
 constexpr double kSeating = 0.0001;
 constexpr double kCutByPlane = 0.0005;  // m
 constexpr double kSamePlane = 0.98;     // cosine of 11 degrees
-constexpr double kAbsurd = 1e4;  // m; positions beyond it are refused
+constexpr double kAbsurd = 1e4;         // m; positions beyond it are refused
 
 bool is_plausible(const ObjectTwin& twin) {
   const auto near = [](double x) { return std::abs(x) < kAbsurd; };

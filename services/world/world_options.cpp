@@ -107,7 +107,8 @@ void check_joints(const std::vector<JointOptions>& joints, const std::vector<Obj
 void add_file_objects(const ObjectOptions& entry, std::shared_ptr<const ObjectModel> model, const std::string& sha256,
                       std::vector<ObjectOptions>& objects, std::vector<JointOptions>& joints) {
   if (entry.mass != 0)
-    throw std::invalid_argument("objects." + entry.name + ".mass: the object file gives the mass; remove it or set fixed");
+    throw std::invalid_argument("objects." + entry.name +
+                                ".mass: the object file gives the mass; remove it or set fixed");
   const auto name_of = [&](std::size_t link) {
     return model->links.size() == 1 ? entry.name : entry.name + "." + model->links[link].name;
   };

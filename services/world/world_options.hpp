@@ -106,9 +106,10 @@ inline void describe(OptionVisitor& v, WorldOptions& o) {
 
 inline void describe(OptionVisitor& v, ObjectOptions& o) {
   v.string("name", o.name, "Name of the object. Unique in the scene, at most 63 characters.");
-  v.choice("shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull", "file"},
-           "Shape. A plane is the half-space below y = 0 of its frame and must be static. file: all links and joints of "
-           "an object file. Its links become the objects NAME.LINK, or NAME if there is one link.");
+  v.choice(
+      "shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull", "file"},
+      "Shape. A plane is the half-space below y = 0 of its frame and must be static. file: all links and joints of "
+      "an object file. Its links become the objects NAME.LINK, or NAME if there is one link.");
   v.string("file", o.file, "Object file: a path, or a name in config/objects. Only for the shape file.");
   v.flag("fixed", o.fixed, "The first link of the object file is static. Only for the shape file.");
   v.number("radius", o.radius, "m", {1e-4, 10}, "Radius of a sphere, capsule or cylinder.");
@@ -116,7 +117,8 @@ inline void describe(OptionVisitor& v, ObjectOptions& o) {
            "Half length along y of a cylinder, or of a capsule without its caps.");
   v.numbers("half_extents", o.half_extents.data(), 3, "m", {1e-4, 10}, "Half lengths of the edges of a box.");
   describe_list(v, "vertices", "Vertices of a convex hull: vertices = [{at = [x, y, z]}, ...], 4 to 256.", o.vertices);
-  v.number("mass", o.mass, "kg", {0, 1e4}, "Mass, distributed uniformly over the volume. 0 = static. The shape file has its own.");
+  v.number("mass", o.mass, "kg", {0, 1e4},
+           "Mass, distributed uniformly over the volume. 0 = static. The shape file has its own.");
   v.number("friction", o.friction, "1", {0, 1000},
            "Coulomb friction coefficient. A pair of objects uses the geometric mean. The shape file has its own.");
   v.numbers("position", o.position.data(), 3, "m", {-1000, 1000}, "Position of the shape's frame in the world.");
@@ -158,8 +160,8 @@ inline void describe(OptionVisitor& v, JointOptions& o) {
                 o.detents);
 }
 
-/// Replaces an entry of the shape file by its links, and appends its joints. The scene gives the pose of the first link.
-/// Throws std::invalid_argument if the entry has a mass.
+/// Replaces an entry of the shape file by its links, and appends its joints. The scene gives the pose of the first
+/// link. Throws std::invalid_argument if the entry has a mass.
 void add_file_objects(const ObjectOptions& entry, std::shared_ptr<const ObjectModel> model, const std::string& sha256,
                       std::vector<ObjectOptions>& objects, std::vector<JointOptions>& joints);
 

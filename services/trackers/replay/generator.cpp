@@ -56,7 +56,8 @@ class GraspMotion : public Motion {
     const double height =
         o.lift_height * progress("lift", time) - (o.lift_height + o.lower_depth) * progress("lower", time);
     const Vector3 centre = to_vector(o.object_position);
-    const Vector3 turn = o.turn_angle * (progress("turn", time) - progress("return", time)) * to_vector(o.turn_axis).normalized();
+    const Vector3 turn =
+        o.turn_angle * (progress("turn", time) - progress("return", time)) * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
     // In the frame of the object the hand leaves on the path on which it came.
     wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);

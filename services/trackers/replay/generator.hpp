@@ -52,7 +52,8 @@ struct GeneratorOptions {
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "fist", "free_motion"},
            "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
-           "press: the index finger pushes down by lower_depth. fist: the hand opens and closes in the air. free_motion: no object.");
+           "press: the index finger pushes down by lower_depth. fist: the hand opens and closes in the air. "
+           "free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},

@@ -9,9 +9,9 @@
 namespace softhand {
 namespace {
 
-constexpr double kClear = 4.5e-3;  // m, clearance of everything that does not grip
+constexpr double kClear = 4.5e-3;    // m, clearance of everything that does not grip
 constexpr double kBodyClear = 2e-3;  // m, from a vessel; its handle leaves little room
-constexpr double kAbove = 2e-3;    // m, height of the pads above the middle: room for the fingertips
+constexpr double kAbove = 2e-3;      // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
 struct Distance {
@@ -87,10 +87,10 @@ struct PinchGoals {
   double half_length;   // m, of the bar
   double closed, open;  // m, distance of the pads from the middle
   double closing_depth, lower_depth, tilt;
-  double free_below;    // m, between the bar and the table
-  double stagger;       // m, from index to thumb along the bar
+  double free_below;                  // m, between the bar and the table
+  double stagger;                     // m, from index to thumb along the bar
   double body_distance, body_radius;  // m, of a vessel behind the index finger; radius 0: there is none
-  double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
+  double exact = 0, clear = 0;        // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
     for (const std::size_t posture : {kShut, kWide}) {
@@ -234,7 +234,17 @@ struct Touches {
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, std::max(half, 0.5 * o.object_length), half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt, o.free_below, o.stagger, o.body_distance, o.body_radius};
+  PinchGoals goals{half,
+                   std::max(half, 0.5 * o.object_length),
+                   half - o.closing_depth,
+                   half + o.opening,
+                   o.closing_depth,
+                   o.lower_depth,
+                   o.tilt,
+                   o.free_below,
+                   o.stagger,
+                   o.body_distance,
+                   o.body_radius};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),

@@ -7,8 +7,8 @@
 namespace softhand {
 namespace {
 
-constexpr double kClear = 8e-3;   // m, of everything but the pressing finger above the face
-constexpr double kSteep = 0.7;    // cosine between the pressing bone and straight down
+constexpr double kClear = 8e-3;  // m, of everything but the pressing finger above the face
+constexpr double kSteep = 0.7;   // cosine between the pressing bone and straight down
 constexpr double kPlace = 30 * kPerMetre;
 
 }  // namespace
