@@ -46,8 +46,8 @@ class ObjectScene : public ::testing::Test {
   fs::path folder_;
 };
 
-const std::string kMug = "[[objects]]\nname = \"cup\"\nshape = \"file\"\nfile = \"" + kConfig +
-                         "objects/mug.object.json\"\n";
+const std::string kMug =
+    "[[objects]]\nname = \"cup\"\nshape = \"file\"\nfile = \"" + kConfig + "objects/mug.object.json\"\n";
 const std::string kTable = "[[objects]]\nname = \"table\"\nhalf_extents = [0.4, 0.02, 0.4]\nposition = [0, -0.02, 0]\n";
 
 TEST_F(ObjectScene, AFileBringsItsLinksAndJoints) {
@@ -104,9 +104,9 @@ TEST_F(ObjectScene, AMugOnATableStandsStillAndHasOnePlane) {
 
 // A ball in the mug touches its inside, so the world must not close the mug with a hull.
 TEST_F(ObjectScene, ABallFallsIntoTheMug) {
-  const Scene scene = read_scene(write(
-      kTable + kMug + "[[objects]]\nname = \"ball\"\nshape = \"sphere\"\nradius = 0.01\nmass = 0.01\n"
-                      "position = [0, 0.08, 0]\n"));
+  const Scene scene = read_scene(write(kTable + kMug +
+                                       "[[objects]]\nname = \"ball\"\nshape = \"sphere\"\nradius = 0.01\nmass = 0.01\n"
+                                       "position = [0, 0.08, 0]\n"));
   WorldLoop world(scene.options.world, scene.options.objects);
   for (int i = 1; i <= 500; ++i) world.step(i * 4'000'000, {});
   EXPECT_LT(world.objects().objects[2].position[1], 0.03);

@@ -264,10 +264,10 @@ export function objectDescription(payload: DataView): ObjectDescription {
   const count = r.u32();
   const mass = r.f32();
   r.at += 4; // friction
-  const description = { isStatic, removed, shape, mass, size: r.f32s(3), name: r.text(64), vertices: r.f32s(3 * count) };
+  const [size, name, vertices] = [r.f32s(3), r.text(64), r.f32s(3 * count)];
   const triangles = shape === Shape.file && !removed ? r.u32s(3 * r.u32()) : new Uint32Array();
   if (triangles.some((vertex) => vertex >= count)) throw new RangeError("a triangle of an object has a wrong vertex");
-  return { ...description, triangles };
+  return { isStatic, removed, shape, mass, size, name, vertices, triangles };
 }
 
 export interface Bone {
