@@ -302,6 +302,13 @@ void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> pr
   prepare_ = std::move(prepare);
 }
 
+void NewtonSolver::forget() {
+  potential_.forget();
+  factor_.forget();
+  policy_.set_carried({});
+  predictor_.forget();
+}
+
 void NewtonSolver::take_factor(const NewtonSolver& other) {
   if (!factor_.take_over(other.factor_)) return;
   potential_.take_over(other.potential_, factor_.is_of(other.potential_));

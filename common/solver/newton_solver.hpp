@@ -63,6 +63,10 @@ class NewtonSolver {
   /// differ in kind.
   void take_factor(const NewtonSolver& other);
 
+  /// Call between steps. Drops the factor and all else that a step hands to the next. The next step then depends only
+  /// on its state and its terms, as the first step of a new solver does. Does not allocate.
+  void forget();
+
   const BlockMatrix& hessian() const { return potential_.hessian(); }  ///< at the last linearisation
 
  private:

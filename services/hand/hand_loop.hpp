@@ -72,6 +72,27 @@ class HandLoop {
   /// have the same hand, the same number of slots and the same objects. Call between steps. Allocates.
   void take_state(const HandLoop& other);
 
+  // A saved state (docs/flight-recorder.md; hand_memory.cpp). A loop of the same hand and options that loads it
+  // continues with the same bits as the loop that saved it, if that one calls `forget` at the same time.
+  bool can_save() const { return simulation_->can_save(); }
+  void save(ByteWriter& out) const;
+  /// Call it for a loop that has made no step and knows no objects. Throws std::runtime_error if the bytes do not fit.
+  void load(ByteReader& in);
+  /// Drops all that a step only reuses. Does not allocate.
+  void forget() { simulation_->forget(); }
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    simulation_->for_each_part(visit);
+    visit("twins", output_.coupling.twins);
+    visit("counters", counters_);
+    visit("iterations", output_.report.iterations);
+    visit("residual", output_.report.residual);
+    visit("energy", output_.report.energy);
+  }
+  /// Of the last step.
+  const StepReport& report() const { return output_.report; }
+
   /// Makes one step. The state afterwards is that at `now`. The stamps of the outputs contain the chain of the input.
   /// The caller fills in the rest of each stamp in place before the next step.
   HandOutput& step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested);
@@ -125,6 +146,9 @@ class HandLoop {
   bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);
   void give_slot(std::size_t object, int slot, Nanoseconds now);
   void move_joints();
+  void set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child);
+  template <typename Self, typename Visit>
+  static void visit_own(Self& self, Visit&& visit);
   void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
