@@ -52,7 +52,6 @@ void HandSimulation::visit_own(Self& self, Visit&& visit) {
   visit(self.restored_);
   visit(self.untangled_nodes_);
   visit(self.untangled_);
-  visit(self.factorised_steps_);
   visit(self.bone_contact_forces_);
   visit(self.ledger_enabled_);
   visit(self.ledger_);

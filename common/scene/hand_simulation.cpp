@@ -286,7 +286,7 @@ StepReport HandSimulation::step(double time_step) {
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
   if (report.status == StepStatus::budget_spent) limit_node_velocities();
-  collect_bone_contacts();
+  if (report.state_changed) collect_bone_contacts();
   if (ledger_enabled_) enter_step(report);
   if (report.state_changed && tissue_ != nullptr) {
     const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));

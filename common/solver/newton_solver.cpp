@@ -88,6 +88,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     if (is_finite && report.status == StepStatus::failed_factorisation && report.iterations == 0) {
       state = potential_.start();
       report.measured = false;
+      forget();
       return report;
     }
   }
@@ -101,6 +102,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     state = potential_.start();
     report.status = StepStatus::nonfinite;
     report.measured = false;
+    forget();
     return report;
   }
   if (predicted == Predictor::Outcome::converged) {

@@ -43,7 +43,8 @@ class NewtonSolver {
   NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options);
 
   /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing. Never leaves NaN or
-  /// infinity in `state`. Allocates nothing outside the linear solver.
+  /// infinity in `state`. A step that fails leaves `state` as it was, and calls `forget`. Allocates nothing outside the
+  /// linear solver.
   StepReport step(State& state, double time_step);
 
   /// `taken`: compute `TermEnergy::taken`, for the energy ledger. `start_of_chord_steps`: chord steps evaluate
