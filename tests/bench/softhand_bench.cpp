@@ -181,6 +181,7 @@ double slot_cost_ratio() {
   constexpr int kIdle = 16, kSteps = 120;
   HandOptions fast;
   fast.simulation.solver.max_iterations = 1;
+  fast.near_distance = 0.3;
   std::array<Pressing, 2> hands{Pressing(1, kIdle, 0.02, hand_name(1450), fast, kIdle + 1),
                                 Pressing(1, 0, 0.02, hand_name(1450), fast, 1)};
   std::array<std::vector<double>, 2> times;
