@@ -14,10 +14,10 @@
 #include "energies/energy.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
+#include "messages/plain_bytes.hpp"
 #include "model/hand_model.hpp"
 #include "model/joint_law.hpp"
 #include "scene/simulation_options.hpp"
-#include "messages/plain_bytes.hpp"
 #include "scene/untangle.hpp"
 #include "solver/newton_solver.hpp"
 
@@ -207,7 +207,7 @@ class HandSimulation {
   Energy* attachments_ = nullptr;
   Untangler untangler_;
   const Untangler untouched_untangler_;  // as constructed, for `forget`
-  bool restored_ = false;  // `restore` was called since the last step
+  bool restored_ = false;                // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;

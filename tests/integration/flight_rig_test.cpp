@@ -75,7 +75,8 @@ TEST(FlightRig, RepeatsALiveRunWithAKillAStallAndATeleport) {
   for (const char* module : {"hand", "world", "tracking"}) {
     for (const std::string& file : files.of(module)) {
       const Finished repeated = run_program({kProgram, "simulate", "--from", file});
-      const std::string tail = repeated.output.substr(repeated.output.size() - std::min<std::size_t>(repeated.output.size(), 2000));
+      const std::string tail =
+          repeated.output.substr(repeated.output.size() - std::min<std::size_t>(repeated.output.size(), 2000));
       EXPECT_EQ(repeated.exit_code, 0) << tail;
       EXPECT_NE(repeated.output.find(": 0 different states, 0 different snapshots"), std::string::npos) << tail;
       EXPECT_EQ(repeated.output.find("DIFFER"), std::string::npos) << tail;

@@ -240,7 +240,7 @@ TEST(HandRestore, AFailedStepChangesNothing) {
 TEST(TrackingRestore, ALoopThatLoadsAStateContinuesWithTheSameBits) {
   TrackingLoop one({}, 90, hand(), {}), two({}, 90, hand(), {});
   const auto step = [](TrackingLoop& loop, int i) {
-    const Nanoseconds now = kStart + i * 1'000'000;
+    const Nanoseconds now = kStart + Nanoseconds{i} * 1'000'000;
     TrackingInput input;
     Skeleton sample;
     if (i % 11 == 0) {
@@ -278,7 +278,7 @@ TEST_P(WorldRestore, ALoopThatLoadsAStateContinuesWithTheSameBits) {
       set_text(message.value, "cube 0.1 0.2 0");
       EXPECT_EQ(loop.answer(message).result, kReplyApplied);
     }
-    loop.step(kStart + i * 4'000'000, {});
+    loop.step(kStart + Nanoseconds{i} * 4'000'000, {});
   };
   for (int i = 0; i < GetParam(); ++i) step(one, i);
   const std::vector<std::byte> bytes = saved(one);
@@ -304,11 +304,11 @@ TEST(WorldRestore, ASleepingObjectSleepsOn) {
     return -1.0;
   };
   int i = 0;
-  while (i < 5000 && asleep() < 1) loop.step(kStart + ++i * 4'000'000, {});
+  while (i < 5000 && asleep() < 1) loop.step(kStart + Nanoseconds{++i} * 4'000'000, {});
   ASSERT_EQ(asleep(), 1);
   const Vec3 before = loop.objects().objects[1].position;
   loop.forget();
-  for (int more = 0; more < 100; ++more) loop.step(kStart + ++i * 4'000'000, {});
+  for (int more = 0; more < 100; ++more) loop.step(kStart + Nanoseconds{++i} * 4'000'000, {});
   EXPECT_EQ(asleep(), 1);
   EXPECT_NEAR(loop.objects().objects[1].position[1], before[1], 1e-6);
 }
@@ -346,7 +346,7 @@ TEST_F(Recorder, KeepsTheLastMinuteAndBeginsWithASnapshot) {
   options.megabytes = 1;
   auto recorder = make(options);
   for (int i = 0; i < 1000; ++i) {
-    const Nanoseconds now = kStart + i * 10'000'000;
+    const Nanoseconds now = kStart + Nanoseconds{i} * 10'000'000;
     if (recorder->is_due(now)) recorder->begin_segment(now, [](ByteWriter& out) { out.write(7); });
     recorder->add(kFlightInput, now, [i](ByteWriter& out) { out.write(i); });
   }
@@ -371,7 +371,7 @@ TEST_F(Recorder, BeginsTheNextSegmentBeforeOneIsFull) {
   auto recorder = make(options);
   const std::array<std::byte, 1000> large{};
   for (int i = 0; i < 3000; ++i) {
-    const Nanoseconds now = kStart + i * 5'000'000;
+    const Nanoseconds now = kStart + Nanoseconds{i} * 5'000'000;
     if (recorder->is_due(now)) recorder->begin_segment(now, [](ByteWriter& out) { out.write(7); });
     recorder->add(kFlightInput, now, [&](ByteWriter& out) { out.write(large); });
   }
@@ -390,7 +390,7 @@ TEST_F(Recorder, WritesAFileWhileTheLoopRecordsOn) {
   auto recorder = make(options);
   int written = 0;
   for (int i = 0; i < 3000; ++i) {
-    const Nanoseconds now = kStart + i * 10'000'000;
+    const Nanoseconds now = kStart + Nanoseconds{i} * 10'000'000;
     if (recorder->is_due(now)) recorder->begin_segment(now, [](ByteWriter& out) { out.write(7); });
     recorder->add(kFlightInput, now, [i](ByteWriter& out) { out.write(i); });
     if (i % 500 == 499 && recorder->request("again")) ++written;
