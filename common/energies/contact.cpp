@@ -21,6 +21,8 @@ constexpr double kSmoothTurn = 0.94;    // cosine of 20 degrees; a normal that t
 constexpr double kOffSurface = 1e-12;   // m; an anchor nearer to the surface than this lies on it
 constexpr double kSamePlace = 1e-9;     // m; an object that moved less than this between two steps has not jumped
 constexpr double kLittleMotion = 1e-6;  // m per step; less than the stretch of the friction springs
+constexpr double kLookAhead = 2;        // steps
+constexpr double kTouchMargin = 5e-4;   // m
 constexpr int kArcPoints = 8;           // the arc of a node around a turning object is sampled in this many pieces
 // Cosine. A contact hooks if it pushes a node away from its bone at a smaller angle than this. At an edge, the contacts
 // of a finger push sideways.
@@ -193,6 +195,25 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
       end = pose * crossing->point;
   }
   return end;
+}
+
+bool ContactSet::may_touch(int slot, const State& state, double time_step) {
+  const Slot& s = at(slot);
+  if (s.geometry == nullptr) return false;
+  const std::size_t body = static_cast<std::size_t>(first_body_ + slot);
+  const Pose& start = state.body_poses[body];
+  const Pose end = advanced(start, state.body_velocities[body], kLookAhead * time_step);
+  groups_.update(state.node_positions, state.node_velocities, kLookAhead * time_step);
+  bool may = false;
+  groups_.for_each_near(*s.geometry, start, reach(s, start, end) + kTouchMargin, [&](std::int32_t node) {
+    if (may) return;
+    const Vector3 position = state.node_positions.col(node);
+    const Vector3 now = to_local(start, position);
+    const Vector3 next = to_local(end, position + kLookAhead * time_step * state.node_velocities.col(node));
+    ++queries_;
+    may = s.geometry->signed_distance(now) <= (next - now).norm() + kTouchMargin;
+  });
+  return may;
 }
 
 double ContactSet::stored_energy(std::span<const std::uint8_t> nodes) const {

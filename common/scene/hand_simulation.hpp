@@ -155,7 +155,9 @@ class HandSimulation {
   Wrench object_coupling_wrench(int slot) const;
   /// Wrench of all joints on the object in the slot in the last step, about its centre of mass.
   Wrench joint_wrench(int slot) const;
-  /// Whether any node touches the object.
+  /// Whether any node may touch the object in the next step of `time_step` seconds (`ContactSet::may_touch`).
+  bool may_touch(int slot, double time_step);
+  /// Whether any node touched the object in the last step.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;
   /// Sum of contact forces on the tissue around each bone, N.

@@ -17,6 +17,9 @@ std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)
 
 bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
 
+// s after a reposition. The hand was placed in its rest pose, so its fingers move fast. They must not hit objects away.
+constexpr double kSettlingTime = 0.1;
+
 bool usable(const JointSample& joint) {
   return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
          all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
@@ -272,6 +275,7 @@ void HandLoop::take_state(const HandLoop& other) {
   skeleton_ = other.skeleton_;
   any_skeleton_ = other.any_skeleton_;
   reposition_asked_ = other.reposition_asked_;
+  settling_time_ = other.settling_time_;
   world_time_ = other.world_time_;
   reset_time_ = other.reset_time_;
   counters_ = other.counters_;
@@ -324,6 +328,7 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
   const double jump = (to_vector(wrist.position) - simulation_->joint_pose(Joint::wrist).position).norm();
   if (!any_skeleton_ || jump > options_.reposition_distance || reposition_asked_) {
     simulation_->reposition(to_pose(wrist));
+    settling_time_ = kSettlingTime;
     if (any_skeleton_) ++counters_.repositioned;
     reposition_asked_ = false;
     // Joints without a valid sample move rigidly with the wrist.
@@ -350,6 +355,7 @@ void HandLoop::set_targets(Nanoseconds now) {
       if (any_skeleton_) ++counters_.repositioned;
       reposition_asked_ = false;
       simulation_->reposition(targets[static_cast<std::size_t>(index_of(Body::carpus))].pose);
+      settling_time_ = kSettlingTime;
       any_skeleton_ = true;
     }
     for (std::size_t b = 0; b < kBodyCount; ++b) {
@@ -580,8 +586,8 @@ void HandLoop::move_joints() {
   for (KnownJoint& joint : joints_) {
     const KnownObject* child = find_object(joint.child);
     const KnownObject* parent = find_object(joint.parent);
-    const bool acts = child != nullptr && child->owned && parent != nullptr &&
-                      (parent->description.is_static != 0 ? parent->seen : parent->owned);
+    const bool acts = child != nullptr && child->is_free && parent != nullptr &&
+                      (parent->description.is_static != 0 ? parent->seen : parent->is_free);
     if (!acts && joint.place >= 0) {
       simulation_->clear_joint(joint.place);
       joint.place = -1;
@@ -619,14 +625,23 @@ void HandLoop::mirror_objects(Nanoseconds now) {
       if (object.assembly == assembly && object.slot >= 0) object.last_touch = now;
   }
   for (const int o : slot_object_) {
-    if (o >= 0) mirror(objects_[static_cast<std::size_t>(o)], now);
+    if (o >= 0) follow_or_own(objects_[static_cast<std::size_t>(o)], now);
+  }
+  for (const KnownObject& object : objects_) {
+    if (!object.jointed || !object.is_free) continue;
+    for (KnownObject& other : objects_) other.is_free |= other.assembly == object.assembly && other.slot >= 0;
+  }
+  for (const int o : slot_object_) {
+    if (o >= 0) set_body(objects_[static_cast<std::size_t>(o)], now);
   }
   if (!joints_.empty() && !symmetric_) move_joints();
 }
 
-void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
-  const bool is_static = object.description.is_static != 0;
-  if (is_static) {
+// Decides who owns the object. An object that the hand does not own follows the world.
+void HandLoop::follow_or_own(KnownObject& object, Nanoseconds now) {
+  const bool was_free = object.is_free;
+  object.is_free = false;
+  if (object.description.is_static != 0) {
     follow_world(object, now);
     return;
   }
@@ -638,28 +653,30 @@ void HandLoop::mirror(KnownObject& object, Nanoseconds now) {
   }
   const bool touched_lately =
       object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
-  if (touched_lately && !object.owned) {
-    // First touch: from now on the twin has mass, inertia and gravity.
-    object.owned = true;
-    follow_world(object, now);
-  } else if (!touched_lately && object.owned) {
-    object.owned = false;
-    simulation_->make_kinematic(object.slot);
+  // The world does not know of the impulse of a first touch.
+  if (!touched_lately || !(object.owned || was_free)) follow_world(object, now);
+  object.owned = touched_lately;
+  object.is_free = object.owned || (settling_time_ <= 0 && simulation_->may_touch(object.slot, time_step_));
+}
+
+// A free body has mass, inertia and gravity, and planes stop it. Otherwise its motion is prescribed. An object that the
+// hand may touch is free already in the step of the first touch. So it takes up the impulse of the touch.
+void HandLoop::set_body(KnownObject& object, Nanoseconds now) {
+  if (object.description.is_static != 0 || symmetric_) return;
+  if (!object.is_free) {
+    if (simulation_->slot_mode(object.slot) == SlotMode::dynamic) simulation_->make_kinematic(object.slot);
+    return;
   }
-  if (object.owned) {
-    simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
-    // The planes are extrapolated to the start of the step, like the copies: one sample may be used in several steps.
-    const WorldStep step = world_step(now);
-    auto planes = object.state.planes;
-    for (NeighbourPlane& plane : planes) {
-      const Vector3 velocity = to_vector(plane.velocity);
-      plane.point = to_wire(Vector3(to_vector(plane.point) + step.to_start * velocity));
-      plane.velocity = to_wire(Vector3(step.moving_part * velocity));
-    }
-    simulation_->set_planes(object.slot, std::span(planes.items.data(), planes.size()));
-  } else {
-    follow_world(object, now);
+  simulation_->make_dynamic(object.slot, to_vector(object.state.gravity));
+  // The planes are extrapolated to the start of the step, like the copies: one sample may be used in several steps.
+  const WorldStep step = world_step(now);
+  auto planes = object.state.planes;
+  for (NeighbourPlane& plane : planes) {
+    const Vector3 velocity = to_vector(plane.velocity);
+    plane.point = to_wire(Vector3(to_vector(plane.point) + step.to_start * velocity));
+    plane.velocity = to_wire(Vector3(step.moving_part * velocity));
   }
+  simulation_->set_planes(object.slot, std::span(planes.items.data(), planes.size()));
 }
 
 HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested) {
@@ -674,6 +691,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
   simulation_->enable_ledger(requested.ledger);
   output_.report = simulation_->step(time_step_);
+  settling_time_ = std::max(0.0, settling_time_ - time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;
   if (output_.report.status == StepStatus::budget_spent) ++counters_.budget_steps;
   if (output_.report.chord) ++counters_.chord_steps;

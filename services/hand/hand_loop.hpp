@@ -128,6 +128,7 @@ class HandLoop {
     std::uint32_t assembly = 0;  // id of one of the movable objects that joints connect; its own without joints
     bool jointed = false;        // the assembly has more than one object or a joint
     bool owned = false;
+    bool is_free = false;  // it is a free body in this step: the hand owns it, or may touch it in this step
     Nanoseconds last_touch = 0;
   };
 
@@ -153,7 +154,8 @@ class HandLoop {
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
   void mirror_objects(Nanoseconds now);
-  void mirror(KnownObject& object, Nanoseconds now);
+  void follow_or_own(KnownObject& object, Nanoseconds now);
+  void set_body(KnownObject& object, Nanoseconds now);
   void measure_distances();
   void give_slots(Nanoseconds now);
   void write_outputs(Nanoseconds now, const RequestedOutputs& requested);
@@ -181,6 +183,7 @@ class HandLoop {
   Skeleton skeleton_;             // newest intermediate skeleton
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;
+  double settling_time_ = 0;  // s until the fingers have come to the targets after a reposition
   Nanoseconds world_time_ = 0;
   Nanoseconds reset_time_ = -1;
   HandCounters counters_;

@@ -409,10 +409,42 @@ TEST(HandLoop, TouchesObjectsOfAnySpeed) {
       const Skeleton sample = skeleton_at(model, {}, now, static_cast<std::uint64_t>(i) + 1);
       WorldObjects world = world_with(3, Vector3(-0.012, speed * kTimeStep * (i - 3 + trial % 20 / 20.0), -0.092), now);
       world.objects[0].linear_velocity = {0, speed, 0};
-      touched = loop.step(now, {&sample, nullptr, &world}, {}).contacts.contacts.size() > 0 || touched;
+      loop.step(now, {&sample, nullptr, &world}, {});
+      touched = touched || loop.simulation().touched(0);
     }
     EXPECT_TRUE(touched) << speed << " m/s, phase " << trial % 20;
   }
+}
+
+// The hand moves down at 0.5 m/s and hits a floating cube. Already in the step of the first touch the cube is a free
+// body: the impulse of the contact is its momentum. The world learns of it.
+TEST(HandLoop, AFirstTouchGivesAFreeObjectItsImpulse) {
+  const HandModel model = hand();
+  HandOptions options = loop_options();
+  options.simulation.solver.max_iterations = 60;
+  HandLoop loop(model, options, {});
+  loop.describe_object(cube(3));
+  Nanoseconds now = kSecond;
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.02, -0.092);
+  int i = 0;
+  for (; i < 40 && !loop.simulation().touched(0); ++i) {
+    now += 11'111'111;
+    const double down = 0.5 / 90 * std::max(0, i - 12);  // not before the hand has settled
+    const Skeleton sample =
+        skeleton_at(model, {Vector3(0, -down, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    const WorldObjects world = world_with(3, below, now);
+    loop.step(now, {&sample, nullptr, &world}, {});
+  }
+  ASSERT_TRUE(loop.simulation().touched(0));
+  const Wrench impulse = loop.simulation().contact_wrench(0);
+  ASSERT_LT(impulse.force.y(), -0.1);
+  const Twist velocity = loop.simulation().slot_velocity(0);
+  EXPECT_NEAR((0.05 * velocity.linear - impulse.force / 90).norm(), 0, 0.02 * impulse.force.norm() / 90);
+  const WorldObjects unmoved = world_with(3, below, now + 11'111'111);
+  const HandOutput& output = loop.step(now + 11'111'111, {nullptr, nullptr, &unmoved}, {});
+  ASSERT_EQ(output.coupling.twins.size(), 1u);
+  EXPECT_EQ(output.coupling.twins[0].owned, 1u);
+  EXPECT_LT(output.coupling.twins[0].linear_velocity[1], 0.5 * velocity.linear.y());
 }
 
 TEST(HandLoop, SlotsGoToTheNearestObjectsAndTouchedObjectsKeepTheirs) {
