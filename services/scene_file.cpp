@@ -112,14 +112,19 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "haptic", "Haptic devices.", o.haptic);
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
   describe_section(v, "viewer", "The browser viewer.", o.viewer);
+  describe_section(v, "flight", "The flight recorder (docs/flight-recorder.md).", o.flight);
   describe_section(v, "simulate", "`softhand simulate`.", o.simulate);
   describe_section(v, "judge", "How a run is judged.", o.judge);
 }
 
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  return read_scene_text(path, config_detail::read_whole_file(path), overrides);
+}
+
+Scene read_scene_text(const std::string& path, const std::string& text, const std::vector<std::string>& overrides) {
   Scene scene;
   scene.path = path;
-  read_toml(scene.options, path);
+  read_toml_text(scene.options, text, path);
   for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
   add_object_files(scene);
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {

@@ -13,6 +13,7 @@
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
+#include "runtime/flight_options.hpp"
 #include "scene/hand_simulation.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 #include "trackers/landmarks/landmarks_options.hpp"
@@ -87,6 +88,7 @@ struct SceneOptions {
   HapticOptions haptic;
   TactileOptions tactile;
   ViewerOptions viewer;
+  FlightOptions flight;
   SimulateOptions simulate;
   JudgeOptions judge;
 };
@@ -106,6 +108,8 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
 
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);
+/// The same for a text that `path` had. Files that the scene names are searched as if it had been read from `path`.
+Scene read_scene_text(const std::string& path, const std::string& text, const std::vector<std::string>& overrides);
 
 /// The motion that the scene's tracker plays: its recording, or else a generated motion. `hand` comes from
 /// `load_scene_hand`.

@@ -46,6 +46,13 @@ class Inertia final : public Energy {
   /// 1/2 v^T M v of all nodes and dynamic bodies (eq. 19), J.
   double kinetic_energy(const State& state) const;
 
+  /// All that a step carries to the next one, for the ledger.
+  struct Memory {
+    double stored = 0;  // kinetic energy after the last step, J
+  };
+  Memory save() const { return {flow_.stored}; }
+  void load(const Memory& memory) { flow_.stored = memory.stored; }
+
   std::string_view name() const override { return "inertia"; }
   void add_pattern(BlockPattern&) const override {}  // the diagonal is always there
   void bind(const BlockMatrix& matrix) override;

@@ -83,7 +83,7 @@ class ObjectJointEnergy final : public Energy {
     std::vector<Joint> joints;  // by place
     double stored = 0;          // J
   };
-  Memory save() const { return memory_; }
+  const Memory& save() const { return memory_; }
   /// Throws std::invalid_argument if `memory` has another number of places.
   void load(const Memory& memory);
   /// Forgets the anchors: the friction of every joint starts without stretch. Prescribed parents keep their poses.

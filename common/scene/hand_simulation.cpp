@@ -45,7 +45,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
-      untangler_(hand, options.untangle_patience) {
+      untangler_(hand, options.untangle_patience),
+      untouched_untangler_(untangler_) {
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
@@ -285,7 +286,7 @@ StepReport HandSimulation::step(double time_step) {
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
   if (report.status == StepStatus::budget_spent) limit_node_velocities();
-  collect_bone_contacts();
+  if (report.state_changed) collect_bone_contacts();
   if (ledger_enabled_) enter_step(report);
   if (report.state_changed && tissue_ != nullptr) {
     const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));

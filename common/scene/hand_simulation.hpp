@@ -14,6 +14,7 @@
 #include "energies/energy.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
+#include "messages/plain_bytes.hpp"
 #include "model/hand_model.hpp"
 #include "model/joint_law.hpp"
 #include "scene/simulation_options.hpp"
@@ -118,6 +119,28 @@ class HandSimulation {
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
 
+  // A saved state (docs/flight-recorder.md). A simulation of the same hand and options that loads it continues with the
+  // same bits as the one that saved it, if that one calls `forget` at the same time.
+  /// False while a term without a memory of its own has something to save: now, contacts.
+  bool can_save() const;
+  void save(ByteWriter& out) const;
+  /// The caller has put the objects into their slots and the joints into their places, as they were. Throws
+  /// std::runtime_error if the bytes do not fit.
+  void load(ByteReader& in);
+  /// Drops all that a step only reuses: the factor, gradients, the energies at the start. The next step is an ordinary
+  /// one. Does not allocate.
+  void forget();
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    visit("node_positions", state_.node_positions);
+    visit("node_velocities", state_.node_velocities);
+    visit("body_poses", state_.body_poses);
+    visit("body_velocities", state_.body_velocities);
+    visit("bone_contact_forces", bone_contact_forces_);
+    visit("ledger", ledger_);
+  }
+
   StepReport step(double time_step);
   /// Whether steps are entered into the energy ledger from now on (off at first). Switching it on restarts the ledger.
   void enable_ledger(bool enable);
@@ -156,6 +179,10 @@ class HandSimulation {
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
+  template <typename Self, typename Visit>
+  static void visit_own(Self& self, Visit&& visit);
+  template <typename Visit>
+  void for_each_memory(Visit&& visit);
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void limit_node_velocities();
@@ -181,7 +208,8 @@ class HandSimulation {
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;
-  bool restored_ = false;  // `restore` was called since the last step
+  const Untangler untouched_untangler_;  // as constructed, for `forget`
+  bool restored_ = false;                // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;

@@ -171,6 +171,8 @@ void HandLoop::describe_object(const ObjectDescription& description, std::shared
   check(description);
   // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
   const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
+  if (!has_shape && file_shape == nullptr && load_shape_ && !description.shape.file.empty())
+    file_shape = load_shape_(description.shape.file[0]);
   auto shape = has_shape               ? known->shape
                : file_shape != nullptr ? std::move(file_shape)
                                        : std::make_shared<const ShapeGeometry>(description.shape);
@@ -605,15 +607,19 @@ void HandLoop::move_joints() {
         joint.place = place;
     }
     if (joint.place < 0) continue;
-    MirroredJoint mirrored;
-    mirrored.law = joint.law;
-    mirrored.child_slot = child->slot;
-    mirrored.parent_slot = parent->description.is_static != 0 ? -1 : parent->slot;
-    mirrored.parent_pose = to_pose(parent->state.position, parent->state.orientation);
-    mirrored.parent_from_joint = joint.parent_from_joint;
-    mirrored.child_from_joint = joint.child_from_joint;
-    simulation_->set_joint(joint.place, mirrored);
+    set_joint(joint, *parent, *child);
   }
+}
+
+void HandLoop::set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child) {
+  MirroredJoint mirrored;
+  mirrored.law = joint.law;
+  mirrored.child_slot = child.slot;
+  mirrored.parent_slot = parent.description.is_static != 0 ? -1 : parent.slot;
+  mirrored.parent_pose = to_pose(parent.state.position, parent.state.orientation);
+  mirrored.parent_from_joint = joint.parent_from_joint;
+  mirrored.child_from_joint = joint.child_from_joint;
+  simulation_->set_joint(joint.place, mirrored);
 }
 
 void HandLoop::mirror_objects(Nanoseconds now) {

@@ -59,6 +59,8 @@ class PhysicsEngine {
   virtual void remove_joint(std::size_t number) = 0;
   /// A passive joint holds its bodies together and keeps its limits, but has no friction, spring, damping and detents.
   virtual void set_passive(std::size_t number, bool passive) = 0;
+  /// Puts a body to sleep that rests, as if the engine had done so itself.
+  virtual void put_to_sleep(std::size_t slot) = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at

@@ -196,6 +196,12 @@ class BulletEngine final : public PhysicsEngine {
     return {from_bullet(transform.getOrigin(), kScale), Quaternion(q.w(), q.x(), q.y(), q.z()).normalized()};
   }
 
+  void put_to_sleep(std::size_t slot) override {
+    bodies_[slot]->setLinearVelocity({0, 0, 0});
+    bodies_[slot]->setAngularVelocity({0, 0, 0});
+    bodies_[slot]->setActivationState(ISLAND_SLEEPING);
+  }
+
   bool asleep(std::size_t slot) const override { return !bodies_[slot]->isActive(); }
 
   Twist velocity(std::size_t slot) const override {
