@@ -13,6 +13,7 @@ void HandLoop::visit_own(Self& self, Visit&& visit) {
   visit(self.skeleton_);
   visit(self.any_skeleton_);
   visit(self.reposition_asked_);
+  visit(self.settling_time_);
   visit(self.world_time_);
   visit(self.reset_time_);
   visit(self.counters_);
@@ -31,6 +32,7 @@ void HandLoop::save(ByteWriter& out) const {
     out.write(object.near);
     out.write(object.slot);
     out.write(object.owned);
+    out.write(object.is_free);
     out.write(object.last_touch);
   }
   out.write(joints_);
@@ -52,6 +54,7 @@ void HandLoop::load(ByteReader& in) {
     in.read(object.near);
     in.read(object.slot);
     in.read(object.owned);
+    in.read(object.is_free);
     in.read(object.last_touch);
     if (object.slot >= simulation_->slot_count()) throw std::runtime_error("the saved state has more slots");
   }
@@ -61,7 +64,7 @@ void HandLoop::load(ByteReader& in) {
   for (const KnownObject& object : objects_) {
     if (object.slot < 0) continue;
     simulation_->set_slot(object.slot, object.mirrored);
-    if (object.owned || (symmetric_ && object.description.is_static == 0))
+    if (object.is_free || (symmetric_ && object.description.is_static == 0))
       simulation_->make_dynamic(object.slot, symmetric_ ? Vector3(Vector3::Zero()) : to_vector(object.state.gravity));
   }
   for (const KnownJoint& joint : joints_) {
