@@ -74,8 +74,8 @@ bool HandSimulation::can_save() const {
   if constexpr (HasMemory<ContactSet> && HasMemory<PlaneContact> && HasMemory<BodyCoupling>) {
     return true;
   } else {
-    for (const SlotMode mode : modes_)
-      if (mode == SlotMode::dynamic) return false;
+    for (int slot = 0; slot < slot_count(); ++slot)
+      if (slot_mode(slot) == SlotMode::dynamic || touched(slot)) return false;
     return contact_count() == 0 && object_coupling_ == nullptr;
   }
 }

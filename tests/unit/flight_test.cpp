@@ -416,7 +416,8 @@ TEST_F(Recorder, AStepWithARecorderAllocatesNothing) {
   GTEST_SKIP() << "the sanitizer brings its own malloc";
 #endif
   FlightOptions options;
-  options.snapshot_period = 0.5;
+  options.seconds = 2;
+  options.snapshot_period = 0.05;
   auto recorder = make(options);
   HandLoop loop(hand(), hand_options(), {});
   Flight flight(loop, recorder.get());
