@@ -406,7 +406,7 @@ test("data that a new gateway does not send disappears", async () => {
   for (const id of shown) await page.click(id);
   await pause(1000);
   await drawn();
-  assert.ok(difference(empty, await pixels()) > 0.01);
+  assert.ok(difference(empty, await pixels()) > 0.004);
   await source.end();
   await viewer.process.end("SIGKILL");
   await until("the lost connection is shown", async () => (await state()) === "lost");
@@ -416,7 +416,7 @@ test("data that a new gateway does not send disappears", async () => {
   await drawn();
   assert.equal(difference(empty, await pixels()), 0);
   source = publisher();
-  await until("the new data", async () => difference(empty, await pixels()) > 0.01);
+  await until("the new data", async () => difference(empty, await pixels()) > 0.004);
   for (const id of shown.slice(3)) await page.click(id);
 });
 
