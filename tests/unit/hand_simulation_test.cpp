@@ -318,19 +318,20 @@ TEST(HandSimulation, LoadedMemoryKeepsContacts) {
   scene.run(5);
   const int contacts = scene.simulation.contact_count();
   ASSERT_GT(contacts, 0);
-  std::vector<std::byte> bytes;
-  MemoryWriter out(bytes);
-  scene.simulation.save_memory(out);
+  std::vector<std::byte> bytes(4'000'000);
+  ByteWriter out(bytes);
+  scene.simulation.save(out);
+  ASSERT_FALSE(out.overflowed());
   const State state = scene.simulation.state();
   scene.simulation.restore(state);
   EXPECT_EQ(scene.simulation.contact_count(), 0);
-  MemoryReader in(bytes);
-  scene.simulation.load_memory(in);
-  EXPECT_TRUE(in.at_end());
+  ByteReader in(out.written());
+  scene.simulation.load(in);
+  EXPECT_TRUE(in.rest().empty());
   EXPECT_EQ(scene.simulation.contact_count(), contacts);
-  std::vector<std::byte> again;
-  MemoryWriter second(again);
-  scene.simulation.save_memory(second);
+  std::vector<std::byte> again(bytes.size());
+  ByteWriter second(again);
+  scene.simulation.save(second);
   EXPECT_EQ(bytes, again);
 }
 
