@@ -95,6 +95,8 @@ void ContactSet::clear_object(int slot) {
   remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
   Slot& s = at(slot);
   s.collider.clear();
+  s.id = 0;
+  s.friction = 0;
   s.wrench = {};
   s.count = 0;
 }
