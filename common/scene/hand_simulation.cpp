@@ -46,6 +46,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
       untangler_(hand, options.untangle_patience) {
+  bone_contact_forces_.fill(Vector3::Zero());
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];

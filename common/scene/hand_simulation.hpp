@@ -212,7 +212,7 @@ class HandSimulation {
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
-  std::array<Vector3, kBodyCount> bone_contact_forces_{};
+  std::array<Vector3, kBodyCount> bone_contact_forces_;
   bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger

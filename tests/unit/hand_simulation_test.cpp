@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -53,6 +54,15 @@ double worst_joint_error(const HandSimulation& simulation, const Pose& wrist) {
                                 .norm());
   }
   return worst;
+}
+
+// Eigen's vectors are not zero by themselves. So the object is made in memory that is not zero.
+TEST(HandSimulation, ANewHandHasNoContactForces) {
+  std::vector<std::max_align_t> memory(sizeof(HandSimulation) / sizeof(std::max_align_t) + 1);
+  std::memset(memory.data(), 0x5a, memory.size() * sizeof(memory[0]));
+  auto* hand = new (memory.data()) HandSimulation(testing::block_hand(2), {}, 0, 0);
+  for (const Vector3& force : hand->bone_contact_forces()) EXPECT_EQ(force, Vector3::Zero());
+  std::destroy_at(hand);
 }
 
 TEST(HandSimulation, RestIsStationary) {
