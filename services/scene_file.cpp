@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "runtime/object_store.hpp"
 #include "trackers/replay/recording.hpp"
 
 namespace softhand {
@@ -42,6 +43,44 @@ Side scene_side(const Scene& scene, const std::optional<Recording>& recording) {
   return scene.options.hand.side == "left" ? Side::left : Side::right;
 }
 
+LoadedObject load_scene_object(const Scene& scene, const ObjectOptions& entry) {
+  const std::string where = scene.path + ": objects." + entry.name + ".file: ";
+  if (entry.file.empty()) throw ConfigError(where + "expected a name in config/objects, or a path");
+  const bool has_suffix = entry.file.ends_with(kObjectSuffix);
+  const std::string path =
+      find_file(scene, has_suffix ? entry.file : entry.file + std::string(kObjectSuffix), "objects");
+  try {
+    LoadedObject object = load_object(path);
+    // Other processes find the file by the name of the object.
+    if (fs::path(path).filename() != object.model.name + std::string(kObjectSuffix))
+      throw std::runtime_error(path + ": the object's name is '" + object.model.name + "'; expected the file name '" +
+                               object.model.name + std::string(kObjectSuffix) + "'");
+    return object;
+  } catch (const std::runtime_error& problem) {
+    throw ConfigError(where + problem.what());
+  }
+}
+
+// Replaces entries of the shape file by the links and joints of their files.
+void add_object_files(Scene& scene) {
+  std::vector<ObjectOptions> objects;
+  for (const ObjectOptions& entry : scene.options.objects) {
+    if (entry.shape != "file") {
+      objects.push_back(entry);
+      continue;
+    }
+    LoadedObject loaded = load_scene_object(scene, entry);
+    scene.object_folders.push_back(fs::path(loaded.path).parent_path().string());
+    try {
+      add_file_objects(entry, std::make_shared<const ObjectModel>(std::move(loaded.model)), loaded.sha256, objects,
+                       scene.options.joints);
+    } catch (const std::invalid_argument& problem) {
+      throw ConfigError(scene.path + ": " + problem.what());
+    }
+  }
+  scene.options.objects = std::move(objects);
+}
+
 const ObjectOptions* judged_object(const SceneOptions& options) {
   for (const ObjectOptions& object : options.objects) {
     if (options.judge.object.empty() ? object.mass > 0 : object.name == options.judge.object) return &object;
@@ -73,15 +112,21 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "haptic", "Haptic devices.", o.haptic);
   describe_section(v, "tactile", "Tactile devices.", o.tactile);
   describe_section(v, "viewer", "The browser viewer.", o.viewer);
+  describe_section(v, "flight", "The flight recorder (docs/flight-recorder.md).", o.flight);
   describe_section(v, "simulate", "`softhand simulate`.", o.simulate);
   describe_section(v, "judge", "How a run is judged.", o.judge);
 }
 
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  return read_scene_text(path, config_detail::read_whole_file(path), overrides);
+}
+
+Scene read_scene_text(const std::string& path, const std::string& text, const std::vector<std::string>& overrides) {
   Scene scene;
   scene.path = path;
-  read_toml(scene.options, path);
+  read_toml_text(scene.options, text, path);
   for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
+  add_object_files(scene);
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object has the name '" + scene.options.judge.object + "'");
   }
@@ -97,6 +142,14 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
     hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
   return scene;
+}
+
+std::vector<std::string> object_folders(const Scene& scene) {
+  std::vector<std::string> folders = scene.object_folders;
+  const fs::path beside = fs::path(scene.path).parent_path();
+  for (const fs::path& folder : {beside, beside / ".." / "objects", fs::path(".")})
+    folders.push_back(folder.lexically_normal().string());
+  return folders;
 }
 
 std::shared_ptr<const Motion> make_scene_motion(const Scene& scene, const HandModel& hand) {
@@ -143,6 +196,7 @@ HandKey hand_key(const Scene& scene) {
 OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {
   OutcomeFrame frame;
   frame.motion_start = motion_start;
+  frame.goal = scene.options.judge.goal;
   frame.recorded = !scene.options.motion.empty();
   frame.shake_frequency = scene.options.generator.shake_time > 0 ? scene.options.generator.shake_frequency : 0;
   if (!frame.recorded) frame.phases = make_scene_motion(scene, load_scene_hand(scene))->phases();

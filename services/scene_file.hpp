@@ -13,6 +13,7 @@
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
+#include "runtime/flight_options.hpp"
 #include "scene/hand_simulation.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 #include "trackers/landmarks/landmarks_options.hpp"
@@ -40,9 +41,16 @@ inline void describe(OptionVisitor& v, SimulateOptions& o) {
 
 struct JudgeOptions {
   std::string object;
+  Goal goal;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
+  v.number("travel", o.goal.travel, "m", {0, 10},
+           "The run succeeds only if the object moves at least this far from its first place. 0 = not asked for.");
+  v.number("tilt", o.goal.tilt, "rad", {0, 3.1}, "The same for its largest tilt from its first orientation.");
+  v.number("returns", o.goal.returns, "m", {0, 10},
+           "The run succeeds only if the object ends this near to its first place, untouched and at rest. With `tilt`, "
+           "also tilted by at most 5 degrees. 0 = not asked for.");
 }
 
 struct HapticOptions {
@@ -80,6 +88,7 @@ struct SceneOptions {
   HapticOptions haptic;
   TactileOptions tactile;
   ViewerOptions viewer;
+  FlightOptions flight;
   SimulateOptions simulate;
   JudgeOptions judge;
 };
@@ -89,11 +98,18 @@ struct Scene {
   std::string path;
   SceneOptions options;
   std::vector<AppliedOverride> overrides;
+  std::vector<std::string> object_folders;  ///< of the object files that the scene names
 };
 
 /// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene
-/// and in the folder of its kind in config/. After these the working directory is searched. Throws ConfigError.
+/// and in the folder of its kind in config/. After these the working directory is searched. Entries of the shape
+/// file are replaced by the links and joints of their files. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
+
+/// Folders in which a process looks for the object files that descriptions name.
+std::vector<std::string> object_folders(const Scene& scene);
+/// The same for a text that `path` had. Files that the scene names are searched as if it had been read from `path`.
+Scene read_scene_text(const std::string& path, const std::string& text, const std::vector<std::string>& overrides);
 
 /// The motion that the scene's tracker plays: its recording, or else a generated motion. `hand` comes from
 /// `load_scene_hand`.

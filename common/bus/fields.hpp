@@ -114,11 +114,21 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("contacts", m.contacts);
 }
 
+template <typename V, Is<ShapeFile> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("name", m.name);
+  v.field("sha256", m.sha256);
+  v.field("link", m.link);
+  v.field("position", m.position);
+  v.field("orientation", m.orientation);
+}
+
 template <typename V, Is<Shape> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.field("kind", m.kind);
   v.field("size", m.size);
   v.field("vertices", m.vertices);
+  v.field("file", m.file);
 }
 
 template <typename V, Is<ObjectDescription> M>

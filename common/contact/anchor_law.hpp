@@ -18,21 +18,24 @@
 
 namespace softhand {
 
-/// One touching (or about to touch) contact point.
-struct ContactAnchor {
-  std::int32_t point = 0;  ///< index into the table of contact points
-  std::int32_t slot = 0;   ///< of the object
-  // Carried from step to step.
+/// What an anchor carries from step to step.
+struct AnchorMemory {
+  std::int32_t point = 0;             ///< index into the table of contact points
+  std::int32_t slot = 0;              ///< of the object
   Vector3 anchor = Vector3::Zero();   ///< a: the surface point, moved inwards by `recess`
   Vector3 normal = Vector3::UnitY();  ///< n
   double recess = 0;                ///< distance that the anchor of a point that started inside must still move out, m
   bool sliding = false;             ///< slid in the last step; within a step: and still moves in that direction
   bool missed = false;              ///< found at the end of the last step: its normal force is not known yet
-  bool known = false;               ///< existed at the end of the last step
   double normal_energy = 0;         ///< 1/2 k min(0, u)^2 at the end of the last step, J
   double friction_energy = 0;       ///< 1/2 k_t |s|^2 at the end of the last step, J; |s| is at most mu f_n / k_t
   Vector3 force = Vector3::Zero();  ///< on the point in the last step, N, world
   double slip_speed = 0;            ///< in the last step, m/s
+};
+
+/// One touching (or about to touch) contact point.
+struct ContactAnchor : AnchorMemory {
+  bool known = false;  ///< existed at the end of the last step
   // Given by the point and the object.
   double stiffness = 0;           ///< k_c A, N/m
   double friction = 0;            ///< mu

@@ -70,7 +70,7 @@ void Collider::set(const ShapeGeometry& geometry, ContactObject kind) {
 
 void Collider::clear() {
   geometry_ = nullptr;
-  memory_.seen = false;
+  memory_ = {};
 }
 
 void Collider::load(const Memory& memory) {

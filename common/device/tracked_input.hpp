@@ -75,6 +75,22 @@ class TrackedInput {
   const Stamp& stamp() const { return stamp_; }
   double confidence() const { return confidence_; }
 
+  /// For writing and reading all that samples have changed (messages/plain_bytes.hpp).
+  template <typename Self, typename Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.heads_);
+    visit(self.head_count_);
+    visit(self.tracks_);
+    visit(self.targets_);
+    visit(self.stamp_);
+    visit(self.time_);
+    visit(self.source_);
+    visit(self.confidence_);
+    visit(self.any_);
+    visit(self.repositioned_);
+    visit(self.counters_);
+  }
+
  private:
   struct TimedPose {
     Nanoseconds time = 0;

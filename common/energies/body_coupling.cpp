@@ -62,6 +62,7 @@ BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, Do
     site.blocks = Clique<2>({layout.body_translation_block(given.body), layout.body_rotation_block(given.body)});
     sites_.push_back(site);
   }
+  saved_.sites.reserve(sites_.size());
 }
 
 void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocity) {
@@ -73,19 +74,9 @@ void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocit
 
 void BodyCoupling::set_gains(int site, const CouplingGains& gains) { at(site).gains = gains; }
 
-BodyCoupling::Memory BodyCoupling::save() const {
-  Memory memory;
-  for (const Site& s : sites_) {
-    memory.sites.push_back({.active = s.active,
-                            .pulled = s.pulled,
-                            .gains = s.gains,
-                            .target = to_plain(s.target),
-                            .target_velocity = to_plain(s.target_velocity),
-                            .end = to_plain(s.end),
-                            .end_target = to_plain(s.end_target),
-                            .stored = s.stored});
-  }
-  return memory;
+const BodyCoupling::Memory& BodyCoupling::save() const {
+  saved_.sites.assign(sites_.begin(), sites_.end());
+  return saved_;
 }
 
 void BodyCoupling::load(const Memory& memory) {
@@ -93,18 +84,7 @@ void BodyCoupling::load(const Memory& memory) {
     throw std::invalid_argument(name_ + ": the memory has " + std::to_string(memory.sites.size()) +
                                 " sites, expected " + std::to_string(sites_.size()));
   for (const Memory::Site& from : memory.sites) check_gains(name_, from.gains);
-  for (std::size_t i = 0; i < sites_.size(); ++i) {
-    const Memory::Site& from = memory.sites[i];
-    Site& s = sites_[i];
-    s.active = from.active != 0;
-    s.gains = from.gains;
-    s.target = to_pose(from.target);
-    s.target_velocity = to_twist(from.target_velocity);
-    s.pulled = from.pulled != 0;
-    s.end = to_pose(from.end);
-    s.end_target = to_pose(from.end_target);
-    s.stored = from.stored;
-  }
+  for (std::size_t i = 0; i < sites_.size(); ++i) static_cast<Memory::Site&>(sites_[i]) = memory.sites[i];
 }
 
 void BodyCoupling::reset() {

@@ -66,17 +66,20 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   /// All that a step carries to the next one, and what the caller set.
   struct Memory {
     struct Site {
-      std::uint64_t active = 0, pulled = 0;
       CouplingGains gains;
-      PlainPose target;
-      PlainTwist target_velocity;
-      PlainPose end, end_target;  // of the body and of its target at the end of the last step
-      double stored = 0;          // J
+      // As set by the caller.
+      bool active = false;
+      Pose target;
+      Twist target_velocity;
+      // At the end of the last step.
+      bool pulled = false;
+      Pose end;  // of the body
+      Pose end_target;
+      double stored = 0;  // J
     };
     std::vector<Site> sites;
-    void visit(auto& each) { each(sites); }
   };
-  Memory save() const;
+  const Memory& save() const;
   /// Throws std::invalid_argument if `memory` has another number of sites.
   void load(const Memory& memory);
   /// The bodies were repositioned. Targets and gains stay.
@@ -100,14 +103,10 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
-  struct Site {
+  struct Site : Memory::Site {
     int body = 0;
     Pose body_from_frame;
-    CouplingGains gains;
     Clique<2> blocks;
-    bool active = false;  // as set by the caller
-    Pose target;
-    Twist target_velocity;
     // Fixed within the step.
     bool pulls = false;
     Vector3 position_target = Vector3::Zero();
@@ -117,11 +116,6 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
     Pose start;               // of the body
     Pose start_target;        // the target before it moved
     double start_energy = 0;  // of the springs, towards the previous target, J
-    // At the end of the last step.
-    bool pulled = false;
-    Pose end;  // of the body
-    Pose end_target;
-    double stored = 0;  // J
   };
   struct Pull {
     double energy = 0;
@@ -134,6 +128,7 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
 
   std::string name_;
   std::vector<Site> sites_;
+  mutable Memory saved_;
   double time_step_ = 0;
   EnergyFlow flow_;
 };

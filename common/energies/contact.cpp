@@ -47,6 +47,8 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
   }
   anchors_.reserve(2 * static_cast<std::size_t>(points_.count()));
   anchors_before_.reserve(anchors_.capacity());
+  saved_.anchors.reserve(anchors_.capacity());
+  saved_.slots.reserve(slots_.size());
 }
 
 template <typename Ends>
@@ -93,6 +95,8 @@ void ContactSet::clear_object(int slot) {
   remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
   Slot& s = at(slot);
   s.collider.clear();
+  s.id = 0;
+  s.friction = 0;
   s.wrench = {};
   s.count = 0;
 }
@@ -107,39 +111,16 @@ void ContactSet::reset() {
   }
 }
 
-ContactSet::Memory ContactSet::save() const {
-  Memory memory;
-  memory.anchors.reserve(anchors_.size());
-  for (const Anchor& a : in_step_ ? anchors_before_ : anchors_) {
-    memory.anchors.push_back({.point = a.point,
-                              .slot = a.slot,
-                              .anchor = to_wire(a.anchor),
-                              .normal = to_wire(a.normal),
-                              .force = to_wire(a.force),
-                              .recess = a.recess,
-                              .normal_energy = a.normal_energy,
-                              .friction_energy = a.friction_energy,
-                              .slip_speed = a.slip_speed,
-                              .sliding = a.sliding,
-                              .missed = a.missed});
-  }
-  for (const Slot& s : slots_) {
-    const Collider::Memory& collider = s.collider.memory();
-    memory.slots.push_back({.set = s.collider.is_set(),
-                            .id = s.id,
-                            .kind = static_cast<std::uint32_t>(collider.kind),
-                            .seen = collider.seen,
-                            .friction = s.friction,
-                            .last_position = to_wire(collider.last_pose.position),
-                            .last_orientation = to_wire(collider.last_pose.orientation),
-                            .force = to_wire(s.wrench.force),
-                            .torque = to_wire(s.wrench.torque),
-                            .count = static_cast<std::uint64_t>(s.count)});
-  }
-  memory.dissipated = dissipated_;
-  memory.cleared_normal = in_step_ ? cleared_normal_before_ : cleared_normal_;
-  memory.cleared_friction = in_step_ ? cleared_friction_before_ : cleared_friction_;
-  return memory;
+const ContactSet::Memory& ContactSet::save() const {
+  const std::vector<Anchor>& anchors = in_step_ ? anchors_before_ : anchors_;
+  saved_.anchors.assign(anchors.begin(), anchors.end());
+  saved_.slots.clear();
+  for (const Slot& s : slots_)
+    saved_.slots.push_back({s.collider.is_set(), s.id, s.friction, s.collider.memory(), s.wrench, s.count});
+  saved_.dissipated = dissipated_;
+  saved_.cleared_normal = in_step_ ? cleared_normal_before_ : cleared_normal_;
+  saved_.cleared_friction = in_step_ ? cleared_friction_before_ : cleared_friction_;
+  return saved_;
 }
 
 void ContactSet::load(const Memory& memory) {
@@ -152,13 +133,13 @@ void ContactSet::load(const Memory& memory) {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const Memory::Slot& from = memory.slots[i];
     const bool is_set = slots_[i].collider.is_set();
-    if ((from.set != 0) != is_set || (is_set && from.id != slots_[i].id))
+    if (from.is_set != is_set || (is_set && from.id != slots_[i].id))
       refuse("slot " + std::to_string(i) + " has another object");
-    if (from.kind > static_cast<std::uint32_t>(ContactObject::fixed) ||
-        (is_set && from.kind == static_cast<std::uint32_t>(ContactObject::moving) && !slots_[i].collider.can_move()))
+    const ContactObject kind = from.collider.kind;
+    if (kind > ContactObject::fixed || (is_set && kind == ContactObject::moving && !slots_[i].collider.can_move()))
       refuse("slot " + std::to_string(i) + " cannot move");
   }
-  for (const Memory::Anchor& from : memory.anchors) {
+  for (const AnchorMemory& from : memory.anchors) {
     if (from.point < 0 || from.point >= points_.count()) refuse("no point " + std::to_string(from.point));
     if (from.slot < 0 || from.slot >= static_cast<std::int32_t>(slots_.size()) || !at(from.slot).collider.is_set())
       refuse("no object in slot " + std::to_string(from.slot));
@@ -168,25 +149,13 @@ void ContactSet::load(const Memory& memory) {
     const Memory::Slot& from = memory.slots[i];
     Slot& s = slots_[i];
     s.friction = from.friction;
-    s.collider.load(
-        {static_cast<ContactObject>(from.kind), from.seen != 0, to_pose(from.last_position, from.last_orientation)});
-    s.wrench = {to_vector(from.force), to_vector(from.torque)};
-    s.count = static_cast<int>(from.count);
+    s.collider.load(from.collider);
+    s.wrench = from.wrench;
+    s.count = from.count;
   }
   anchors_.clear();
-  for (const Memory::Anchor& from : memory.anchors) {
-    Anchor anchor;
-    anchor.point = from.point;
-    anchor.slot = from.slot;
-    anchor.anchor = to_vector(from.anchor);
-    anchor.normal = to_vector(from.normal);
-    anchor.force = to_vector(from.force);
-    anchor.recess = from.recess;
-    anchor.normal_energy = from.normal_energy;
-    anchor.friction_energy = from.friction_energy;
-    anchor.slip_speed = from.slip_speed;
-    anchor.sliding = from.sliding != 0;
-    anchor.missed = from.missed != 0;
+  for (const AnchorMemory& from : memory.anchors) {
+    Anchor anchor{from};
     anchor.known = true;
     anchor.stiffness = stiffness_ * points_[from.point].area;
     anchor.set_friction(at(from.slot).friction);

@@ -50,7 +50,7 @@ namespace softhand {
 
 /// The touched points of one hand. Creates, slides and ends anchors. `ContactEnergy` calls begin_step and end_step.
 /// `FrictionEnergy` only reads the set, and must come after `ContactEnergy` in the list of terms. After the terms are
-/// bound, nothing allocates, except `save`.
+/// bound, nothing allocates.
 class ContactSet {
  public:
   using Anchor = ContactAnchor;
@@ -78,29 +78,19 @@ class ContactSet {
 
   /// All that a step carries to the next one. The shapes are not part of it.
   struct Memory {
-    struct Anchor {
-      std::int32_t point = 0, slot = 0;
-      Vec3 anchor{}, normal{}, force{};  // as in ContactAnchor
-      double recess = 0, normal_energy = 0, friction_energy = 0, slip_speed = 0;
-      std::uint32_t sliding = 0, missed = 0;
-    };
     struct Slot {
-      std::uint32_t set = 0, id = 0;
-      std::uint32_t kind = 0, seen = 0;
+      bool is_set = false;
+      std::uint32_t id = 0;
       double friction = 0;
-      Vec3 last_position{};
-      Vec4 last_orientation{};
-      Vec3 force{}, torque{};  // on the object in the last step
-      std::uint64_t count = 0;
+      Collider::Memory collider;
+      Wrench wrench;  // on the object in the last step
+      int count = 0;
     };
-    std::vector<Anchor> anchors;  // in the order in which they began
+    std::vector<AnchorMemory> anchors;  // in the order in which they began
     std::vector<Slot> slots;
     double dissipated = 0, cleared_normal = 0, cleared_friction = 0;  // J
-    void visit(auto& each) {
-      each(anchors), each(slots), each(dissipated), each(cleared_normal), each(cleared_friction);
-    }
   };
-  Memory save() const;
+  const Memory& save() const;
   /// The slots must have the same objects as when the memory was saved. Throws std::invalid_argument otherwise.
   void load(const Memory& memory);
 
@@ -220,6 +210,7 @@ class ContactSet {
   bool in_step_ = false;
   std::vector<Anchor> anchors_before_;
   double cleared_normal_before_ = 0, cleared_friction_before_ = 0;
+  mutable Memory saved_;
   EnergyFlow normal_flow_, friction_flow_;
   std::uint64_t dropped_ = 0;
   std::uint64_t queries_ = 0;
@@ -241,7 +232,7 @@ class ContactEnergy final : public EnergyWithMemory<ContactEnergy> {
   void end_step(State& state) override { contacts_.end_step(state); }
   void cancel_step() override { contacts_.cancel_step(); }
   using Memory = ContactSet::Memory;
-  Memory save() const { return contacts_.save(); }
+  const Memory& save() const { return contacts_.save(); }
   void load(const Memory& memory) { contacts_.load(memory); }
   void reset() { contacts_.reset(); }
   EnergyFlow flow(double, double, double) const override { return contacts_.normal_flow(); }

@@ -10,8 +10,8 @@
 
 namespace softhand {
 
-class MemoryReader;  // memory.hpp
-class MemoryWriter;
+class ByteReader;  // messages/plain_bytes.hpp
+class ByteWriter;
 
 /// The kind of a Hessian: exact (for derivative tests and for eq. 16 as written) or positive semi-definite (for the
 /// solver).
@@ -65,8 +65,10 @@ class Energy {
   virtual void cancel_step() {}
   /// What a step carries to the next one. A term with memory derives from `EnergyWithMemory` (memory.hpp), which
   /// overrides these. Reset: the caller moved the state, so the term forgets what the last steps left.
-  virtual void save_memory(MemoryWriter& /*out*/) const {}
-  virtual void load_memory(MemoryReader& /*in*/) {}
+  /// Copy: from a term of the same kind and size.
+  virtual void save_memory(ByteWriter& /*out*/) const {}
+  virtual void load_memory(ByteReader& /*in*/) {}
+  virtual void copy_memory(const Energy& /*other*/) {}
   virtual void reset_memory() {}
   /// The energy ledger's entry for the last step. The minimisation changed the value from `start` to `end`, and
   /// dU/dq . dq = `taken`. The default holds for a potential that depends only on the state. Its force at the step's

@@ -90,6 +90,17 @@ class EnergyLedger {
     f(std::string_view("scale"), scale());
   }
 
+  /// For writing and reading the ledger (messages/plain_bytes.hpp).
+  template <typename Self, typename Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.started_);
+    visit(self.initial_);
+    visit(self.total_);
+    visit(self.turnover_);
+    visit(self.largest_defect_);
+    visit(self.largest_excess_);
+  }
+
  private:
   bool started_ = false;
   double initial_ = 0;

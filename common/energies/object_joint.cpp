@@ -162,12 +162,12 @@ void ObjectJointEnergy::set_joint(int place, const ObjectJoint& joint) {
 
 void ObjectJointEnergy::clear_joint(int place) {
   at(place).set = false;
-  memory_.joints[static_cast<std::size_t>(place)].anchored = 0;
+  memory_.joints[static_cast<std::size_t>(place)].anchored = false;
 }
 
 void ObjectJointEnergy::set_parent_motion(int place, const Pose& pose, const Twist& velocity) {
-  memory_.joints[static_cast<std::size_t>(place)].parent = to_plain(pose);
-  memory_.joints[static_cast<std::size_t>(place)].parent_velocity = to_plain(velocity);
+  memory_.joints[static_cast<std::size_t>(place)].parent = pose;
+  memory_.joints[static_cast<std::size_t>(place)].parent_velocity = velocity;
 }
 
 void ObjectJointEnergy::load(const Memory& memory) {
@@ -179,7 +179,7 @@ void ObjectJointEnergy::load(const Memory& memory) {
 
 void ObjectJointEnergy::reset() {
   for (Memory::Joint& joint : memory_.joints) {
-    joint.anchored = 0;
+    joint.anchored = false;
     joint.direction = 0;
   }
 }
@@ -194,20 +194,19 @@ double ObjectJointEnergy::coordinate(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set || !joint.model.law.has_coordinate()) return 0;
   return joint_coordinate(joint.model.law,
-                          pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent)));
+                          pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
 }
 
 double ObjectJointEnergy::gap(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set) return 0;
-  return held_gap(joint.model.law,
-                  pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent)));
+  return held_gap(joint.model.law, pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
 }
 
 double ObjectJointEnergy::misalignment(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set || joint.model.law.kind == ObjectJointKind::ball) return 0;
-  const JointPose pose = pose_of(joint, state, to_pose(memory_.joints[static_cast<std::size_t>(place)].parent));
+  const JointPose pose = pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent);
   const double f = axis_distance(pose.parent_frame, pose.child_frame, holds_one_axis(joint.model.law.kind)).f;
   return 2 * std::asin(std::min(1.0, std::sqrt(0.5 * f)));
 }
@@ -244,7 +243,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     const Memory::Joint& memory = memory_.joints[place];
-    const Twist parent_velocity = to_twist(memory.parent_velocity);
+    const Twist parent_velocity = memory.parent_velocity;
     const auto turning = [](double mass, const Matrix3& inertia, const Vector3& arm) {
       return inertia.trace() / 3 + mass * arm.squaredNorm();
     };
@@ -266,7 +265,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
         std::max(kStickRatio * (slides ? mass : inertia) / square, law.friction / (slides ? kPreSlide : kPreTurn));
     joint.damping = law.damping / time_step;
 
-    const JointPose pose = pose_of(joint, state, to_pose(memory.parent));
+    const JointPose pose = pose_of(joint, state, memory.parent);
     const Twist still;
     const Twist& of_parent =
         model.parent < 0 ? parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
@@ -276,10 +275,10 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
       rate = joint_row(law, pose, joint.start)
                  .rate(of_parent, state.body_velocities[static_cast<std::size_t>(model.child)]);
     }
-    joint.anchor = memory.anchored != 0 ? memory.anchor : joint.start;
-    joint.anchor_turn = memory.anchored != 0 ? to_quaternion(memory.anchor_turn) : pose.relative;
+    joint.anchor = memory.anchored ? memory.anchor : joint.start;
+    joint.anchor_turn = memory.anchored ? memory.anchor_turn : pose.relative;
     joint.slides_on = memory.direction * rate > 0;
-    joint.parent = to_pose(memory.parent);
+    joint.parent = memory.parent;
     start_energy_ += evaluate(joint, state, nullptr, nullptr, Curvature::exact);
     joint.parent = advanced(joint.parent, parent_velocity, time_step);
   }
@@ -419,7 +418,7 @@ void ObjectJointEnergy::end_step(State& state) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     Memory::Joint& memory = memory_.joints[place];
-    const Pose before = to_pose(memory.parent);
+    const Pose before = memory.parent;
     Vector12 local = Vector12::Zero();
     const double energy = evaluate(joint, state, &local, nullptr, Curvature::exact);
     const auto add_wrench = [this](int body, const Vector3& force, const Vector3& torque) {
@@ -434,14 +433,14 @@ void ObjectJointEnergy::end_step(State& state) {
                       local.segment<3>(3).dot(rotation_log(joint.parent.orientation * before.orientation.conjugate()));
     }
     add_wrench(model.child, local.segment<3>(6), local.segment<3>(9));
-    memory.parent = to_plain(joint.parent);
+    memory.parent = joint.parent;
 
     const JointPose pose = pose_of(joint, state, joint.parent);
     double damper = 0, heat = 0;
     memory.direction = 0;
     memory.anchor = joint.anchor;
-    memory.anchor_turn = to_wire(joint.anchor_turn);
-    memory.anchored = law.friction > 0 ? 1 : 0;
+    memory.anchor_turn = joint.anchor_turn;
+    memory.anchored = law.friction > 0;
     if (law.has_coordinate()) {
       const double moved = joint_row(law, pose, joint.start).value - joint.start;
       damper = 0.5 * joint.damping * moved * moved;
@@ -453,7 +452,7 @@ void ObjectJointEnergy::end_step(State& state) {
       if (slide > 0 && law.kind == ObjectJointKind::ball) {
         const Vector3 turn = rotation_log(pose.relative * joint.anchor_turn.conjugate());
         const double left = 2 * std::asin(0.5 * joint.friction.bound / joint.friction.stiffness);
-        memory.anchor_turn = to_wire((rotation_exp(-left / turn.norm() * turn) * pose.relative).normalized());
+        memory.anchor_turn = (rotation_exp(-left / turn.norm() * turn) * pose.relative).normalized();
       } else if (slide > 0) {
         memory.direction = stretch > 0 ? 1 : -1;
         memory.anchor += memory.direction * slide;

@@ -75,18 +75,17 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   /// All that a step carries to the next one.
   struct Memory {
     struct Joint {
-      std::uint64_t anchored = 0;    // 1: the anchor is valid
-      double anchor = 0;             // of the friction, a value of q
-      Vec4 anchor_turn{0, 0, 0, 1};  // ball: relative rotation at the anchor
-      double direction = 0;          // of the last slide, -1 or 1; 0: it sticks
-      PlainPose parent;              // prescribed parent at the start of the next step
-      PlainTwist parent_velocity;
+      bool anchored = false;                            // the anchor is valid
+      double anchor = 0;                                // of the friction, a value of q
+      Quaternion anchor_turn = Quaternion::Identity();  // ball: relative rotation at the anchor
+      double direction = 0;                             // of the last slide, -1 or 1; 0: it sticks
+      Pose parent;                                      // prescribed parent at the start of the next step
+      Twist parent_velocity;
     };
     std::vector<Joint> joints;  // by place
     double stored = 0;          // J
-    void visit(auto& each) { each(joints), each(stored); }
   };
-  Memory save() const { return memory_; }
+  const Memory& save() const { return memory_; }
   /// The same joints must be set. Throws std::invalid_argument if `memory` has another number of places.
   void load(const Memory& memory);
   /// Forgets the anchors: the friction of every joint starts without stretch. Prescribed parents keep their poses.

@@ -29,6 +29,9 @@ PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
       points_(static_cast<std::size_t>(slots) * kMaxNeighbourPlanes * kPoints),
       saved_points_(kMaxNeighbourPlanes * kPoints),
       resting_(kPoints) {
+  saved_.slots.reserve(slots_.size());
+  saved_.planes.reserve(slots_.size() * kMaxNeighbourPlanes);
+  saved_.points.reserve(points_.size());
   for (int slot = 0; slot < slots; ++slot) {
     at(slot).blocks =
         Clique<2>({layout.body_translation_block(first_body + slot), layout.body_rotation_block(first_body + slot)});
@@ -60,55 +63,43 @@ void PlaneContact::clear_object(int slot) {
   s.count = 0;
 }
 
-PlaneContact::Memory PlaneContact::save() const {
-  Memory memory;
+const PlaneContact::Memory& PlaneContact::save() const {
+  saved_.slots.clear();
+  saved_.planes.clear();
+  saved_.points.clear();
   for (const Slot& s : slots_) {
-    Memory::Slot to;
-    to.set = s.geometry != nullptr;
-    to.plane_count = static_cast<std::uint32_t>(s.plane_count);
-    to.mass = s.mass;
-    to.weight = s.weight;
-    to.stored = s.stored;
-    to.force = to_wire(s.wrench.force);
-    to.torque = to_wire(s.wrench.torque);
-    to.count = static_cast<std::uint64_t>(s.count);
-    for (std::size_t p = 0; p < s.plane_count; ++p) {
-      const Plane& plane = s.planes[p];
-      to.planes[p] = {.neighbour = plane.neighbour,
-                      .points = static_cast<std::uint32_t>(plane.points),
-                      .point = to_wire(plane.point),
-                      .normal = to_wire(plane.normal),
-                      .velocity = to_wire(plane.velocity),
-                      .friction = plane.friction,
-                      .stiffness = plane.stiffness};
-      for (const Point& point : points_of(plane))
-        memory.points.push_back({to_wire(point.stretch), point.normal_force, point.sliding ? 1u : 0u});
+    saved_.slots.push_back({s.geometry != nullptr, s.plane_count, s.mass, s.weight, s.stored, s.wrench, s.count});
+    for (const Plane& plane : planes_of(s)) {
+      saved_.planes.push_back(plane);
+      for (const Point& point : points_of(plane)) saved_.points.push_back(point);
     }
-    memory.slots.push_back(to);
   }
-  memory.dissipated = dissipated_;
-  memory.cleared = cleared_;
-  return memory;
+  saved_.dissipated = dissipated_;
+  saved_.cleared = cleared_;
+  return saved_;
 }
 
 void PlaneContact::load(const Memory& memory) {
   const auto refuse = [](const std::string& reason) { throw std::invalid_argument("plane memory: " + reason); };
   if (memory.slots.size() != slots_.size())
     refuse(std::to_string(memory.slots.size()) + " slots, expected " + std::to_string(slots_.size()));
-  std::size_t points = 0;
+  std::size_t planes = 0, points = 0;
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const Memory::Slot& from = memory.slots[i];
-    if ((from.set != 0) != (slots_[i].geometry != nullptr)) refuse("slot " + std::to_string(i) + " has another object");
-    if (from.plane_count > (from.set != 0 ? kMaxNeighbourPlanes : 0)) refuse("too many planes");
+    if (from.is_set != (slots_[i].geometry != nullptr)) refuse("slot " + std::to_string(i) + " has another object");
+    if (from.plane_count > (from.is_set ? kMaxNeighbourPlanes : 0)) refuse("too many planes");
+    if (from.plane_count > memory.planes.size() - planes) refuse("fewer planes than it states");
     for (std::size_t p = 0; p < from.plane_count; ++p) {
-      if (from.planes[p].points != slots_[i].geometry->resting_points(Vector3::UnitY(), resting_))
+      const std::size_t of_plane = memory.planes[planes++].points;
+      if (of_plane != slots_[i].geometry->resting_points(Vector3::UnitY(), resting_))
         refuse("slot " + std::to_string(i) + " has another shape");
-      points += from.planes[p].points;
+      points += of_plane;
     }
   }
-  if (points != memory.points.size())
+  if (planes != memory.planes.size() || points != memory.points.size())
     refuse(std::to_string(memory.points.size()) + " points, expected " + std::to_string(points));
-  auto point = memory.points.begin();
+  auto plane_from = memory.planes.begin();
+  auto point_from = memory.points.begin();
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     const Memory::Slot& from = memory.slots[i];
     Slot& s = slots_[i];
@@ -116,24 +107,15 @@ void PlaneContact::load(const Memory& memory) {
     s.mass = from.mass;
     s.weight = from.weight;
     s.stored = from.stored;
-    s.wrench = {to_vector(from.force), to_vector(from.torque)};
-    s.count = static_cast<int>(from.count);
+    s.wrench = from.wrench;
+    s.count = from.count;
     for (std::size_t p = 0; p < s.plane_count; ++p) {
-      const Memory::Plane& given = from.planes[p];
       Plane& plane = s.planes[p];
-      plane.neighbour = given.neighbour;
-      plane.point = plane.end_point = to_vector(given.point);
-      plane.normal = to_vector(given.normal);
-      plane.velocity = to_vector(given.velocity);
-      plane.friction = given.friction;
-      plane.stiffness = given.stiffness;
-      plane.points = given.points;
-      for (Point& to : points_of(plane)) {
-        to = {};
-        to.stretch = to_vector(point->stretch);
-        to.normal_force = point->normal_force;
-        to.sliding = point->sliding != 0;
-        ++point;
+      static_cast<Memory::Plane&>(plane) = *plane_from++;
+      plane.end_point = plane.point;
+      for (Point& point : points_of(plane)) {
+        point = {};
+        static_cast<Memory::Point&>(point) = *point_from++;
       }
     }
   }

@@ -47,28 +47,33 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   /// All that a step carries to the next one. The shapes are not part of it.
   struct Memory {
     struct Point {
-      Vec3 stretch{};           // s, world, tangential
-      double normal_force = 0;  // N
-      std::uint64_t sliding = 0;
+      Vector3 stretch = Vector3::Zero();  // s, world, tangential
+      double normal_force = 0;            // N
+      bool sliding = false;
     };
     struct Plane {
-      std::uint32_t neighbour = 0, points = 0;
-      Vec3 point{}, normal{}, velocity{};  // at the start of the next step
-      double friction = 0, stiffness = 0;
+      std::uint32_t neighbour = 0;
+      Vector3 point = Vector3::Zero();  // at the start of the next step
+      Vector3 normal = Vector3::UnitY();
+      Vector3 velocity = Vector3::Zero();
+      double friction = 0;
+      double stiffness = 0;  // k_A
+      std::size_t points = 0;
     };
     struct Slot {
-      std::uint32_t set = 0, plane_count = 0;
-      double mass = 0, weight = 0, stored = 0;
-      std::array<Plane, kMaxNeighbourPlanes> planes;
-      Vec3 force{}, torque{};  // on the object in the last step
-      std::uint64_t count = 0;
+      bool is_set = false;
+      std::size_t plane_count = 0;
+      double mass = 0, weight = 0;
+      double stored = 0;  // of springs and friction after the last step, J
+      Wrench wrench;      // on the object in the last step
+      int count = 0;
     };
     std::vector<Slot> slots;
-    std::vector<Point> points;           // of the planes in use, one after the other
+    std::vector<Plane> planes;           // in use, one slot after the other
+    std::vector<Point> points;           // of these planes, one after the other
     double dissipated = 0, cleared = 0;  // J
-    void visit(auto& each) { each(slots), each(points), each(dissipated), each(cleared); }
   };
-  Memory save() const;
+  const Memory& save() const;
   /// The slots must have the same objects as when the memory was saved. Throws std::invalid_argument otherwise.
   void load(const Memory& memory);
   /// The objects were repositioned: all contacts end. Planes stay.
@@ -98,11 +103,7 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
-  struct Point {
-    // Persist from step to step.
-    Vector3 stretch = Vector3::Zero();  // s, world, tangential
-    double normal_force = 0;            // N
-    bool sliding = false;
+  struct Point : Memory::Point {
     // Fixed within the step.
     Vector3 stretch_start = Vector3::Zero();   // the stretch in the plane of this step
     bool slides_on = false;                    // slid in the last step and still moves in that direction
@@ -117,16 +118,9 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
     double spring = 0;        // k
     double start_height = 0;  // min(u_0, 0)
   };
-  struct Plane {
-    std::uint32_t neighbour = 0;
-    Vector3 point = Vector3::Zero();      // at the start of the next step
+  struct Plane : Memory::Plane {
     Vector3 end_point = Vector3::Zero();  // at the end of the step
-    Vector3 normal = Vector3::UnitY();
-    Vector3 velocity = Vector3::Zero();
-    double friction = 0;
-    double stiffness = 0;  // k_A
-    std::size_t points = 0;
-    std::size_t first_point = 0;  // in points_
+    std::size_t first_point = 0;          // in points_
   };
   struct Slot {
     const ShapeGeometry* geometry = nullptr;
@@ -171,6 +165,7 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   double time_step_ = 0;
   double dissipated_ = 0;
   double cleared_ = 0;  // J stored in objects that were removed since the last step
+  mutable Memory saved_;
   EnergyFlow flow_;
 };
 

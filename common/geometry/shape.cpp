@@ -44,8 +44,10 @@ std::unique_ptr<const ShapeQueries> load(const Shape& shape) {
       for (const Vec3& v : shape.vertices) points.push_back(to_vector(v));
       return make_hull(points);
     }
+    case ShapeKind::file:
+      throw std::invalid_argument("shape: a link of an object file, expected its mesh");
   }
-  throw std::invalid_argument("shape: kind is " + std::to_string(shape.kind) + ", expected 0 to 5");
+  throw std::invalid_argument("shape: kind is " + std::to_string(shape.kind) + ", expected 0 to 6");
 }
 
 }  // namespace

@@ -149,8 +149,24 @@ struct Contacts {
   BoundedVector<Contact, kMaxContacts> contacts;
 };
 
-enum class ShapeKind : std::uint32_t { sphere = 0, box = 1, capsule = 2, cylinder = 3, plane = 4, convex_hull = 5 };
+enum class ShapeKind : std::uint32_t {
+  sphere = 0,
+  box = 1,
+  capsule = 2,
+  cylinder = 3,
+  plane = 4,
+  convex_hull = 5,
+  file = 6
+};
 inline constexpr std::size_t kMaxHullVertices = 256;
+/// A link of an object file (docs/object-file.md). Receivers load the file by name and SHA-256.
+struct ShapeFile {
+  std::array<char, 64> name{};    ///< of the object, zero-terminated
+  std::array<char, 65> sha256{};  ///< of the file's bytes, 64 lower-case hexadecimal digits
+  std::uint32_t link = 0;         ///< index in the file
+  Vec3 position{};                ///< the link's frame in the object's body frame, m
+  Vec4 orientation{0, 0, 0, 1};
+};
 /// Shape in its own frame. The origin of the object's body frame is the centre of mass.
 struct Shape {
   std::uint32_t kind = 0;  ///< ShapeKind
@@ -158,6 +174,7 @@ struct Shape {
   /// plane: normal +y at y = 0.
   Vec3 size{};
   BoundedVector<Vec3, kMaxHullVertices> vertices;  ///< convex_hull only
+  BoundedVector<ShapeFile, 1> file;                ///< one entry if the kind is file, else none
 };
 
 /// object_description (transient local); key: object id.

@@ -11,7 +11,6 @@
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
-#include "energies/memory.hpp"
 #include "energies/object_joint.hpp"
 #include "energies/plane_contact.hpp"
 #include "energies/skeleton_tissue.hpp"
@@ -47,6 +46,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
       untangler_(hand, options.untangle_patience) {
+  bone_contact_forces_.fill(Vector3::Zero());
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
@@ -265,30 +265,6 @@ void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& 
   object_coupling_->set_target(slot, pose, velocity);
 }
 
-// The part of the memory that belongs to no term.
-struct HandSimulation::Memory {
-  std::uint64_t restored = 0, untangled = 0;
-  std::array<Vec3, kBodyCount> bone_contact_forces{};
-  void visit(auto& each) { each(restored), each(untangled), each(bone_contact_forces); }
-};
-
-void HandSimulation::save_memory(MemoryWriter& out) const {
-  for (const auto& term : terms_) term->save_memory(out);
-  write_memory(untangler_.save(), out);
-  Memory memory{restored_, untangled_, {}};
-  for (std::size_t b = 0; b < kBodyCount; ++b) memory.bone_contact_forces[b] = to_wire(bone_contact_forces_[b]);
-  write_memory(memory, out);
-}
-
-void HandSimulation::load_memory(MemoryReader& in) {
-  for (const auto& term : terms_) term->load_memory(in);
-  untangler_.load(read_memory<Untangler::Memory>(in));
-  const Memory memory = read_memory<Memory>(in);
-  restored_ = memory.restored != 0;
-  untangled_ = memory.untangled != 0;
-  for (std::size_t b = 0; b < kBodyCount; ++b) bone_contact_forces_[b] = to_vector(memory.bone_contact_forces[b]);
-}
-
 // Puts the objects and joints of `other` into the same slots and places. `modes_` and `objects_` are already copied.
 void HandSimulation::take_objects(const HandSimulation& other) {
   *inertia_ = *other.inertia_;  // no memory, only what the caller set
@@ -310,7 +286,9 @@ void HandSimulation::take_objects(const HandSimulation& other) {
 
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
+  restored_ = other.restored_;
   untangled_nodes_ = other.untangled_nodes_;
+  untangled_ = other.untangled_;
   modes_ = other.modes_;
   objects_ = other.objects_;
   bone_contact_forces_ = other.bone_contact_forces_;
@@ -318,11 +296,8 @@ void HandSimulation::take_state(const HandSimulation& other) {
   stored_ = other.stored_;
   stored_is_valid_ = other.stored_is_valid_;
   take_objects(other);
-  std::vector<std::byte> bytes;
-  MemoryWriter out(bytes);
-  other.save_memory(out);
-  MemoryReader in(bytes);
-  load_memory(in);
+  for (std::size_t t = 0; t < terms_.size(); ++t) terms_[t]->copy_memory(*other.terms_[t]);
+  untangler_.load(other.untangler_.save());
   solver_->take_factor(*other.solver_);
 }
 
@@ -341,7 +316,7 @@ StepReport HandSimulation::step(double time_step) {
     for (const auto& term : terms_) term->cancel_step();
   }
   if (report.status == StepStatus::budget_spent) limit_node_velocities();
-  collect_bone_contacts();
+  if (report.state_changed) collect_bone_contacts();
   if (ledger_enabled_) enter_step(report);
   if (report.state_changed && tissue_ != nullptr) {
     const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));

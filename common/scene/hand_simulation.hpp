@@ -14,6 +14,7 @@
 #include "energies/energy.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
+#include "messages/plain_bytes.hpp"
 #include "model/hand_model.hpp"
 #include "model/joint_law.hpp"
 #include "scene/simulation_options.hpp"
@@ -27,8 +28,6 @@ class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
 class PlaneContact;
-class MemoryReader;  // energies/memory.hpp
-class MemoryWriter;
 class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
@@ -116,15 +115,30 @@ class HandSimulation {
   double joint_coordinate(int place) const;
   double joint_gap(int place) const;
 
-  /// What a step carries to the next one besides the state and the solver's factor: the memory of every term, of the
-  /// untangler and of the simulation itself. To continue from a saved memory: make the same calls of `set_slot`,
-  /// `make_dynamic` and `set_joint`, restore the state, then load. Throws std::invalid_argument if the memory belongs
-  /// to another layout; then part of it may have been loaded.
-  void save_memory(MemoryWriter& out) const;
-  void load_memory(MemoryReader& in);
   /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hand
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
+
+  // A saved state (docs/flight-recorder.md). A simulation of the same hand and options that loads it continues with the
+  // same bits as the one that saved it, if that one calls `forget` at the same time.
+  /// Writes the state and the memories of all terms and of the untangler. Does not allocate.
+  void save(ByteWriter& out) const;
+  /// The caller has put the objects into their slots and the joints into their places, as they were. Throws
+  /// std::runtime_error if the bytes do not fit. Then part of them may have been loaded.
+  void load(ByteReader& in);
+  /// Drops all that a step only reuses: the factor, gradients, the energies at the start. The next step is an ordinary
+  /// one. Does not allocate.
+  void forget();
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    visit("node_positions", state_.node_positions);
+    visit("node_velocities", state_.node_velocities);
+    visit("body_poses", state_.body_poses);
+    visit("body_velocities", state_.body_velocities);
+    visit("bone_contact_forces", bone_contact_forces_);
+    visit("ledger", ledger_);
+  }
 
   StepReport step(double time_step);
   /// Whether steps are entered into the energy ledger from now on (off at first). Switching it on restarts the ledger.
@@ -164,7 +178,8 @@ class HandSimulation {
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 
  private:
-  struct Memory;
+  template <typename Self, typename Visit>
+  static void visit_own(Self& self, Visit&& visit);
   void set_contact_object(int slot);
   void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
@@ -197,7 +212,7 @@ class HandSimulation {
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
-  std::array<Vector3, kBodyCount> bone_contact_forces_{};
+  std::array<Vector3, kBodyCount> bone_contact_forces_;
   bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger

@@ -32,12 +32,13 @@ class Untangler {
 
   /// All that a step carries to the next one.
   struct Memory {
-    double waited = 0;  // s, since the last full check
-    std::uint32_t quick_check_done = 0, twisted = 0;
-    std::vector<std::uint8_t> tangled, wait;  // by tetrahedron
-    void visit(auto& each) { each(waited), each(quick_check_done), each(twisted), each(tangled), each(wait); }
+    double waited = 0;                  // s, since the last full check
+    bool quick_check_done = false;      // since the last full check
+    bool twisted = false;               // in the last full check
+    std::vector<std::uint8_t> tangled;  // per tetrahedron, in the last full check: folded, or hooked behind an object
+    std::vector<std::uint8_t> wait;     // per tetrahedron: full checks until it is tried again
   };
-  Memory save() const;
+  const Memory& save() const { return memory_; }
   /// Throws std::invalid_argument if `memory` is that of another hand.
   void load(const Memory& memory);
   /// The next check starts without the marks of the last one.
@@ -79,15 +80,11 @@ class Untangler {
   double full_check_period_;
   std::vector<double> mirrored_energies_;  // J, per tetrahedron: its energy if it were mirrored
   double mirrored_energy_ = 0;             // J, their sum
-  double waited_ = 0;
-  bool quick_check_done_ = false;  // a quick check was done since the last full check
-  bool twisted_ = false;           // in the last full check
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;
   std::vector<std::uint8_t> node_body_;
-  std::vector<Vector3> rest_in_body_;     // per node, in the nearest bone's body frame
-  std::vector<Vector3> bone_in_body_;     // per node: the nearest point of the bone's axis at rest
-  std::vector<std::uint8_t> tangled_;     // per tetrahedron, in the last full check: folded, or hooked behind an object
-  std::vector<std::uint8_t> wait_;        // per tetrahedron: full checks until it is tried again
+  std::vector<Vector3> rest_in_body_;  // per node, in the nearest bone's body frame
+  std::vector<Vector3> bone_in_body_;  // per node: the nearest point of the bone's axis at rest
+  Memory memory_;
   std::vector<std::uint8_t> persistent_;  // per tetrahedron: tangled in both checks, and not in a cluster yet
   std::vector<std::uint8_t> hooked_, move_, more_, best_;  // per node
   Eigen::Matrix3Xd positions_, velocities_;                // before a try

@@ -35,6 +35,11 @@ class HessianFactor {
   double operations() const { return solver_->factor_operations(); }
   double entries() const { return solver_->factor_entries(); }
 
+  /// As after construction: there is no factor.
+  void forget() {
+    last_ = solver_.get();
+    version_ = 0;
+  }
   /// Takes over the factor of `other`, which was made of the same pattern. Returns false and does nothing if the linear
   /// solvers differ in kind.
   bool take_over(const HessianFactor& other);

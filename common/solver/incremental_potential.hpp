@@ -93,6 +93,11 @@ class IncrementalPotential {
     VectorX node_gradient;                   // of the potentials that depend on nodes only
     std::array<double, kMaxTerms> joules{};  // by place in `order_`
   };
+  /// No potential is known from an earlier evaluation.
+  void forget() {
+    carried_.known = false;
+    ++version_;
+  }
   /// Takes over what the last step of `other` left, and its Hessian if `with_hessian`. `other` must have the same
   /// terms.
   void take_over(const IncrementalPotential& other, bool with_hessian);

@@ -89,6 +89,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     if (is_finite && report.status == StepStatus::failed_factorisation && report.iterations == 0) {
       state = potential_.start();
       report.measured = false;
+      forget();
       return report;
     }
   }
@@ -102,6 +103,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     state = potential_.start();
     report.status = StepStatus::nonfinite;
     report.measured = false;
+    forget();
     return report;
   }
   if (predicted == Predictor::Outcome::converged) {
@@ -303,6 +305,13 @@ double NewtonSolver::largest_move(const State& state) const {
 void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare) {
   linkage_ = std::move(linkage);
   prepare_ = std::move(prepare);
+}
+
+void NewtonSolver::forget() {
+  potential_.forget();
+  factor_.forget();
+  policy_.set_carried({});
+  predictor_.forget();
 }
 
 void NewtonSolver::take_factor(const NewtonSolver& other) {

@@ -43,7 +43,8 @@ class NewtonSolver {
   NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options);
 
   /// Moves `state` by `time_step` seconds. 0 is a bitwise no-op (`converged`). Throws nothing. Never leaves NaN or
-  /// infinity in `state`. Allocates nothing outside the linear solver.
+  /// infinity in `state`. A step that fails leaves `state` as it was, and calls `forget`. Allocates nothing outside the
+  /// linear solver.
   StepReport step(State& state, double time_step);
 
   /// `taken`: compute `TermEnergy::taken`, for the energy ledger. `start_of_chord_steps`: chord steps evaluate
@@ -62,6 +63,10 @@ class NewtonSolver {
   /// continue alike. `other` must have the same terms and the same sparsity pattern. Does nothing if the linear solvers
   /// differ in kind.
   void take_factor(const NewtonSolver& other);
+
+  /// Call between steps. Drops the factor and all else that a step hands to the next. The next step then depends only
+  /// on its state and its terms, as the first step of a new solver does. Does not allocate.
+  void forget();
 
   const BlockMatrix& hessian() const { return potential_.hessian(); }  ///< at the last linearisation
 

@@ -46,6 +46,14 @@ class Predictor {
   void keep_factor(double time_step) { carried_.factor_time_step = time_step; }
   /// Call at the end of every step that may be followed by a chord step.
   void end_step(const State& start, const State& end, double time_step, const Linkage& linkage);
+  /// As after construction, but without allocation.
+  void forget() {
+    carried_.is_predictable = true;
+    carried_.contracts_slowly = false;
+    carried_.factor_time_step = carried_.gradient_time_step = 0;
+    carried_.gradient.setZero();
+    carried_.earlier_gradient.setZero();
+  }
   const Carried& carried() const { return carried_; }
   void set_carried(const Carried& carried) { carried_ = carried; }
 

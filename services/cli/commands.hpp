@@ -17,6 +17,7 @@ struct UpArguments {
   std::string json;                    ///< summary file; empty = none
   std::vector<std::string> overrides;  ///< --set, passed on to every process
   std::string hand;                    ///< hand file for every process; empty = the scene's
+  std::string flight;                  ///< folder for the flight files of every process; empty = none at the end
 };
 int run_up(const UpArguments& arguments);
 
@@ -69,6 +70,9 @@ struct SimulateArguments {
   std::string json;
   std::string csv;
   std::vector<std::string> overrides;
+  std::string from;    ///< flight file to repeat instead of a scene
+  bool force = false;  ///< repeat a file of another build or machine
+  bool brief = false;  ///< print only steps that went wrong
 };
 int run_simulate(const SimulateArguments& arguments);
 

@@ -50,6 +50,11 @@ int main(int argc, char** argv) {
         ->add_option("--hand", up.hand,
                      "Hand file for every process instead of the scene's: a path, or a name in config/hands")
         ->type_name("FILE");
+    command
+        ->add_option("--flight", up.flight,
+                     "Folder for the flight files of hand, tracking and world (docs/flight-recorder.md). Each process "
+                     "writes its last minute when it stops")
+        ->type_name("DIR");
     overrides(command, up.overrides);
   };
 
@@ -123,9 +128,20 @@ int main(int argc, char** argv) {
   command = app.add_subcommand(
       "simulate",
       "Run all loops of a scene in this process on a virtual clock, without DDS; every run gives the same bits");
-  command->add_option("scene", simulate.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")
-      ->required()
-      ->type_name("FILE");
+  CLI::Option* simulated_scene =
+      command->add_option("scene", simulate.scene, "Scene file, e.g. config/scenes/pinch_lift.toml")->type_name("FILE");
+  CLI::Option* flight = command
+                            ->add_option("--from", simulate.from,
+                                         "Repeat the steps of a flight file instead of a scene, and compare every "
+                                         "state (docs/flight-recorder.md)")
+                            ->type_name("FILE")
+                            ->excludes(simulated_scene);
+  command
+      ->add_flag("--force", simulate.force,
+                 "With --from: repeat a file of another build or instruction set, and compare within a tolerance")
+      ->needs(flight);
+  command->add_flag("--brief", simulate.brief, "With --from: print only the steps that differ or failed")
+      ->needs(flight);
   command->add_option("--motion", simulate.motion, "Recorded hand (CSV) instead of the scene's motion")
       ->type_name("FILE");
   command->add_option("--hand", simulate.hand, "Hand file instead of the scene's: a path, or a name in config/hands")

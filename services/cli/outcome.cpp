@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -20,6 +21,7 @@ using Json = nlohmann::ordered_json;
 constexpr double kPressingForce = 3.0;   // N; depths are compared only up to this force of a finger
 constexpr double kClosedFist = 0.060;    // m, middle fingertip to middle metacarpal joint
 constexpr double kHeldMovement = 0.005;  // m in the palm's frame
+constexpr double kUpright = 0.087;       // rad, 5 degrees, of an object that was put back
 constexpr double kGripGap = 0.1;         // s
 constexpr double kAtRest = 0.005;        // m/s
 constexpr double kLargestShift = 0.030;  // s; a constant lag is searched from minus this to twice this
@@ -63,6 +65,12 @@ std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const st
     if (phase.name == name) return phase;
   }
   return std::nullopt;
+}
+
+// Angle by which the direction that was upright at `from` has left the vertical, rad.
+double tilt_between(const Pose& from, const Pose& to) {
+  const Vector3 up = to.orientation * (from.orientation.conjugate() * Vector3::UnitY());
+  return std::acos(std::clamp(up.y(), -1.0, 1.0));
 }
 
 std::size_t joint(Joint j) { return static_cast<std::size_t>(index_of(j)); }
@@ -332,6 +340,64 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   json["pressing_harder_fraction"] =
       number(touching == 0 ? std::nan("") : static_cast<double>(hard) / static_cast<double>(touching));
   json["released"] = released;
+  if (frame.goal.any()) json.update(success(frame, released == true));
+  return json;
+}
+
+Json Outcome::success(const OutcomeFrame& frame, bool released) const {
+  const Goal& goal = frame.goal;
+  Json json;
+  const ObjectSample *first = nullptr, *last = nullptr;
+  double travel = 0, tilt = 0;
+  for (const ObjectSample& each : objects_) {
+    if (each.object != frame.object) continue;
+    if (first == nullptr) first = &each;
+    last = &each;
+    travel = std::max(travel, (each.pose.position - first->pose.position).norm());
+    tilt = std::max(tilt, tilt_between(first->pose, each.pose));
+  }
+  const bool touched = std::any_of(presses_.begin(), presses_.end(),
+                                   [&frame](const Press& press) { return press.object == frame.object; });
+  const double away = first == nullptr ? 0 : (last->pose.position - first->pose.position).norm();
+  const double end_tilt = first == nullptr ? 0 : tilt_between(first->pose, last->pose);
+  constexpr double kDegrees = 180.0 / M_PI;
+  json["travel_mm"] = travel * 1e3;
+  json["tilt_deg"] = tilt * kDegrees;
+  json["end_distance_mm"] = away * 1e3;
+  json["end_tilt_deg"] = end_tilt * kDegrees;
+  bool success = true;
+  std::string because;
+  const auto state = [&](bool holds, const char* text, double got, double asked, const char* unit) {
+    success = success && holds;
+    std::array<char, 160> line{};
+    std::snprintf(line.data(), line.size(), text, got, unit, asked, unit);
+    because += (because.empty() ? "" : "; ") + std::string(line.data());
+  };
+  if (first == nullptr) {
+    success = false;
+    because = "the world published no state of the object";
+  } else if (!touched) {
+    success = false;
+    because = "the hand did not touch the object";
+  } else {
+    if (goal.travel > 0)
+      state(travel >= goal.travel, "the object moved by %.1f %s (asked: %.1f %s)", travel * 1e3, goal.travel * 1e3,
+            "mm");
+    if (goal.tilt > 0)
+      state(tilt >= goal.tilt, "it tilted by %.1f %s (asked: %.1f %s)", tilt * kDegrees, goal.tilt * kDegrees,
+            "degrees");
+    if (goal.returns > 0) {
+      state(away <= goal.returns, "it ended %.2f %s from its first place (allowed: %.2f %s)", away * 1e3,
+            goal.returns * 1e3, "mm");
+      if (goal.tilt > 0)
+        state(end_tilt <= kUpright, "and tilted by %.1f %s (allowed: %.1f %s)", end_tilt * kDegrees,
+              kUpright * kDegrees, "degrees");
+      success = success && released;
+      because += released ? "; the hand let go of it, and it rests" : "; it was touched or moved at the end";
+    }
+  }
+  json["success"] = success;
+  json["success_because"] = because;
   return json;
 }
 

@@ -12,6 +12,15 @@
 
 namespace softhand {
 
+/// What a scene is for. A run succeeds if all of this happens to the grasped object. Zero = not asked for.
+struct Goal {
+  double travel = 0;   ///< m, largest distance of the object's centre of mass from its first place
+  double tilt = 0;     ///< rad, largest angle by which it leaves its first vertical
+  double returns = 0;  ///< m, the object ends this near to its first place, untouched and at rest
+
+  bool any() const { return travel > 0 || tilt > 0 || returns > 0; }
+};
+
 /// The reference data of the judgement. Times are seconds since `motion_start` on the clock of the messages.
 struct OutcomeFrame {
   std::vector<MotionPhase> phases;
@@ -20,7 +29,8 @@ struct OutcomeFrame {
   double object_mass = 0;      ///< kg
   double gravity = 9.81;       ///< m/s^2 along -Y
   double shake_frequency = 0;  ///< Hz; 0 = not shaken
-  bool recorded = false;       ///< judge how a recorded hand is followed and holds, instead of the pinch
+  Goal goal;
+  bool recorded = false;  ///< judge how a recorded hand is followed and holds, instead of the pinch
 };
 
 /// Stores copies of what it needs. Not for real-time threads.
@@ -80,6 +90,7 @@ class Outcome {
 
   /// Seconds. A longer interval between tracked samples is a gap. Nothing is compared with the tracker inside a gap.
   double longest_tracked_interval() const;
+  nlohmann::ordered_json success(const OutcomeFrame& frame, bool released) const;
   nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
   nlohmann::ordered_json following(const OutcomeFrame& frame) const;
 

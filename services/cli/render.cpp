@@ -49,7 +49,11 @@ void record(const RenderArguments& arguments, const std::string& path) {
   viewer::Recording recording(path);
   const auto described = std::make_unique<HandDescription>(rig.hand().description());
   recording.add(0, viewer::encode(*described, hand.nodes));
-  for (const ObjectDescription& description : rig.world().descriptions()) recording.add(0, viewer::encode(description));
+  for (std::size_t i = 0; i < rig.world().descriptions().size(); ++i) {
+    const ObjectOptions& object = scene.options.objects[i];
+    recording.add(0, viewer::encode(rig.world().descriptions()[i],
+                                    object.model == nullptr ? nullptr : &object.model->links[object.link].mesh));
+  }
   auto objects = std::make_unique<WorldObjects>();
   rig.run(arguments.at + arguments.seconds + kBefore, [&](const HandStepView& view) {
     const double time = static_cast<double>(view.time - VirtualRig::kStart) * 1e-9;

@@ -11,6 +11,7 @@
 
 #include "cli/commands.hpp"
 #include "cli/virtual_rig.hpp"
+#include "flight/repeat.hpp"
 #include "messages/convert.hpp"
 #include "scene/rest_error.hpp"
 #include "scene_file.hpp"
@@ -85,6 +86,12 @@ Json ledger_rows(const EnergyLedger& ledger) {
 }  // namespace
 
 int run_simulate(const SimulateArguments& arguments) {
+  if (!arguments.from.empty()) {
+    const RepeatResult result = repeat_flight({arguments.from, arguments.force, arguments.brief},
+                                              [](const std::string& line) { fmt::print("{}\n", line); });
+    return result.is_equal() ? 0 : 1;
+  }
+  if (arguments.scene.empty()) throw std::invalid_argument("expected a scene file, or --from with a flight file");
   std::vector<std::string> overrides = arguments.overrides;
   if (!arguments.motion.empty()) overrides.push_back("motion=" + std::filesystem::absolute(arguments.motion).string());
   if (!arguments.hand.empty()) overrides.push_back("hand.model=" + arguments.hand);

@@ -272,6 +272,9 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
 
 int run_up(const UpArguments& arguments) {
   const StopSignal stop;
+  // The processes inherit the folder. Programs of others ignore the variable.
+  if (!arguments.flight.empty())
+    setenv("SOFTHAND_FLIGHT", fs::absolute(arguments.flight).lexically_normal().c_str(), 1);
   const bus::Participant participant("softhand up");
   RigControl control(participant, arguments);
   Listener listener(participant, !arguments.json.empty());

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hand/object_shapes.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 
 namespace softhand {
@@ -47,7 +48,11 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, options_.hand.rate_hz, hand, key);
   world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints);
   hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
-  for (const ObjectDescription& description : world_->descriptions()) hand_->describe_object(description);
+  for (const ObjectDescription& description : world_->descriptions()) {
+    const bool has_file = !description.shape.file.empty();
+    file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);
+    hand_->describe_object(description, file_shapes_.back());
+  }
   for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand_->describe_joint(joint);
   descriptions_heard_ = world_->descriptions_version();
   haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop,
@@ -85,10 +90,11 @@ void VirtualRig::send(const Message& message) {
   if (tracking_) tracking_->answer(message, "tracking");
   hand_->answer(message, "hand");
   world_->answer(message);
-  for (ObjectDescription description : world_->descriptions()) {
+  for (std::size_t i = 0; i < world_->descriptions().size(); ++i) {
+    ObjectDescription description = world_->descriptions()[i];
     if (description.stamp.sequence <= descriptions_heard_) continue;
     description.stamp.sample_time = world_->objects().stamp.sample_time + 1;  // the world's next step
-    hand_->describe_object(description);
+    hand_->describe_object(description, file_shapes_[i]);
   }
   for (const ObjectJointDescription& joint : world_->joint_descriptions())
     if (joint.stamp.sequence > descriptions_heard_) hand_->describe_joint(joint);

@@ -145,6 +145,7 @@ class VirtualRig {
   std::unique_ptr<HandLoop> hand_;
   std::unique_ptr<WorldLoop> world_;
   std::unique_ptr<DeviceLoop<BoneWrench>> haptic_;
+  std::vector<std::shared_ptr<const ShapeGeometry>> file_shapes_;  // of the scene's objects; null without a file
   Nanoseconds transport_;
   Nanoseconds hand_compute_;
   std::vector<Loop> loops_;

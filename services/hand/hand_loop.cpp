@@ -59,8 +59,13 @@ void check(const ObjectDescription& description) {
 }
 
 bool is_same(const Shape& a, const Shape& b) {
+  const auto is_same_file = [](const ShapeFile& x, const ShapeFile& y) {
+    return get_text(x.name) == get_text(y.name) && get_text(x.sha256) == get_text(y.sha256) && x.link == y.link &&
+           x.position == y.position && x.orientation == y.orientation;
+  };
   return a.kind == b.kind && a.size == b.size &&
-         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end());
+         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end()) &&
+         std::equal(a.file.begin(), a.file.end(), b.file.begin(), b.file.end(), is_same_file);
 }
 
 Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
@@ -149,7 +154,7 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
 
 HandLoop::~HandLoop() = default;
 
-void HandLoop::describe_object(const ObjectDescription& description) {
+void HandLoop::describe_object(const ObjectDescription& description, std::shared_ptr<const ShapeGeometry> file_shape) {
   auto known = std::find_if(objects_.begin(), objects_.end(),
                             [&description](const KnownObject& o) { return o.id == description.object; });
   if (known != objects_.end()) release(known->assembly);
@@ -166,7 +171,11 @@ void HandLoop::describe_object(const ObjectDescription& description) {
   check(description);
   // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
   const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
-  auto shape = has_shape ? known->shape : std::make_shared<const ShapeGeometry>(description.shape);
+  if (!has_shape && file_shape == nullptr && load_shape_ && !description.shape.file.empty())
+    file_shape = load_shape_(description.shape.file[0]);
+  auto shape = has_shape               ? known->shape
+               : file_shape != nullptr ? std::move(file_shape)
+                                       : std::make_shared<const ShapeGeometry>(description.shape);
   if (known == objects_.end()) {
     if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
     known = objects_.emplace(objects_.end());
@@ -598,15 +607,19 @@ void HandLoop::move_joints() {
         joint.place = place;
     }
     if (joint.place < 0) continue;
-    MirroredJoint mirrored;
-    mirrored.law = joint.law;
-    mirrored.child_slot = child->slot;
-    mirrored.parent_slot = parent->description.is_static != 0 ? -1 : parent->slot;
-    mirrored.parent_pose = to_pose(parent->state.position, parent->state.orientation);
-    mirrored.parent_from_joint = joint.parent_from_joint;
-    mirrored.child_from_joint = joint.child_from_joint;
-    simulation_->set_joint(joint.place, mirrored);
+    set_joint(joint, *parent, *child);
   }
+}
+
+void HandLoop::set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child) {
+  MirroredJoint mirrored;
+  mirrored.law = joint.law;
+  mirrored.child_slot = child.slot;
+  mirrored.parent_slot = parent.description.is_static != 0 ? -1 : parent.slot;
+  mirrored.parent_pose = to_pose(parent.state.position, parent.state.orientation);
+  mirrored.parent_from_joint = joint.parent_from_joint;
+  mirrored.child_from_joint = joint.child_from_joint;
+  simulation_->set_joint(joint.place, mirrored);
 }
 
 void HandLoop::mirror_objects(Nanoseconds now) {

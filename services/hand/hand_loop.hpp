@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -62,7 +63,14 @@ class HandLoop {
   /// samples from before the description are not used for it. Call between steps. A new shape is built, which
   /// allocates. Throws std::invalid_argument and keeps the previous description on a bad shape or friction outside [0,
   /// 1e9]. For an object that can move, mass (kg) and inertia (kg m^2) must be in (0, 1e9].
-  void describe_object(const ObjectDescription& description);
+  /// The shape of an object file comes with the description (object_shapes.hpp). If it does not, it is loaded here (see
+  /// `use_file_shapes`).
+  void describe_object(const ObjectDescription& description, std::shared_ptr<const ShapeGeometry> file_shape = nullptr);
+
+  /// Loads shapes of object files that come without a shape, when a recorded run is repeated. Without this, such
+  /// descriptions are refused.
+  using LoadShape = std::function<std::shared_ptr<const ShapeGeometry>(const ShapeFile&)>;
+  void use_file_shapes(LoadShape load) { load_shape_ = std::move(load); }
 
   /// Takes a joint between two objects that the world announced or removed. The hand releases both objects. Call
   /// between steps. Throws std::invalid_argument and keeps the previous description if the joint cannot run.
@@ -71,6 +79,26 @@ class HandLoop {
   /// Copies the state of `other`. Both loops then continue identically, as far as their options allow it. `other` must
   /// have the same hand, the same number of slots and the same objects. Call between steps. Allocates.
   void take_state(const HandLoop& other);
+
+  // A saved state (docs/flight-recorder.md; hand_memory.cpp). A loop of the same hand and options that loads it
+  // continues with the same bits as the loop that saved it, if that one calls `forget` at the same time.
+  void save(ByteWriter& out) const;
+  /// Call it for a loop that has made no step and knows no objects. Throws std::runtime_error if the bytes do not fit.
+  void load(ByteReader& in);
+  /// Drops all that a step only reuses. Does not allocate.
+  void forget() { simulation_->forget(); }
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    simulation_->for_each_part(visit);
+    visit("twins", output_.coupling.twins);
+    visit("counters", counters_);
+    visit("iterations", output_.report.iterations);
+    visit("residual", output_.report.residual);
+    visit("energy", output_.report.energy);
+  }
+  /// Of the last step.
+  const StepReport& report() const { return output_.report; }
 
   /// Makes one step. The state afterwards is that at `now`. The stamps of the outputs contain the chain of the input.
   /// The caller fills in the rest of each stamp in place before the next step.
@@ -126,6 +154,9 @@ class HandLoop {
   bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);
   void give_slot(std::size_t object, int slot, Nanoseconds now);
   void move_joints();
+  void set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child);
+  template <typename Self, typename Visit>
+  static void visit_own(Self& self, Visit&& visit);
   void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
   void take_world(const WorldObjects& world);
   void set_targets(Nanoseconds now);
@@ -147,6 +178,7 @@ class HandLoop {
   void follow_world(const KnownObject& object, Nanoseconds now);
 
   HandOptions options_;
+  LoadShape load_shape_;
   HandKey key_;
   bool symmetric_;
   double time_step_;

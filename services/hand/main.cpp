@@ -6,11 +6,14 @@
 #include <cstdio>
 #include <type_traits>
 
+#include "flight/hand_flight.hpp"
 #include "hand/hand_loop.hpp"
 #include "hand/hand_size.hpp"
+#include "hand/object_shapes.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
+#include "world/solid.hpp"
 
 namespace {
 using namespace softhand;
@@ -73,8 +76,8 @@ void run(int argc, char** argv) {
   const double budget_seconds = kBudgetFraction / options.rate_hz;
   HandSizeChoice choice;
   if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
-  const HandModel hand =
-      load_scene_hand(scene, chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model);
+  const std::string model = chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model;
+  const HandModel hand = load_scene_hand(scene, model);
   const double fast_step = chooses_hand_size(scene) ? choice.fast_steps[choice.size]
                                                     : measure_fast_step(hand, options, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
@@ -82,9 +85,24 @@ void run(int argc, char** argv) {
   log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),
            1e3 * fast_step, work_budget);
 
+  // The shapes of the scene are ready before the loop starts. Others are loaded beside the loop.
+  ObjectShapes shapes(object_folders(scene));
+  for (const ObjectOptions& object : scene.options.objects) {
+    if (object.model != nullptr) shapes.prepare(make_solid(object).shape.file[0]);
+  }
+
+  // A repeated run takes what was measured here.
+  auto chosen = arguments.overrides;
+  chosen.push_back("hand.model=" + model);
+  chosen.push_back(fmt::format("hand.simulation.solver.work_budget={:.17g}", work_budget));
+  const auto recorder = make_flight_recorder(
+      scene.options.flight, flight_header("hand", arguments.module, arguments.config, chosen, &hand), arguments.flight);
+  HandInvariants invariants(scene.options.flight);
+
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
   // service has set its urgency, because the helper inherits that urgency.
   HandLoop loop(hand, options, key, object_spring(scene.options.world));
+  Flight flight(loop, recorder.get());
   const auto description = std::make_unique<HandDescription>(loop.description());
   service.stamp(description->stamp);
   description_writer.write(*description);
@@ -102,17 +120,23 @@ void run(int argc, char** argv) {
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
-    descriptions.take_all([&](const ObjectDescription& d) {
-      try {
-        loop.describe_object(d);
-      } catch (const std::exception& error) {
-        ++refused_objects;
-        log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), error.what());
-      }
-    });
+    descriptions.take_all([&](const ObjectDescription& d) { shapes.request(d); });
+    const auto refuse = [&](const ObjectDescription& d, const std::string& problem) {
+      ++refused_objects;
+      if (!problem.empty()) log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
+    };
+    shapes.deliver(
+        [&](const ObjectDescription& d, std::shared_ptr<const ShapeGeometry> shape) {
+          try {
+            flight.describe(kFlightObject, d, [&] { loop.describe_object(d, std::move(shape)); });
+          } catch (const std::exception& error) {
+            refuse(d, error.what());
+          }
+        },
+        refuse);
     joints.take_all([&](const ObjectJointDescription& d) {
       try {
-        loop.describe_joint(d);
+        flight.describe(kFlightJoint, d, [&] { loop.describe_joint(d); });
       } catch (const std::exception& error) {
         ++refused_objects;
         log_line("joint {} ('{}') refused: {}", d.joint, get_text(d.name), error.what());
@@ -126,11 +150,13 @@ void run(int argc, char** argv) {
       head = each;
       input.head = &head;
     });
-    HandOutput& output = loop.step(now, input,
-                                   {.surface = surface_writer.has_readers(),
-                                    .contacts = contacts_writer.has_readers(),
-                                    .bone_wrench = options.direct && wrench_writer.has_readers(),
-                                    .ledger = service.status_requested()});
+    const RequestedOutputs requested{.surface = surface_writer.has_readers(),
+                                     .contacts = contacts_writer.has_readers(),
+                                     .bone_wrench = options.direct && wrench_writer.has_readers(),
+                                     .ledger = service.status_requested()};
+    HandOutput& output =
+        flight.step(now, {input, requested}, [&]() -> HandOutput& { return loop.step(now, input, requested); });
+    if (const char* wrong = recorder ? invariants.check(loop) : nullptr) flight.report(wrong);
     if (!output.valid) return;
     publish(simulated_writer, output.simulated);
     publish(coupling_writer, output.coupling);
@@ -148,8 +174,9 @@ void run(int argc, char** argv) {
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
-  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); }, fill_status,
-               [&](Nanoseconds time) { loop.reset(time); }});
+  service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); }, fill_status,
+               [&](Nanoseconds time) { flight.reset(time); }});
+  if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");
 }
 }  // namespace
 

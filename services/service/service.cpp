@@ -38,6 +38,11 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
   app.add_option("--set", arguments.overrides, "Override one key of the scene; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
+  app.add_option("--flight", arguments.flight,
+                 "Folder for the files of the flight recorder; one file is written when the process stops. Modules "
+                 "without a recorder ignore it")
+      ->envname("SOFTHAND_FLIGHT")
+      ->type_name("DIR");
   app.add_option("--module", arguments.module, "Module name of this process for messages and status")
       ->capture_default_str();
   extend(app);

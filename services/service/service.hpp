@@ -17,6 +17,7 @@ struct ServiceArguments {
   std::string module;                  ///< name for messages and status
   std::string config;                  ///< scene file; all services of a rig read the same file, each its own sections
   std::vector<std::string> overrides;  ///< values of `--set`
+  std::string flight;                  ///< folder of `--flight`; empty: no file at the end of the process
 };
 
 /// Reads `--config`, `--set` and `--module`. Prints the help and exits on `--help`. Prints the error and exits on a

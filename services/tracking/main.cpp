@@ -1,4 +1,5 @@
 // softhand-tracking: owns the intermediate skeleton.
+#include "flight/tracking_flight.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "tracking/tracking_loop.hpp"
@@ -11,9 +12,15 @@ void run(int argc, char** argv) {
       parse_arguments(argc, argv, "tracking", "Tracking loop; owns the intermediate skeleton");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const HandKey hand = hand_key(scene);
-  TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, load_scene_hand(scene), hand);
+  const HandModel model = load_scene_hand(scene);
+  TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, model, hand);
 
   Service service(arguments, scene.options.tracking.rate_hz, Pacing::simulated);
+  const auto recorder = make_flight_recorder(
+      scene.options.flight, flight_header("tracking", arguments.module, arguments.config, arguments.overrides, &model),
+      arguments.flight);
+  Flight flight(loop, recorder.get());
+  std::uint64_t refused_nonfinite = 0;
   bus::Reader tracked_reader(service.participant(), bus::topics::tracked_skeleton, hand);
   bus::Reader simulated_reader(service.participant(), bus::topics::simulated_skeleton, hand);
   bus::Reader contacts_reader(service.participant(), bus::topics::contacts, hand);
@@ -37,7 +44,10 @@ void run(int argc, char** argv) {
       own_head = each;
       input.head = &own_head;
     });
-    const TrackingOutput& output = loop.step(now, input);
+    const TrackingOutput& output =
+        flight.step(now, input, [&]() -> const TrackingOutput& { return loop.step(now, input); });
+    const std::uint64_t refused = loop.input().counters().refused_nonfinite;
+    if (std::exchange(refused_nonfinite, refused) < refused) flight.report("an input was not finite");
     if (!output.valid) return;
     if (intermediate_writer.has_readers()) {
       intermediate = output.intermediate;
@@ -52,12 +62,13 @@ void run(int argc, char** argv) {
       wrench_writer.write(wrench);
     }
   };
-  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
+  service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); },
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
                  status.input_drops = dropped_before(tracked_reader, simulated_reader, contacts_reader, head_reader);
                },
-               [&](Nanoseconds time) { loop.reset(time); }});
+               [&](Nanoseconds time) { flight.reset(time); }});
+  if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");
 }
 }  // namespace
 

@@ -63,6 +63,38 @@ class TrackingLoop {
   /// Energy ledger of the intermediate skeleton. The energy is stored in its springs and its motion. The two skeletons
   /// that pull at it do work on it, and its damping against the world dissipates energy.
   const EnergyLedger& ledger() const { return ledger_; }
+  /// For writing and reading all that steps and messages have changed (messages/plain_bytes.hpp). A loop of the same
+  /// options that reads what another one has written continues alike.
+  template <typename Self, typename Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.bones_);
+    visit(self.input_);
+    visit(self.output_);
+    visit(self.feedback_ratio_);
+    visit(self.contact_forces_);
+    visit(self.simulated_arrival_);
+    visit(self.contacts_arrival_);
+    visit(self.simulated_stamp_);
+    visit(self.simulated_any_);
+    visit(self.reposition_asked_);
+    visit(self.ledger_);
+    visit(self.coupling_stretch_);
+    visit(self.reset_time_);
+    visit(self.sequence_);
+    visit(self.simulated_refused_);
+  }
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    visit("bones", bones_);
+    visit("skeleton", output_.intermediate.joints);
+    visit("input_counters", input_.counters());
+    visit("ledger", ledger_);
+    visit("sequence", sequence_);
+  }
+  /// Of the last step.
+  const TrackingOutput& output() const { return output_; }
+  double coupling_stretch() const { return coupling_stretch_; }
   /// Adds the input age, the longest stretch to the tracked skeleton and the counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
 

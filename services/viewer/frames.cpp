@@ -207,17 +207,30 @@ Frame encode(const WorldObjects& objects) {
   return out.finish();
 }
 
-Frame encode(const ObjectDescription& description) {
-  Packer out(FrameType::object_description, description.object, 112 + 12 * description.shape.vertices.size());
+Frame encode(const ObjectDescription& description, const TriangleMesh* mesh) {
+  const auto& files = description.shape.file;
+  const bool has_mesh = !files.empty() && description.removed == 0;
+  if (has_mesh && mesh == nullptr) return nullptr;
+  const std::size_t vertices = has_mesh ? mesh->vertices.size() : description.shape.vertices.size();
+  const std::size_t triangles = has_mesh ? mesh->triangles.size() : 0;
+  Packer out(FrameType::object_description, description.object, 116 + 12 * (vertices + triangles));
   out.integer(description.is_static);
   out.integer(description.removed);
   out.integer(description.shape.kind);
-  out.integer(description.shape.vertices.count);
+  out.integer(static_cast<std::uint32_t>(vertices));
   out.real(description.mass);
   out.real(description.friction);
   out.reals(description.shape.size);
   out.text(description.name);
-  for (const Vec3& vertex : description.shape.vertices) out.reals(vertex);
+  if (!has_mesh) {
+    for (const Vec3& vertex : description.shape.vertices) out.reals(vertex);
+  } else {
+    const Pose to_body = to_pose(files[0].position, files[0].orientation);
+    for (const Vector3& vertex : mesh->vertices) out.reals(to_wire(to_body * vertex));
+    out.integer(static_cast<std::uint32_t>(triangles));
+    for (const auto& triangle : mesh->triangles)
+      for (const auto corner : triangle) out.integer(static_cast<std::uint32_t>(corner));
+  }
   return out.finish();
 }
 

@@ -18,6 +18,7 @@
 
 #include "math/types.hpp"
 #include "messages/messages.hpp"
+#include "model/triangle_mesh.hpp"
 
 namespace softhand::viewer {
 
@@ -62,7 +63,8 @@ Frame encode(const TissueSurface& surface, bool quantised);
 Frame encode(FrameType which, const Skeleton& skeleton);
 Frame encode(const Contacts& contacts);
 Frame encode(const WorldObjects& objects);
-Frame encode(const ObjectDescription& description);
+/// `mesh`: the link of an object file in its own frame, else null. Returns null for a description of a file without it.
+Frame encode(const ObjectDescription& description, const TriangleMesh* mesh = nullptr);
 Frame encode(const BoneWrench& wrench);
 /// `slot`: the instance number of the module.
 Frame encode(const LoopStatus& status, std::uint32_t slot);

@@ -1,5 +1,6 @@
 #include "viewer/gateway.hpp"
 
+#include <cstdio>
 #include <cstring>
 #include <map>
 #include <optional>
@@ -7,6 +8,7 @@
 
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "runtime/object_store.hpp"
 
 namespace softhand::viewer {
 namespace {
@@ -58,12 +60,13 @@ class Slots {
 class Gateway::Impl {
  public:
   Impl(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
-       bool quantised, double rate_hz)
+       bool quantised, double rate_hz, std::vector<std::string> folders)
       : server_(server),
         hands_(std::move(hands)),
         key_(key),
         quantised_(quantised),
         rate_hz_(rate_hz),
+        folders_(std::move(folders)),
         participant_(participant),
         messages_(participant_, bus::topics::message),
         epoch_(make_epoch()),
@@ -75,7 +78,8 @@ class Gateway::Impl {
     described_ |= shown;
     pass(hand_descriptions_, described_, Retain::yes,
          [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
-    pass(object_descriptions_, described_, Retain::yes, [](const ObjectDescription& each) { return encode(each); });
+    pass(object_descriptions_, described_, Retain::yes,
+         [this](const ObjectDescription& each) { return encode(each, mesh_of(each)); });
     pass(surfaces_, shown, Retain::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
       pass(*feed, shown, Retain::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
@@ -141,6 +145,24 @@ class Gateway::Impl {
     });
   }
 
+  // The mesh of a link of an object file. A file that cannot be used is named once, and gives null.
+  const TriangleMesh* mesh_of(const ObjectDescription& description) {
+    if (description.shape.file.empty() || description.removed != 0) return nullptr;
+    const ShapeFile& file = description.shape.file[0];
+    const std::string name(get_text(file.name)), sha256(get_text(file.sha256));
+    const auto [known, is_new] = files_.try_emplace(name + " " + sha256);
+    if (is_new) {
+      try {
+        known->second = find_object(name, sha256, folders_);
+        if (!known->second) throw std::runtime_error("no file '" + name + std::string(kObjectSuffix) + "'");
+      } catch (const std::exception& problem) {
+        std::fprintf(stderr, "softhand-viewer: object '%s' refused: %s\n", name.c_str(), problem.what());
+      }
+    }
+    if (!known->second || file.link >= known->second->model.links.size()) return nullptr;
+    return &known->second->model.links[file.link].mesh;
+  }
+
   std::span<const Vector3> rest_nodes_of(const HandDescription& description) const {
     if (description.hand != key_) return {};
     for (const HandModel& hand : hands_) {
@@ -154,6 +176,8 @@ class Gateway::Impl {
   HandKey key_;
   bool quantised_;
   double rate_hz_;
+  std::vector<std::string> folders_;
+  std::map<std::string, std::optional<LoadedObject>> files_;  // by name and SHA-256; empty: cannot be used
   const bus::Participant& participant_;
   Feed<HandDescription> hand_descriptions_{participant_, bus::topics::hand_description, FrameType::hand_description};
   Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description,
@@ -182,8 +206,9 @@ class Gateway::Impl {
 };
 
 Gateway::Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
-                 bool quantised, double rate_hz)
-    : impl_(std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz)) {}
+                 bool quantised, double rate_hz, std::vector<std::string> folders)
+    : impl_(
+          std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz, std::move(folders))) {}
 Gateway::~Gateway() = default;
 void Gateway::step(Nanoseconds now) { impl_->step(now); }
 void Gateway::fill_status(LoopStatus& status) const { impl_->fill_status(status); }

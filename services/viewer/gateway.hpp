@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "bus/bus.hpp"
@@ -14,9 +15,9 @@ namespace softhand::viewer {
 class Gateway {
  public:
   /// `hands` are the hands that the scene may simulate, of different sizes. Pages compute strain from their rest nodes.
-  /// For any other hand the strain stays unknown.
+  /// For any other hand the strain stays unknown. `folders` have the object files that descriptions name.
   Gateway(const bus::Participant& participant, Server& server, std::vector<HandModel> hands, const HandKey& key,
-          bool quantised, double rate_hz);
+          bool quantised, double rate_hz, std::vector<std::string> folders);
   ~Gateway();
 
   /// Passes on new samples, and messages of pages to modules.

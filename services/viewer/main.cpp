@@ -28,7 +28,7 @@ void run(int argc, char** argv) {
   viewer::Server server(options.listening, options.page.empty() ? built_page() : options.page,
                         static_cast<std::size_t>(options.max_pages), options.rate_hz);
   viewer::Gateway gateway(service.participant(), server, load_possible_hands(scene), hand_key(scene),
-                          options.node_encoding == "int16", options.rate_hz);
+                          options.node_encoding == "int16", options.rate_hz, object_folders(scene));
   std::printf("see it at %s\n", server.url().c_str());
   for (const std::string& url : server.urls_elsewhere()) std::printf("elsewhere at %s\n", url.c_str());
   std::fflush(stdout);

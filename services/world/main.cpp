@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "flight/world_flight.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "world/world_loop.hpp"
@@ -18,6 +19,11 @@ void run(int argc, char** argv) {
   WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
+  const auto recorder = make_flight_recorder(
+      scene.options.flight, flight_header("world", arguments.module, arguments.config, arguments.overrides, nullptr),
+      arguments.flight);
+  Flight flight(loop, recorder.get());
+  WorldCounters counters;
   bus::Reader couplings(service.participant(), bus::topics::object_coupling);
   bus::Writer objects(service.participant(), bus::topics::objects);
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
@@ -46,7 +52,9 @@ void run(int argc, char** argv) {
   auto out = std::make_unique<WorldObjects>();
   const auto step = [&](Nanoseconds now) {
     describe_objects(now);
+    bool is_new = false;
     couplings.take_all([&](const ObjectCoupling& each) {
+      is_new = true;
       for (ObjectCoupling& known : newest) {
         if (known.hand != each.hand) continue;
         known = each;
@@ -54,18 +62,24 @@ void run(int argc, char** argv) {
       }
       if (newest.size() < newest.capacity()) newest.push_back(each);
     });
-    const WorldOutput& result = loop.step(now, {newest});
+    const WorldInput input{newest};
+    const WorldOutput& result =
+        flight.step(now, {input, is_new}, [&]() -> const WorldOutput& { return loop.step(now, input); });
+    const WorldCounters before = std::exchange(counters, loop.counters());
+    if (counters.repaired > before.repaired) flight.report("an object was not finite in the engine");
+    if (counters.refused_nonfinite > before.refused_nonfinite) flight.report("an input was not finite");
     if (!objects.has_readers()) return;
     *out = result.objects;
     service.stamp(out->stamp);
     objects.write(*out);
   };
-  service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
+  service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); },
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
                  status.input_drops = dropped_before(couplings);
                },
-               [&](Nanoseconds time) { loop.reset(time); }});
+               [&](Nanoseconds time) { flight.reset(time); }});
+  if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");
 }
 }  // namespace
 

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -20,6 +21,8 @@ struct EngineObject {
   Vector3 inertia = Vector3::Zero();  ///< principal, kg m^2
   double friction = 0;                ///< a pair uses the geometric mean
   Pose pose;
+  /// Convex hulls in the body frame whose union is the body. Empty: `shape` is convex and is the body itself.
+  std::span<const Shape> pieces = {};
 };
 
 /// A joint between two bodies. `child` can move. Jointed bodies do not collide with each other.
@@ -56,6 +59,8 @@ class PhysicsEngine {
   virtual void remove_joint(std::size_t number) = 0;
   /// A passive joint holds its bodies together and keeps its limits, but has no friction, spring, damping and detents.
   virtual void set_passive(std::size_t number, bool passive) = 0;
+  /// Puts a body to sleep that rests, as if the engine had done so itself.
+  virtual void put_to_sleep(std::size_t slot) = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at
@@ -67,7 +72,12 @@ class PhysicsEngine {
   /// Finds the unit direction from body `other` to body `slot` between their closest points. If they overlap, it is the
   /// direction of the shortest separation. Returns false if they are farther apart than `range` (m). The direction may
   /// have single-precision noise: `separating_plane` (solid.hpp) measures along it.
-  virtual bool closest_direction(std::size_t slot, std::size_t other, double range, Vector3& direction) const = 0;
+  virtual bool closest_direction(std::size_t slot, std::size_t other, double range, Vector3& direction) const {
+    return closest_direction(slot, 0, other, 0, range, direction);
+  }
+  /// The same between a piece of `slot` and a piece of `other`. A convex body has one piece.
+  virtual bool closest_direction(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece,
+                                 double range, Vector3& direction) const = 0;
 };
 
 /// Creates the engine with this name. Throws std::invalid_argument for an unknown name.

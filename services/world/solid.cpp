@@ -19,7 +19,9 @@ ShapeKind kind_of(const std::string& name) {
   if (name == "cylinder") return ShapeKind::cylinder;
   if (name == "plane") return ShapeKind::plane;
   if (name == "convex_hull") return ShapeKind::convex_hull;
-  throw std::invalid_argument("shape '" + name + "': expected sphere, box, capsule, cylinder, plane or convex_hull");
+  if (name == "file") return ShapeKind::file;
+  throw std::invalid_argument("shape '" + name +
+                              "': expected sphere, box, capsule, cylinder, plane, convex_hull or file");
 }
 
 /// Principal inertia of a uniform solid of mass 1.
@@ -47,11 +49,46 @@ Vector3 unit_inertia(ShapeKind kind, const Vector3& size) {
   }
 }
 
+/// Body frame with the principal axes of `inertia`, kg m^2. Writes the principal moments.
+Pose principal_frame(const Vector3& centre, const Matrix3& inertia, Vector3& moments) {
+  const Eigen::SelfAdjointEigenSolver<Matrix3> principal(inertia);
+  Matrix3 axes = principal.eigenvectors();
+  if (axes.determinant() < 0) axes.col(2) *= -1;
+  moments = principal.eigenvalues();
+  return {centre, Quaternion(axes).normalized()};
+}
+
+Solid link_solid(const ObjectOptions& object) {
+  if (object.model == nullptr) throw std::invalid_argument("the object file is not loaded");
+  const ObjectLink& link = object.model->links.at(object.link);
+  Solid solid;
+  Vector3 moments;
+  solid.body_frame = principal_frame(link.centre_of_mass, link.inertia, moments);
+  if (object.mass > 0) solid.inertia = moments;
+  const Pose to_body = solid.body_frame.inverse();
+  for (const Vector3& vertex : link.mesh.vertices) solid.radius = std::max(solid.radius, (to_body * vertex).norm());
+  for (const auto& points : link.pieces) {
+    Shape& piece = solid.pieces.emplace_back();
+    piece.kind = static_cast<std::uint32_t>(ShapeKind::convex_hull);
+    for (const Vector3& point : points) piece.vertices.push_back(to_wire(to_body * point));
+  }
+  solid.shape.kind = static_cast<std::uint32_t>(ShapeKind::file);
+  ShapeFile file;
+  set_text(file.name, object.model->name);
+  set_text(file.sha256, object.sha256);
+  file.link = static_cast<std::uint32_t>(object.link);
+  file.position = to_wire(to_body.position);
+  file.orientation = to_wire(to_body.orientation);
+  solid.shape.file.push_back(file);
+  return solid;
+}
+
 }  // namespace
 
 Solid make_solid(const ObjectOptions& object) {
   Solid solid;
   const ShapeKind kind = kind_of(object.shape);
+  if (kind == ShapeKind::file) return link_solid(object);
   solid.shape.kind = static_cast<std::uint32_t>(kind);
   if (kind == ShapeKind::box) solid.shape.size = object.half_extents;
   if (kind == ShapeKind::sphere) solid.shape.size = {object.radius, 0, 0};
@@ -72,11 +109,9 @@ Solid make_solid(const ObjectOptions& object) {
   for (const VertexOptions& vertex : object.vertices) points.push_back(to_vector(vertex.at));
   const HullSolid hull = hull_solid(points);
   if (!(hull.volume > 1e-13)) throw std::invalid_argument("the vertices of the convex hull span no volume");
-  const Eigen::SelfAdjointEigenSolver<Matrix3> principal(hull.inertia / hull.volume);
-  Matrix3 axes = principal.eigenvectors();
-  if (axes.determinant() < 0) axes.col(2) *= -1;
-  solid.body_frame = {hull.centre, Quaternion(axes).normalized()};
-  solid.inertia = object.mass * principal.eigenvalues();
+  Vector3 moments;
+  solid.body_frame = principal_frame(hull.centre, hull.inertia / hull.volume, moments);
+  solid.inertia = object.mass * moments;
   const Pose to_body = solid.body_frame.inverse();
   Vector3 low = Vector3::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const Vector3& point : points) {
@@ -122,6 +157,7 @@ Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction) 
       break;
     }
     case ShapeKind::plane:
+    case ShapeKind::file:  // ask for its pieces
       break;
   }
   return pose * point;

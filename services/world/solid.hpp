@@ -16,8 +16,13 @@ struct Solid {
   Vector3 inertia = Vector3::Zero();  ///< principal, kg m^2; 0 when static
   Pose body_frame;                    ///< pose of the body frame in the scene shape
   double radius = 0;                  ///< m, bounding sphere about the centre of mass; 0 for a plane
+  std::vector<Shape> pieces;          ///< convex hulls in the body frame; empty if the shape is convex
+
+  std::size_t piece_count() const { return pieces.empty() ? 1 : pieces.size(); }
+  const Shape& piece(std::size_t i) const { return pieces.empty() ? shape : pieces[i]; }
 };
 
+/// Takes a link of an object file from `object.model`, with the file's mass properties.
 /// Throws std::invalid_argument if the shape spans no volume or has a wrong number of vertices.
 Solid make_solid(const ObjectOptions& object);
 

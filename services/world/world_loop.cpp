@@ -23,7 +23,9 @@ constexpr double kFarthestPlane = 0.050;
 constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the hand's force
 // m a step. An object may be pushed this far into a neighbour that stops it, so that the engine detects the contact.
 constexpr double kSeating = 0.0001;
-constexpr double kAbsurd = 1e4;  // m; positions beyond it are refused
+constexpr double kCutByPlane = 0.0005;  // m
+constexpr double kSamePlane = 0.98;     // cosine of 11 degrees
+constexpr double kAbsurd = 1e4;         // m; positions beyond it are refused
 
 bool is_plausible(const ObjectTwin& twin) {
   const auto near = [](double x) { return std::abs(x) < kAbsurd; };
@@ -98,6 +100,11 @@ void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
                      Quaternion::FromTwoVectors(Vector3::UnitY(), to_vector(from.axis)).normalized()};
     joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * frame;
     joint.engine.child_from_joint = child.start.inverse() * (parent.start * joint.engine.parent_from_joint);
+    if (from.model != nullptr) {  // an object file gives both frames
+      const LinkJoint& link = from.model->joints[from.number];
+      joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * link.parent_from_joint;
+      joint.engine.child_from_joint = child.solid.body_frame.inverse() * link.child_from_joint;
+    }
     ObjectJointDescription& description = joint_descriptions_.emplace_back();
     description.joint = static_cast<std::uint32_t>(joints_.size());
     set_text(description.name, from.name);
@@ -189,8 +196,8 @@ void WorldLoop::insert(std::size_t slot) {
   object.velocity = object.previous_velocity = {};
   object.present = true;
   object.planes.clear();
-  engine_->add(slot,
-               {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.start});
+  engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
+                      object.start, object.solid.pieces});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
@@ -405,8 +412,8 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       ++counters_.repaired;
       detach(slot);
       engine_->remove(slot);
-      engine_->add(
-          slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
+      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
+                          object.pose, object.solid.pieces});
       engine_->set_gravity(slot, gravity_of(object));
       object.velocity = object.previous_velocity = {};
       attach(slot);
@@ -458,27 +465,48 @@ void WorldLoop::find_planes(std::size_t slot) {
   for (std::size_t other = 0; other < objects_.size(); ++other) {
     const Object& neighbour = objects_[other];
     if (other == slot || !neighbour.present || are_jointed(slot, other)) continue;
-    Vector3 direction;
-    if (!engine_->closest_direction(slot, other, range, direction)) continue;
-    const SeparatingPlane found =
-        separating_plane(object.solid.shape, object.pose, neighbour.solid.shape, neighbour.pose, direction);
-    if (found.gap > range) continue;
-    NeighbourPlane plane;
-    plane.neighbour = static_cast<std::uint32_t>(other + 1);
-    plane.kind = neighbour.dynamic ? kNeighbourDynamic : kNeighbourStatic;
-    plane.point = to_wire(found.point);
-    plane.normal = to_wire(found.normal);
-    plane.velocity = to_wire(
-        Vector3(neighbour.velocity.linear + neighbour.velocity.angular.cross(found.point - neighbour.pose.position)));
-    plane.gap = found.gap;
-    plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
-    plane.mass = neighbour.options.mass;
-    if (object.planes.push_back(plane)) continue;
-    // If there are more neighbours than places in the list, the nearest ones stay.
-    auto farthest = std::max_element(object.planes.begin(), object.planes.end(),
-                                     [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
-    if (farthest->gap > plane.gap) *farthest = plane;
+    for (std::size_t piece = 0; piece < object.solid.piece_count(); ++piece) {
+      for (std::size_t other_piece = 0; other_piece < neighbour.solid.piece_count(); ++other_piece)
+        find_plane(slot, piece, other, other_piece, range);
+    }
   }
+}
+
+void WorldLoop::find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece,
+                           double range) {
+  Object& object = objects_[slot];
+  const Object& neighbour = objects_[other];
+  Vector3 direction;
+  if (!engine_->closest_direction(slot, piece, other, other_piece, range, direction)) return;
+  const SeparatingPlane found = separating_plane(object.solid.piece(piece), object.pose,
+                                                 neighbour.solid.piece(other_piece), neighbour.pose, direction);
+  if (found.gap > range) return;
+  // The hand holds the whole object on one side of a plane. So a plane that cuts another piece cannot be used.
+  for (const Shape& each : object.solid.pieces) {
+    const double height = found.normal.dot(support(each, object.pose, -found.normal) - found.point);
+    if (height < std::min(found.gap, 0.0) - kCutByPlane) return;
+  }
+  NeighbourPlane plane;
+  plane.neighbour = static_cast<std::uint32_t>(other + 1);
+  plane.kind = neighbour.dynamic ? kNeighbourDynamic : kNeighbourStatic;
+  plane.point = to_wire(found.point);
+  plane.normal = to_wire(found.normal);
+  plane.velocity = to_wire(
+      Vector3(neighbour.velocity.linear + neighbour.velocity.angular.cross(found.point - neighbour.pose.position)));
+  plane.gap = found.gap;
+  plane.friction = std::sqrt(object.options.friction * neighbour.options.friction);
+  plane.mass = neighbour.options.mass;
+  // Several pairs of pieces have nearly the same plane. The nearest one stays, or the load would count several times.
+  for (NeighbourPlane& known : object.planes) {
+    if (known.neighbour != plane.neighbour || to_vector(known.normal).dot(found.normal) < kSamePlane) continue;
+    if (plane.gap < known.gap) known = plane;
+    return;
+  }
+  if (object.planes.push_back(plane)) return;
+  // If there are more neighbours than places in the list, the nearest ones stay.
+  auto farthest = std::max_element(object.planes.begin(), object.planes.end(),
+                                   [](const NeighbourPlane& a, const NeighbourPlane& b) { return a.gap < b.gap; });
+  if (farthest->gap > plane.gap) *farthest = plane;
 }
 
 WorldLoop::Object* WorldLoop::find(std::string_view name) {

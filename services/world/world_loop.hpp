@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "messages/messages.hpp"
+#include "messages/plain_bytes.hpp"
 #include "world/follow.hpp"
 #include "world/physics_engine.hpp"
 #include "world/solid.hpp"
@@ -46,6 +47,22 @@ class WorldLoop {
   /// Advances the world by its own period T, from `now` - T to `now`, independent of the time since the last call. A
   /// stall is not caught up. The state has the stamp `now`. The result is valid until the next call.
   const WorldOutput& step(Nanoseconds now, const WorldInput& input);
+
+  // A saved state (docs/flight-recorder.md; world_memory.cpp). A loop of the same options and objects that loads it
+  // continues with the same bits as the loop that saved it, if that one calls `forget` at the same time.
+  void save(ByteWriter& out) const;
+  /// Throws std::runtime_error if the bytes do not fit.
+  void load(ByteReader& in);
+  /// Makes the engine anew from the poses and velocities of the objects. Its contacts start without impulses. Call
+  /// between steps. Allocates, as the engine's own steps do.
+  void forget();
+  /// Calls visit(name, value) for all parts of the state after a step.
+  template <typename Visit>
+  void for_each_part(Visit&& visit) const {
+    visit("objects", output_->objects);
+    visit("counters", counters_);
+    visit("version", descriptions_version_);
+  }
 
   /// State after the last step.
   const WorldObjects& objects() const { return output_->objects; }
@@ -108,6 +125,8 @@ class WorldLoop {
     bool present = false;
   };
 
+  template <typename Self, typename Visit>
+  static void visit_own(Self& self, Visit&& visit);
   void make_joints(const std::vector<JointOptions>& joints);
   void find_assemblies();
   void attach(std::size_t slot);
@@ -115,6 +134,7 @@ class WorldLoop {
   bool are_jointed(std::size_t one, std::size_t other) const;
   JointPose pose_of(const Joint& joint) const;
   const Joint& find_joint(std::string_view name) const;
+  void make_engine();
   void insert(std::size_t slot);
   void restore(std::size_t first);
   void restore_all();
@@ -123,6 +143,7 @@ class WorldLoop {
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
+  void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
   Wrench without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const;
   void stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const;
   Vector3 gravity_of(const Object& object) const;
@@ -141,6 +162,7 @@ class WorldLoop {
   Nanoseconds newest_input_ = 0;
   Nanoseconds reset_time_ = -1;
   std::unique_ptr<WorldOutput> output_;
+  std::array<bool, kMaxObjects> was_asleep_{};  // when the engine was made anew
 };
 
 }  // namespace softhand

@@ -104,7 +104,38 @@ void check_joints(const std::vector<JointOptions>& joints, const std::vector<Obj
 
 }  // namespace
 
+void add_file_objects(const ObjectOptions& entry, std::shared_ptr<const ObjectModel> model, const std::string& sha256,
+                      std::vector<ObjectOptions>& objects, std::vector<JointOptions>& joints) {
+  if (entry.mass != 0)
+    throw std::invalid_argument("objects." + entry.name +
+                                ".mass: the object file gives the mass; remove it or set fixed");
+  const auto name_of = [&](std::size_t link) {
+    return model->links.size() == 1 ? entry.name : entry.name + "." + model->links[link].name;
+  };
+  for (std::size_t i = 0; i < model->links.size(); ++i) {
+    ObjectOptions& link = objects.emplace_back(entry);
+    link.name = name_of(i);
+    link.mass = i == 0 && entry.fixed ? 0 : model->links[i].mass;
+    link.friction = model->links[i].friction;
+    link.floating = entry.floating && link.mass > 0;
+    link.model = model;
+    link.sha256 = sha256;
+    link.link = i;
+  }
+  for (std::size_t j = 0; j < model->joints.size(); ++j) {
+    JointOptions& joint = joints.emplace_back();
+    const LinkJoint& from = model->joints[j];
+    joint.name = entry.name + "." + model->links[from.child].name;
+    joint.kind = to_string(from.law.kind);
+    joint.parent = name_of(from.parent);
+    joint.child = name_of(from.child);
+    joint.model = model;
+    joint.number = j;
+  }
+}
+
 JointLaw joint_law(const JointOptions& joint) {
+  if (joint.model != nullptr) return joint.model->joints[joint.number].law;
   JointLaw law;
   law.kind = object_joint_kind(joint.kind);
   law.pitch = joint.pitch;
@@ -202,6 +233,12 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     if (object.mass != 0 && !(object.mass >= 1e-4))
       refuse(where, ".mass = ", object.mass,
              ": expected 0 (static) or at least 0.0001 kg, because of single precision");
+    if (object.shape == "file" && object.model == nullptr) refuse(where, ".file: the object file is not loaded");
+    if (object.shape != "file" && !object.file.empty()) refuse(where, ".file: expected shape = \"file\"");
+    if (object.shape != "file" && object.fixed) refuse(where, ".fixed: for object files only; set mass = 0");
+    if (object.shape == "file" && object.model != nullptr && object.model->links[object.link].pieces.empty())
+      refuse(where, ": the link '", object.model->links[object.link].name,
+             "' has no convex pieces for the physics engine; make the object file again with pieces");
     if (object.floating && object.mass == 0) refuse(where, ".floating: a static object cannot float; give it a mass");
     const auto& q = object.orientation;
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);

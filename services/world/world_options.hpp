@@ -3,10 +3,12 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "model/joint_law.hpp"
+#include "model/object_model.hpp"
 #include "runtime/options.hpp"
 
 namespace softhand {
@@ -39,6 +41,12 @@ struct ObjectOptions {
   std::array<double, 3> position{0, 0, 0};
   std::array<double, 4> orientation{0, 0, 0, 1};
   bool floating = false;
+  std::string file;
+  bool fixed = false;
+  // Set by `add_file_objects`, not by a configuration file: the link of a loaded object file.
+  std::shared_ptr<const ObjectModel> model;
+  std::string sha256;
+  std::size_t link = 0;
 };
 
 struct DetentOptions {
@@ -63,6 +71,9 @@ struct JointOptions {
   double stiffness = 0;
   double rest = 0;
   std::vector<DetentOptions> detents;
+  // Set by `add_file_objects`, not by a configuration file: a joint of a loaded object file.
+  std::shared_ptr<const ObjectModel> model;
+  std::size_t number = 0;
 };
 
 inline void describe(OptionVisitor& v, VertexOptions& o) {
@@ -95,16 +106,21 @@ inline void describe(OptionVisitor& v, WorldOptions& o) {
 
 inline void describe(OptionVisitor& v, ObjectOptions& o) {
   v.string("name", o.name, "Name of the object. Unique in the scene, at most 63 characters.");
-  v.choice("shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull"},
-           "Shape. A plane is the half-space below y = 0 of its frame and must be static.");
+  v.choice(
+      "shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull", "file"},
+      "Shape. A plane is the half-space below y = 0 of its frame and must be static. file: all links and joints of "
+      "an object file. Its links become the objects NAME.LINK, or NAME if there is one link.");
+  v.string("file", o.file, "Object file: a path, or a name in config/objects. Only for the shape file.");
+  v.flag("fixed", o.fixed, "The first link of the object file is static. Only for the shape file.");
   v.number("radius", o.radius, "m", {1e-4, 10}, "Radius of a sphere, capsule or cylinder.");
   v.number("half_length", o.half_length, "m", {1e-4, 10},
            "Half length along y of a cylinder, or of a capsule without its caps.");
   v.numbers("half_extents", o.half_extents.data(), 3, "m", {1e-4, 10}, "Half lengths of the edges of a box.");
   describe_list(v, "vertices", "Vertices of a convex hull: vertices = [{at = [x, y, z]}, ...], 4 to 256.", o.vertices);
-  v.number("mass", o.mass, "kg", {0, 1e4}, "Mass, distributed uniformly over the volume. 0 = static.");
+  v.number("mass", o.mass, "kg", {0, 1e4},
+           "Mass, distributed uniformly over the volume. 0 = static. The shape file has its own.");
   v.number("friction", o.friction, "1", {0, 1000},
-           "Coulomb friction coefficient. A pair of objects uses the geometric mean.");
+           "Coulomb friction coefficient. A pair of objects uses the geometric mean. The shape file has its own.");
   v.numbers("position", o.position.data(), 3, "m", {-1000, 1000}, "Position of the shape's frame in the world.");
   v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1},
             "Orientation of the shape's frame in the world, a unit quaternion xyzw.");
@@ -143,6 +159,11 @@ inline void describe(OptionVisitor& v, JointOptions& o) {
                 "Wells that hold the coordinate: detents = [{at = 0, depth = 0.001, width = 0.002}], up to 8.",
                 o.detents);
 }
+
+/// Replaces an entry of the shape file by its links, and appends its joints. The scene gives the pose of the first
+/// link. Throws std::invalid_argument if the entry has a mass.
+void add_file_objects(const ObjectOptions& entry, std::shared_ptr<const ObjectModel> model, const std::string& sha256,
+                      std::vector<ObjectOptions>& objects, std::vector<JointOptions>& joints);
 
 /// The law of a joint. Throws std::invalid_argument for an unknown kind or more than 8 detents.
 JointLaw joint_law(const JointOptions& joint);

@@ -2,17 +2,20 @@
 // Its argument selects the work:
 // - steps: Steps of the shipped hand of 400 nodes in the method's fast mode.
 // - queries: Queries of the closest point on a convex hull.
+// - flight: A step of the hand of 1,450 nodes, and what the flight recorder does in a step.
 #include <valgrind/callgrind.h>
 
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <random>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "bench/pressing.hpp"
+#include "flight/hand_flight.hpp"
 #include "geometry/shape.hpp"
 
 namespace {
@@ -85,11 +88,47 @@ void count_queries() {
   }
 }
 
+// Rows: a step and the recording of a step, with an object that is touched and in free motion.
+void count_flight() {
+  for (const int touched : {1, 0}) {
+    softhand::bench::Pressing rig(touched, 0, 0.02, "right_1450.hand.json");
+    rig.settle(8);
+    const std::string folder = "unused";
+    softhand::FlightRecorder recorder({}, {"count", folder}, "{}");
+    const auto skeleton = std::make_unique<softhand::Skeleton>();
+    const auto world = std::make_unique<softhand::WorldObjects>();
+    world->objects.count = 2;
+    recorder.begin_segment(0, [](softhand::ByteWriter& out) { out.write(1); });
+    const softhand::HandInput input{skeleton.get(), nullptr, world.get()};
+    const softhand::RequestedOutputs requested;
+    const auto record = [&] {
+      recorder.add(softhand::kFlightStep, 0, [&](softhand::ByteWriter& out) {
+        softhand::FlightTraits<softhand::HandLoop>::write_input(out, {input, requested}, false);
+      });
+      recorder.add(softhand::kFlightResult, 0,
+                   [&](softhand::ByteWriter& out) { out.write(softhand::flight_result(rig.hand())); });
+    };
+    record();
+    CALLGRIND_START_INSTRUMENTATION;
+    CALLGRIND_ZERO_STATS;
+    rig.step([](auto&& work) { work(); });
+    CALLGRIND_DUMP_STATS;
+    std::printf("%d step\n", touched);
+    CALLGRIND_ZERO_STATS;
+    record();
+    CALLGRIND_DUMP_STATS;
+    CALLGRIND_STOP_INSTRUMENTATION;
+    std::printf("%d record\n", touched);
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "queries") {
     count_queries();
+  } else if (argc > 1 && std::string_view(argv[1]) == "flight") {
+    count_flight();
   } else {
     count_steps();
   }

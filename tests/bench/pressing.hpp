@@ -78,6 +78,7 @@ class Pressing {
     return static_cast<int>(objects.size());
   }
   int contacts() const { return static_cast<int>(output_->contacts.contacts.size()); }
+  const HandLoop& hand() const { return *loop_; }
   const HandSimulation& simulation() const { return loop_->simulation(); }
   /// Number of objects in slots.
   int mirrored_objects() const {

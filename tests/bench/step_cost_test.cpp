@@ -99,6 +99,14 @@ TEST(StepCost, MatchesRecordAndGrowsOnlyWithTouchedObjects) {
       << "a different count is not always an error: find the cause, then record the new count";
 }
 
+TEST(StepCost, RecordingAStepCostsLessThanOnePercent) {
+  const auto counts = count("flight");
+  ASSERT_EQ(counts.size(), 4u);
+  for (const auto& [row, instructions] : counts) std::printf("%s: %.0f instructions\n", row.c_str(), instructions);
+  EXPECT_LT(counts[1].second, 0.01 * counts[0].second) << "in contact";
+  EXPECT_LT(counts[3].second, 0.01 * counts[2].second) << "in free motion";
+}
+
 TEST(StepCost, HullQueryCostHardlyGrowsWithVertices) {
   const auto counts = count("queries");
   ASSERT_EQ(counts.size(), 3u);

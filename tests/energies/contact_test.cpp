@@ -685,6 +685,20 @@ TEST(Contact, MemoryOfOtherObjectsIsRefused) {
   EXPECT_NO_THROW(other.contacts.load(memory));
 }
 
+// A memory is compared byte by byte when a recorded run is repeated.
+TEST(Contact, AClearedSlotHasTheMemoryOfANewOne) {
+  Rig rig(1, 700, 1e-4);
+  const std::vector<std::byte> fresh = testing::bytes_of(rig.contact);
+  const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
+  rig.state.body_poses[0].position = {1, 0, 0};  // out of reach
+  rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  rig.contact.begin_step(rig.state, 0.01);
+  rig.contact.end_step(rig.state);
+  EXPECT_NE(testing::bytes_of(rig.contact), fresh);
+  rig.contacts.clear_object(0);
+  EXPECT_EQ(testing::bytes_of(rig.contact), fresh);
+}
+
 // Nodes slide on the inside of a ring of thin plates. In one step a node slides past the next plate, whose outer side
 // is then nearer than its inner side.
 TEST(Contact, SlidingInsideAThinRingDoesNotLeadOut) {

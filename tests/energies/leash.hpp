@@ -15,11 +15,10 @@ class Leash final : public EnergyWithMemory<Leash> {
   Leash(int node, double stiffness, double length) : node_(node), stiffness_(stiffness), length_(length) {}
 
   struct Memory {
-    std::uint64_t placed = 0;  // 1: the anchor is valid
-    Vec3 anchor{};             // world
-    void visit(auto& each) { each(placed), each(anchor); }
+    bool placed = false;               // the anchor is valid
+    Vector3 anchor = Vector3::Zero();  // world
   };
-  Memory save() const { return memory_; }
+  const Memory& save() const { return memory_; }
   void load(const Memory& memory) { memory_ = memory; }
   void reset() { memory_ = {}; }
 
@@ -27,7 +26,7 @@ class Leash final : public EnergyWithMemory<Leash> {
   void add_pattern(BlockPattern&) const override {}  // the diagonal is always there
   void bind(const BlockMatrix& matrix) override { diagonal_ = matrix.find(node_, node_); }
   void begin_step(const State& state, double) override {
-    anchor_ = memory_.placed != 0 ? to_vector(memory_.anchor) : Vector3(state.node_positions.col(node_));
+    anchor_ = memory_.placed ? memory_.anchor : Vector3(state.node_positions.col(node_));
   }
   double value(const State& state) const override { return 0.5 * stiffness_ * stretch(state).squaredNorm(); }
   double add_gradient(const State& state, VectorX& gradient) const override {
@@ -40,7 +39,7 @@ class Leash final : public EnergyWithMemory<Leash> {
   void end_step(State& state) override {
     const double length = stretch(state).norm();
     if (length > length_) anchor_ += (1 - length_ / length) * stretch(state);
-    memory_ = {1, to_wire(anchor_)};
+    memory_ = {true, anchor_};
   }
 
  private:

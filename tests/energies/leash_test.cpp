@@ -44,7 +44,7 @@ TEST(AddAnEnergy, PageShowsTheExample) {
 
 // One line registers a term. No other code of the scene asks a term for its memory by name.
 TEST(AddAnEnergy, SceneAsksEveryTermForItsMemory) {
-  const std::string scene = text_of("common/scene/hand_simulation.cpp");
+  const std::string scene = text_of("common/scene/hand_simulation.cpp") + text_of("common/scene/hand_memory.cpp");
   for (const char* call : {"save_memory(out)", "load_memory(in)", "reset_memory()", "cancel_step()"})
     EXPECT_NE(scene.find(std::string("for (const auto& term : terms_) term->") + call), std::string::npos) << call;
   const std::regex by_name("(contacts_|planes_|joints_|coupling_)->(save|load|cancel_step)\\(");

@@ -46,6 +46,7 @@ SOFTHAND_NAMED(TissueSurface);
 SOFTHAND_NAMED(Contact);
 SOFTHAND_NAMED(FingerContact);
 SOFTHAND_NAMED(Contacts);
+SOFTHAND_NAMED(ShapeFile);
 SOFTHAND_NAMED(Shape);
 SOFTHAND_NAMED(ObjectDescription);
 SOFTHAND_NAMED(JointDetent);

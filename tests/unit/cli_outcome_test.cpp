@@ -12,6 +12,8 @@
 namespace softhand {
 namespace {
 
+using Json = nlohmann::ordered_json;
+
 constexpr double kRate = 90;
 constexpr Nanoseconds kStart = 5'000'000'000;
 constexpr std::uint32_t kCube = 3;
@@ -147,6 +149,52 @@ TEST(OutcomePinch, ReportsZeroSlipIfNothingSlips) {
   truth.slip = 0;
   play_pinch(outcome, truth);
   EXPECT_NEAR(outcome.summary(pinch_frame())["held_slip_mm"].get<double>(), 0, 1e-6);
+}
+
+// The object moves by 0.1 m along x, tilts by 50 degrees and comes back, unless `stays`.
+Json success_of(const Goal& goal, bool stays, bool touches = true) {
+  Outcome outcome;
+  for (int i = 0; i <= 400; ++i) {
+    const double t = 0.01 * i, share = t < 3 ? 0.5 - 0.5 * std::cos(2 * M_PI * t / 3) : 0;
+    const double place = stays && t > 1.5 ? 1 : share;
+    WorldObjects world;
+    world.stamp.sample_time = at(t);
+    ObjectState state;
+    state.object = kCube;
+    state.position = {0.1 * place, 0, 0};
+    state.orientation = to_wire(Quaternion(Eigen::AngleAxisd(50 * M_PI / 180 * place, Vector3::UnitZ())));
+    world.objects.push_back(state);
+    outcome.on_objects(world);
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    if (touches && t > 0.5 && t < 3) {
+      Contact contact;
+      contact.object = kCube;
+      contact.force = {1, 0, 0};
+      contacts.contacts.push_back(contact);
+    }
+    outcome.on_contacts(contacts);
+  }
+  OutcomeFrame frame;
+  frame.motion_start = kStart;
+  frame.object = kCube;
+  frame.goal = goal;
+  return outcome.summary(frame);
+}
+
+TEST(OutcomeSuccess, StatesEachDemandAndWhetherItHolds) {
+  const Json good = success_of({0.09, 0.8, 0.002}, false);
+  EXPECT_EQ(good["success"], true) << good["success_because"];
+  EXPECT_NEAR(good["travel_mm"].get<double>(), 100, 0.1);
+  EXPECT_NEAR(good["tilt_deg"].get<double>(), 50, 0.1);
+  const std::string because = good["success_because"];
+  for (const char* part : {"moved by 100.0 mm", "tilted by 50.0 degrees", "let go"})
+    EXPECT_NE(because.find(part), std::string::npos) << because;
+  EXPECT_EQ(success_of({0.11, 0, 0}, false)["success"], false);
+  EXPECT_EQ(success_of({0, 0.9, 0}, false)["success"], false);
+  EXPECT_EQ(success_of({0.09, 0, 0.002}, true)["success"], false) << "it stays away";
+  EXPECT_EQ(success_of({0.09, 0, 0}, false, false)["success"], false) << "nothing touched it";
+  EXPECT_FALSE(success_of({}, false).contains("success")) << "the scene asks for nothing";
 }
 
 TEST(OutcomePinch, AMovingObjectIsNotReleased) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -53,6 +54,15 @@ double worst_joint_error(const HandSimulation& simulation, const Pose& wrist) {
                                 .norm());
   }
   return worst;
+}
+
+// Eigen's vectors are not zero by themselves. So the object is made in memory that is not zero.
+TEST(HandSimulation, ANewHandHasNoContactForces) {
+  std::vector<std::max_align_t> memory(sizeof(HandSimulation) / sizeof(std::max_align_t) + 1);
+  std::memset(memory.data(), 0x5a, memory.size() * sizeof(memory[0]));
+  auto* hand = new (memory.data()) HandSimulation(testing::block_hand(2), {}, 0, 0);
+  for (const Vector3& force : hand->bone_contact_forces()) EXPECT_EQ(force, Vector3::Zero());
+  std::destroy_at(hand);
 }
 
 TEST(HandSimulation, RestIsStationary) {
@@ -318,19 +328,20 @@ TEST(HandSimulation, LoadedMemoryKeepsContacts) {
   scene.run(5);
   const int contacts = scene.simulation.contact_count();
   ASSERT_GT(contacts, 0);
-  std::vector<std::byte> bytes;
-  MemoryWriter out(bytes);
-  scene.simulation.save_memory(out);
+  std::vector<std::byte> bytes(4'000'000);
+  ByteWriter out(bytes);
+  scene.simulation.save(out);
+  ASSERT_FALSE(out.overflowed());
   const State state = scene.simulation.state();
   scene.simulation.restore(state);
   EXPECT_EQ(scene.simulation.contact_count(), 0);
-  MemoryReader in(bytes);
-  scene.simulation.load_memory(in);
-  EXPECT_TRUE(in.at_end());
+  ByteReader in(out.written());
+  scene.simulation.load(in);
+  EXPECT_TRUE(in.rest().empty());
   EXPECT_EQ(scene.simulation.contact_count(), contacts);
-  std::vector<std::byte> again;
-  MemoryWriter second(again);
-  scene.simulation.save_memory(second);
+  std::vector<std::byte> again(bytes.size());
+  ByteWriter second(again);
+  scene.simulation.save(second);
   EXPECT_EQ(bytes, again);
 }
 

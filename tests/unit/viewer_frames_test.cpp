@@ -187,6 +187,30 @@ TEST(ViewerFrames, EveryTopicHasAMatchingHeader) {
   expect_header(encode(description), FrameType::object_description, 5);
 }
 
+TEST(ViewerFrames, ALinkOfAnObjectFileIsSentWithItsTrianglesInTheBodyFrame) {
+  ObjectDescription description;
+  description.object = 5;
+  description.shape.kind = static_cast<std::uint32_t>(ShapeKind::file);
+  ShapeFile file;
+  file.position = {0, 1, 0};
+  description.shape.file.push_back(file);
+  TriangleMesh mesh;
+  mesh.vertices = {Vector3(0, 0, 0), Vector3(1, 0, 0), Vector3(0, 0, 2)};
+  mesh.triangles = {{0, 2, 1}};
+  const Frame frame = encode(description, &mesh);
+  expect_header(frame, FrameType::object_description, 5);
+  EXPECT_EQ(at<std::uint32_t>(frame, 8), 6u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 12), 3u);
+  constexpr std::size_t kVertices = 100;
+  EXPECT_EQ(at<float>(frame, kVertices + 4), 1) << "y of the first vertex";
+  EXPECT_EQ(at<float>(frame, kVertices + 32), 2) << "z of the third one";
+  EXPECT_EQ(at<std::uint32_t>(frame, kVertices + 36), 1u);
+  EXPECT_EQ(at<std::uint32_t>(frame, kVertices + 44), 2u) << "second corner";
+  EXPECT_EQ(encode(description), nullptr) << "a file that is not loaded is not shown";
+  description.removed = 1;
+  expect_header(encode(description), FrameType::object_description, 5);
+}
+
 TEST(ViewerFrames, DrawsHeldObjectsWhereTheHandHasThem) {
   auto world = std::make_unique<WorldObjects>();
   world->stamp.sample_time = 1'000'000'000;

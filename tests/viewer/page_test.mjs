@@ -76,7 +76,8 @@ test("the page connects and draws the hand", async () => {
   await page.click("#show-hand");
   await drawn();
   const without = await pixels();
-  assert.ok(difference(withHand, without) > 0.01, `the hand covers ${difference(withHand, without)} of the picture`);
+  // Beside the open panel the hand covers 0.9 to 1.5 % of the picture, depending on where it sways.
+  assert.ok(difference(withHand, without) > 0.004, `the hand covers ${difference(withHand, without)} of the picture`);
   await page.click("#show-hand");
   await drawn();
   assert.ok(difference(withHand, await pixels()) < 0.002, "the hand must be visible again");
@@ -405,7 +406,7 @@ test("data that a new gateway does not send disappears", async () => {
   for (const id of shown) await page.click(id);
   await pause(1000);
   await drawn();
-  assert.ok(difference(empty, await pixels()) > 0.01);
+  assert.ok(difference(empty, await pixels()) > 0.004);
   await source.end();
   await viewer.process.end("SIGKILL");
   await until("the lost connection is shown", async () => (await state()) === "lost");
@@ -415,7 +416,7 @@ test("data that a new gateway does not send disappears", async () => {
   await drawn();
   assert.equal(difference(empty, await pixels()), 0);
   source = publisher();
-  await until("the new data", async () => difference(empty, await pixels()) > 0.01);
+  await until("the new data", async () => difference(empty, await pixels()) > 0.004);
   for (const id of shown.slice(3)) await page.click(id);
 });
 

@@ -19,7 +19,10 @@ class GraspMotion : public Motion {
   GraspMotion(const HandModel& hand, const GeneratorOptions& options)
       : hand_(hand),
         options_(options),
-        grip_(options.motion == "pinch" ? solve_pinch(hand, options) : solve_power_grasp(hand, options)) {
+        grip_(options.motion == "pinch"   ? solve_pinch(hand, options)
+              : options.motion == "press" ? solve_press(hand, options)
+                                          : solve_power_grasp(hand, options)),
+        orientation_(to_quaternion(options.orientation).normalized()) {
     double end = 0;
     const auto phase = [&](const char* name, double duration) {
       if (duration <= 0) return;
@@ -34,6 +37,7 @@ class GraspMotion : public Motion {
     phase("hold", o.hold_time);
     phase("shake", o.shake_time);
     phase("turn", o.turn_time);
+    phase("return", o.return_time);
     phase("lower", o.lower_time);
     phase("place", o.place_time);
     phase("release", o.release_time);
@@ -52,11 +56,14 @@ class GraspMotion : public Motion {
     const double height =
         o.lift_height * progress("lift", time) - (o.lift_height + o.lower_depth) * progress("lower", time);
     const Vector3 centre = to_vector(o.object_position);
-    const Vector3 turn = o.turn_angle * progress("turn", time) * to_vector(o.turn_axis).normalized();
+    const Vector3 turn =
+        o.turn_angle * (progress("turn", time) - progress("return", time)) * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
     // In the frame of the object the hand leaves on the path on which it came.
     wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);
-    wrist.position += Vector3(0, height, 0) + shake(time);
+    if (o.orientation != GeneratorOptions{}.orientation)
+      wrist = Pose{centre, orientation_} * Pose{wrist.position - centre, wrist.orientation};
+    wrist.position += height * to_vector(o.lift_axis).normalized() + shake(time);
 
     const double place = openness * static_cast<double>(grip_.apertures.size() - 1);
     const auto lower = std::min(static_cast<std::size_t>(std::max(place, 0.0)), grip_.apertures.size() - 2);
@@ -91,6 +98,7 @@ class GraspMotion : public Motion {
   HandModel hand_;
   GeneratorOptions options_;
   Grip grip_;
+  Quaternion orientation_;
   std::vector<MotionPhase> phases_;
   double duration_ = 0;
 };
@@ -105,15 +113,19 @@ void place_in_world(Grip& grip, const GeneratorOptions& o, const Vector3& approa
 }
 
 std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOptions& options) {
-  if (options.motion == "pinch" && 2 * options.closing_depth >= options.object_width) {
+  if (options.motion == "pinch" && options.stagger == 0 && 2 * options.closing_depth >= options.object_width) {
     throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
   }
+  if (!(std::abs(to_quaternion(options.orientation).norm() - 1) < 1e-3))
+    throw std::invalid_argument("generator: orientation: expected a unit quaternion xyzw");
   for (const auto& [axis, key] :
-       {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"}}) {
+       {std::pair{options.turn_axis, "turn_axis"}, std::pair{options.shake_axis, "shake_axis"},
+        std::pair{options.lift_axis, "lift_axis"}}) {
     if (!(to_vector(axis).norm() > 1e-6))
       throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
   }
-  if (options.motion == "pinch" || options.motion == "power_grasp") return std::make_unique<GraspMotion>(hand, options);
+  if (options.motion == "pinch" || options.motion == "power_grasp" || options.motion == "press")
+    return std::make_unique<GraspMotion>(hand, options);
   return make_free_motion(hand, options);
 }
 

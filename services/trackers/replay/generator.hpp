@@ -15,12 +15,19 @@ struct GeneratorOptions {
   std::string motion = "pinch";
   std::array<double, 3> object_position{0, 0.02, 0};
   double object_width = 0.04;
+  double object_length = 0;
+  double free_below = 0;
+  double stagger = 0;
+  double body_distance = 0;
+  double body_radius = 0;
   double closing_depth = 0.004;
   double opening = 0.02;
   double yaw = 0;
   double tilt = 0;
+  std::array<double, 4> orientation{0, 0, 0, 1};
   double approach_distance = 0.12;
   double lift_height = 0.15;
+  std::array<double, 3> lift_axis{0, 1, 0};
   double turn_angle = 1.0471975511965976;
   std::array<double, 3> turn_axis{0, 1, 0};
   double lower_depth = 0.001;
@@ -34,6 +41,7 @@ struct GeneratorOptions {
   double shake_amplitude = 0.03;
   std::array<double, 3> shake_axis{1, 0, 0};
   double turn_time = 1.0;
+  double return_time = 0;
   double lower_time = 1.0;
   double place_time = 0.5;
   double release_time = 0.6;
@@ -42,13 +50,23 @@ struct GeneratorOptions {
 };
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
-  v.choice("motion", o.motion, {"pinch", "power_grasp", "fist", "free_motion"},
+  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "fist", "free_motion"},
            "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
-           "fist: the hand opens and closes in the air. free_motion: no object.");
+           "press: the index finger pushes down by lower_depth. fist: the hand opens and closes in the air. "
+           "free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
            "Distance between the two gripped faces, or diameter of the cylinder.");
+  v.number("object_length", o.object_length, "m", {0, 1},
+           "Length of the gripped bar across the grip (pinch). 0 = a cube of object_width.");
+  v.number("free_below", o.free_below, "m", {0, 1},
+           "Free space between the gripped object and the table (pinch), so that fingertips can reach below a handle.");
+  v.number("stagger", o.stagger, "m", {-0.1, 0.1},
+           "Distance from index to thumb along the gripped bar (pinch). The two fingers then also hold a torque.");
+  v.number("body_distance", o.body_distance, "m", {0, 1},
+           "Distance from a handle to the axis of the vessel behind the index finger, along the handle (pinch).");
+  v.number("body_radius", o.body_radius, "m", {0, 1}, "Radius of this vessel. 0 = there is none.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
@@ -57,9 +75,13 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.number(
       "tilt", o.tilt, "rad", {-1.6, 1.6},
       "Lean of the hand about the axis of the grip, as far as clearance allows. 0 = wrist above the axis (pinch).");
+  v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1},
+            "Rotation of grip, approach and turn about object_position, a quaternion xyzw.");
   v.number("approach_distance", o.approach_distance, "m", {0, 1},
            "Distance at which the hand starts its approach and ends its retreat.");
-  v.number("lift_height", o.lift_height, "m", {0, 1}, "Lift along +Y.");
+  v.number("lift_height", o.lift_height, "m", {0, 1}, "Distance of the lift.");
+  v.numbers("lift_axis", o.lift_axis.data(), 3, "1", {-1, 1},
+            "Direction of the lift in the world. A horizontal one is a pull.");
   v.number("turn_angle", o.turn_angle, "rad", {-3.2, 3.2}, "Turn about the middle of the grip.");
   v.numbers("turn_axis", o.turn_axis.data(), 3, "1", {-1, 1},
             "Axis of the turn in the world. The default is upright, so that the object can be put down flat.");
@@ -78,6 +100,7 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.number("shake_amplitude", o.shake_amplitude, "m", {0, 0.2}, "Amplitude of the shaking.");
   v.numbers("shake_axis", o.shake_axis.data(), 3, "1", {-1, 1}, "Direction of the shaking in the world.");
   time("turn_time", o.turn_time, "Duration of the turn.");
+  time("return_time", o.return_time, "Duration of turning back after the turn. 0 = the turn stays.");
   time("lower_time", o.lower_time, "Duration of putting down.");
   time("place_time", o.place_time, "Pause between putting down and release.");
   time("release_time", o.release_time, "Duration of the opening.");

@@ -24,6 +24,9 @@ Grip solve_pinch(const HandModel& hand, const GeneratorOptions& options);
 /// All fingers around an upright cylinder in the palm, with the thumb on its other side.
 Grip solve_power_grasp(const HandModel& hand, const GeneratorOptions& options);
 
+/// The pad of the index finger on a face that looks up, the other fingers curled. There is one aperture only.
+Grip solve_press(const HandModel& hand, const GeneratorOptions& options);
+
 /// Fraction of `open_offset` at an openness. The palm leaves the object after the fingers and arrives before them.
 inline double palm_back(double openness) { return minimum_jerk(2 * openness - 1); }
 

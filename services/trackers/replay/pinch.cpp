@@ -9,17 +9,18 @@
 namespace softhand {
 namespace {
 
-constexpr double kClear = 4.5e-3;  // m, clearance of everything that does not grip
-constexpr double kAbove = 2e-3;    // m, height of the pads above the middle: room for the fingertips
+constexpr double kClear = 4.5e-3;    // m, clearance of everything that does not grip
+constexpr double kBodyClear = 2e-3;  // m, from a vessel; its handle leaves little room
+constexpr double kAbove = 2e-3;      // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
 struct Distance {
   double value;
   Vector3 gradient;
 };
-// Signed distance to a cube about the origin, negative inside.
-Distance outside_cube(const Vector3& point, double half) {
-  const Vector3 q = point.cwiseAbs() - Vector3::Constant(half);
+// Signed distance to a bar about the origin along x, negative inside.
+Distance outside_bar(const Vector3& point, double half, double half_length) {
+  const Vector3 q = point.cwiseAbs() - Vector3(half_length, half, half);
   Eigen::Index face;
   const double deepest = q.maxCoeff(&face);
   Vector3 gradient = q.cwiseMax(0.0);
@@ -82,10 +83,14 @@ Pose wrist_above(const GripHand& hand, const JointAngles& facing) {
 
 // Goals for the grip and the widest opening. Both use the same wrist pose.
 struct PinchGoals {
-  double half;          // m, half width of the cube
+  double half;          // m, half width of the bar
+  double half_length;   // m, of the bar
   double closed, open;  // m, distance of the pads from the middle
   double closing_depth, lower_depth, tilt;
-  double exact = 0, clear = 0;  // weights of the pad positions and of the clearance
+  double free_below;                  // m, between the bar and the table
+  double stagger;                     // m, from index to thumb along the bar
+  double body_distance, body_radius;  // m, of a vessel behind the index finger; radius 0: there is none
+  double exact = 0, clear = 0;        // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
     for (const std::size_t posture : {kShut, kWide}) {
@@ -115,8 +120,8 @@ struct PinchGoals {
     s.add_residual(exact, thumb_at.z() - reach, {by_thumb(z)});
     s.add_residual(exact, index_at.z() + reach, {by_index(z)});
     const double across = gripping ? exact : 0.1 * kPerMetre;
-    s.add_residual(across, thumb_at.x(), {by_thumb(x)});
-    s.add_residual(across, index_at.x(), {by_index(x)});
+    s.add_residual(across, thumb_at.x() - 0.5 * stagger, {by_thumb(x)});
+    s.add_residual(across, index_at.x() + 0.5 * stagger, {by_index(x)});
     s.add_residual(across, thumb_at.y() - index_at.y(), {by_thumb(y), by_index(-y)});
     s.add_residual((gripping ? 1.0 : 0.3) * kPerMetre, 0.5 * (thumb_at.y() + index_at.y()) - kAbove,
                    {by_thumb(0.5 * y), by_index(0.5 * y)});
@@ -132,9 +137,14 @@ struct PinchGoals {
   void keep_clear(PostureSolver& s, std::size_t posture) const {
     for (const GripHand::Sphere& sphere : s.spheres(posture)) {
       const Finger whose = finger_of(sphere.body);
-      const double table = sphere.centre.y() + half - sphere.radius - lower_depth;
+      const double table = sphere.centre.y() + half + free_below - sphere.radius - lower_depth;
       if (table < kClear)
         s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+      const Vector3 from_axis(0, sphere.centre.y(), sphere.centre.z() + body_distance);
+      const double body = from_axis.norm() - body_radius - sphere.radius;
+      if (body_radius > 0 && body < kBodyClear)
+        s.add_residual(clear, kBodyClear - body,
+                       {by_point(posture, sphere.body, sphere.centre, -from_axis.normalized())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
       // takes the joint of its bone into the cube. Skip both.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
@@ -142,7 +152,7 @@ struct PinchGoals {
                     (end_joint_of(sphere.body) == joint_of(distal_of(whose)) && sphere.along == 1)))
         continue;
       const double margin = grips ? 1e-3 - closing_depth : kClear;
-      const Distance cube = outside_cube(sphere.centre, half);
+      const Distance cube = outside_bar(sphere.centre, half, half_length);
       const double clearance = cube.value - sphere.radius;
       if (clearance < margin)
         s.add_residual(clear, margin - clearance, {by_point(posture, sphere.body, sphere.centre, -cube.gradient)});
@@ -224,7 +234,17 @@ struct Touches {
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
   const double half = 0.5 * o.object_width;
-  PinchGoals goals{half, half - o.closing_depth, half + o.opening, o.closing_depth, o.lower_depth, o.tilt};
+  PinchGoals goals{half,
+                   std::max(half, 0.5 * o.object_length),
+                   half - o.closing_depth,
+                   half + o.opening,
+                   o.closing_depth,
+                   o.lower_depth,
+                   o.tilt,
+                   o.free_below,
+                   o.stagger,
+                   o.body_distance,
+                   o.body_radius};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),

@@ -81,6 +81,9 @@ class Reader {
   u16s(count: number): Uint16Array {
     return new Uint16Array(this.bytes(2 * count));
   }
+  u32s(count: number): Uint32Array {
+    return new Uint32Array(this.bytes(4 * count));
+  }
   text(length: number): string {
     const text = new TextDecoder().decode(this.bytes(length));
     const end = text.indexOf("\0");
@@ -241,6 +244,7 @@ export enum Shape {
   cylinder,
   plane,
   hull,
+  file,
 }
 export interface ObjectDescription {
   isStatic: boolean;
@@ -250,6 +254,7 @@ export interface ObjectDescription {
   size: Float32Array;
   name: string;
   vertices: Float32Array;
+  triangles: Uint32Array; // of a link of an object file: indices of vertices
 }
 export function objectDescription(payload: DataView): ObjectDescription {
   const r = new Reader(payload);
@@ -259,7 +264,10 @@ export function objectDescription(payload: DataView): ObjectDescription {
   const count = r.u32();
   const mass = r.f32();
   r.at += 4; // friction
-  return { isStatic, removed, shape, mass, size: r.f32s(3), name: r.text(64), vertices: r.f32s(3 * count) };
+  const [size, name, vertices] = [r.f32s(3), r.text(64), r.f32s(3 * count)];
+  const triangles = shape === Shape.file && !removed ? r.u32s(3 * r.u32()) : new Uint32Array();
+  if (triangles.some((vertex) => vertex >= count)) throw new RangeError("a triangle of an object has a wrong vertex");
+  return { isStatic, removed, shape, mass, size, name, vertices, triangles };
 }
 
 export interface Bone {

@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
 import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
+import { toCreasedNormals } from "three/addons/utils/BufferGeometryUtils.js";
 import {
   type Bone,
   type Contacts,
@@ -636,7 +637,7 @@ function niceCeiling(value: number): number {
   return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.9999)!;
 }
 
-function shapeOf({ shape, size, vertices }: ObjectDescription): THREE.BufferGeometry {
+function shapeOf({ shape, size, vertices, triangles }: ObjectDescription): THREE.BufferGeometry {
   const [x, y, z] = [size[0]!, size[1]!, size[2]!];
   switch (shape) {
     case Shape.sphere:
@@ -652,6 +653,12 @@ function shapeOf({ shape, size, vertices }: ObjectDescription): THREE.BufferGeom
       for (let i = 0; i + 2 < vertices.length; i += 3)
         points.push(new THREE.Vector3(vertices[i]!, vertices[i + 1]!, vertices[i + 2]!));
       return new ConvexGeometry(points);
+    }
+    case Shape.file: {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.BufferAttribute(vertices, 3));
+      geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
+      return toCreasedNormals(geometry, 0.6);
     }
     default:
       return new THREE.PlaneGeometry(4, 4).rotateX(-Math.PI / 2);

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cmath>
+#include <stdexcept>
 
 #include "messages/convert.hpp"
 #include "world/engines/bullet/bullet_joint.hpp"
@@ -60,6 +61,8 @@ std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
       return std::make_unique<btStaticPlaneShape>(btVector3(0, 1, 0), 0);
     case ShapeKind::convex_hull:
       break;
+    case ShapeKind::file:
+      throw std::invalid_argument("an object file's link without convex pieces");
   }
   std::array<float, 3 * kMaxHullVertices> points;
   for (std::size_t i = 0; i < shape.vertices.size(); ++i)
@@ -98,7 +101,15 @@ class BulletEngine final : public PhysicsEngine {
   }
 
   void add(std::size_t slot, const EngineObject& object) override {
-    shapes_[slot] = make_shape(object.shape);
+    pieces_[slot].clear();
+    if (object.pieces.empty()) {
+      shapes_[slot] = make_shape(object.shape);
+    } else {
+      auto compound = std::make_unique<btCompoundShape>(true, static_cast<int>(object.pieces.size()));
+      for (const Shape& piece : object.pieces)
+        compound->addChildShape(btTransform::getIdentity(), pieces_[slot].emplace_back(make_shape(piece)).get());
+      shapes_[slot] = std::move(compound);
+    }
     btRigidBody::btRigidBodyConstructionInfo info(static_cast<float>(object.mass), nullptr, shapes_[slot].get(),
                                                   to_bullet(object.inertia, kScale * kScale));
     info.m_startWorldTransform = to_bullet(object.pose);
@@ -126,6 +137,7 @@ class BulletEngine final : public PhysicsEngine {
     world_.removeRigidBody(bodies_[slot].get());
     bodies_[slot].reset();
     shapes_[slot].reset();
+    pieces_[slot].clear();
     wake_all();
   }
 
@@ -184,6 +196,12 @@ class BulletEngine final : public PhysicsEngine {
     return {from_bullet(transform.getOrigin(), kScale), Quaternion(q.w(), q.x(), q.y(), q.z()).normalized()};
   }
 
+  void put_to_sleep(std::size_t slot) override {
+    bodies_[slot]->setLinearVelocity({0, 0, 0});
+    bodies_[slot]->setAngularVelocity({0, 0, 0});
+    bodies_[slot]->setActivationState(ISLAND_SLEEPING);
+  }
+
   bool asleep(std::size_t slot) const override { return !bodies_[slot]->isActive(); }
 
   Twist velocity(std::size_t slot) const override {
@@ -191,28 +209,32 @@ class BulletEngine final : public PhysicsEngine {
             from_bullet(bodies_[slot]->getAngularVelocity(), 1)};
   }
 
-  bool closest_direction(std::size_t slot, std::size_t other, double range, Vector3& direction) const override {
+  using PhysicsEngine::closest_direction;
+  bool closest_direction(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range,
+                         Vector3& direction) const override {
+    const btCollisionShape* one = piece_of(slot, piece);
+    const btCollisionShape* two = piece_of(other, other_piece);
     if (shapes_[other]->getShapeType() == STATIC_PLANE_PROXYTYPE) {
       const btVector3 normal = bodies_[other]->getWorldTransform().getBasis().getColumn(1);
       direction = from_bullet(normal, 1);
       btVector3 low, high;  // a plane is infinite, so test the body's bounding box first
-      shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
+      one->getAabb(bodies_[slot]->getWorldTransform(), low, high);
       const btVector3 nearest(normal.x() > 0 ? low.x() : high.x(), normal.y() > 0 ? low.y() : high.y(),
                               normal.z() > 0 ? low.z() : high.z());
       return (nearest - bodies_[other]->getWorldTransform().getOrigin()).dot(normal) <=
              static_cast<float>(range * kScale);
     }
-    if (!shapes_[slot]->isConvex() || !shapes_[other]->isConvex()) return false;
+    if (!one->isConvex() || !two->isConvex()) return false;
     const float reach = static_cast<float>(range * kScale);
     btVector3 low, high, other_low, other_high;
-    shapes_[slot]->getAabb(bodies_[slot]->getWorldTransform(), low, high);
-    shapes_[other]->getAabb(bodies_[other]->getWorldTransform(), other_low, other_high);
+    one->getAabb(bodies_[slot]->getWorldTransform(), low, high);
+    two->getAabb(bodies_[other]->getWorldTransform(), other_low, other_high);
     for (int axis = 0; axis < 3; ++axis)
       if (low[axis] - reach > other_high[axis] || high[axis] + reach < other_low[axis]) return false;
     btVoronoiSimplexSolver simplex;
     btGjkEpaPenetrationDepthSolver depth;
-    btGjkPairDetector detector(static_cast<const btConvexShape*>(shapes_[slot].get()),
-                               static_cast<const btConvexShape*>(shapes_[other].get()), &simplex, &depth);
+    btGjkPairDetector detector(static_cast<const btConvexShape*>(one), static_cast<const btConvexShape*>(two), &simplex,
+                               &depth);
     btGjkPairDetector::ClosestPointInput input;
     input.m_transformA = bodies_[slot]->getWorldTransform();
     input.m_transformB = bodies_[other]->getWorldTransform();
@@ -225,6 +247,10 @@ class BulletEngine final : public PhysicsEngine {
   }
 
  private:
+  const btCollisionShape* piece_of(std::size_t slot, std::size_t piece) const {
+    return pieces_[slot].empty() ? shapes_[slot].get() : pieces_[slot][piece].get();
+  }
+
   /// A pair of bodies that overlaps already is not filtered again when a joint begins or ends. So it is found anew.
   void forget_contacts(std::size_t slot) {
     if (bodies_[slot])
@@ -244,6 +270,7 @@ class BulletEngine final : public PhysicsEngine {
   BulletJointSolver solver_;
   btDiscreteDynamicsWorld world_{&dispatcher_, &broadphase_, &solver_, &configuration_};
   std::array<std::unique_ptr<btCollisionShape>, kMaxObjects> shapes_;
+  std::array<std::vector<std::unique_ptr<btCollisionShape>>, kMaxObjects> pieces_;  // of compounds
   std::array<std::unique_ptr<btRigidBody>, kMaxObjects> bodies_;
   std::array<std::unique_ptr<BulletJoint>, kMaxObjectJoints> joints_;
 };

@@ -1,0 +1,46 @@
+// The saved state of a hand simulation: its own values, and the memory of each term.
+#include <stdexcept>
+#include <utility>
+
+#include "energies/memory.hpp"
+#include "scene/hand_simulation.hpp"
+
+namespace softhand {
+
+template <typename Self, typename Visit>
+void HandSimulation::visit_own(Self& self, Visit&& visit) {
+  visit(self.state_);
+  visit(self.modes_);
+  visit(self.restored_);
+  visit(self.untangled_nodes_);
+  visit(self.untangled_);
+  visit(self.bone_contact_forces_);
+  visit(self.ledger_enabled_);
+  visit(self.ledger_);
+  visit(self.stored_);
+  visit(self.stored_is_valid_);
+}
+
+void HandSimulation::save(ByteWriter& out) const {
+  visit_own(*this, [&out](const auto& value) { out.write(value); });
+  for (const auto& term : terms_) term->save_memory(out);
+  out.write(untangler_.save());
+}
+
+void HandSimulation::load(ByteReader& in) {
+  const std::size_t nodes = static_cast<std::size_t>(state_.node_positions.cols()), bodies = state_.body_poses.size();
+  visit_own(*this, [&in](auto& value) { in.read(value); });
+  if (static_cast<std::size_t>(state_.node_positions.cols()) != nodes || state_.body_poses.size() != bodies)
+    throw std::runtime_error("the saved state has another layout than the hand");
+  try {
+    for (const auto& term : terms_) term->load_memory(in);
+    untangler_.load(in.take<Untangler::Memory>());
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(std::string("the saved state does not fit: ") + error.what());
+  }
+  forget();
+}
+
+void HandSimulation::forget() { solver_->forget(); }
+
+}  // namespace softhand

@@ -1,0 +1,10 @@
+# Writes OUTPUT with the SHA-256 of the libraries in FILES.
+string(REPLACE "|" ";" files "${FILES}")
+set(sums "")
+foreach(f ${files})
+  file(SHA256 ${f} sum)
+  string(APPEND sums ${sum})
+endforeach()
+string(SHA256 sum "${sums}")
+string(SUBSTRING ${sum} 0 16 sum)
+file(WRITE ${OUTPUT} "#include \"flight/flight.hpp\"\nconst char* const softhand::kFlightBuild = \"${sum}\";\n")

@@ -1,0 +1,109 @@
+// The records of the hand's loop.
+#pragma once
+
+#include <algorithm>
+
+#include "flight/flight.hpp"
+#include "hand/hand_loop.hpp"
+
+namespace softhand {
+
+template <>
+struct FlightTraits<HandLoop> {
+  struct Input {
+    const HandInput& input;
+    const RequestedOutputs& requested;
+  };
+  static void write_input(ByteWriter& out, const Input& from, bool) {
+    out.write(from.requested);
+    const auto write = [&out](const auto* sample) {
+      out.write(sample != nullptr);
+      if (sample != nullptr) out.write(*sample);
+    };
+    write(from.input.skeleton);
+    write(from.input.head);
+    write(from.input.world);
+  }
+  /// Steps with a recorded input. Samples live in here, because they are large.
+  class Repeater {
+   public:
+    void step(HandLoop& loop, Nanoseconds now, ByteReader& in) {
+      const auto requested = in.take<RequestedOutputs>();
+      HandInput input;
+      input.skeleton = read(in, samples_->skeleton);
+      input.head = read(in, samples_->head);
+      input.world = read(in, samples_->world);
+      loop.step(now, input, requested);
+    }
+    void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {
+      try {
+        if (kind == kFlightObject) loop.describe_object(in.take<ObjectDescription>());
+        if (kind == kFlightJoint) loop.describe_joint(in.take<ObjectJointDescription>());
+      } catch (const std::invalid_argument&) {
+        // The live loop has refused it too.
+      }
+    }
+
+   private:
+    struct Samples {
+      Skeleton skeleton;
+      HeadPose head;
+      WorldObjects world;
+    };
+    template <typename T>
+    static const T* read(ByteReader& in, T& sample) {
+      if (!in.take<bool>()) return nullptr;
+      in.read(sample);
+      return &sample;
+    }
+    std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
+  };
+
+  static std::uint32_t status(const HandLoop& loop) { return static_cast<std::uint32_t>(loop.report().status); }
+  static const char* status_text(std::uint32_t status) { return to_string(static_cast<StepStatus>(status)).data(); }
+  /// The wrist's position (m) and the largest contact force on a bone (N).
+  static constexpr std::array<const char*, 4> kFigures{"wrist x", "wrist y", "wrist z", "contact force"};
+  static constexpr std::array<double, 4> kTolerances{1e-3, 1e-3, 1e-3, 1};
+  static std::array<double, 4> figures(const HandLoop& loop) {
+    const Vector3 wrist = loop.simulation().joint_pose(Joint::wrist).position;
+    return {wrist.x(), wrist.y(), wrist.z(), largest_force(loop)};
+  }
+  static double largest_force(const HandLoop& loop) {
+    double largest = 0;
+    for (const Vector3& force : loop.simulation().bone_contact_forces()) largest = std::max(largest, force.norm());
+    return largest;
+  }
+  static void save(const HandLoop& loop, ByteWriter& out) { loop.save(out); }
+  static void load(HandLoop& loop, ByteReader& in) { loop.load(in); }
+  static void forget(HandLoop& loop) { loop.forget(); }
+};
+
+/// Finds what should not happen, after each step.
+class HandInvariants {
+ public:
+  explicit HandInvariants(const FlightOptions& limits) : limits_(limits) {}
+  /// Returns what is wrong, or null.
+  const char* check(const HandLoop& loop) {
+    const HandCounters& counters = loop.counters();
+    const HandCounters before = std::exchange(before_, counters);
+    if (counters.failed_steps > before.failed_steps) return "a step failed";
+    if (counters.refused_nonfinite > before.refused_nonfinite) return "an input was not finite";
+    if (limits_.contact_force > 0 && FlightTraits<HandLoop>::largest_force(loop) > limits_.contact_force)
+      return "a contact force is above flight.contact_force";
+    if (limits_.ledger_defect > 0 && loop.simulation().ledger().defect() > limits_.ledger_defect)
+      return "the ledger's defect is above flight.ledger_defect";
+    // The count costs as much as an evaluation of the tissue, so it is not taken in each step.
+    if (limits_.inverted_elements > 0 && ++steps_ % kCountPeriod == 0 &&
+        loop.simulation().inverted_elements() > limits_.inverted_elements)
+      return "more elements are inverted than flight.inverted_elements";
+    return nullptr;
+  }
+
+ private:
+  static constexpr std::uint64_t kCountPeriod = 30;
+  FlightOptions limits_;
+  HandCounters before_;
+  std::uint64_t steps_ = 0;
+};
+
+}  // namespace softhand

@@ -1,0 +1,80 @@
+// The saved state of the world's loop. An engine keeps impulses of contacts, pairs and an order of bodies that cannot
+// be read. So at a snapshot the live run and the repeated run both make a new engine from what the loop knows.
+#include <stdexcept>
+
+#include "world/world_loop.hpp"
+
+namespace softhand {
+
+template <typename Self, typename Visit>
+void WorldLoop::visit_own(Self& self, Visit&& visit) {
+  for (auto& object : self.objects_) {
+    visit(object.present);
+    visit(object.weightless);
+    visit(object.near_hand);
+    visit(object.owned);
+    visit(object.stalled);
+    visit(object.put);
+    visit(object.put_at);
+    visit(object.owner);
+    visit(object.owner_step);
+    visit(object.pose);
+    visit(object.velocity);
+    visit(object.previous_velocity);
+    visit(object.planes);
+  }
+  for (auto& joint : self.joints_) visit(joint.present);
+  for (auto& description : self.descriptions_) {
+    visit(description.removed);
+    visit(description.stamp.sequence);
+  }
+  for (auto& description : self.joint_descriptions_) {
+    visit(description.removed);
+    visit(description.stamp.sequence);
+  }
+  visit(self.descriptions_version_);
+  visit(self.counters_);
+  visit(self.newest_input_);
+  visit(self.reset_time_);
+  visit(self.output_->objects);
+}
+
+void WorldLoop::save(ByteWriter& out) const {
+  out.write(static_cast<std::uint32_t>(objects_.size()));
+  visit_own(*this, [&out](const auto& value) { out.write(value); });
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    out.write(objects_[slot].present && objects_[slot].dynamic && engine_->asleep(slot));
+}
+
+void WorldLoop::load(ByteReader& in) {
+  if (in.take<std::uint32_t>() != objects_.size())
+    throw std::runtime_error("the saved state has another number of objects");
+  visit_own(*this, [&in](auto& value) { in.read(value); });
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) was_asleep_[slot] = in.take<bool>();
+  make_engine();
+}
+
+void WorldLoop::forget() {
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    was_asleep_[slot] = objects_[slot].present && objects_[slot].dynamic && engine_->asleep(slot);
+  make_engine();
+}
+
+void WorldLoop::make_engine() {
+  engine_ = make_physics_engine(options_.engine);
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    const Object& object = objects_[slot];
+    if (!object.present) continue;
+    engine_->add(slot,
+                 {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
+    if (!object.dynamic) continue;
+    engine_->place(slot, object.pose, object.velocity);
+    engine_->set_gravity(slot, gravity_of(object));
+  }
+  for (std::size_t j = 0; j < joints_.size(); ++j)
+    if (joints_[j].present) engine_->add_joint(j, joints_[j].engine);
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    if (was_asleep_[slot]) engine_->put_to_sleep(slot);
+}
+
+}  // namespace softhand

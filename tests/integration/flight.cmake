@@ -1,0 +1,11 @@
+# The demo with flight recorders and three disturbances. Real processes, as in rig.cmake.
+if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
+  return()
+endif()
+add_executable(test_flight_rig ${CMAKE_CURRENT_LIST_DIR}/flight_rig_test.cpp)
+target_link_libraries(test_flight_rig PRIVATE softhand_options softhand_rig_harness softhand_runtime GTest::gtest
+  GTest::gtest_main)
+target_compile_definitions(test_flight_rig PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+add_dependencies(test_flight_rig softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay
+  softhand-haptic-log softhand-tactile-log)
+gtest_discover_tests(test_flight_rig DISCOVERY_MODE PRE_TEST PROPERTIES RUN_SERIAL TRUE TIMEOUT 180)
