@@ -21,7 +21,7 @@
 namespace {
 
 // Few steps, because valgrind needs a second for a step: it computes fused multiply-adds one by one.
-constexpr int kSettlingSteps = 2;
+constexpr int kSettlingSteps = 20;
 
 softhand::HandOptions fast_mode() {
   softhand::HandOptions options;
