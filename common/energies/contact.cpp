@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
 constexpr std::size_t kMostSharp = 256;  // contacts of sharp points
+constexpr double kSharpReach = 5e-3;     // m; a sharp point farther than this from the skin does not touch it
 constexpr double kLookAhead = 2;         // steps
 constexpr double kTouchMargin = 5e-4;    // m
 constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
@@ -421,7 +422,7 @@ void ContactSet::end_step(const State& state) {
   remove_if([this, &state](Anchor& anchor) {
     const Offset o = offset(anchor, state);
     settle(anchor, o);
-    return anchor_law::ends(anchor, o.depth);
+    return anchor_law::ends(anchor, o.depth) || (anchor.sharp >= 0 && has_left(anchor, state));
   });
   find_crossed(state, [&](Anchor& anchor) {
     anchor.missed = true;
@@ -436,6 +437,19 @@ void ContactSet::end_step(const State& state) {
     friction_flow_.stored += anchor.friction_energy;
     ++at(anchor.slot).count;
   }
+}
+
+// Whether the skin is no longer above a sharp point, although the contact's point is still behind its plane. Example: a
+// finger that leaves an edge sideways. Counts the energy that such a contact loses.
+bool ContactSet::has_left(const Anchor& anchor, const State& state) {
+  const Collider& collider = at(anchor.slot).collider;
+  const RestingPoint& sharp = collider.geometry()->sharp_points()[static_cast<std::size_t>(anchor.sharp)];
+  const Vector3 centre = collider.pose(state) * sharp.centre;
+  const Candidates::SkinPlace skin = candidates_.nearest_on_skin(centre, kSharpReach, state.node_positions);
+  if (skin.point >= 0 && skin.normal.dot(centre - skin.position) < sharp.radius) return false;
+  normal_flow_.anchoring -= anchor.normal_energy;
+  friction_flow_.anchoring -= anchor.friction_energy;
+  return true;
 }
 
 // Counts the energy of a contact that is removed. Always returns true.

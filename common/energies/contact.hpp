@@ -22,7 +22,7 @@
 // the
 //   crossing, and no anchor is two-sided any more.
 // - A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
-//   at 1 m/s at most.
+//   at 0.8 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
 //   position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick
 //   cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
@@ -57,7 +57,7 @@ namespace softhand {
 class ContactSet {
  public:
   /// A sharp point is as stiff as a contact point with this area, m^2: 3 N press it in by 0.5 mm with the default k_c.
-  static constexpr double sharp_area = 15e-6;
+  static constexpr double sharp_area = 8.5e-6;
   using Anchor = ContactAnchor;
   using Offset = AnchorOffset;
 
@@ -189,6 +189,7 @@ class ContactSet {
     return stiffness_ * (point < points_.count() ? points_[point].area : sharp_area);
   }
   bool is_taken(int roving_point) const;
+  bool has_left(const Anchor& anchor, const State& state);
   bool is_pricked(int slot, int sharp) const;
   Anchor* create(int slot, const Meeting& meeting);
   template <typename Ends>

@@ -321,6 +321,15 @@ TEST(SharpPoint, IsFeltSlidesAndLeaves) {
   EXPECT_EQ(needle.contacts.count(), 0);
 }
 
+// The tip leaves the skin over its edge, at the same height.
+TEST(SharpPoint, EndsWhereThereIsNoSkin) {
+  Needle needle(ContactObject::fixed);
+  needle.step();
+  needle.state.body_velocities[0].linear = Vector3(-0.1, 0, 0);
+  for (int i = 0; i < 15; ++i) needle.step();
+  EXPECT_EQ(needle.contacts.count(), 0);
+}
+
 TEST(SharpPoint, OfAnObjectThatStaysOutsideIsNotFelt) {
   Needle needle(ContactObject::fixed, 0.01);
   needle.step();

@@ -2,11 +2,13 @@
 // high, objects that disappear.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <numeric>
 
 #include "bench/measure.hpp"
 #include "cli/outcome.hpp"
+#include "contact/contact_point.hpp"
 #include "geometry/shape.hpp"
 #include "hand/hand_loop.hpp"
 #include "math/rotation.hpp"
@@ -77,8 +79,10 @@ Findings thin_plate(bool plate_moves, int trials) {
                    kPast = 1e-3;  // m/s, m, m; the tip of the half-closed finger yields less than a pad
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
+  const ContactPoints points(event.hand, lumped_masses(event.hand));
   double lowest = 1;
   for (const Vector3& node : event.hand.nodes) lowest = std::min(lowest, node.y());
+  double lowest_point = lowest;
   event.object.shape = box_shape({0.1, kHalf, 0.1});
   event.time_step = [](int) { return 1.0 / 60; };
   event.strokes = true;
@@ -98,8 +102,10 @@ Findings thin_plate(bool plate_moves, int trials) {
     event.seconds = travel / kSpeed + 0.25;
     bool behind = false;
     Findings one = run(event, [&](const EventStep& now) {
-      behind =
-          now.simulation.state().node_positions.row(1).minCoeff() < now.simulation.slot_pose(now.slot).position.y();
+      lowest_point = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < points.count(); ++i)
+        lowest_point = std::min(lowest_point, points.at(i, now.simulation.state().node_positions).y());
+      behind = lowest_point < now.simulation.slot_pose(now.slot).position.y();
     });
     tunnels += behind ? 1 : 0;
     const bool nonfinite = !one.demands.front().met();
