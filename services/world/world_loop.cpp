@@ -189,8 +189,14 @@ void WorldLoop::insert(std::size_t slot) {
   object.velocity = object.previous_velocity = {};
   object.present = true;
   object.planes.clear();
+  add_to_engine(slot);
+}
+
+/// Adds an object to the engine at its present pose, at rest.
+void WorldLoop::add_to_engine(std::size_t slot) {
+  const Object& object = objects_[slot];
   engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                      object.start, object.solid.pieces});
+                      object.pose, object.solid.pieces});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
@@ -405,9 +411,7 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       ++counters_.repaired;
       detach(slot);
       engine_->remove(slot);
-      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                          object.pose, object.solid.pieces});
-      engine_->set_gravity(slot, gravity_of(object));
+      add_to_engine(slot);
       object.velocity = object.previous_velocity = {};
       attach(slot);
       continue;
