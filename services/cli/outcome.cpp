@@ -201,6 +201,13 @@ double Outcome::longest_tracked_interval() const {
   return std::isnan(median) ? std::numeric_limits<double>::infinity() : kGapPeriods * median;
 }
 
+double Outcome::last_time(const OutcomeFrame& frame) const {
+  double last = std::numeric_limits<double>::infinity();
+  if (!contacts_.empty()) last = seconds(contacts_.back().time);
+  if (!frame.phases.empty()) last = std::min(last, seconds(frame.motion_start) + frame.phases.back().end + 0.5);
+  return last;
+}
+
 Json Outcome::pinch(const OutcomeFrame& frame) const {
   const double start = seconds(frame.motion_start);
   Json json;
@@ -308,12 +315,10 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  // Released: for half a second nothing touched the object, and it lay still. This half second ends 0.5 s after the end
-  // of the motion (then the tracker starts again), or at the end of the run if that is earlier.
+  // Released: in the last half second nothing touched the object, and it lay still.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
-    double end = seconds(contacts_.back().time);
-    if (!frame.phases.empty()) end = std::min(end, start + frame.phases.back().end + 0.5);
+    const double end = last_time(frame);
     bool touched = false;
     for (const ContactSample& c : contacts_) {
       if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
@@ -354,8 +359,9 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
   const ObjectSample *first = nullptr, *last = nullptr;
   double travel = 0, tilt = 0, other_tilt = 0;
   Vector3 side = Vector3::Zero();  // horizontal, of the largest tilt
+  const double end = last_time(frame);
   for (const ObjectSample& each : objects_) {
-    if (each.object != frame.object) continue;
+    if (each.object != frame.object || seconds(each.time) > end) continue;
     if (first == nullptr) first = &each;
     last = &each;
     travel = std::max(travel, (each.pose.position - first->pose.position).norm());
@@ -368,7 +374,7 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
     }
   }
   for (const ObjectSample& each : objects_) {
-    if (each.object != frame.object) continue;
+    if (each.object != frame.object || seconds(each.time) > end) continue;
     const Vector3 up = upright(first->pose, each.pose);
     other_tilt = std::max(other_tilt, std::atan2(-up.dot(side), up.y()));
   }
@@ -444,7 +450,9 @@ Outcome::Swings Outcome::swings(const OutcomeFrame& frame) const {
   std::optional<Pose> parent;
   std::optional<double> first;
   bool open = false;
+  const double end = last_time(frame);
   for (const ObjectSample& each : objects_) {
+    if (seconds(each.time) > end) break;
     if (each.object == joint.parent) parent = each.pose;
     if (each.object != joint.child || !parent) continue;
     const double q = joint_coordinate(joint.law, {*parent, each.pose, joint.parent_from_joint, joint.child_from_joint});

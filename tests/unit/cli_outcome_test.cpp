@@ -152,7 +152,7 @@ TEST(OutcomePinch, ReportsZeroSlipIfNothingSlips) {
 }
 
 // The object moves by 0.1 m along x, tilts by 50 degrees and comes back, unless `stays`.
-Json success_of(const Goal& goal, bool stays, bool touches = true) {
+Json success_of(const Goal& goal, bool stays, bool touches = true, std::vector<MotionPhase> phases = {}) {
   Outcome outcome;
   for (int i = 0; i <= 400; ++i) {
     const double t = 0.01 * i, share = t < 3 ? 0.5 - 0.5 * std::cos(2 * M_PI * t / 3) : 0;
@@ -179,7 +179,14 @@ Json success_of(const Goal& goal, bool stays, bool touches = true) {
   frame.motion_start = kStart;
   frame.object = kCube;
   frame.goal = goal;
+  frame.phases = std::move(phases);
   return outcome.summary(frame);
+}
+
+TEST(OutcomeSuccess, WhatFollowsTheMotionDoesNotCount) {
+  // The object reaches 100 mm after 1.5 s.
+  EXPECT_NEAR(success_of({0.09, 0, 0}, false, true, {{"lift", 0, 0.25}})["travel_mm"].get<double>(), 50, 1);
+  EXPECT_NEAR(success_of({0.09, 0, 0}, false, true, {{"lift", 0, 2}})["travel_mm"].get<double>(), 100, 0.1);
 }
 
 TEST(OutcomeSuccess, StatesEachDemandAndWhetherItHolds) {
