@@ -105,8 +105,8 @@ class Outcome {
 
   /// Seconds. A longer interval between tracked samples is a gap. Nothing is compared with the tracker inside a gap.
   double longest_tracked_interval() const;
-  /// Seconds on the clock of the messages: 0.5 s after the motion, because then the tracker may repeat it, or the end
-  /// of the run if that is earlier. Later messages do not count for the success.
+  /// Seconds on the clock of the messages: 0.5 s after the motion, or the end of the run if that is earlier. Later
+  /// messages do not count for the success, because the tracker may repeat the motion.
   double last_time(const OutcomeFrame& frame) const;
   nlohmann::ordered_json success(const OutcomeFrame& frame, bool released) const;
   struct Swings {
