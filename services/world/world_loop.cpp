@@ -26,15 +26,19 @@ constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the ha
 constexpr double kSeating = 0.0001;
 constexpr double kCutByPlane = 0.0005;  // m
 constexpr double kSamePlane = 0.98;     // cosine of 11 degrees
-constexpr double kAbsurd = 1e4;         // m; positions beyond it are refused
+constexpr double kAbsurd = 1e4;         // m, m/s, rad/s; larger values are refused
+constexpr double kAbsurdForce = 1e6;    // N, N m
+constexpr double kFuture = 0.050;       // s; a sample may be taken up to this after the step began
 
 bool is_plausible(const ObjectTwin& twin) {
-  const auto near = [](double x) { return std::abs(x) < kAbsurd; };
+  const auto within = [](const Vec3& values, double limit) {  // false for NaN
+    return std::all_of(values.begin(), values.end(), [limit](double x) { return std::abs(x) < limit; });
+  };
   const double norm = to_quaternion(twin.orientation).norm();
-  return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) &&
-         all_finite(twin.angular_velocity) && all_finite(twin.contact_force) && all_finite(twin.contact_torque) &&
-         all_finite(twin.coupling_force) && all_finite(twin.coupling_torque) &&
-         std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 && norm < 2;
+  return within(twin.position, kAbsurd) && within(twin.linear_velocity, kAbsurd) &&
+         within(twin.angular_velocity, kAbsurd) && within(twin.contact_force, kAbsurdForce) &&
+         within(twin.contact_torque, kAbsurdForce) && within(twin.coupling_force, kAbsurdForce) &&
+         within(twin.coupling_torque, kAbsurdForce) && norm > 0.5 && norm < 2;
 }
 
 const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
@@ -272,11 +276,15 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     if (twin == nullptr || coupling->stamp.sample_time <= reset_time_) continue;
     const double age = static_cast<double>(now - coupling->stamp.sample_time) * kSeconds;
     if (age > kVanished) continue;
+    if (age < -kFuture) {
+      ++counters_.refused_future;
+      continue;
+    }
     if ((coupling->mode == 1) != symmetric) {
       ++counters_.refused_mode;
       continue;
     }
-    if (!is_plausible(*twin)) {
+    if (!is_plausible(*twin) || !std::isfinite(coupling->step_period)) {
       ++counters_.refused_nonfinite;
       continue;
     }
@@ -597,6 +605,7 @@ void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   mechanical.value = energy();
   status.energies.push_back(mechanical);
   add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite));
+  add_counter(status, "refused_future", static_cast<double>(counters_.refused_future));
   add_counter(status, "refused_mode", static_cast<double>(counters_.refused_mode));
   add_counter(status, "stalls", static_cast<double>(counters_.stalls));
   add_counter(status, "vanished", static_cast<double>(counters_.vanished));

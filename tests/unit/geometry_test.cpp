@@ -8,7 +8,7 @@
 #include <string>
 
 #include "geometry/convex_hull.hpp"
-#include "geometry/node_groups.hpp"
+#include "geometry/point_groups.hpp"
 #include "geometry/shape.hpp"
 
 namespace softhand {
@@ -381,7 +381,7 @@ TEST(Geometry, RefusesBadShapesAndNamesTheReason) {
   refused(hull_of({{0, 0, 0}, {1, 0, 0}, {0, nan, 0}, {1, 1, 1}}), "finite");
 }
 
-TEST(NodeGroups, FindsEveryNodeInReach) {
+TEST(PointGroups, FindsEveryNodeInReach) {
   Random random(41);
   const int count = 300;
   Eigen::Matrix3Xd positions(3, count), velocities(3, count);
@@ -393,7 +393,7 @@ TEST(NodeGroups, FindsEveryNodeInReach) {
     velocities.col(i) = random.vector(1.0);
     nodes.push_back(i);
   }
-  NodeGroups groups(nodes, group);
+  PointGroups groups(nodes, group);
   groups.update(positions, velocities, 1.0 / 90);
   for (const Named& named : shapes()) {
     SCOPED_TRACE(named.name);

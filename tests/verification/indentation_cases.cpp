@@ -203,7 +203,7 @@ Indentation indent(const Parameters& p, int cells) {
   double moment = 0;
   for (const auto& anchor : contacts.anchors()) {
     const double f = anchor.force.y();  // on the node, negative
-    const Vector3 x = state.node_positions.col(anchor.node);
+    const Vector3 x = contacts.position(anchor, state);
     result.force -= f / share;
     moment -= f / share * (x.x() * x.x() + x.z() * x.z());
     result.penetration -= f / share * -contacts.offset(anchor, state).depth;
