@@ -18,9 +18,8 @@
 //   surface within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration
 //   has moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing.
 //   Then a tip at 1 m/s would sink 11 mm.
-// - Contact is revised after iterations: a point that crossed a surface without being predicted to gets an anchor at
-// the
-//   crossing, and no anchor is two-sided any more.
+// - Contact is revised after iterations. A point that crossed a surface without being predicted to gets an anchor at
+//   the crossing. Then no anchor is two-sided any more.
 // - A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
 //   at 0.8 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the

@@ -66,6 +66,14 @@ struct FlightResult {
 template <typename Loop>
 struct FlightTraits;
 
+/// Reads a sample that may be absent. Returns null if it is absent, otherwise `sample`.
+template <typename T>
+const T* read_optional(ByteReader& in, T& sample) {
+  if (!in.take<bool>()) return nullptr;
+  in.read(sample);
+  return &sample;
+}
+
 template <typename Loop>
 FlightResult flight_result(const Loop& loop) {
   FlightResult result;
