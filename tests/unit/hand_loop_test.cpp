@@ -34,6 +34,8 @@ HandOptions loop_options() {
   o.simulation.solver.max_iterations = 4;
   o.mirrored_objects = 1;
   o.static_objects = 0;
+  // A node of the block hand has 50 times the area of a shipped hand's contact point.
+  o.simulation.contact_stiffness = testing::contact_stiffness(hand(), 12000);
   return o;
 }
 
