@@ -8,6 +8,8 @@
 
 #include "device/answer.hpp"
 #include "messages/convert.hpp"
+#include "runtime/config.hpp"
+#include "runtime/exit_codes.hpp"
 #include "runtime/periodic_loop.hpp"
 
 namespace softhand {
@@ -49,7 +51,7 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    std::exit(app.exit(error));
+    std::exit(app.exit(error) == 0 ? 0 : kExitConfiguration);
   }
   return arguments;
 }
@@ -155,6 +157,9 @@ int guarded_main(const std::string& module, const std::function<void()>& body) {
   try {
     body();
     return 0;
+  } catch (const ConfigError& error) {
+    std::fprintf(stderr, "%s: %s\n", module.c_str(), error.what());
+    return kExitConfiguration;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s\n", module.c_str(), error.what());
     return 1;

@@ -93,7 +93,8 @@ std::uint64_t dropped_before(const Readers&... readers) {
   return (of(readers.counters()) + ...);
 }
 
-/// main() of a service: an exception from `body` becomes one line on stderr and exit code 1.
+/// main() of a service: an exception from `body` becomes one line on stderr and exit code 1. For a ConfigError the exit
+/// code is kExitConfiguration, as for a wrong command line.
 int guarded_main(const std::string& module, const std::function<void()>& body);
 
 }  // namespace softhand

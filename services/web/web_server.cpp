@@ -19,6 +19,8 @@
 #include <thread>
 #include <type_traits>
 
+#include "runtime/config.hpp"
+
 namespace softhand::web {
 namespace {
 
@@ -284,9 +286,9 @@ ssl::context tls_of(const Listening& listening) {
   context.set_options(ssl::context::default_workarounds | ssl::context::no_tlsv1 | ssl::context::no_tlsv1_1);
   beast::error_code error;
   context.use_certificate_chain_file(listening.certificate, error);
-  if (error) throw std::runtime_error("certificate " + listening.certificate + ": " + error.message());
+  if (error) throw ConfigError("certificate " + listening.certificate + ": " + error.message());
   context.use_private_key_file(listening.key, ssl::context::pem, error);
-  if (error) throw std::runtime_error("key " + listening.key + ": " + error.message());
+  if (error) throw ConfigError("key " + listening.key + ": " + error.message());
   return context;
 }
 
@@ -327,7 +329,7 @@ class WebServer::Impl {
   void listen(const Listening& listening, int ports) {
     beast::error_code error;
     const auto address = asio::ip::make_address(listening.address, error);
-    if (error) throw std::runtime_error("address: expected an IP address, not '" + listening.address + "'");
+    if (error) throw ConfigError("address: expected an IP address, not '" + listening.address + "'");
     const std::int64_t last = listening.port == 0 ? 0 : std::min<std::int64_t>(65535, listening.port + ports - 1);
     for (std::int64_t port = listening.port; port <= last; ++port) {
       const tcp::endpoint endpoint(address, static_cast<std::uint16_t>(port));

@@ -117,6 +117,47 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
   }));
 }
 
+// A stopped process is alive for the kernel, but it does not report. Its status ends, so it is replaced.
+TEST_F(Rig, AProcessThatHangsIsReplaced) {
+  RigListener listener;
+  Up up(kDemo, {});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  for (const char* module : {"haptic", "hand"}) {
+    const std::int64_t hung = listener.process_id(module);
+    const Nanoseconds since = now();
+    ASSERT_EQ(kill(static_cast<pid_t>(hung), SIGSTOP), 0);
+    EXPECT_TRUE(listener.wait(15s, [&] { return listener.process_id(module) != hung; })) << module << up.output();
+    EXPECT_FALSE(is_alive(static_cast<std::uint32_t>(hung))) << module;
+    std::printf("%s replaced after %.1f s\n", module, 1e-3 * milliseconds_between(since, now()));
+  }
+  const Nanoseconds replaced = now();
+  EXPECT_TRUE(listener.wait(10s, [&] { return follows(listener, replaced); }));
+  EXPECT_NE(up.output().find("hand | no status for"), std::string::npos) << up.output();
+}
+
+// A configuration error does not go away by itself.
+TEST_F(Rig, AProcessWithAWrongConfigurationIsNotRestarted) {
+  const std::string path = "/tmp/softhand_rig_wrong_" + std::to_string(getpid()) + ".toml";
+  std::ofstream(path) << "name = \"wrong\"\nscene = \"" SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml\"\n"
+                      << "[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n"
+                      << "arguments = \"--config {scene} --module world\"\n"
+                      << "[[process]]\nname = \"tracking\"\nprogram = \"softhand-tracking\"\n"
+                      << "arguments = \"--config {scene} --set tracking.rate=5\"\n"
+                      << "[[process]]\nname = \"hand\"\nprogram = \"softhand-hand\"\n"
+                      << "arguments = \"--config {scene} --no-such-option\"\n";
+  const auto started = std::chrono::steady_clock::now();
+  const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", path, "--seconds", "2"});
+  const auto took = std::chrono::steady_clock::now() - started;
+  unlink(path.c_str());
+  EXPECT_NE(up.exit_code, 0);
+  EXPECT_EQ(up.output.find("restarts in"), std::string::npos) << up.output;
+  EXPECT_NE(up.output.find("tracking | its configuration is wrong (exit code 78); not restarted"), std::string::npos)
+      << up.output;
+  EXPECT_NE(up.output.find("hand | its configuration is wrong (exit code 78); not restarted"), std::string::npos)
+      << up.output;
+  EXPECT_LT(took, 10s) << "nobody waits for the status of a process that will not come";
+}
+
 TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
   const std::string path = "/tmp/softhand_rig_summary_" + std::to_string(getpid()) + ".json";
   const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo,
