@@ -138,7 +138,7 @@ class Inbox::Impl {
     };
     site.origin = web::Origin::this_host;
     site.largest_message = largest;
-    site.connect = [this] {
+    site.connect = [this](bool) {
       return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr;
     };
     site.refused = [this] { ++shared_.refused_origin; };
