@@ -86,10 +86,12 @@ class Service {
   std::uint32_t clock_id_;
 };
 
-/// Number of samples that these readers lost or refused as malformed: `LoopStatus::input_drops`.
+/// Number of samples that these readers lost or refused (malformed, or no room): `LoopStatus::input_drops`.
 template <typename... Readers>
 std::uint64_t dropped_before(const Readers&... readers) {
-  const auto of = [](const bus::ReaderCounters& counters) { return counters.lost + counters.refused; };
+  const auto of = [](const bus::ReaderCounters& counters) {
+    return counters.lost + counters.refused + counters.crowded;
+  };
   return (of(readers.counters()) + ...);
 }
 
