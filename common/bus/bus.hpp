@@ -6,8 +6,8 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. Raise the
-// priority before you create it. One thread at a time may use a Reader. Writers are thread-safe.
+// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be
+// ordinary: see runtime/scheduling.hpp. One thread at a time may use a Reader. Writers are thread-safe.
 // Errors: constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other
 // members of Participant, Writer and Reader do not throw and do not allocate in our code.
 // Lifetime: writers and readers keep their participant alive.

@@ -12,6 +12,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "runtime/scheduling.hpp"
+
 namespace softhand {
 
 /// Single producer. `push` never blocks. If the writer thread is too slow, records are dropped and counted.
@@ -27,7 +29,10 @@ class RecordLog {
       : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {
     if (file_ == nullptr) throw std::runtime_error(path + ": cannot be opened for writing");
     std::fputs(header.c_str(), file_);
-    thread_ = std::thread([this] { run(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      run();
+    });
   }
   ~RecordLog() {
     stop_.store(true, std::memory_order_release);

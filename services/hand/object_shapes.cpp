@@ -5,6 +5,7 @@
 
 #include "messages/convert.hpp"
 #include "runtime/object_store.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand {
 namespace {
@@ -63,7 +64,11 @@ void ObjectShapes::request(const ObjectDescription& description) {
       return;
     ordered_.push_back(file);
   }
-  if (!thread_.joinable()) thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
+  if (!thread_.joinable())
+    thread_ = std::jthread([this](const std::stop_token& stop) {
+      become_ordinary();
+      work(stop);
+    });
   wake_.notify_one();
 }
 

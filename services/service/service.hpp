@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,8 @@ struct ServiceArguments {
   std::string config;                  ///< scene file; all services of a rig read the same file, each its own sections
   std::vector<std::string> overrides;  ///< values of `--set`
   std::string flight;                  ///< folder of `--flight`; empty: no file at the end of the process
+  std::optional<int> priority;         ///< of the loop; 0: ordinary
+  std::string cores;                   ///< for the loop; empty: all
 };
 
 /// Reads `--config`, `--set` and `--module`. Prints the help and exits on `--help`. Prints the error and exits on a
@@ -38,7 +41,7 @@ struct DeviceArguments : ServiceArguments {
 DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module);
 
 enum class Urgency {
-  real_time,  ///< memory locked and priority raised (higher for faster loops); prints a warning if this is refused
+  real_time,  ///< memory locked and priority raised (`--priority`); prints a warning if this is refused
   ordinary,   ///< lower priority than the other processes; for displays
 };
 
@@ -49,7 +52,8 @@ enum class Pacing {
 
 class Service {
  public:
-  /// Sets the urgency before DDS creates its threads. From here on SIGTERM and SIGINT request a clean stop.
+  /// Sets the urgency and the cores of the calling thread, which will run the loop. Threads that it starts later are
+  /// ordinary. From here on SIGTERM and SIGINT request a clean stop.
   Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }
 

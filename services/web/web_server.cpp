@@ -22,6 +22,7 @@
 #include <type_traits>
 
 #include "runtime/config.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand::web {
 namespace {
@@ -375,7 +376,10 @@ class WebServer::Impl {
       if (everywhere) urls_elsewhere_.push_back(url_of(in_url(host)) + query);
     }
     accept();
-    thread_ = std::thread([this] { context_.run(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      context_.run();
+    });
   }
 
   ~Impl() {

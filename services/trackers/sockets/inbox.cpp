@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "runtime/clock.hpp"
+#include "runtime/scheduling.hpp"
 #include "web/web_server.hpp"
 
 namespace softhand {
@@ -81,7 +82,10 @@ class Datagrams {
       close_all();
       throw std::runtime_error("cannot listen on UDP " + address + ":" + std::to_string(port) + ": " + why);
     }
-    thread_ = std::thread([this] { receive(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      receive();
+    });
   }
   ~Datagrams() {
     const std::uint64_t one = 1;
