@@ -61,6 +61,10 @@ class PhysicsEngine {
   virtual void set_passive(std::size_t number, bool passive) = 0;
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;
+  /// Forgets everything that it carries from step to step: contacts, impulses, sleep, and the order in which objects
+  /// came. Then it equals a new engine with these objects and joints, in the order of slots and numbers, at rest.
+  /// Allocates nothing.
+  virtual void forget() = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at

@@ -32,7 +32,6 @@ void store(btScalar* out, const Vector3& v) {
 BulletJoint::BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale)
     : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale) {
   setUserConstraintType(kJointType);
-  rows_.reserve(16);
 }
 
 // A row in metres or radians. An offset is converted to the engine's lengths.
@@ -178,7 +177,7 @@ void BulletJoint::getInfo2(btConstraintInfo2* info) {
 
 void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) {
   btSequentialImpulseConstraintSolver::convertJoints(constraints, count, info);
-  converted_.clear();
+  converted_.resize(0);
   int row = 0;
   for (int i = 0; i < count; ++i) {
     const int rows = m_tmpConstraintSizesPool[i].m_numConstraintRows;
@@ -211,11 +210,12 @@ void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count
 
 btScalar BulletJointSolver::solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
                                                           const btContactSolverInfo& info) {
-  for (const Converted& each : converted_) {
+  for (int i = 0; i < converted_.size(); ++i) {
+    const Converted& each = converted_[i];
     for (int r = 0; r < each.joint->row_count(); ++r)
       each.joint->impulse(r) = m_tmpSolverNonContactConstraintPool[each.row + r].m_appliedImpulse;
   }
-  converted_.clear();
+  converted_.resize(0);
   return btSequentialImpulseConstraintSolver::solveGroupCacheFriendlyFinish(bodies, count, info);
 }
 

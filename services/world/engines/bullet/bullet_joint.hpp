@@ -13,8 +13,8 @@
 #include <btBulletDynamicsCommon.h>
 
 #include <array>
-#include <vector>
 
+#include "messages/messages.hpp"
 #include "world/physics_engine.hpp"
 
 namespace softhand {
@@ -57,7 +57,7 @@ class BulletJoint final : public btTypedConstraint {
   EngineJoint joint_;
   double scale_;
   bool passive_ = false;
-  std::vector<Row> rows_;
+  BoundedVector<Row, 16> rows_;
   std::array<double, meanings> impulses_{};
 };
 
@@ -75,7 +75,7 @@ class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
     BulletJoint* joint = nullptr;
     int row = 0;
   };
-  std::vector<Converted> converted_;  // the joints of this group of bodies, with their first rows
+  btAlignedObjectArray<Converted> converted_;  // the joints of this group of bodies, with their first rows
 };
 
 }  // namespace softhand
