@@ -26,7 +26,7 @@ Pose read_frame(const FieldReader& reader) {
 }
 
 LinkJoint read_joint(const FieldReader& reader, const std::vector<LinkSource>& links) {
-  reader.expect_keys({"kind", "parent", "child", "origin", "axis", "pitch", "minimum", "maximum", "friction", "damping",
+  reader.expect_keys({"kind", "parent", "child", "origin", "axis", "pitch", "minimum", "maximum", "friction", "load_friction", "damping",
                       "stiffness", "rest", "detents"});
   LinkJoint joint;
   const auto link = [&](const char* key) {

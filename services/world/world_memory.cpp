@@ -23,7 +23,10 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
     visit(object.previous_velocity);
     visit(object.planes);
   }
-  for (auto& joint : self.joints_) visit(joint.present);
+  for (auto& joint : self.joints_) {
+    visit(joint.present);
+    visit(joint.engine.reaction);
+  }
   for (auto& description : self.descriptions_) {
     visit(description.removed);
     visit(description.stamp.sequence);

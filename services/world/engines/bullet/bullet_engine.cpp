@@ -144,7 +144,8 @@ class BulletEngine final : public PhysicsEngine {
     }
     for (std::size_t number = 0; number < joints_.size(); ++number) {
       if (!joints_[number]) continue;
-      const EngineJoint joint = joints_[number]->joint();
+      EngineJoint joint = joints_[number]->joint();
+      joint.reaction = joints_[number]->reaction();
       joints_[number].reset();
       add_joint(number, joint);
     }
@@ -203,6 +204,8 @@ class BulletEngine final : public PhysicsEngine {
   }
 
   void set_passive(std::size_t number, bool passive) override { joints_[number]->set_passive(passive); }
+
+  double reaction(std::size_t number) const override { return joints_[number]->reaction(); }
 
   void step(double dt) override {
     for (const auto& joint : joints_)

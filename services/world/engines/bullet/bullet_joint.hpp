@@ -2,12 +2,17 @@
 // friction that holds, and springs that are integrated explicitly. Only bullet_engine.cpp includes this header.
 //
 // Rows of a step, J v = c with an impulse between bounds:
-// - held offsets and axes: c removes half of the error, no bounds,
+// - held offsets and axes: c removes half of the error, no bounds. It also removes what the row misses within the step,
+//   because J is that of the start: a turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent.
 // - limits: v may not carry q beyond its limit within the step, one-sided,
-// - dry friction: v = 0, impulse within +-B dt,
+// - dry friction: v = 0, impulse within +-B dt. B has the reaction force of the last step.
 // - spring, damping and detents: their force at the start of the step acts as an external force. A row with the
 //   compliance 1/(dt^2 U'' + dt b) adds the change over the step. So the sum is the force at the end of the step, for
 //   any stiffness.
+//
+// The solver visits row by row. Rows of the same joint would disturb each other: at the end of an arm a force turns the
+// body. So each row is replaced by its part that the held rows before it do not move (Gram-Schmidt, in the metric of
+// the inverse mass), with the same solutions. Then one visit solves the held rows of a joint.
 #pragma once
 
 #include <btBulletDynamicsCommon.h>
@@ -34,7 +39,13 @@ class BulletJoint final : public btTypedConstraint {
   double compliance(int row) const { return rows_[static_cast<std::size_t>(row)].compliance; }
 
   /// Impulse of the row in the last step, as a start for the next step. Rows keep their meaning, not their place.
+  /// With the rows made orthogonal, it is the force along the row's own direction plus a share of the held rows.
   double& impulse(int row) { return impulses_[static_cast<std::size_t>(rows_[static_cast<std::size_t>(row)].meaning)]; }
+
+  /// Computes the reaction from the impulses of a step. Call it when they are known.
+  void end_step(double dt);
+  /// As PhysicsEngine::reaction.
+  double reaction() const { return reaction_; }
 
   void getInfo1(btConstraintInfo1* info) override;
   void getInfo2(btConstraintInfo2* info) override;
@@ -50,15 +61,20 @@ class BulletJoint final : public btTypedConstraint {
     double speed = 0;  // c
     double lower = 0, upper = 0;
     double compliance = 0;
+    double weight = 0;  // J M^-1 J^T
   };
-  void add_held(const JointRow& row, double dt);
+  /// Makes the row orthogonal to the held rows before it.
+  void add(Row row);
   void add_law(const JointRow& row, double unit, double dt);
+  double inner(const JointRow& one, const JointRow& other) const;
 
   EngineJoint joint_;
   double scale_;
   bool passive_ = false;
   BoundedVector<Row, 16> rows_;
   std::array<double, meanings> impulses_{};
+  double reaction_;            // N
+  double friction_bound_ = 0;  // N or N m, in this step
 };
 
 /// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out
