@@ -5,6 +5,8 @@
 #include <cstdio>
 #include <functional>
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -271,6 +273,56 @@ TEST(WorldJoint, LimitsStopEveryKind) {
   JointedWorld fixed({base(), child}, {joint("fixed")});
   fixed.run(3);
   EXPECT_LE((position(fixed.child()) - Vector3(0.1, 0, 0)).norm(), 2e-5);
+}
+
+TEST(WorldJoint, AFastCubeOnAnArmStopsAtItsLimit) {
+  // The rail is 0.1 m beside the cube, so the limit's force also turns the cube. It arrives with 4 m/s.
+  ObjectOptions child = cube(0.05, 0);
+  child.position = {0.1, 0, 0};
+  JointOptions rail = joint("slider");
+  rail.limits = {-0.08, 0};
+  WorldOptions options;
+  options.gravity = {0, -98.1, 0};
+  JointedWorld run({base(), child}, {rail}, options);
+  double lowest = 0, gap = 0;
+  run.run(1, [&] {
+    lowest = std::min(lowest, run.world.joint_coordinate("joint"));
+    gap = std::max(gap, run.world.joint_gap("joint"));
+  });
+  std::printf("  beyond the limit by %.4f mm, joint opens by %.4f mm\n", -1e3 * (lowest + 0.08), 1e3 * gap);
+  EXPECT_GE(lowest, -0.0801);
+  EXPECT_LE(gap, 1e-4);
+}
+
+TEST(WorldJoint, AHeavyLoadBehindLightLinksStaysOnItsJoints) {
+  // Row by row Bullet needs thousands of visits: the joints open by decimetres, and the load flies away.
+  const auto largest_gap = [](int links, double link, double load) {
+    constexpr double kPitch = 0.03;
+    std::vector<ObjectOptions> objects{base()};
+    std::vector<JointOptions> joints;
+    for (int i = 1; i <= links; ++i) {
+      ObjectOptions each = cube(i < links ? link : load, 0);
+      each.name = "link" + std::to_string(i);
+      each.half_extents = {0.01, 0.01, 0.01};
+      each.position = {kPitch * i, 0, 0};
+      JointOptions hinge = joint("hinge", {0, 0, 1});
+      hinge.name = hinge.child = each.name;
+      hinge.parent = objects.back().name;
+      hinge.position = {0.5 * kPitch, 0, 0};
+      objects.push_back(each);
+      joints.push_back(hinge);
+    }
+    JointedWorld run(objects, joints);
+    double gap = 0;
+    run.run(3, [&] {
+      for (const JointOptions& each : joints) gap = std::max(gap, run.world.joint_gap(each.name));
+    });
+    std::printf("  %d links of %g kg with %g kg at the end open by %.2f mm\n", links, link, load, 1e3 * gap);
+    return gap;
+  };
+  EXPECT_LE(largest_gap(2, 1e-3, 1), 0.005);
+  EXPECT_LE(largest_gap(2, 1e-3, 100), 0.005);
+  EXPECT_LE(largest_gap(8, 0.01, 0.01), 0.005);
 }
 
 TEST(WorldJoint, AScrewTurnsManyTimesAndAdvancesByItsPitch) {

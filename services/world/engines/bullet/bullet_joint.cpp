@@ -172,10 +172,11 @@ void BulletJoint::prepare(double dt) {
   const HeldRows now = held_rows(law, pose), ahead = held_rows(law, next);
   for (std::size_t i = 0; i < now.rows.size(); ++i) {
     const JointRow& row = now.rows[i];
-    const double missed = ahead.rows[i].value - row.value - dt * row.rate(parent_twist, child_twist);
     const bool offset = i < now.offsets;
-    add({static_cast<int>(i), offset ? scaled(row, scale_) : row,
-         -(offset ? scale_ : 1) * (kCorrection * row.value + missed) / dt, -SIMD_INFINITY, SIMD_INFINITY, 0});
+    double change = -kCorrection * row.value;
+    if (m_rbA.isStaticObject()) change -= ahead.rows[i].value - row.value - dt * row.rate(parent_twist, child_twist);
+    add({static_cast<int>(i), offset ? scaled(row, scale_) : row, (offset ? scale_ : 1) * change / dt, -SIMD_INFINITY,
+         SIMD_INFINITY, 0});
   }
   JointRow q;
   if (law.has_coordinate()) q = joint_row(law, pose, joint_coordinate(law, pose));
@@ -277,6 +278,91 @@ void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count
     }
     row += rows;
   }
+  factor_held_rows();
+}
+
+void BulletJointSolver::factor_held_rows() {
+  constexpr double kRegular = 1e-9;  // relative to the diagonal; loops of joints have dependent rows
+  held_.clear();
+  for (int i = 0; i < converted_.size(); ++i) {
+    const Converted& each = converted_[i];
+    for (int r = 0; r < each.joint->row_count(); ++r) {
+      if (!each.joint->is_held(r) || held_.push_back(each.row + r)) continue;
+      held_.clear();
+      return;
+    }
+  }
+  const auto count = static_cast<Eigen::Index>(held_.size());
+  matrix_.resize(count, count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const btSolverConstraint& one = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      const btSolverConstraint& other = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(j)]];
+      double sum = 0;
+      const auto add = [&](int body, const btVector3& linear, const btVector3& angular, int other_body,
+                           const btVector3& other_linear, const btVector3& other_angular) {
+        if (body != other_body) return;
+        sum += static_cast<double>(m_tmpSolverBodyPool[body].internalGetInvMass().x()) * linear.dot(other_linear) +
+               static_cast<double>(angular.dot(other_angular));
+      };
+      const auto add_all = [&](int body, const btVector3& linear, const btVector3& angular) {
+        add(body, linear, angular, other.m_solverBodyIdA, other.m_contactNormal1, other.m_angularComponentA);
+        add(body, linear, angular, other.m_solverBodyIdB, other.m_contactNormal2, other.m_angularComponentB);
+      };
+      add_all(one.m_solverBodyIdA, one.m_contactNormal1, one.m_relpos1CrossNormal);
+      add_all(one.m_solverBodyIdB, one.m_contactNormal2, one.m_relpos2CrossNormal);
+      matrix_(i, j) = matrix_(j, i) = i == j ? (1 + kRegular) * sum : sum;
+    }
+  }
+  factor_.compute(matrix_);
+  if (factor_.info() != Eigen::Success) held_.clear();
+}
+
+BulletJointSolver::HeldVector BulletJointSolver::missing_speeds() {
+  const auto count = static_cast<Eigen::Index>(held_.size());
+  HeldVector missing(count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const btSolverConstraint& row = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    btSolverBody& parent = m_tmpSolverBodyPool[row.m_solverBodyIdA];
+    btSolverBody& child = m_tmpSolverBodyPool[row.m_solverBodyIdB];
+    missing[i] = row.m_rhs / row.m_jacDiagABInv - row.m_contactNormal1.dot(parent.internalGetDeltaLinearVelocity()) -
+                 row.m_relpos1CrossNormal.dot(parent.internalGetDeltaAngularVelocity()) -
+                 row.m_contactNormal2.dot(child.internalGetDeltaLinearVelocity()) -
+                 row.m_relpos2CrossNormal.dot(child.internalGetDeltaAngularVelocity());
+  }
+  return missing;
+}
+
+void BulletJointSolver::apply(const HeldVector& impulses) {
+  for (Eigen::Index i = 0; i < impulses.size(); ++i) {
+    btSolverConstraint& row = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    btSolverBody& parent = m_tmpSolverBodyPool[row.m_solverBodyIdA];
+    btSolverBody& child = m_tmpSolverBodyPool[row.m_solverBodyIdB];
+    const auto impulse = static_cast<float>(impulses[i]);
+    row.m_appliedImpulse = static_cast<btScalar>(row.m_appliedImpulse) + impulse;
+    parent.internalApplyImpulse(row.m_contactNormal1 * parent.internalGetInvMass(), row.m_angularComponentA, impulse);
+    child.internalApplyImpulse(row.m_contactNormal2 * child.internalGetInvMass(), row.m_angularComponentB, impulse);
+  }
+}
+
+void BulletJointSolver::solve_held_rows() {
+  const HeldVector before = missing_speeds();
+  const HeldVector impulses = factor_.solve(before);
+  const bool is_finite = impulses.allFinite();
+  if (is_finite) apply(impulses);
+  // In single precision the solution for a heavy body behind a very light one can be worse than none.
+  if (is_finite && missing_speeds().norm() < before.norm()) return;
+  if (is_finite) apply(-impulses);
+  held_.clear();
+}
+
+btScalar BulletJointSolver::solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
+                                                 btPersistentManifold** manifolds, int manifold_count,
+                                                 btTypedConstraint** constraints, int count,
+                                                 const btContactSolverInfo& info, btIDebugDraw* drawer) {
+  if (!held_.empty()) solve_held_rows();
+  return btSequentialImpulseConstraintSolver::solveSingleIteration(iteration, bodies, body_count, manifolds,
+                                                                   manifold_count, constraints, count, info, drawer);
 }
 
 btScalar BulletJointSolver::solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
@@ -288,6 +374,7 @@ btScalar BulletJointSolver::solveGroupCacheFriendlyFinish(btCollisionObject** bo
     each.joint->end_step(info.m_timeStep);
   }
   converted_.resize(0);
+  held_.clear();
   return btSequentialImpulseConstraintSolver::solveGroupCacheFriendlyFinish(bodies, count, info);
 }
 

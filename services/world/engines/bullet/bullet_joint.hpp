@@ -2,8 +2,9 @@
 // friction that holds, and springs that are integrated explicitly. Only bullet_engine.cpp includes this header.
 //
 // Rows of a step, J v = c with an impulse between bounds:
-// - held offsets and axes: c removes half of the error, no bounds. It also removes what the row misses within the step,
-//   because J is that of the start: a turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent.
+// - held offsets and axes: c removes half of the error, no bounds. If the parent is static, c also removes what the row
+//   misses within the step, because J is that of the start: a turn by w dt moves the end of an arm l by l (w dt)^2/2
+//   off its tangent. Between two bodies that move, the speeds at the start predict this too badly: chains gain energy.
 // - limits: v may not carry q beyond its limit within the step, one-sided,
 // - dry friction: v = 0, impulse within +-B dt. B has the reaction force of the last step.
 // - spring, damping and detents: their force at the start of the step acts as an external force. A row with the
@@ -17,6 +18,7 @@
 
 #include <btBulletDynamicsCommon.h>
 
+#include <Eigen/Cholesky>
 #include <array>
 
 #include "messages/messages.hpp"
@@ -36,6 +38,7 @@ class BulletJoint final : public btTypedConstraint {
   /// Call it before each step.
   void prepare(double dt);
   /// Compliance of a row relative to 1, in the engine's units; 0: a hard row.
+  bool is_held(int row) const { return rows_[static_cast<std::size_t>(row)].meaning < lower_limit; }
   double compliance(int row) const { return rows_[static_cast<std::size_t>(row)].compliance; }
 
   /// Impulse of the row in the last step, as a start for the next step. Rows keep their meaning, not their place.
@@ -77,11 +80,16 @@ class BulletJoint final : public btTypedConstraint {
   double friction_bound_ = 0;  // N or N m, in this step
 };
 
-/// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out
-/// of the row's diagonal, so that soft rows diverge. And it starts the impulses of joints at zero in each step, so that
-/// a load on a long arm opens the joint by 0.2 mm.
+/// Bullet's solver with three additions for the rows of BulletJoint.
+/// - Bullet leaves the compliance of a joint out of the row's diagonal, so that soft rows diverge.
+/// - It starts the impulses of joints at zero in each step, so that a load on a long arm opens the joint by 0.2 mm.
+/// - It visits row by row. A load behind light links, and a long chain, need thousands of visits: they explode. So each
+///   iteration first solves all held rows of the connected bodies together, with a dense factor.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
  protected:
+  btScalar solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
+                                btPersistentManifold** manifolds, int manifold_count, btTypedConstraint** constraints,
+                                int count, const btContactSolverInfo& info, btIDebugDraw* drawer) override;
   void convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) override;
   btScalar solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
                                          const btContactSolverInfo& info) override;
@@ -91,6 +99,18 @@ class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
     BulletJoint* joint = nullptr;
     int row = 0;
   };
+  // The rows of 18 hinges. The held rows of more connected joints are visited one by one.
+  static constexpr int kMostHeldRows = 90;
+  using HeldVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostHeldRows, 1>;
+  using HeldMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostHeldRows, kMostHeldRows>;
+  void factor_held_rows();
+  void solve_held_rows();
+  HeldVector missing_speeds();  // c - J v of the held rows
+  void apply(const HeldVector& impulses);
+
+  BoundedVector<int, kMostHeldRows> held_;  // numbers of rows; empty if they are visited one by one
+  HeldMatrix matrix_;                       // J M^-1 J^T of the held rows
+  Eigen::LDLT<HeldMatrix> factor_;
   btAlignedObjectArray<Converted> converted_;  // the joints of this group of bodies, with their first rows
 };
 
