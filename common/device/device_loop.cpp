@@ -45,6 +45,10 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
     ++counters_.refused_stamp;
     return false;
   }
+  if (!followed_.accept(stamp, now)) {
+    ++counters_.second_writer;
+    return false;
+  }
   ++counters_.accepted;
   any_ = true;
   arrival_ = now;
@@ -140,6 +144,7 @@ void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
   add("accepted", static_cast<double>(counters_.accepted));
   add("repeated", static_cast<double>(counters_.repeated));
   add("refused_stamp", static_cast<double>(counters_.refused_stamp));
+  add("second_writer", static_cast<double>(counters_.second_writer));
   add("nonfinite", static_cast<double>(counters_.nonfinite));
   add("clamped", state_.clamped);
   add("slewed", state_.slewed);

@@ -15,6 +15,7 @@
 #include <string_view>
 
 #include "device/passivity_observer.hpp"
+#include "messages/followed_writer.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
 
@@ -54,6 +55,7 @@ struct DeviceCounters {
   std::uint64_t accepted = 0;       ///< inputs
   std::uint64_t repeated = 0;       ///< inputs with an old sequence; they do not count as fresh
   std::uint64_t refused_stamp = 0;  ///< inputs from the future, or from the clock of another host
+  std::uint64_t second_writer = 0;  ///< inputs of another writer than the followed one
   std::uint64_t nonfinite = 0;      ///< requested commands that were not finite and were replaced by zero
 };
 
@@ -92,6 +94,7 @@ class DeviceGuard {
   bool was_live_ = false;
   Nanoseconds arrival_ = 0;
   Nanoseconds last_step_ = 0;
+  FollowedWriter followed_;
   Stamp stamp_;
   DeviceState state_;
   DeviceCounters counters_;

@@ -25,6 +25,7 @@ std::string physics_line(const LoopStatus& status) {
     line += fmt::format("  inverted={} penetration={:.3f} mm", status.inverted_elements, status.penetration * 1e3);
   if (status.coupling_stretch > 0) line += fmt::format("  coupling stretch={:.2f} mm", status.coupling_stretch * 1e3);
   if (status.passivity_energy != 0) line += fmt::format("  passivity={:.3g} J", status.passivity_energy);
+  if (status.second_writer[0] != '\0') line += fmt::format("  second writer of {}", get_text(status.second_writer));
   append_named(line, "energy J:", status.energies);
   append_named(line, "ledger J:", status.ledger);
   return line.empty() ? line : line + "\n";
@@ -68,6 +69,7 @@ nlohmann::ordered_json status_json(const LoopStatus& status) {
                               {"deadline_misses", status.deadline_misses},
                               {"input_age_ms", status.input_age_ms},
                               {"input_drops", status.input_drops},
+                              {"second_writer", std::string(get_text(status.second_writer))},
                               {"residual_n", status.residual},
                               {"iterations", status.iterations},
                               {"solver_status", status.solver_status},

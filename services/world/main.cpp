@@ -70,7 +70,7 @@ void run(int argc, char** argv) {
   service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); },
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
-                 status.input_drops = dropped_before(couplings);
+                 count_inputs(status, service.participant(), couplings);
                  add_counter(status, "couplings_from_future", static_cast<double>(newest.refused_future()));
                },
                [&](Nanoseconds time) { flight.reset(time); }});

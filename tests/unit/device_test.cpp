@@ -217,6 +217,21 @@ TEST_F(Device, StampsOfTheFutureAndOfOtherHostsAreRefused) {
   EXPECT_GT(loop.step(now += kMillisecond, &own).commands[0], 0);
 }
 
+TEST_F(Device, NeverFollowsTwoWritersInTurn) {
+  const auto from = [&](std::uint64_t epoch, double force) {
+    BoneWrench w = wrench(force, 0, ++sequence, now += kMillisecond);
+    w.stamp.epoch = epoch;
+    return loop.step(now, &w).commands[0];
+  };
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_GE(from(1, 2), 0);
+    EXPECT_GE(from(2, -2), 0) << "the force of a second writer reached the device";
+  }
+  EXPECT_EQ(loop.counters().second_writer, 50u);
+  for (int i = 0; i < 250; ++i) from(2, -2);
+  EXPECT_LT(from(2, -2), 0) << "the place of a dead writer is free";
+}
+
 TEST_F(Device, DeadSimulationZeroes) {
   feed(2, 2, 50);
   BoneWrench dead = wrench(2, 2, ++sequence, now += kMillisecond);
