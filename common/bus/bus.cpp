@@ -385,6 +385,10 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
     }
 
+    // The factory is never destroyed. Its destructor has nothing to do when our participants are gone, but sleeps 100
+    // ms. When a rig stops, that would be 100 ms for each process in turn.
+    [[maybe_unused]] static const auto* const kept = new auto(dds::DomainParticipantFactory::get_shared_instance());
+
     dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     qos.name(name.c_str());
     const std::string user_data = user_data_of(epoch_, rig);
