@@ -7,6 +7,7 @@
 #include <sys/random.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <chrono>
@@ -62,10 +63,11 @@ constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topi
 /// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
 /// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
-/// First line of the user data of our participants. Next lines: epoch, process id, host, name of the rig that the
-/// process holds.
+/// First line of the user data of our participants and endpoints. Next lines of a participant: epoch, process id, host,
+/// name of the rig that the process holds. Next lines of an endpoint: epoch, hash of the type's definition, module.
 constexpr std::string_view kUserData = "softhand 1\n";
 constexpr std::size_t kMostPeers = 256;  ///< anybody on the domain can invent participants
+constexpr std::size_t kMostEndpoints = 4096;
 
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
@@ -357,6 +359,13 @@ std::string user_data_of(std::uint64_t epoch, const std::string& rig) {
          rig;
 }
 
+/// Without control characters, for logs: anybody on the domain can write user data.
+std::string printable(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c == 127; }, '?');
+  return text;
+}
+
 /// Empty unless the data is that of a participant of ours.
 std::optional<Peer> peer_of(const std::string& name, std::string_view data) {
   if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
@@ -367,15 +376,41 @@ std::optional<Peer> peer_of(const std::string& name, std::string_view data) {
   std::string host, rig;
   std::getline(in, host);
   std::getline(in, rig);
-  set_text(peer.name, name);
-  set_text(peer.host, host);
-  set_text(peer.rig, rig);
+  set_text(peer.name, printable(name));
+  set_text(peer.host, printable(host));
+  set_text(peer.rig, printable(rig));
   return peer;
+}
+
+/// What an endpoint of ours says about itself in its user data.
+struct Endpoint {
+  std::string topic, type, module;
+  std::uint64_t hash = 0;  ///< of the definition of the type
+  std::uint64_t epoch = 0;
+  bool operator==(const Endpoint&) const = default;
+};
+
+std::string user_data_of(const Endpoint& endpoint) {
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(endpoint.hash));
+  return std::string(kUserData) + std::to_string(endpoint.epoch) + "\n" + hash + "\n" + endpoint.module;
+}
+
+/// Empty unless the data is that of an endpoint of ours.
+std::optional<Endpoint> endpoint_of(const std::string& topic, const std::string& type, std::string_view data) {
+  if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
+  std::istringstream in{std::string(data.substr(kUserData.size()))};
+  Endpoint endpoint{topic, printable(type), {}};
+  if (!(in >> endpoint.epoch >> std::hex >> endpoint.hash)) return std::nullopt;
+  in.ignore();
+  std::getline(in, endpoint.module);
+  endpoint.module = printable(endpoint.module);
+  return endpoint;
 }
 
 class ParticipantImpl final : public dds::DomainParticipantListener {
  public:
-  ParticipantImpl(const std::string& name, int domain, const std::string& rig) : epoch_(make_epoch()) {
+  ParticipantImpl(const std::string& name, int domain, const std::string& rig) : name_(name), epoch_(make_epoch()) {
     peers_.reserve(kMostPeers);
     // Readers in the writer's own process receive samples like all other readers: in the receiving threads, not inside
     // write().
@@ -442,7 +477,14 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       fail("cannot register type " + std::string(codec.name));
     dds::Topic* created = participant_->create_topic(name, codec.name, dds::TOPIC_QOS_DEFAULT);
     if (created == nullptr) fail("cannot create topic " + name);
+    const std::lock_guard peers_lock(peers_mutex_);
+    own_.push_back({name, codec.name, name_, codec.hash(), epoch_});
+    for (const Endpoint& other : others_) compare(own_.back(), other);
     return created;
+  }
+  /// For the user data of an endpoint of this topic.
+  std::string user_data(const TopicRow& row, const TypeCodec& codec) const {
+    return user_data_of({std::string(row.name), codec.name, name_, codec.hash(), epoch_});
   }
   /// The topic behind a filter. Delete it with `remove`.
   dds::ContentFilteredTopic* topic(const TopicRow& row, const TypeCodec& codec, AdmissionFilter& filter) {
@@ -479,11 +521,38 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
         peer_of(found.info.m_participantName.to_string(), {reinterpret_cast<const char*>(data.data()), data.size()});
     if (peer) peers_.emplace_back(found.info.m_guid, *peer);
   }
+  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) override {
+    if (found.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) discovered(found.info);
+  }
+  void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& found) override {
+    if (found.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER) discovered(found.info);
+  }
 
   dds::Publisher& publisher() { return *publisher_; }
   dds::Subscriber& subscriber() { return *subscriber_; }
 
  private:
+  template <typename Proxy>
+  void discovered(const Proxy& proxy) {
+    const auto& data = proxy.m_qos.m_userData.data_vec();
+    const auto other = endpoint_of(proxy.topicName().to_string(), proxy.typeName().to_string(),
+                                   {reinterpret_cast<const char*>(data.data()), data.size()});
+    if (!other) return;
+    const std::lock_guard lock(peers_mutex_);
+    // A module's endpoints of one topic are reported together.
+    if (others_.size() == kMostEndpoints || std::find(others_.begin(), others_.end(), *other) != others_.end()) return;
+    others_.push_back(*other);
+    for (const Endpoint& own : own_) compare(own, *other);
+  }
+  void compare(const Endpoint& own, const Endpoint& other) const {
+    if (own.topic != other.topic || (own.type == other.type && own.hash == other.hash)) return;
+    std::fprintf(stderr,
+                 "%s: topic %s: module %s has another definition of its type: %s %016llx, here %s %016llx; expected "
+                 "programs of one version\n",
+                 name_.c_str(), own.topic.c_str(), other.module.c_str(), other.type.c_str(),
+                 static_cast<unsigned long long>(other.hash), own.type.c_str(),
+                 static_cast<unsigned long long>(own.hash));
+  }
   void close() {
     participant_->set_listener(nullptr);
     participant_->delete_contained_entities();
@@ -495,8 +564,11 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;
+  std::string name_;
   std::uint64_t epoch_;
   mutable std::mutex peers_mutex_;
+  std::vector<Endpoint> own_;     // one for each topic
+  std::vector<Endpoint> others_;  // one for each topic of each other module
   std::vector<std::pair<rtps::GUID_t, Peer>> peers_;
 };
 
@@ -512,6 +584,8 @@ class WriterImpl final : public dds::DataWriterListener {
     // Samples of many packets are sent by a separate thread, so the writing loop does not wait.
     qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;
     qos.reliability().max_blocking_time = milliseconds(1);
+    const std::string user_data = participant_->user_data(row, codec);
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
     writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
                                                           dds::StatusMask::publication_matched());
     if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
@@ -578,6 +652,8 @@ class ReaderImpl final : public dds::DataReaderListener {
       filter_.emplace(codec, row, only);
       topic = filtered_ = participant_->topic(row, codec, *filter_);
     }
+    const std::string user_data = participant_->user_data(row, codec);
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
     reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
     if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
     if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));

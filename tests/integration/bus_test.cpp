@@ -405,6 +405,34 @@ TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
   EXPECT_EQ(proper.counters().failed, 1u);
 }
 
+/// The lines of `text` that contain `part`.
+int lines_with(const std::string& text, const std::string& part) {
+  std::istringstream in(text);
+  int count = 0;
+  for (std::string line; std::getline(in, line);) count += line.find(part) != std::string::npos ? 1 : 0;
+  return count;
+}
+
+TEST(Bus, AnotherDefinitionOfATypeIsReportedOnceByBothSides) {
+  ::testing::internal::CaptureStderr();
+  {
+    const Participant here("here", test_domain()), there("there", test_domain());
+    const Topic<LongDeviceState> other{TopicRow(topics::device_state)};
+    Writer first(here, other), second(here, other);
+    Reader<DeviceState> reader(there, topics::device_state);
+    Writer<DeviceState> also(there, topics::device_state);
+    Writer same(here, topics::contacts);
+    Reader<Contacts> contacts(there, topics::contacts);
+    EXPECT_TRUE(eventually([&] { return reader.writer_count() == 3 && same.has_readers(); }));
+    std::this_thread::sleep_for(100ms);
+  }
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  const std::string what = ": topic softhand/v1/device_state: module ";
+  EXPECT_EQ(lines_with(log, "here" + what + "there has another definition"), 1) << log;
+  EXPECT_EQ(lines_with(log, "there" + what + "here has another definition"), 1) << log;
+  EXPECT_EQ(lines_with(log, "definition"), 2) << log;
+}
+
 TEST(Bus, DomainComesFromTheEnvironment) {
   unsetenv("SOFTHAND_DOMAIN");
   EXPECT_EQ(domain_from_environment(), 0);
@@ -419,7 +447,7 @@ TEST(Bus, DomainComesFromTheEnvironment) {
 /// Sends a message through Cyclone's generated C type and back. The echo must have the same bytes. Returns the values
 /// that the C program printed, by their names.
 template <typename T>
-std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent) {
+std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent, const std::string& hash = {}) {
   setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
   const Participant here("here", test_domain());
   const std::string echo_name = std::string(topic.name) + "_echo";
@@ -427,7 +455,9 @@ std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sen
   echo.name = echo_name;
   Writer writer(here, topic, 1);
   Reader reader(here, echo);
-  Child cyclone({CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)});
+  std::vector<std::string> command{CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)};
+  if (!hash.empty()) command.push_back(hash);
+  Child cyclone(command);
   const auto got = std::make_unique<T>();
   EXPECT_TRUE(eventually([&] { return writer.has_readers(); })) << topic.name;
   bool same = eventually([&] {
@@ -448,6 +478,24 @@ TEST(BusAndCyclone, EveryTopicPassesThroughUnchanged) {
     const auto message = stamped<T>(5);
     through_cyclone(topic, *message);
   });
+}
+
+// The program sets its user data as docs/topics.md says, and looks at that of others.
+TEST(BusAndCyclone, AnotherDefinitionOfATypeIsReportedByBothSides) {
+  const auto skeleton = stamped<Skeleton>(5);
+  for (const bool is_same : {true, false}) {
+    char hash[17];
+    std::snprintf(hash, sizeof hash, "%016llx",
+                  static_cast<unsigned long long>(definition_hash<Skeleton>() + (is_same ? 0 : 1)));
+    ::testing::internal::CaptureStderr();
+    const auto lines = through_cyclone(topics::simulated_skeleton, *skeleton, hash);
+    const std::string log = ::testing::internal::GetCapturedStderr();
+    const std::string what =
+        "here: topic softhand/v1/simulated_skeleton: module cyclone_subscriber has another definition";
+    EXPECT_EQ(lines_with(log, what), is_same ? 0 : 1) << log;
+    const auto found = lines.find("other_definition");
+    EXPECT_EQ(found == lines.end() ? "" : found->second, is_same ? "" : "here");
+  }
 }
 
 double number(const std::map<std::string, std::string>& lines, const std::string& name) {
