@@ -54,8 +54,8 @@ constexpr int kMaxDomain = 230;
 /// Types up to this size use sample pools that are allocated at start. Larger types use buffers that grow when needed
 /// and are reused. Bytes.
 constexpr std::size_t kPooledSize = 32 * 1024;
-/// A writer lives at least this long after its last sample. 20 ms were once too short on a machine with six busy
-/// threads per core.
+/// A writer lives at least this long after a last sample that matters. 20 ms were once too short on a machine with six
+/// busy threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
 constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topics
 /// A process without a sign of life for this time counts as dead. Fast DDS 2.9 checks each peer once in this period. It
@@ -575,7 +575,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
 class WriterImpl final : public dds::DataWriterListener {
  public:
   WriterImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec, int strength)
-      : participant_(std::move(participant)) {
+      : participant_(std::move(participant)), last_matters_(row.rate_hz == 0 || row.name == topics::device_state.name) {
     dds::DataWriterQos qos = dds::DATAWRITER_QOS_DEFAULT;
     apply(qos, row);
     if (row.writers == Writers::strongest)
@@ -592,8 +592,9 @@ class WriterImpl final : public dds::DataWriterListener {
   }
   ~WriterImpl() override {
     // The notice of departure uses another socket than the data. A reader that receives the notice first drops the last
-    // sample, for example the zero command of a device.
-    if (readers() > 0) std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
+    // sample.
+    if (last_matters_ && readers() > 0)
+      std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
     writer_->set_listener(nullptr);
     participant_->publisher().delete_datawriter(writer_);
   }
@@ -618,6 +619,9 @@ class WriterImpl final : public dds::DataWriterListener {
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
+  /// Commands, descriptions and the zero command of a device. Another stream could as well have ended one sample
+  /// earlier.
+  bool last_matters_;
   dds::DataWriter* writer_ = nullptr;
   std::atomic<std::chrono::steady_clock::time_point> last_write_{};
   std::atomic<int> readers_ = 0;
