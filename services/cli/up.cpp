@@ -41,6 +41,11 @@ constexpr std::string_view kRigModule = "rig";
 constexpr milliseconds kDiscovery{500};      // after this time a process knows all others of the domain
 constexpr milliseconds kStopOfHolder{5000};  // longest time for another rig to stop
 
+void say(std::string_view name, std::string_view text) {
+  fmt::print("{:>14} | {}\n", name, text);
+  std::fflush(stdout);
+}
+
 // Subscribes to the topics that a summary needs. Without a summary it subscribes to loop_status only, because modules
 // do not compute topics without a subscriber.
 class Listener {
@@ -129,6 +134,15 @@ class RigControl {
         scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());
+    for (const std::string& each : scenes_) {
+      if (choice_text("scene", each).size() >= sizeof(NamedValue::name))
+        say(kRigModule, "the status does not list the scene " + each + "; expected at most 25 characters");
+    }
+    const auto choices = static_cast<std::size_t>(std::count_if(
+        rig_.processes.begin(), rig_.processes.end(), [](const RigProcess& each) { return !each.choice.empty(); }));
+    if (scenes_.size() + choices > kMaxCounters)
+      say(kRigModule,
+          fmt::format("the status lists {} of {} scenes and choices", kMaxCounters, scenes_.size() + choices));
   }
 
   const RigOptions& rig() const { return rig_; }
@@ -173,7 +187,7 @@ class RigControl {
 
  private:
   static void offer(LoopStatus& status, const std::string& what, const std::string& choice, bool runs) {
-    const std::string text = what + " " + choice;
+    const std::string text = choice_text(what, choice);
     if (text.size() < sizeof(NamedValue::name)) add_counter(status, text, runs ? 1 : 0);
   }
 
@@ -282,11 +296,6 @@ ChildSpec child_of(const RigProcess& process, std::vector<std::string> command) 
                         : process.stop == "last" ? StopTurn::last
                                                  : StopTurn::in_turn;
   return {process.name, std::move(command), turn, milliseconds(std::llround(1e3 * process.longest_silence))};
-}
-
-void say(std::string_view name, std::string_view text) {
-  fmt::print("{:>14} | {}\n", name, text);
-  std::fflush(stdout);
 }
 
 // Starts the processes of the rig in order, each when the previous one is ready. Returns early after a stop or a change

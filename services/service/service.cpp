@@ -50,8 +50,12 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
                  "without a recorder ignore it")
       ->envname("SOFTHAND_FLIGHT")
       ->type_name("DIR");
-  app.add_option("--module", arguments.module, "Module name of this process for messages and status")
-      ->capture_default_str();
+  app.add_option("--module", arguments.module,
+                 "Module name of this process for messages and status, at most 63 characters")
+      ->capture_default_str()
+      ->check([](const std::string& name) {
+        return name.empty() || name.size() >= sizeof(ShortText) ? "expected 1 to 63 characters" : std::string();
+      });
   app.add_option(
          "--priority", arguments.priority,
          "Real-time priority of the loop; 0 = ordinary. Default: 30, 25 or 20 by its rate. All other threads are "

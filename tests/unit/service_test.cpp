@@ -32,6 +32,15 @@ TEST(TrackerArguments, ANegativeStrengthIsRefused) {
       "--strength");
 }
 
+// A name that is cut would be another name.
+TEST(ServiceArguments, LongModuleNamesAreRefused) {
+  const std::string longest(63, 'm');
+  EXPECT_EQ(parsed({"tracker", "--config", "scene.toml", "--module", longest}).module, longest);
+  const auto is_configuration = [](int status) { return WEXITSTATUS(status) == kExitConfiguration; };
+  for (const std::string& name : {longest + "m", std::string()})
+    EXPECT_EXIT(parsed({"tracker", "--config", "scene.toml", "--module", name}), is_configuration, "--module");
+}
+
 TEST(ServiceArguments, PriorityAndCoresAreChecked) {
   EXPECT_FALSE(parsed({"tracker", "--config", "scene.toml"}).priority.has_value());
   const auto chosen = parsed({"tracker", "--config", "scene.toml", "--priority", "40", "--cores", "0-1,3"});
