@@ -16,9 +16,15 @@
 namespace softhand {
 namespace {
 
+bool is_own_folder(const std::string& path) {
+  struct stat found {};
+  return lstat(path.c_str(), &found) == 0 && S_ISDIR(found.st_mode) && found.st_uid == getuid();
+}
+
+// The variable may name a folder of another user (sudo) or none at all (containers).
 std::string folder() {
   const char* runtime = std::getenv("XDG_RUNTIME_DIR");
-  if (runtime != nullptr && *runtime == '/') return std::string(runtime) + "/softhand";
+  if (runtime != nullptr && is_own_folder(runtime)) return std::string(runtime) + "/softhand";
   return "/tmp/softhand-" + std::to_string(getuid());
 }
 
@@ -40,10 +46,8 @@ RigHolder this_process(const std::string& rig) {
 
 RigLock::RigLock(int domain) : path_(folder()) {
   // Anybody can make a folder in /tmp.
-  struct stat found {};
   if (mkdir(path_.c_str(), 0700) != 0 && errno != EEXIST) fail(path_, std::strerror(errno));
-  if (lstat(path_.c_str(), &found) != 0 || !S_ISDIR(found.st_mode) || found.st_uid != getuid())
-    fail(path_, "not a folder of this user");
+  if (!is_own_folder(path_)) fail(path_, "not a folder of this user");
   path_ += "/rig-" + std::to_string(domain) + ".lock";
   file_ = open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (file_ < 0) fail(path_, std::strerror(errno));

@@ -17,8 +17,8 @@ std::string to_text(const RigHolder& holder);
 /// This process, as the holder of `rig`.
 RigHolder this_process(const std::string& rig);
 
-/// The file softhand/rig-DOMAIN.lock in XDG_RUNTIME_DIR, or /tmp/softhand-USER/rig-DOMAIN.lock if the variable is
-/// unset. The kernel releases the lock when the process ends in any way.
+/// The file softhand/rig-DOMAIN.lock in XDG_RUNTIME_DIR, or /tmp/softhand-USER/rig-DOMAIN.lock if the variable names no
+/// folder of this user. The kernel releases the lock when the process ends in any way.
 class RigLock {
  public:
   /// Throws std::runtime_error if the file cannot be opened.

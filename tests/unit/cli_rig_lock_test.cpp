@@ -39,6 +39,16 @@ TEST_F(Lock, ASecondOneIsToldWhoHoldsIt) {
   EXPECT_EQ(RigLock(3).take({"third", "host", 15})->rig, "second") << "a shorter text replaces the former one";
 }
 
+// As in a container, or with sudo.
+TEST_F(Lock, AMissingRuntimeFolderIsNoError) {
+  setenv("XDG_RUNTIME_DIR", (folder_ / "missing").c_str(), 1);
+  const int domain = 100000 + getpid();  // in a folder that other programs use
+  RigLock first(domain), second(domain);
+  EXPECT_FALSE(first.take({"first", "host", 12}));
+  EXPECT_TRUE(second.take({"second", "host", 13}));
+  fs::remove("/tmp/softhand-" + std::to_string(getuid()) + "/rig-" + std::to_string(domain) + ".lock");
+}
+
 TEST_F(Lock, AFolderThatIsAFileIsRefused) {
   std::FILE* file = std::fopen((folder_ / "softhand").c_str(), "w");
   ASSERT_NE(file, nullptr);
