@@ -5,7 +5,9 @@
 #include <fastrtps/utils/md5.h>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
 #include <sys/random.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <chrono>
@@ -13,6 +15,7 @@
 #include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/DataWriterListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
@@ -28,10 +31,16 @@
 #include <optional>
 #include <random>
 #include <span>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
+
+#include "messages/age.hpp"
+#include "messages/convert.hpp"
+#include "messages/followed_writer.hpp"
+#include "runtime/clock.hpp"
 
 namespace softhand::bus {
 namespace {
@@ -45,8 +54,8 @@ constexpr int kMaxDomain = 230;
 /// Types up to this size use sample pools that are allocated at start. Larger types use buffers that grow when needed
 /// and are reused. Bytes.
 constexpr std::size_t kPooledSize = 32 * 1024;
-/// A writer lives at least this long after its last sample. 20 ms were once too short on a machine with six busy
-/// threads per core.
+/// A writer lives at least this long after a last sample that matters. 20 ms were once too short on a machine with six
+/// busy threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
 constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topics
 /// A process without a sign of life for this time counts as dead. Fast DDS 2.9 checks each peer once in this period. It
@@ -54,13 +63,18 @@ constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topi
 /// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
 /// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
+/// First line of the user data of our participants and endpoints. Next lines of a participant: epoch, process id, host,
+/// name of the rig that the process holds. Next lines of an endpoint: epoch, hash of the type's definition, module.
+constexpr std::string_view kUserData = "softhand 1\n";
+constexpr std::size_t kMostPeers = 256;  ///< anybody on the domain can invent participants
+constexpr std::size_t kMostEndpoints = 4096;
 
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
 /// out of reach. `AdmissionFilter` bounds what comes in.
 constexpr int kHistoryInstances = 100000;
 /// An instance without a sample for this time makes room for another.
-constexpr std::chrono::seconds kInstanceRest{1};
+constexpr double kInstanceRest = 1;  // s
 
 Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
 
@@ -138,13 +152,17 @@ class PlainType final : public dds::TopicDataType {
 /// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Samples about other
 /// hands stay outside if the reader is about one hand. Anybody on the domain can invent instances (users, module
 /// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
-/// many. A new instance takes the place of one that rests. Fast DDS 2.9 does not tell a filter who wrote a sample. So
-/// the epoch in the sample stands for the writer.
+/// many. A new instance takes the place of one that rests. On topics with one writer, the filter follows one writer of
+/// each instance and refuses stamps that are not usable. Fast DDS 2.9 does not tell a filter who wrote a sample. So the
+/// epoch in the sample stands for the writer.
 class AdmissionFilter final : public dds::IContentFilter {
  public:
-  using Clock = std::chrono::steady_clock;
-  AdmissionFilter(const TypeCodec& codec, int share, const std::optional<HandKey>& only)
-      : codec_(codec), received_(codec.create_received()), share_(static_cast<std::size_t>(share)) {
+  AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only)
+      : codec_(codec),
+        received_(codec.create_received()),
+        share_(static_cast<std::size_t>(row.max_instances)),
+        has_one_writer_(row.writers == Writers::one),
+        clock_id_(clock_id()) {
     admitted_.reserve(2 * share_);
     if (only) {
       EncodeKey key;
@@ -163,12 +181,33 @@ class AdmissionFilter final : public dds::IContentFilter {
     std::array<std::byte, 80> bytes{};
     const std::size_t size = codec_.key(received_, bytes);
     const Key key = hash_of(std::span(bytes).first(size));
-    if (only_) return key == *only_;
-    if (has_room(key, codec_.epoch(received_), Clock::now())) return true;
-    crowded_.fetch_add(1, std::memory_order_relaxed);
-    return false;
+    if (only_ && key != *only_) return false;
+    const Stamp& stamp = codec_.stamp(received_);
+    const Nanoseconds time = now();
+    if (has_one_writer_ && !is_usable(stamp, time, clock_id_)) {
+      refused_stamp_.fetch_add(1, std::memory_order_relaxed);
+      return false;
+    }
+    Admitted* place = place_of(key, stamp.epoch, time);
+    if (place == nullptr) {
+      crowded_.fetch_add(1, std::memory_order_relaxed);
+      return false;
+    }
+    if (has_one_writer_ && !place->followed.accept(stamp, time)) {
+      second_epoch_.store(stamp.epoch, std::memory_order_relaxed);
+      second_writer_.fetch_add(1, std::memory_order_relaxed);
+      return false;
+    }
+    place->writer = stamp.epoch;
+    place->last = time;
+    return true;
   }
-  std::uint64_t crowded() const { return crowded_.load(std::memory_order_relaxed); }
+  void count(ReaderCounters& out) const {
+    out.crowded = crowded_.load(std::memory_order_relaxed);
+    out.refused_stamp = refused_stamp_.load(std::memory_order_relaxed);
+    out.second_writer = second_writer_.load(std::memory_order_relaxed);
+    out.second_epoch = second_epoch_.load(std::memory_order_relaxed);
+  }
 
  private:
   using EncodeKey = detail::EncodeKey;
@@ -176,7 +215,8 @@ class AdmissionFilter final : public dds::IContentFilter {
   struct Admitted {
     Key key;
     std::uint64_t writer;
-    Clock::time_point last;
+    Nanoseconds last;
+    FollowedWriter followed{};
   };
 
   static Key hash_of(std::span<const std::byte> bytes) {
@@ -195,39 +235,37 @@ class AdmissionFilter final : public dds::IContentFilter {
     return key;
   }
 
-  bool has_room(const Key& key, std::uint64_t writer, Clock::time_point now) const {
+  // The place of the instance. Null if there is none.
+  Admitted* place_of(const Key& key, std::uint64_t writer, Nanoseconds time) const {
     std::size_t of_writer = 0;
     Admitted* oldest = nullptr;
     Admitted* oldest_of_writer = nullptr;
     for (Admitted& entry : admitted_) {
-      if (entry.key == key) {
-        entry.writer = writer;
-        entry.last = now;
-        return true;
-      }
+      if (entry.key == key) return &entry;
       if (oldest == nullptr || entry.last < oldest->last) oldest = &entry;
       if (entry.writer != writer) continue;
       ++of_writer;
       if (oldest_of_writer == nullptr || entry.last < oldest_of_writer->last) oldest_of_writer = &entry;
     }
-    const Admitted entry{key, writer, now};
+    const Admitted entry{key, writer, time};
     Admitted* place = of_writer >= share_ ? oldest_of_writer : admitted_.size() >= 2 * share_ ? oldest : nullptr;
-    if (place == nullptr) {
-      admitted_.push_back(entry);
-    } else if (now - place->last > kInstanceRest) {
-      *place = entry;
-    } else {
-      return false;
-    }
-    return true;
+    if (place == nullptr) return &admitted_.emplace_back(entry);
+    if (age_of(place->last, time).value_or(0) <= kInstanceRest) return nullptr;
+    *place = entry;
+    return place;
   }
 
   const TypeCodec& codec_;
   void* received_;
   std::size_t share_;
+  bool has_one_writer_;
+  std::uint32_t clock_id_;  // of this host
   std::optional<Key> only_;
   mutable std::vector<Admitted> admitted_;
   mutable std::atomic<std::uint64_t> crowded_ = 0;
+  mutable std::atomic<std::uint64_t> refused_stamp_ = 0;
+  mutable std::atomic<std::uint64_t> second_writer_ = 0;
+  mutable std::atomic<std::uint64_t> second_epoch_ = 0;
 };
 
 /// Makes the filters of a participant known to Fast DDS.
@@ -284,7 +322,7 @@ void apply(Qos& qos, const TopicRow& row) {
     qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
   }
   if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
-  if (row.exclusive) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
+  if (row.writers == Writers::strongest) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
   qos.resource_limits().max_instances = row.max_instances;
   qos.resource_limits().max_samples_per_instance = row.depth;
   qos.resource_limits().max_samples = row.max_instances * row.depth;
@@ -313,9 +351,67 @@ int domain_from_environment() {
 
 namespace detail {
 
-class ParticipantImpl {
+/// What a participant of ours says about itself in its user data.
+std::string user_data_of(std::uint64_t epoch, const std::string& rig) {
+  std::array<char, 256> host{};
+  gethostname(host.data(), host.size() - 1);
+  return std::string(kUserData) + std::to_string(epoch) + "\n" + std::to_string(getpid()) + "\n" + host.data() + "\n" +
+         rig;
+}
+
+/// Without control characters, for logs: anybody on the domain can write user data.
+std::string printable(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c == 127; }, '?');
+  return text;
+}
+
+/// Empty unless the data is that of a participant of ours.
+std::optional<Peer> peer_of(const std::string& name, std::string_view data) {
+  if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
+  std::istringstream in{std::string(data.substr(kUserData.size()))};
+  Peer peer;
+  if (!(in >> peer.epoch >> peer.process_id)) return std::nullopt;
+  in.ignore();
+  std::string host, rig;
+  std::getline(in, host);
+  std::getline(in, rig);
+  set_text(peer.name, printable(name));
+  set_text(peer.host, printable(host));
+  set_text(peer.rig, printable(rig));
+  return peer;
+}
+
+/// What an endpoint of ours says about itself in its user data.
+struct Endpoint {
+  std::string topic, type, module;
+  std::uint64_t hash = 0;  ///< of the definition of the type
+  std::uint64_t epoch = 0;
+  bool operator==(const Endpoint&) const = default;
+};
+
+std::string user_data_of(const Endpoint& endpoint) {
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(endpoint.hash));
+  return std::string(kUserData) + std::to_string(endpoint.epoch) + "\n" + hash + "\n" + endpoint.module;
+}
+
+/// Empty unless the data is that of an endpoint of ours.
+std::optional<Endpoint> endpoint_of(const std::string& topic, const std::string& type, std::string_view data) {
+  if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
+  std::istringstream in{std::string(data.substr(kUserData.size()))};
+  Endpoint endpoint{topic, printable(type), {}};
+  if (!(in >> endpoint.epoch >> std::hex >> endpoint.hash)) return std::nullopt;
+  in.ignore();
+  std::getline(in, endpoint.module);
+  endpoint.module = printable(endpoint.module);
+  return endpoint;
+}
+
+class ParticipantImpl final : public dds::DomainParticipantListener {
  public:
-  ParticipantImpl(const std::string& name, int domain) {
+  ParticipantImpl(const std::string& name, int domain, const std::string& rig) : name_(name), epoch_(make_epoch()) {
+    peers_.reserve(kMostPeers);
     // Readers in the writer's own process receive samples like all other readers: in the receiving threads, not inside
     // write().
     auto library = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
@@ -324,8 +420,14 @@ class ParticipantImpl {
       eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
     }
 
+    // The factory is never destroyed. Its destructor has nothing to do when our participants are gone, but sleeps 100
+    // ms. When a rig stops, that would be 100 ms for each process in turn.
+    [[maybe_unused]] static const auto* const kept = new auto(dds::DomainParticipantFactory::get_shared_instance());
+
     dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     qos.name(name.c_str());
+    const std::string user_data = user_data_of(epoch_, rig);
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = {"127.0.0.1"};
     udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
@@ -350,8 +452,8 @@ class ParticipantImpl {
     discovery.initialPeersList.push_back(group);
     discovery.initialPeersList.push_back(host);
 
-    participant_ =
-        dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(
+        static_cast<std::uint32_t>(domain), qos, this, dds::StatusMask::none());
     if (participant_ == nullptr)
       fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
     participant_->register_content_filter_factory(filters_.name(), &filters_);
@@ -375,7 +477,14 @@ class ParticipantImpl {
       fail("cannot register type " + std::string(codec.name));
     dds::Topic* created = participant_->create_topic(name, codec.name, dds::TOPIC_QOS_DEFAULT);
     if (created == nullptr) fail("cannot create topic " + name);
+    const std::lock_guard peers_lock(peers_mutex_);
+    own_.push_back({name, codec.name, name_, codec.hash(), epoch_});
+    for (const Endpoint& other : others_) compare(own_.back(), other);
     return created;
+  }
+  /// For the user data of an endpoint of this topic.
+  std::string user_data(const TopicRow& row, const TypeCodec& codec) const {
+    return user_data_of({std::string(row.name), codec.name, name_, codec.hash(), epoch_});
   }
   /// The topic behind a filter. Delete it with `remove`.
   dds::ContentFilteredTopic* topic(const TopicRow& row, const TypeCodec& codec, AdmissionFilter& filter) {
@@ -384,11 +493,68 @@ class ParticipantImpl {
     return filtered;
   }
   void remove(dds::ContentFilteredTopic* topic) { participant_->delete_contentfilteredtopic(topic); }
+  std::uint64_t epoch() const { return epoch_; }
+  std::vector<Peer> peers() const {
+    const std::lock_guard lock(peers_mutex_);
+    std::vector<Peer> peers;
+    for (const auto& [guid, peer] : peers_) peers.push_back(peer);
+    return peers;
+  }
+  bool find_peer(std::uint64_t epoch, Peer& out) const noexcept {
+    const std::unique_lock lock(peers_mutex_, std::try_to_lock);
+    if (!lock.owns_lock()) return false;
+    for (const auto& [guid, peer] : peers_) {
+      if (peer.epoch != epoch) continue;
+      out = peer;
+      return true;
+    }
+    return false;
+  }
+  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) override {
+    const std::lock_guard lock(peers_mutex_);
+    std::erase_if(peers_, [&](const auto& each) { return each.first == found.info.m_guid; });
+    if (found.status == rtps::ParticipantDiscoveryInfo::REMOVED_PARTICIPANT ||
+        found.status == rtps::ParticipantDiscoveryInfo::DROPPED_PARTICIPANT || peers_.size() == kMostPeers)
+      return;
+    const auto& data = found.info.m_userData.data_vec();
+    const auto peer =
+        peer_of(found.info.m_participantName.to_string(), {reinterpret_cast<const char*>(data.data()), data.size()});
+    if (peer) peers_.emplace_back(found.info.m_guid, *peer);
+  }
+  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) override {
+    if (found.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) discovered(found.info);
+  }
+  void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& found) override {
+    if (found.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER) discovered(found.info);
+  }
+
   dds::Publisher& publisher() { return *publisher_; }
   dds::Subscriber& subscriber() { return *subscriber_; }
 
  private:
+  template <typename Proxy>
+  void discovered(const Proxy& proxy) {
+    const auto& data = proxy.m_qos.m_userData.data_vec();
+    const auto other = endpoint_of(proxy.topicName().to_string(), proxy.typeName().to_string(),
+                                   {reinterpret_cast<const char*>(data.data()), data.size()});
+    if (!other) return;
+    const std::lock_guard lock(peers_mutex_);
+    // A module's endpoints of one topic are reported together.
+    if (others_.size() == kMostEndpoints || std::find(others_.begin(), others_.end(), *other) != others_.end()) return;
+    others_.push_back(*other);
+    for (const Endpoint& own : own_) compare(own, *other);
+  }
+  void compare(const Endpoint& own, const Endpoint& other) const {
+    if (own.topic != other.topic || (own.type == other.type && own.hash == other.hash)) return;
+    std::fprintf(stderr,
+                 "%s: topic %s: module %s has another definition of its type: %s %016llx, here %s %016llx; expected "
+                 "programs of one version\n",
+                 name_.c_str(), own.topic.c_str(), other.module.c_str(), other.type.c_str(),
+                 static_cast<unsigned long long>(other.hash), own.type.c_str(),
+                 static_cast<unsigned long long>(own.hash));
+  }
   void close() {
+    participant_->set_listener(nullptr);
     participant_->delete_contained_entities();
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
   }
@@ -398,27 +564,37 @@ class ParticipantImpl {
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;
+  std::string name_;
+  std::uint64_t epoch_;
+  mutable std::mutex peers_mutex_;
+  std::vector<Endpoint> own_;     // one for each topic
+  std::vector<Endpoint> others_;  // one for each topic of each other module
+  std::vector<std::pair<rtps::GUID_t, Peer>> peers_;
 };
 
 class WriterImpl final : public dds::DataWriterListener {
  public:
   WriterImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec, int strength)
-      : participant_(std::move(participant)) {
+      : participant_(std::move(participant)), last_matters_(row.rate_hz == 0 || row.name == topics::device_state.name) {
     dds::DataWriterQos qos = dds::DATAWRITER_QOS_DEFAULT;
     apply(qos, row);
-    if (row.exclusive) qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
+    if (row.writers == Writers::strongest)
+      qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
     qos.endpoint().history_memory_policy = memory_policy(codec);
     // Samples of many packets are sent by a separate thread, so the writing loop does not wait.
     qos.publish_mode().kind = codec.max_size() > 60000 ? dds::ASYNCHRONOUS_PUBLISH_MODE : dds::SYNCHRONOUS_PUBLISH_MODE;
     qos.reliability().max_blocking_time = milliseconds(1);
+    const std::string user_data = participant_->user_data(row, codec);
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
     writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
                                                           dds::StatusMask::publication_matched());
     if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
   }
   ~WriterImpl() override {
     // The notice of departure uses another socket than the data. A reader that receives the notice first drops the last
-    // sample, for example the zero command of a device.
-    if (readers() > 0) std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
+    // sample.
+    if (last_matters_ && readers() > 0)
+      std::this_thread::sleep_until(last_write_.load(std::memory_order_relaxed) + kLastSampleTime);
     writer_->set_listener(nullptr);
     participant_->publisher().delete_datawriter(writer_);
   }
@@ -443,6 +619,9 @@ class WriterImpl final : public dds::DataWriterListener {
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
+  /// Commands, descriptions and the zero command of a device. Another stream could as well have ended one sample
+  /// earlier.
+  bool last_matters_;
   dds::DataWriter* writer_ = nullptr;
   std::atomic<std::chrono::steady_clock::time_point> last_write_{};
   std::atomic<int> readers_ = 0;
@@ -461,7 +640,7 @@ class ReaderImpl final : public dds::DataReaderListener {
     // Fast DDS 2.9 first puts a sample into the history and then checks the owner. It then removes the sample of a
     // weaker writer. Without extra depth, the weaker sample would push out an unread sample of the owner.
     TopicRow adjusted = row;
-    if (row.exclusive) adjusted.depth = std::max(row.depth, kOwnersDepth);
+    if (row.writers == Writers::strongest) adjusted.depth = std::max(row.depth, kOwnersDepth);
     const bool has_key = codec.max_key_size() > 0;
     if (has_key) adjusted.max_instances = kHistoryInstances;
     apply(qos, adjusted);
@@ -474,9 +653,11 @@ class ReaderImpl final : public dds::DataReaderListener {
          << dds::StatusMask::sample_lost();
     dds::TopicDescription* topic = participant_->topic(row, codec);
     if (has_key) {
-      filter_.emplace(codec, row.max_instances, only);
+      filter_.emplace(codec, row, only);
       topic = filtered_ = participant_->topic(row, codec, *filter_);
     }
+    const std::string user_data = participant_->user_data(row, codec);
+    qos.user_data().data_vec({user_data.begin(), user_data.end()});
     reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
     if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
     if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));
@@ -529,7 +710,9 @@ class ReaderImpl final : public dds::DataReaderListener {
   int writers() const { return writers_.load(); }
   int live_writers() const { return has_lease_ ? live_.load() : writers_.load(); }
   ReaderCounters counters() const {
-    return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load(), filter_ ? filter_->crowded() : 0};
+    ReaderCounters counters{received_.load(), refused_.load(), lost_.load(), deadline_missed_.load()};
+    if (filter_) filter_->count(counters);
+    return counters;
   }
 
  private:
@@ -574,7 +757,10 @@ ReaderCounters ReaderEndpoint::counters() const noexcept { return impl_->counter
 
 }  // namespace detail
 
-Participant::Participant(const std::string& name, int domain)
-    : impl_(std::make_shared<detail::ParticipantImpl>(name, domain)) {}
+Participant::Participant(const std::string& name, int domain, const std::string& rig)
+    : impl_(std::make_shared<detail::ParticipantImpl>(name, domain, rig)) {}
+std::uint64_t Participant::epoch() const { return impl_->epoch(); }
+std::vector<Peer> Participant::peers() const { return impl_->peers(); }
+bool Participant::find_peer(std::uint64_t epoch, Peer& out) const noexcept { return impl_->find_peer(epoch, out); }
 
 }  // namespace softhand::bus

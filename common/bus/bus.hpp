@@ -13,12 +13,14 @@
 // Lifetime: writers and readers keep their participant alive.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "bus/cdr.hpp"
 #include "bus/topics.hpp"
@@ -34,11 +36,26 @@ class WriterImpl;
 class ReaderImpl;
 }  // namespace detail
 
+/// Another process in the domain that uses this library.
+struct Peer {
+  std::uint64_t epoch = 0;  ///< `Stamp::epoch` of its samples
+  int process_id = 0;
+  std::array<char, 64> name{};
+  std::array<char, 64> host{};
+  std::array<char, 64> rig{};  ///< name of the rig that it holds; empty: none
+};
+
 /// Membership of a process in a DDS domain. Create one per process.
 class Participant {
  public:
-  /// `name` appears in discovery tools.
-  explicit Participant(const std::string& name, int domain = domain_from_environment());
+  /// `name` appears in discovery tools. `rig` is the name of the rig that this process holds, for its peers.
+  explicit Participant(const std::string& name, int domain = domain_from_environment(), const std::string& rig = {});
+  /// For `Stamp::epoch` of all that this process writes. Peers know the process by this number.
+  std::uint64_t epoch() const;
+  /// The other processes that are known now. New ones are found within 0.5 s.
+  std::vector<Peer> peers() const;
+  /// Does not allocate or wait. May return false although the peer is known.
+  bool find_peer(std::uint64_t epoch, Peer& out) const noexcept;
   const std::shared_ptr<detail::ParticipantImpl>& impl() const { return impl_; }
 
  private:
@@ -56,6 +73,9 @@ struct ReaderCounters {
   std::uint64_t lost = 0;             ///< lost samples, as far as DDS knows
   std::uint64_t deadline_missed = 0;  ///< continues to count after the writer is gone
   std::uint64_t crowded = 0;          ///< about an instance for which there was no room
+  std::uint64_t refused_stamp = 0;    ///< from the future, or from the clock of another host
+  std::uint64_t second_writer = 0;    ///< of another writer than the followed one
+  std::uint64_t second_epoch = 0;     ///< `Stamp::epoch` of the last one of these
 };
 
 namespace detail {
@@ -132,9 +152,9 @@ class Reader {
   /// that was silent for a second.
   Reader(const Participant& participant, const Topic<T>& topic,
          std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
-      : endpoint_(participant, topic, codec_of<T>(topic.type), only) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), only), topic_name_(topic.name) {}
   Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
-      : endpoint_(participant, topic, codec_of<T>(topic.type), std::nullopt) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), std::nullopt), topic_name_(topic.name) {}
 
   /// Copies the newest sample into `out` and drops the older ones. If no new sample has arrived, returns false and does
   /// not change `out`. Never waits. Takes at most 2 * max_instances * depth samples, so that a flood does not hold a
@@ -176,9 +196,11 @@ class Reader {
   /// Number of matched writers with a valid liveliness lease. If the topic has no lease: number of matched writers.
   int live_writer_count() const noexcept { return endpoint_.live_writer_count(); }
   ReaderCounters counters() const noexcept { return endpoint_.counters(); }
+  std::string_view topic_name() const noexcept { return topic_name_; }
 
  private:
   detail::ReaderEndpoint endpoint_;
+  std::string_view topic_name_;
   std::unique_ptr<detail::Received<T>> scratch_ = std::make_unique<detail::Received<T>>();
   std::unique_ptr<detail::Received<T>> newest_ = std::make_unique<detail::Received<T>>();
 };

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <memory>
 #include <span>
+#include <string>
 #include <type_traits>
 
 #include "bus/fields.hpp"
@@ -226,6 +227,42 @@ struct MeasureKey {
   void field(const char*, const auto&) {}
 };
 
+/// Writes the definition of a type as text: names, kinds, sizes and bounds of all fields.
+struct Define {
+  std::string text;
+
+  template <typename T>
+  void operator()(const T& value) {
+    if constexpr (Number<T>) {
+      text += (std::is_floating_point_v<T> ? "float"
+               : std::is_signed_v<T>       ? "int"
+                                           : "uint") +
+              std::to_string(8 * sizeof(T));
+    } else if constexpr (is_text<T>) {
+      text += "string<" + std::to_string(value.size() - 1) + ">";
+    } else if constexpr (is_array<T>) {
+      (*this)(value[0]);
+      text += "[" + std::to_string(value.size()) + "]";
+    } else if constexpr (is_sequence<T>) {
+      (*this)(value.items[0]);
+      text += "<" + std::to_string(value.max_size()) + ">";
+    } else {
+      text += "{";
+      visit_fields(*this, value);
+      text += "}";
+    }
+  }
+  void key(const char* name, const auto& value) {
+    text += "@";
+    field(name, value);
+  }
+  void field(const char* name, const auto& value) {
+    text += std::string(name) + ":";
+    (*this)(value);
+    text += ";";
+  }
+};
+
 /// Target of a reader's `take`. The flag is false if the bytes were not a valid T.
 template <typename T>
 struct Received {
@@ -234,6 +271,20 @@ struct Received {
 };
 
 }  // namespace detail
+
+/// Hash of the definition of T: 64-bit FNV-1a of its text. Two programs with different hashes do not understand each
+/// other's samples.
+template <typename T>
+std::uint64_t definition_hash() {
+  static const std::uint64_t hash = [] {
+    detail::Define define;
+    define(*std::make_unique<T>());
+    std::uint64_t sum = 14695981039346656037u;
+    for (const char c : define.text) sum = (sum ^ static_cast<unsigned char>(c)) * 1099511628211u;
+    return sum;
+  }();
+  return hash;
+}
 
 /// Size of `message` on the wire in bytes, header included.
 template <typename T>
@@ -280,6 +331,7 @@ bool decode(std::span<const std::byte> bytes, T& message) {
 /// A message type as a table of functions. The DDS layer sees nothing else of the type.
 struct TypeCodec {
   const char* name;  ///< DDS type name
+  std::uint64_t (*hash)();
   std::size_t (*max_size)();
   std::size_t (*size)(const void* message);
   std::size_t (*encode)(const void* message, std::span<std::byte> out);
@@ -287,7 +339,7 @@ struct TypeCodec {
   void (*destroy_received)(void* received);
   void (*decode)(std::span<const std::byte> bytes, void* received);
   bool (*is_well_formed)(const void* received);
-  std::uint64_t (*epoch)(const void* received);  ///< `Stamp::epoch`, which differs from writer to writer
+  const Stamp& (*stamp)(const void* received);
   std::size_t (*max_key_size)();
   /// Writes the big-endian key. `message` points to a T, or to a Received<T>, which has the T as its first member.
   std::size_t (*key)(const void* message, std::span<std::byte, 80> out);
@@ -297,6 +349,7 @@ template <typename T>
 inline const TypeCodec& codec_of(const char* type_name) {
   static const TypeCodec codec{
       type_name,
+      [] { return definition_hash<T>(); },
       [] { return max_encoded_size<T>(); },
       [](const void* message) { return encoded_size(*static_cast<const T*>(message)); },
       [](const void* message, std::span<std::byte> out) { return bus::encode(*static_cast<const T*>(message), out); },
@@ -309,7 +362,9 @@ inline const TypeCodec& codec_of(const char* type_name) {
         if (!sample.well_formed) sample.value = T{};
       },
       [](const void* received) { return static_cast<const detail::Received<T>*>(received)->well_formed; },
-      [](const void* received) { return static_cast<const detail::Received<T>*>(received)->value.stamp.epoch; },
+      [](const void* received) -> const Stamp& {
+        return static_cast<const detail::Received<T>*>(received)->value.stamp;
+      },
       [] {
         detail::MeasureKey measure;
         visit_fields(measure, *std::make_unique<T>());

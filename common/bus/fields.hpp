@@ -309,6 +309,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("deadline_misses", m.deadline_misses);
   v.field("input_age_ms", m.input_age_ms);
   v.field("input_drops", m.input_drops);
+  v.field("second_writer", m.second_writer);
   v.field("residual", m.residual);
   v.field("iterations", m.iterations);
   v.field("solver_status", m.solver_status);

@@ -11,6 +11,11 @@ namespace softhand::bus {
 
 enum class Reliability { best_effort, reliable };
 enum class Durability { volatile_, transient_local };
+enum class Writers {
+  any,        ///< samples of all writers are delivered
+  one,        ///< a reader follows one writer of each key (FollowedWriter), and refuses stamps that are not usable
+  strongest,  ///< only samples of the strongest live writer of a key are delivered
+};
 
 struct TopicRow {
   std::string_view name;
@@ -22,7 +27,7 @@ struct TopicRow {
   int deadline_ms;    ///< per instance; 0 = none
   int liveliness_ms;  ///< lease, asserted by the process; 0 = the lease of the process (10 s)
   int lifespan_ms;    ///< older samples are no longer delivered; 0 = samples stay as long as the history keeps them
-  bool exclusive;     ///< if several writers write an instance, only samples of the strongest live writer are delivered
+  Writers writers;    ///< what a reader does if several writers write an instance
   double rate_hz;     ///< nominal; 0 = on demand
   std::string_view writer;
   std::string_view readers;
@@ -40,60 +45,63 @@ inline constexpr auto best_effort = Reliability::best_effort;
 inline constexpr auto reliable = Reliability::reliable;
 inline constexpr auto vol = Durability::volatile_;
 inline constexpr auto late = Durability::transient_local;
+inline constexpr auto any = Writers::any;
+inline constexpr auto one = Writers::one;
+inline constexpr auto strongest = Writers::strongest;
 inline constexpr int kHands = 32;  ///< 16 users
 
 // clang-format off
 // Three lines per row: first the variable, then the topic name and type. The third line has the other members of
-// TopicRow: reliability, durability, depth, max_instances, deadline_ms, liveliness_ms, lifespan_ms, exclusive,
+// TopicRow: reliability, durability, depth, max_instances, deadline_ms, liveliness_ms, lifespan_ms, writers,
 // rate_hz, writer, readers.
 inline constexpr Topic<Skeleton> tracked_skeleton{{
     "softhand/v1/tracked_skeleton", "softhand::v1::Skeleton",
-    best_effort, vol,   1, kHands, 50, 50,    0, true,    90, "trackers", "tracking, hand (direct), viewer, recorder"}};
+    best_effort, vol,  1, kHands, 50, 50,   0, strongest, 90, "trackers", "tracking, hand (direct), viewer, recorder"}};
 inline constexpr Topic<Skeleton> intermediate_skeleton{{
     "softhand/v1/intermediate_skeleton", "softhand::v1::Skeleton",
-    best_effort, vol,   1, kHands,  0,  0,    0, false, 1000, "tracking", "hand, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,    1000, "tracking", "hand, viewer, recorder"}};
 inline constexpr Topic<Skeleton> simulated_skeleton{{
     "softhand/v1/simulated_skeleton", "softhand::v1::Skeleton",
-    best_effort, vol,   1, kHands,  0,  0,    0, false,   90, "hand", "tracking, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tracking, viewer, recorder"}};
 inline constexpr Topic<TissueSurface> tissue_surface{{
     "softhand/v1/tissue_surface", "softhand::v1::TissueSurface",
-    best_effort, vol,   1, kHands,  0,  0,    0, false,   90, "hand", "viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "viewer, recorder"}};
 inline constexpr Topic<Contacts> contacts{{
     "softhand/v1/contacts", "softhand::v1::Contacts",
-    best_effort, vol,   1, kHands,  0,  0,    0, false,   90, "hand", "tracking, tactile, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tracking, tactile, viewer, recorder"}};
 inline constexpr Topic<WorldObjects> objects{{
     "softhand/v1/objects", "softhand::v1::WorldObjects",
-    best_effort, vol,   1, 16,      0,  0,    0, false,  250, "world", "hand, viewer, recorder"}};
+    best_effort, vol,  1, 16,      0,  0,    0, one,      250, "world", "hand, viewer, recorder"}};
 inline constexpr Topic<ObjectCoupling> object_coupling{{
     "softhand/v1/object_coupling", "softhand::v1::ObjectCoupling",
-    best_effort, vol,   1, kHands,  0,  0,    0, false,   90, "hand", "world, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "world, viewer, recorder"}};
 inline constexpr Topic<BoneWrench> bone_wrench{{
     "softhand/v1/bone_wrench", "softhand::v1::BoneWrench",
-    best_effort, vol,   1, kHands,  0,  0,    0, false, 1000, "tracking, hand (direct)", "haptics, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,   1000, "tracking, hand (direct)", "haptics, viewer, recorder"}};
 inline constexpr Topic<DeviceState> device_state{{
     "softhand/v1/device_state", "softhand::v1::DeviceState",
-    best_effort, vol,   1, 64,      0,  0,    0, false, 1000, "haptics, tactile", "cli, recorder"}};
+    best_effort, vol,  1, 64,      0,  0,    0, one,    1000, "haptics, tactile", "cli, recorder"}};
 inline constexpr Topic<HeadPose> head_pose{{
     "softhand/v1/head_pose", "softhand::v1::HeadPose",
-    best_effort, vol,   1, 16,      0,  0,    0, false,   90, "trackers", "tracking, hand (direct), recorder"}};
+    best_effort, vol,  1, 16,      0,  0,    0, one,       90, "trackers", "tracking, hand (direct), recorder"}};
 inline constexpr Topic<Message> message{{
     "softhand/v1/message", "softhand::v1::Message",
-    reliable,    late, 64, 1,       0,  0, 2000, false,    0, "anyone", "every module"}};
+    reliable,   late, 64, 1,       0,  0, 2000, any,        0, "anyone", "every module"}};
 inline constexpr Topic<MessageReply> message_reply{{
     "softhand/v1/message_reply", "softhand::v1::MessageReply",
-    reliable,    late, 64, 1,       0,  0, 2000, false,    0, "every module", "the asker"}};
+    reliable,   late, 64, 1,       0,  0, 2000, any,        0, "every module", "the asker"}};
 inline constexpr Topic<LoopStatus> loop_status{{
     "softhand/v1/loop_status", "softhand::v1::LoopStatus",
-    reliable,    vol,   4, 64,      0,  0,    0, false,   10, "every module", "cli, viewer, recorder"}};
+    reliable,   vol,  4, 64,      0,  0,    0, any,       10, "every module", "cli, viewer, recorder"}};
 inline constexpr Topic<ObjectDescription> object_description{{
     "softhand/v1/object_description", "softhand::v1::ObjectDescription",
-    reliable,    late,  1, 256,     0,  0,    0, false,    0, "world", "hand, viewer, recorder"}};
+    reliable,   late, 1, 256,     0,  0,    0, any,        0, "world", "hand, viewer, recorder"}};
 inline constexpr Topic<ObjectJointDescription> object_joint{{
     "softhand/v1/object_joint", "softhand::v1::ObjectJointDescription",
-    reliable,    late,  1, 256,     0,  0,    0, false,    0, "world", "hand, recorder"}};
+    reliable,   late, 1, 256,     0,  0,    0, any,        0, "world", "hand, recorder"}};
 inline constexpr Topic<HandDescription> hand_description{{
     "softhand/v1/hand_description", "softhand::v1::HandDescription",
-    reliable,    late,  1, kHands,  0,  0,    0, false,    0, "hand", "viewer, recorder"}};
+    reliable,   late, 1, kHands,  0,  0,    0, any,        0, "hand", "viewer, recorder"}};
 // clang-format on
 
 /// Calls f(topic) for every row.

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "device/answer.hpp"
+#include "messages/age.hpp"
 #include "runtime/clock.hpp"
 
 namespace softhand {
@@ -40,6 +41,14 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
     ++counters_.repeated;
     return false;
   }
+  if (!is_usable(stamp, now, clock_id_)) {
+    ++counters_.refused_stamp;
+    return false;
+  }
+  if (!followed_.accept(stamp, now)) {
+    ++counters_.second_writer;
+    return false;
+  }
   ++counters_.accepted;
   any_ = true;
   arrival_ = now;
@@ -50,15 +59,13 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
 
 bool DeviceGuard::fresh(Nanoseconds now) const {
   if (!any_) return false;
-  // The age counts from the arrival. It also counts from the publisher's stamp if that stamp is comparable, so that a
-  // backlog does not count as fresh. A stamp is comparable if it has this host's clock id, or if it is 0 to 10 s old on
-  // this host's clock. Other stamps are ignored.
-  const double since_arrival = static_cast<double>(now - arrival_) * kSecondsPerNanosecond;
-  const double since_publish = static_cast<double>(now - stamp_.publish_time) * kSecondsPerNanosecond;
-  const bool comparable =
-      stamp_.publish_time != 0 && (stamp_.clock_id == clock_id_ || (since_publish >= 0 && since_publish < 10));
-  const double age = comparable ? std::max(since_arrival, since_publish) : since_arrival;
-  return age <= options_.stale_after;
+  // The age counts from the arrival. It also counts from the publisher's stamp, so that a backlog does not count as
+  // fresh.
+  const auto is_young = [&](Nanoseconds time) {
+    const std::optional<double> age = age_of(time, now);
+    return age && *age <= options_.stale_after;
+  };
+  return is_young(arrival_) && (stamp_.publish_time == 0 || is_young(stamp_.publish_time));
 }
 
 const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> requested, bool source_live) {
@@ -127,7 +134,7 @@ MessageReply DeviceGuard::answer(const Message& message, const std::string& modu
 }
 
 void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
-  status.input_age_ms = any_ ? static_cast<double>(now - arrival_) * 1e-6 : -1;
+  status.input_age_ms = age_ms_of(arrival_, now);
   const auto add = [&status](std::string_view name, double value) {
     NamedValue counter;
     set_text(counter.name, name);
@@ -136,6 +143,8 @@ void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
   };
   add("accepted", static_cast<double>(counters_.accepted));
   add("repeated", static_cast<double>(counters_.repeated));
+  add("refused_stamp", static_cast<double>(counters_.refused_stamp));
+  add("second_writer", static_cast<double>(counters_.second_writer));
   add("nonfinite", static_cast<double>(counters_.nonfinite));
   add("clamped", state_.clamped);
   add("slewed", state_.slewed);

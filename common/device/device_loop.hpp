@@ -15,6 +15,7 @@
 #include <string_view>
 
 #include "device/passivity_observer.hpp"
+#include "messages/followed_writer.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
 
@@ -51,9 +52,11 @@ struct DeviceLoopOptions {
 void describe(OptionVisitor& v, DeviceLoopOptions& o);
 
 struct DeviceCounters {
-  std::uint64_t accepted = 0;   ///< inputs
-  std::uint64_t repeated = 0;   ///< inputs with an old sequence; they do not count as fresh
-  std::uint64_t nonfinite = 0;  ///< requested commands that were not finite and were replaced by zero
+  std::uint64_t accepted = 0;       ///< inputs
+  std::uint64_t repeated = 0;       ///< inputs with an old sequence; they do not count as fresh
+  std::uint64_t refused_stamp = 0;  ///< inputs from the future, or from the clock of another host
+  std::uint64_t second_writer = 0;  ///< inputs of another writer than the followed one
+  std::uint64_t nonfinite = 0;      ///< requested commands that were not finite and were replaced by zero
 };
 
 /// The part of the safety layer that is the same for every kind of input.
@@ -62,7 +65,8 @@ class DeviceGuard {
   /// Throws std::invalid_argument if the limits are invalid. `kind`: 0 haptic, 1 tactile.
   DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& limits, std::uint32_t device, std::uint32_t kind);
 
-  /// Returns true if `stamp` is newer than all earlier stamps. Then the caller computes commands from this input.
+  /// Returns true if `stamp` is newer than all earlier stamps, and can be compared with this host's clock. Then the
+  /// caller computes commands from this input.
   bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
   /// True while the newest input is not older than `stale_after`.
   bool fresh(Nanoseconds now) const;
@@ -90,6 +94,7 @@ class DeviceGuard {
   bool was_live_ = false;
   Nanoseconds arrival_ = 0;
   Nanoseconds last_step_ = 0;
+  FollowedWriter followed_;
   Stamp stamp_;
   DeviceState state_;
   DeviceCounters counters_;

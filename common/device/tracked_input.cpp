@@ -6,6 +6,7 @@
 #include <string>
 
 #include "math/rotation.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -16,9 +17,8 @@ constexpr double kMaximumCoordinate = 1e3;  // m
 constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest hands measure 0.25
 // Half and twice unit length, with room for rounding.
 constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;
-constexpr double kMaximumAngularSpeed = 60;   // rad/s; fast finger flicks reach 40
-constexpr Nanoseconds kFuture = 5'000'000;    // ns; a sample farther ahead of its arrival comes from another clock
-constexpr Nanoseconds kPast = 1'000'000'000;  // ns; a sample older than this at its arrival comes from another clock
+constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
+constexpr double kPast = 1;                  // s; a sample older than this at its arrival comes from another clock
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
@@ -62,7 +62,8 @@ void describe(OptionVisitor& v, TrackedInputOptions& o) {
 }
 
 bool is_plausible(Nanoseconds sample_time, Nanoseconds now) {
-  return sample_time <= now + kFuture && sample_time >= now - kPast;
+  const std::optional<double> age = age_of(sample_time, now);
+  return age && *age <= kPast;
 }
 
 TrackedInput::TrackedInput(const TrackedInputOptions& options)
@@ -71,17 +72,17 @@ TrackedInput::TrackedInput(const TrackedInputOptions& options)
           mount(options.headset_mount_position, options.headset_mount_orientation, "headset_mount_orientation")),
       desk_mount_(mount(options.desk_mount_position, options.desk_mount_orientation, "desk_mount_orientation")) {}
 
-void TrackedInput::add_head_pose(const HeadPose& head) {
+void TrackedInput::add_head_pose(const HeadPose& head, Nanoseconds now) {
+  if (!is_plausible(head.stamp.sample_time, now)) {
+    ++counters_.refused_head_clock;
+    return;
+  }
   if (head.valid == 0 || !all_finite(head.position) || !all_finite(head.orientation)) return;
   const Quaternion orientation = to_quaternion(head.orientation);
   if (!(orientation.norm() > 0.5 && orientation.norm() < 2) ||
       !(to_vector(head.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate))
     return;
-  if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) {
-    // If a head tracker's clock goes back by more than 1 s, a new history starts. A late sample is dropped.
-    if (head.stamp.sample_time > heads_[(head_count_ - 1) % heads_.size()].time - kPast) return;
-    head_count_ = 0;
-  }
+  if (head_count_ > 0 && head.stamp.sample_time <= heads_[(head_count_ - 1) % heads_.size()].time) return;
   heads_[head_count_++ % heads_.size()] = {head.stamp.sample_time,
                                            {to_vector(head.position), orientation.normalized()}};
 }
@@ -243,9 +244,7 @@ const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now)
   return targets_;
 }
 
-double TrackedInput::age(Nanoseconds now) const {
-  return any_ ? static_cast<double>(now - time_) * kSecondsPerNanosecond : -1.0;
-}
+double TrackedInput::age(Nanoseconds now) const { return any_ ? age_of(time_, now).value_or(0) : -1.0; }
 
 bool TrackedInput::stale(Nanoseconds now) const { return !any_ || age(now) > options_.stale_after; }
 

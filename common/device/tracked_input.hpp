@@ -39,11 +39,12 @@ struct TrackedInputCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints with NaN or infinity
   /// joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
   std::uint64_t refused_implausible = 0;
-  std::uint64_t refused_order = 0;      ///< samples with an old or equal sequence or time
-  std::uint64_t refused_mount = 0;      ///< samples in an unknown frame, or in the headset frame without a head pose
-  std::uint64_t implausible_clock = 0;  ///< samples whose time was replaced by their arrival time
-  std::uint64_t inferred = 0;           ///< refused or unseen joints that were moved rigidly with a neighbour
-  std::uint64_t repositioned = 0;       ///< jumps of the wrist beyond the reposition distance
+  std::uint64_t refused_order = 0;       ///< samples with an old or equal sequence or time
+  std::uint64_t refused_mount = 0;       ///< samples in an unknown frame, or in the headset frame without a head pose
+  std::uint64_t refused_head_clock = 0;  ///< head poses from the future or older than 1 s
+  std::uint64_t implausible_clock = 0;   ///< samples whose time was replaced by their arrival time
+  std::uint64_t inferred = 0;            ///< refused or unseen joints that were moved rigidly with a neighbour
+  std::uint64_t repositioned = 0;        ///< jumps of the wrist beyond the reposition distance
 };
 
 /// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than 5 ms in the
@@ -57,7 +58,7 @@ class TrackedInput {
 
   /// Adds a head pose. Head poses must come in the order of their times. A pose that is not finite, beyond 1 km or not
   /// newer is ignored without a message.
-  void add_head_pose(const HeadPose& head);
+  void add_head_pose(const HeadPose& head, Nanoseconds now);
   /// Returns false if the whole sample was refused. A joint that was refused alone keeps its place relative to its
   /// neighbour.
   bool add_sample(const Skeleton& sample, Nanoseconds now);

@@ -86,6 +86,15 @@ void add_named(BoundedVector<NamedValue, capacity>& list, std::string_view name,
 inline void add_counter(LoopStatus& status, std::string_view name, double value) {
   add_named(status.counters, name, value);
 }
+/// Adds to a value that is in the list, or appends it.
+inline void add_to_counter(LoopStatus& status, std::string_view name, double value) {
+  for (NamedValue& counter : status.counters) {
+    if (get_text(counter.name) != name) continue;
+    counter.value += value;
+    return;
+  }
+  add_counter(status, name, value);
+}
 
 /// The same numbers and the same file.
 inline bool is_same(const Shape& a, const Shape& b) {

@@ -363,7 +363,9 @@ struct LoopStatus {
   /// Age of the newest input sample, from its sample time (devices: from its arrival). Negative: no sample yet.
   double input_age_ms = 0;
   std::uint64_t input_drops = 0;  ///< input samples that were lost or malformed, as far as DDS knows
-  double residual = 0;            ///< N, hand only
+  /// The last second writer of an input: topic, process and host. Its samples are refused. Empty: none so far.
+  std::array<char, 128> second_writer{};
+  double residual = 0;  ///< N, hand only
   std::uint32_t iterations = 0;
   std::uint32_t solver_status = 0;
   std::uint32_t contact_count = 0;

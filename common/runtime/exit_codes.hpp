@@ -5,5 +5,7 @@ namespace softhand {
 
 /// The process refuses its command line or its files. It would do so again, so it is not worth restarting.
 inline constexpr int kExitConfiguration = 78;  // EX_CONFIG of sysexits.h
+/// Another rig holds the domain. It may be free later.
+inline constexpr int kExitHeld = 75;  // EX_TEMPFAIL
 
 }  // namespace softhand

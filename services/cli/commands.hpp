@@ -1,6 +1,6 @@
 // The commands of `softhand`, each in a file of its own. Every command returns the exit code of the process: 0 for
-// success, 1 for failure (for example nobody answered, or a process had to be killed). Errors are thrown as
-// std::exception. main prints them as one line and returns 1.
+// success, 1 for failure (for example nobody answered, or a process had to be killed), kExitHeld if another rig holds
+// the domain. Errors are thrown as std::exception. main prints them as one line and returns 1.
 #pragma once
 
 #include <cstdint>
@@ -18,6 +18,7 @@ struct UpArguments {
   std::vector<std::string> overrides;  ///< --set, passed on to every process
   std::string hand;                    ///< hand file for every process; empty = the scene's
   std::string flight;                  ///< folder for the flight files of every process; empty = none at the end
+  bool replace = false;                ///< ask another rig on the domain to stop, and take its place
 };
 int run_up(const UpArguments& arguments);
 

@@ -19,7 +19,8 @@ int main(int argc, char** argv) {
       "softhand");
   app.require_subcommand(1);
   app.footer(
-      "Exit codes: 0 = success; 1 = failure, with one line that gives the reason; above 100 = wrong command line.\n"
+      "Exit codes: 0 = success; 1 = failure, with one line that gives the reason; 75 = another rig holds the domain; "
+      "above 100 = wrong command line.\n"
       "More: docs/command-line.md");
   std::function<int()> run;
   // Without allow_extra_args(false), CLI11 would parse the words after a repeatable option as more values of the
@@ -55,6 +56,9 @@ int main(int argc, char** argv) {
                      "Folder for the flight files of hand, tracking and world (docs/flight-recorder.md). Each process "
                      "writes its last minute when it stops")
         ->type_name("DIR");
+    command->add_flag("--replace", up.replace,
+                      "If another rig holds the domain: ask it to stop, and start when it has stopped. Without this "
+                      "option, a second rig ends at once with exit code 75");
     overrides(command, up.overrides);
   };
 

@@ -6,6 +6,7 @@
 #include <set>
 #include <sstream>
 
+#include "messages/messages.hpp"
 #include "runtime/config.hpp"
 
 namespace softhand {
@@ -39,6 +40,14 @@ RigOptions read_rig(const std::string& path) {
   std::set<fs::path> seen;
   RigOptions rig = read(path, seen);
   if (rig.scene.empty()) throw ConfigError(path + ": scene: expected a scene file");
+  if (rig.name.size() >= sizeof(ShortText)) throw ConfigError(path + ": name: expected at most 63 characters");
+  for (const RigProcess& process : rig.processes) {
+    if (process.name.empty() || process.name.size() >= sizeof(ShortText))
+      throw ConfigError(path + ": process: name '" + process.name + "': expected 1 to 63 characters");
+    if (!process.choice.empty() && choice_text(process.name, process.choice).size() >= sizeof(NamedValue::name))
+      throw ConfigError(path + ": process: name and choice '" + choice_text(process.name, process.choice) +
+                        "': expected at most 30 characters together");
+  }
   std::set<std::pair<std::string, std::string>> known;
   for (const RigProcess& process : rig.processes) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
@@ -55,6 +64,8 @@ RigOptions read_rig(const std::string& path) {
   }
   return rig;
 }
+
+std::string choice_text(const std::string& what, const std::string& choice) { return what + " " + choice; }
 
 bool choose(RigOptions& rig, const std::string& name, const std::string& choice) {
   const auto is_it = [&](const RigProcess& process) {

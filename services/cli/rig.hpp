@@ -19,10 +19,11 @@ struct RigProcess {
   bool optional = false;  ///< if the program was not built: skip the process and print a line
 };
 inline void describe(OptionVisitor& v, RigProcess& o) {
-  v.string("name", o.name, "Log prefix, and the module name under which the process publishes loop_status.");
+  v.string("name", o.name,
+           "Log prefix, and the module name under which the process publishes loop_status. At most 63 characters.");
   v.string("choice", o.choice,
            "Distinguishes processes of the same name. Only one of them runs: the first, or the one named in `choose`. "
-           "Empty = the only process of its name.");
+           "Empty = the only process of its name. Name and choice have at most 30 characters together.");
   v.string("program", o.program, "Program: a file in the folder of softhand, or a path.");
   v.string("arguments", o.arguments,
            "Arguments, separated by spaces. {scene} is replaced by the path of the rig's scene file.");
@@ -46,7 +47,7 @@ struct RigOptions {
   std::vector<RigProcess> processes;
 };
 inline void describe(OptionVisitor& v, RigOptions& o) {
-  v.string("name", o.name, "Name of the rig.");
+  v.string("name", o.name, "Name of the rig, at most 63 characters.");
   v.string(
       "extends", o.extends,
       "Another rig, relative to this one. Its processes come first. Its scene is used if this rig names no scene.");
@@ -59,6 +60,9 @@ inline void describe(OptionVisitor& v, RigOptions& o) {
 /// Reads a rig and the rigs that it extends. The returned `scene` is relative to the working directory. Throws
 /// ConfigError, also for an unknown choice, and if processes of the same name are not distinguished by their choices.
 RigOptions read_rig(const std::string& path);
+
+/// How the status of the rig names what can be chosen. It has room for 31 characters.
+std::string choice_text(const std::string& what, const std::string& choice);
 
 /// Selects the process `name` with the choice `choice`. Returns false if there is no such process.
 bool choose(RigOptions& rig, const std::string& name, const std::string& choice);

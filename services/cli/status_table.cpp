@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -24,6 +25,7 @@ std::string physics_line(const LoopStatus& status) {
     line += fmt::format("  inverted={} penetration={:.3f} mm", status.inverted_elements, status.penetration * 1e3);
   if (status.coupling_stretch > 0) line += fmt::format("  coupling stretch={:.2f} mm", status.coupling_stretch * 1e3);
   if (status.passivity_energy != 0) line += fmt::format("  passivity={:.3g} J", status.passivity_energy);
+  if (status.second_writer[0] != '\0') line += fmt::format("  second writer of {}", get_text(status.second_writer));
   append_named(line, "energy J:", status.energies);
   append_named(line, "ledger J:", status.ledger);
   return line.empty() ? line : line + "\n";
@@ -36,13 +38,14 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
                                 "module", "rate Hz", "nominal", "p50 ms", "p99 ms", "p99.9 ms", "missed", "input ms",
                                 "drops", "residual N", "iter", "contacts", "counters");
   for (const auto& [name, status] : modules) {
-    const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
+    const std::optional<double> silent = age_of(status.stamp.publish_time, now);
     std::string counted;
     for (const NamedValue& counter : status.counters) {
       const bool is_default = get_text(counter.name) == "pace" ? counter.value == 1 : counter.value == 0;
       if (!is_default) counted += fmt::format("{}={:.10g} ", get_text(counter.name), counter.value);
     }
-    if (silent > 1.0) counted = fmt::format("SILENT for {:.1f} s", silent);
+    if (!silent) counted = "ITS CLOCK IS AHEAD";
+    if (silent > 1.0) counted = fmt::format("SILENT for {:.1f} s", *silent);
     const bool solves = status.iterations > 0;
     out += fmt::format("{:<18} {:>8.1f} {:>8.1f} {:>8.3f} {:>8.3f} {:>8.3f} {:>7} {:>9} {:>6} {:>10} {:>5} {:>8}  {}\n",
                        name, status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99,
@@ -66,6 +69,7 @@ nlohmann::ordered_json status_json(const LoopStatus& status) {
                               {"deadline_misses", status.deadline_misses},
                               {"input_age_ms", status.input_age_ms},
                               {"input_drops", status.input_drops},
+                              {"second_writer", std::string(get_text(status.second_writer))},
                               {"residual_n", status.residual},
                               {"iterations", status.iterations},
                               {"solver_status", status.solver_status},

@@ -9,19 +9,23 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <sstream>
+#include <thread>
 
 #include "bus/bus.hpp"
 #include "cli/check.hpp"
 #include "cli/commands.hpp"
 #include "cli/outcome.hpp"
 #include "cli/rig.hpp"
+#include "cli/rig_lock.hpp"
 #include "cli/status_table.hpp"
 #include "cli/supervisor.hpp"
 #include "cli/topic_recording.hpp"
 #include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "runtime/exit_codes.hpp"
 #include "runtime/signals.hpp"
 #include "scene_file.hpp"
 #include "service/time_control.hpp"
@@ -34,6 +38,13 @@ using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 constexpr int kHistory = 64;  // per stream, so that polling every 5 ms loses no message
 constexpr std::string_view kRigModule = "rig";
+constexpr milliseconds kDiscovery{500};      // after this time a process knows all others of the domain
+constexpr milliseconds kStopOfHolder{5000};  // longest time for another rig to stop
+
+void say(std::string_view name, std::string_view text) {
+  fmt::print("{:>14} | {}\n", name, text);
+  std::fflush(stdout);
+}
 
 // Subscribes to the topics that a summary needs. Without a summary it subscribes to loop_status only, because modules
 // do not compute topics without a subscriber.
@@ -112,7 +123,7 @@ class RigControl {
         messages_(participant, bus::topics::message),
         replies_(participant, bus::topics::message_reply),
         statuses_(participant, bus::topics::loop_status),
-        epoch_(make_epoch()) {
+        epoch_(participant.epoch()) {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
@@ -123,6 +134,15 @@ class RigControl {
         scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());
+    for (const std::string& each : scenes_) {
+      if (choice_text("scene", each).size() >= sizeof(NamedValue::name))
+        say(kRigModule, "the status does not list the scene " + each + "; expected at most 25 characters");
+    }
+    const auto choices = static_cast<std::size_t>(std::count_if(
+        rig_.processes.begin(), rig_.processes.end(), [](const RigProcess& each) { return !each.choice.empty(); }));
+    if (scenes_.size() + choices > kMaxCounters)
+      say(kRigModule,
+          fmt::format("the status lists {} of {} scenes and choices", kMaxCounters, scenes_.size() + choices));
   }
 
   const RigOptions& rig() const { return rig_; }
@@ -131,6 +151,10 @@ class RigControl {
   /// True once after a change that requires a restart of the processes.
   bool take_changed() { return std::exchange(changed_, false); }
   bool changed() const { return changed_; }
+  /// Another rig takes the place of this one.
+  bool stop_requested() const { return stop_requested_; }
+  /// True if the processes must stop for any of these reasons.
+  bool must_stop(const StopSignal& stop) const { return stop.requested() || stop_requested_ || changed_; }
 
   void poll() {
     messages_.take_all([this](const Message& message) {
@@ -163,7 +187,7 @@ class RigControl {
 
  private:
   static void offer(LoopStatus& status, const std::string& what, const std::string& choice, bool runs) {
-    const std::string text = what + " " + choice;
+    const std::string text = choice_text(what, choice);
     if (text.size() < sizeof(NamedValue::name)) add_counter(status, text, runs ? 1 : 0);
   }
 
@@ -179,6 +203,11 @@ class RigControl {
       return reply_to(message, kRigModule, result, text);
     };
     const std::string what(get_text(message.key)), choice(get_text(message.value));
+    if (what == "stop") {
+      if (choice != std::to_string(epoch_)) return reply(kReplyRefused, "not the number of this rig");
+      stop_requested_ = true;
+      return reply(kReplyApplied, "stopping, another rig takes over");
+    }
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
     if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it))
       return reply(kReplyIgnored, "unknown key; known: scene, and the process names in the status");
@@ -214,7 +243,43 @@ class RigControl {
   std::uint64_t replied_ = 0;
   std::uint64_t published_ = 0;
   bool changed_ = false;
+  bool stop_requested_ = false;
 };
+
+// Makes this process the only one on the domain that holds a rig. Returns the holder if that is another one. With
+// `replace` it is asked to stop first.
+std::optional<RigHolder> take_domain(RigLock& lock, const bus::Participant& participant, const RigHolder& self,
+                                     bool replace, const StopSignal& stop) {
+  std::optional<bus::Writer<Message>> messages;
+  if (replace) messages.emplace(participant, bus::topics::message);
+  std::set<std::uint64_t> asked;
+  const auto ask_to_stop = [&](const bus::Peer& peer) {
+    if (!asked.insert(peer.epoch).second) return;
+    Message message;
+    message.id = make_epoch();
+    message.stamp.epoch = participant.epoch();
+    message.stamp.sequence = asked.size();
+    message.stamp.sample_time = message.stamp.publish_time = now();
+    set_text(message.module, kRigModule);
+    set_text(message.key, "stop");
+    set_text(message.value, std::to_string(peer.epoch));
+    messages->write(message);
+  };
+  const auto start = Clock::now();
+  for (;;) {
+    std::optional<RigHolder> holder = lock.take(self);
+    for (const bus::Peer& peer : participant.peers()) {
+      if (get_text(peer.rig).empty()) continue;
+      if (replace) ask_to_stop(peer);
+      if (!holder)
+        holder = RigHolder{std::string(get_text(peer.rig)), std::string(get_text(peer.host)), peer.process_id};
+    }
+    if (holder && (!replace || stop.requested() || Clock::now() - start > kStopOfHolder)) return holder;
+    // After the end of a holder that answered on DDS, all others are known, too.
+    if (!holder && (!asked.empty() || stop.requested() || Clock::now() - start > kDiscovery)) return std::nullopt;
+    std::this_thread::sleep_for(milliseconds(5));
+  }
+}
 
 std::vector<std::string> command_of(const RigProcess& process, const std::string& scene,
                                     const std::vector<std::string>& overrides) {
@@ -233,11 +298,6 @@ ChildSpec child_of(const RigProcess& process, std::vector<std::string> command) 
   return {process.name, std::move(command), turn, milliseconds(std::llround(1e3 * process.longest_silence))};
 }
 
-void say(std::string_view name, std::string_view text) {
-  fmt::print("{:>14} | {}\n", name, text);
-  std::fflush(stdout);
-}
-
 // Starts the processes of the rig in order, each when the previous one is ready. Returns early after a stop or a change
 // of the rig.
 void start_processes(Supervisor& supervisor, Listener& listener, RigControl& control, const StopSignal& stop) {
@@ -253,13 +313,12 @@ void start_processes(Supervisor& supervisor, Listener& listener, RigControl& con
     const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                             std::chrono::duration<double>(process.ready_timeout));
     const auto is_ready = [&] { return listener.modules().count(process.name) > 0; };
-    while (!stop.requested() && !control.changed() && !is_ready() && !supervisor.gave_up(process.name) &&
-           Clock::now() < give_up) {
+    while (!control.must_stop(stop) && !is_ready() && !supervisor.gave_up(process.name) && Clock::now() < give_up) {
       supervisor.poll(milliseconds(20));
       listener.poll(&supervisor);
       control.poll();
     }
-    if (stop.requested() || control.changed()) return;
+    if (control.must_stop(stop)) return;
     if (!is_ready() && !supervisor.gave_up(process.name))
       say(process.name, fmt::format("not ready after {:g} s; starting the next process", process.ready_timeout));
   }
@@ -288,8 +347,16 @@ int run_up(const UpArguments& arguments) {
   // The processes inherit the folder. Programs of others ignore the variable.
   if (!arguments.flight.empty())
     setenv("SOFTHAND_FLIGHT", fs::absolute(arguments.flight).lexically_normal().c_str(), 1);
-  const bus::Participant participant("softhand up");
+  const RigHolder self = this_process(read_rig(arguments.rig).name);
+  const int domain = bus::domain_from_environment();
+  RigLock lock(domain);  // released after the participant has left
+  const bus::Participant participant("softhand up", domain, self.rig);
   RigControl control(participant, arguments);
+  if (const auto holder = take_domain(lock, participant, self, arguments.replace, stop)) {
+    fmt::print(stderr, "softhand up: domain {} is held by {}; {}\n", domain, to_text(*holder),
+               arguments.replace ? "it was asked to stop and has not stopped" : "stop it, or start with --replace");
+    return kExitHeld;
+  }
   Listener listener(participant, !arguments.json.empty());
   nlohmann::ordered_json summary;
   bool clean = true;
@@ -298,7 +365,7 @@ int run_up(const UpArguments& arguments) {
     start_processes(supervisor, listener, control, stop);
     const auto started = Clock::now();
     const std::chrono::duration<double> run_time(arguments.seconds);
-    while (!stop.requested() && !control.changed() && (arguments.seconds <= 0 || Clock::now() - started < run_time)) {
+    while (!control.must_stop(stop) && (arguments.seconds <= 0 || Clock::now() - started < run_time)) {
       supervisor.poll(milliseconds(5));
       listener.poll(&supervisor);
       control.poll();
@@ -308,7 +375,7 @@ int run_up(const UpArguments& arguments) {
                            std::chrono::duration<double>(Clock::now() - started).count());
     clean = supervisor.stop() && !supervisor.gave_up() && clean;
     listener.forget_modules();
-  } while (control.take_changed() && !stop.requested());
+  } while (control.take_changed() && !stop.requested() && !control.stop_requested());
   if (!arguments.json.empty()) {
     summary["clean_stop"] = clean;
     std::ofstream out(arguments.json);

@@ -8,6 +8,7 @@
 
 #include "device/answer.hpp"
 #include "math/rotation.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -77,6 +78,10 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
     tracked_.add_sample(skeleton, now);
     return;
   }
+  if (!age_of(skeleton.stamp.sample_time, now)) {
+    ++counters_.refused_future;
+    return;
+  }
   const bool newer =
       skeleton.stamp.epoch != skeleton_.stamp.epoch || skeleton.stamp.sequence > skeleton_.stamp.sequence;
   if (any_skeleton_ && !newer) {
@@ -114,6 +119,14 @@ void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
   any_skeleton_ = true;
 }
 
+void HandLoop::take_world(Nanoseconds now, const WorldObjects& world) {
+  if (age_of(world.stamp.sample_time, now)) {
+    mirror_.take_world(world);
+  } else {
+    ++counters_.refused_future;
+  }
+}
+
 void HandLoop::set_targets(Nanoseconds now) {
   if (options_.direct) {
     const auto& targets = tracked_.targets(now);
@@ -131,7 +144,7 @@ void HandLoop::set_targets(Nanoseconds now) {
     return;
   }
   if (!any_skeleton_) return;
-  const double age = static_cast<double>(now - skeleton_.stamp.sample_time) * 1e-9;
+  const double age = age_of(skeleton_.stamp.sample_time, now).value_or(0);
   const double ahead = std::clamp(age, 0.0, options_.extrapolation_limit);
   const bool moving = age <= options_.extrapolation_limit;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
@@ -145,9 +158,9 @@ void HandLoop::set_targets(Nanoseconds now) {
 }
 
 HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested) {
-  if (input.head != nullptr && options_.direct) tracked_.add_head_pose(*input.head);
+  if (input.head != nullptr && options_.direct) tracked_.add_head_pose(*input.head, now);
   if (input.skeleton != nullptr) take_skeleton(now, *input.skeleton);
-  if (input.world != nullptr && input.world->stamp.sample_time > reset_time_) mirror_.take_world(*input.world);
+  if (input.world != nullptr && input.world->stamp.sample_time > reset_time_) take_world(now, *input.world);
   set_targets(now);
   output_.valid = any_skeleton_;
   if (!any_skeleton_) return output_;
@@ -169,7 +182,7 @@ double HandLoop::input_age_ms(Nanoseconds now) const {
     const double age = tracked_.age(now);
     return age < 0 ? -1.0 : age * 1e3;
   }
-  return any_skeleton_ ? static_cast<double>(now - skeleton_.stamp.sample_time) * 1e-6 : -1.0;
+  return any_skeleton_ ? 1e3 * age_of(skeleton_.stamp.sample_time, now).value_or(0) : -1.0;
 }
 
 void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested) {
@@ -276,6 +289,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
               static_cast<double>(counters().refused_nonfinite + tracked_.counters().refused_nonfinite));
   add_counter(status, "refused_order",
               static_cast<double>(counters_.refused_order + tracked_.counters().refused_order));
+  add_counter(status, "refused_future", static_cast<double>(counters_.refused_future));
   add_counter(status, "repositioned", static_cast<double>(counters_.repositioned));
   add_counter(status, "stale_steps", static_cast<double>(counters_.stale_steps));
   add_counter(status, "failed_steps", static_cast<double>(counters_.failed_steps));

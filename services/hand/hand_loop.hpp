@@ -42,6 +42,7 @@ struct HandOutput {
 
 struct HandCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
+  std::uint64_t refused_future = 0;     ///< skeletons and worlds from the future
   std::uint64_t refused_order = 0;      ///< samples that are not newer than the last one
   std::uint64_t repositioned = 0;
   std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
@@ -128,6 +129,7 @@ class HandLoop {
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
   void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
+  void take_world(Nanoseconds now, const WorldObjects& world);
   void set_targets(Nanoseconds now);
   void write_outputs(Nanoseconds now, const RequestedOutputs& requested);
 

@@ -168,7 +168,7 @@ void run(int argc, char** argv) {
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
-    status.input_drops = dropped_before(skeletons, heads, worlds, descriptions, joints);
+    count_inputs(status, p, skeletons, heads, worlds, descriptions, joints);
     add_counter(status, "hand_nodes", hand.node_count());
     add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "math/rotation.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -303,7 +304,7 @@ ObjectMirror::KnownObject* ObjectMirror::find_object(std::uint32_t id) {
 
 double ObjectMirror::extrapolation_of_world(Nanoseconds time) const {
   const double limit = options_.extrapolation_limit;
-  return std::clamp(static_cast<double>(time - world_time_) * 1e-9, -limit, limit);
+  return std::clamp((static_cast<double>(time) - static_cast<double>(world_time_)) * 1e-9, -limit, limit);
 }
 
 ObjectMirror::WorldStep ObjectMirror::world_step(Nanoseconds now) const {
@@ -524,8 +525,8 @@ void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool sett
     simulation_.set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
     return;
   }
-  const bool touched_lately =
-      object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
+  const std::optional<double> untouched = object.last_touch == 0 ? std::nullopt : age_of(object.last_touch, now);
+  const bool touched_lately = untouched && *untouched <= options_.release_time;
   // The world does not know of the impulse of a first touch.
   if (!touched_lately || !(object.owned || was_free)) follow_world(object, now);
   object.owned = touched_lately;

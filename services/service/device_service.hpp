@@ -34,7 +34,7 @@ int run_device(int argc, char** argv, const bus::Topic<Input>& topic, std::uint3
     service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
                  [&](LoopStatus& status, Nanoseconds now) {
                    loop.fill_status(status, now);
-                   status.input_drops = dropped_before(reader);
+                   count_inputs(status, service.participant(), reader);
                  }});
     publish(loop.stop(now()));
   });

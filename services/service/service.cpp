@@ -50,8 +50,12 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
                  "without a recorder ignore it")
       ->envname("SOFTHAND_FLIGHT")
       ->type_name("DIR");
-  app.add_option("--module", arguments.module, "Module name of this process for messages and status")
-      ->capture_default_str();
+  app.add_option("--module", arguments.module,
+                 "Module name of this process for messages and status, at most 63 characters")
+      ->capture_default_str()
+      ->check([](const std::string& name) {
+        return name.empty() || name.size() >= sizeof(ShortText) ? "expected 1 to 63 characters" : std::string();
+      });
   app.add_option(
          "--priority", arguments.priority,
          "Real-time priority of the loop; 0 = ordinary. Default: 30, 25 or 20 by its rate. All other threads are "
@@ -112,7 +116,6 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
       messages_(participant_, bus::topics::message),
       replies_(participant_, bus::topics::message_reply),
       status_writer_(participant_, bus::topics::loop_status),
-      epoch_(make_epoch()),
       clock_id_(clock_id()) {
   // After the threads of DDS have started, because these are for the loop.
   if (arguments.cores.empty()) return;
@@ -122,7 +125,7 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
 }
 
 void Service::stamp(Stamp& out) const {
-  out.epoch = epoch_;
+  out.epoch = participant_.epoch();
   out.clock_id = clock_id_;
   out.publish_time = now();
 }
@@ -177,6 +180,27 @@ void Service::run(const Callbacks& callbacks) {
     status_writer_.write(status);
   };
   loop.run(stop_.flag(), own_clock, step, between);
+}
+
+void count_input(LoopStatus& status, const bus::Participant& participant, std::string_view topic,
+                 const bus::ReaderCounters& counters) {
+  status.input_drops +=
+      counters.lost + counters.refused + counters.crowded + counters.refused_stamp + counters.second_writer;
+  add_to_counter(status, "refused_stamp", static_cast<double>(counters.refused_stamp));
+  add_to_counter(status, "second_writer", static_cast<double>(counters.second_writer));
+  if (counters.second_writer == 0) return;
+  const std::string_view short_topic = topic.substr(topic.rfind('/') + 1);
+  const auto width = static_cast<int>(short_topic.size());
+  bus::Peer peer;
+  char* const out = status.second_writer.data();
+  constexpr std::size_t size = sizeof status.second_writer;
+  if (participant.find_peer(counters.second_epoch, peer)) {
+    std::snprintf(out, size, "%.*s: %.40s, process %d on %.40s", width, short_topic.data(), peer.name.data(),
+                  peer.process_id, peer.host.data());
+  } else {
+    std::snprintf(out, size, "%.*s: unknown, epoch %016llx", width, short_topic.data(),
+                  static_cast<unsigned long long>(counters.second_epoch));
+  }
 }
 
 int guarded_main(const std::string& module, const std::function<void()>& body) {

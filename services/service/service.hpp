@@ -86,17 +86,16 @@ class Service {
   bus::Reader<Message> messages_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> status_writer_;
-  std::uint64_t epoch_;
   std::uint32_t clock_id_;
 };
 
-/// Number of samples that these readers lost or refused (malformed, or no room): `LoopStatus::input_drops`.
+/// Adds what a reader lost and refused to a status: `input_drops`, the counters of refused stamps and of samples of
+/// second writers, and the name of such a writer.
+void count_input(LoopStatus& status, const bus::Participant& participant, std::string_view topic,
+                 const bus::ReaderCounters& counters);
 template <typename... Readers>
-std::uint64_t dropped_before(const Readers&... readers) {
-  const auto of = [](const bus::ReaderCounters& counters) {
-    return counters.lost + counters.refused + counters.crowded;
-  };
-  return (of(readers.counters()) + ...);
+void count_inputs(LoopStatus& status, const bus::Participant& participant, const Readers&... readers) {
+  (count_input(status, participant, readers.topic_name(), readers.counters()), ...);
 }
 
 /// main() of a service: an exception from `body` becomes one line on stderr and exit code 1. For a ConfigError the exit

@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "device/answer.hpp"
+#include "messages/age.hpp"
 
 namespace softhand {
 namespace {
@@ -11,8 +12,7 @@ namespace {
 constexpr double kSlowest = 0.01;       // smallest pace except 0
 constexpr double kLongestAdvance = 60;  // s
 // An older command comes from another clock, or it waited too long for its execution.
-constexpr Nanoseconds kOldestCommand = 2'000'000'000;
-constexpr Nanoseconds kNewestCommand = 1'000'000;
+constexpr double kOldestCommand = 2;  // s
 
 }  // namespace
 
@@ -26,7 +26,8 @@ std::optional<MessageReply> TimeControl::answer(const Message& message, std::str
   if (get_text(message.module) != "*")
     return reply_to(message, module, kReplyRefused, "this concerns all modules: send it to *");
   const Nanoseconds sent = message.stamp.publish_time;
-  if (sent < now - kOldestCommand || sent > now + kNewestCommand)
+  const std::optional<double> age = age_of(sent, now);
+  if (!age || *age > kOldestCommand)
     return reply_to(message, module, kReplyRefused, "the stamp is too old or not from this host's clock");
   const Nanoseconds from = sent + kNotice;
   if (key == "reset") {

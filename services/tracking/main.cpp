@@ -65,7 +65,8 @@ void run(int argc, char** argv) {
   service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); },
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
-                 status.input_drops = dropped_before(tracked_reader, simulated_reader, contacts_reader, head_reader);
+                 count_inputs(status, service.participant(), tracked_reader, simulated_reader, contacts_reader,
+                              head_reader);
                },
                [&](Nanoseconds time) { flight.reset(time); }});
   if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");

@@ -8,12 +8,12 @@
 
 #include "device/answer.hpp"
 #include "math/rotation.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr double kSecondsPerNanosecond = 1e-9;
 // Even a bone without coupling in the hand file follows its tracker, with at least this bandwidth.
 constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
 constexpr int kRotationIterations = 4;
@@ -151,6 +151,10 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
   if (simulated_any_ && simulated.stamp.epoch == simulated_stamp_.epoch &&
       simulated.stamp.sequence <= simulated_stamp_.sequence)
     return;
+  if (!age_of(simulated.stamp.sample_time, now)) {
+    ++refused_future_;
+    return;
+  }
   simulated_stamp_ = simulated.stamp;
   simulated_arrival_ = now;
   simulated_any_ = true;
@@ -296,7 +300,7 @@ void TrackingLoop::reset(Nanoseconds time) {
 }
 
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
-  if (input.head != nullptr) input_.add_head_pose(*input.head);
+  if (input.head != nullptr) input_.add_head_pose(*input.head, now);
   const auto is_usable = [this](const auto* sample) {
     return sample != nullptr && sample->stamp.sample_time > reset_time_;
   };
@@ -304,7 +308,9 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const bool is_timed = input.tracked != nullptr && is_plausible(input.tracked->stamp.sample_time, now);
   if (input.tracked != nullptr && (!is_timed || is_usable(input.tracked))) input_.add_sample(*input.tracked, now);
   if (is_usable(input.simulated)) take_simulated(*input.simulated, now);
-  if (is_usable(input.contacts)) {
+  if (is_usable(input.contacts) && !age_of(input.contacts->stamp.sample_time, now)) {
+    ++refused_future_;
+  } else if (is_usable(input.contacts)) {
     contact_forces_.fill(Vector3::Zero());
     contacts_arrival_ = now;
     for (const Contact& contact : input.contacts->contacts) {
@@ -316,12 +322,9 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const std::array<BodyTarget, kBodyCount>& targets = input_.targets(now);
   const bool reposition = input_.take_repositioned() || reposition_asked_;
   reposition_asked_ = false;
-  const double since_arrival = static_cast<double>(now - simulated_arrival_) * kSecondsPerNanosecond;
-  const bool fresh = simulated_any_ && since_arrival <= options_.simulated_stale_after;
-  // The age of the copy is that of its own stamp if plausible, otherwise the time since its arrival.
-  const double by_stamp = static_cast<double>(now - simulated_stamp_.sample_time) * kSecondsPerNanosecond;
+  const bool fresh = simulated_any_ && age_of(simulated_arrival_, now).value_or(0) <= options_.simulated_stale_after;
   const double age =
-      std::clamp(by_stamp >= 0 && by_stamp < 1 ? by_stamp : since_arrival, 0.0, options_.input.extrapolation_limit);
+      std::min(age_of(simulated_stamp_.sample_time, now).value_or(0), options_.input.extrapolation_limit);
 
   output_.valid = false;
   coupling_stretch_ = 0;
@@ -388,8 +391,8 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
   out.stamp.chain.simulated_published = simulated_stamp_.publish_time;
   out.stamp.chain.wrench_published = now;
   out.simulated_valid = simulated_fresh ? 1 : 0;
-  const bool contacts_fresh = simulated_fresh && static_cast<double>(now - contacts_arrival_) * kSecondsPerNanosecond <=
-                                                     options_.simulated_stale_after;
+  const bool contacts_fresh =
+      simulated_fresh && age_of(contacts_arrival_, now).value_or(0) <= options_.simulated_stale_after;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Bone& bone = bones_[b];
     BoneSample& sample = out.bones[b];
@@ -447,6 +450,8 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add("refused_implausible", c.refused_implausible);
   add("refused_order", c.refused_order);
   add("refused_mount", c.refused_mount);
+  add("refused_future", refused_future_);
+  add("refused_head_clock", c.refused_head_clock);
   add("implausible_clock", c.implausible_clock);
   add("inferred", c.inferred);
   add("repositioned", c.repositioned);

@@ -82,6 +82,7 @@ class TrackingLoop {
     visit(self.reset_time_);
     visit(self.sequence_);
     visit(self.simulated_refused_);
+    visit(self.refused_future_);
   }
   /// Calls visit(name, value) for all parts of the state after a step.
   template <typename Visit>
@@ -158,6 +159,7 @@ class TrackingLoop {
   Nanoseconds reset_time_ = std::numeric_limits<Nanoseconds>::min();  // samples up to this time are ignored
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated skeleton with non-finite or absurd values
+  std::uint64_t refused_future_ = 0;     // simulated skeletons and contacts from the future
   TrackingOutput output_;
 };
 

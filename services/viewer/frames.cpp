@@ -6,6 +6,7 @@
 #include <cstring>
 #include <optional>
 
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand::viewer {
@@ -292,8 +293,9 @@ Frame encode(const GatewayState& state) {
 }
 
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling) {
-  constexpr Nanoseconds kStale = 100'000'000;
-  if (objects.stamp.sample_time - coupling.stamp.sample_time > kStale) return;
+  constexpr double kStale = 0.1;  // s
+  const std::optional<double> age = age_of(coupling.stamp.sample_time, objects.stamp.sample_time);
+  if (!age || *age > kStale) return;
   for (ObjectState& object : objects.objects) {
     if (object.owned == 0 || HandKey{object.owner_user, object.owner_side} != coupling.hand) continue;
     for (const ObjectTwin& twin : coupling.twins) {

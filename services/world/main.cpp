@@ -54,7 +54,7 @@ void run(int argc, char** argv) {
     bool is_new = false;
     couplings.take_all([&](const ObjectCoupling& each) {
       is_new = true;
-      newest.put(each);
+      newest.put(each, now);
     });
     const WorldInput input{newest.all()};
     const WorldOutput& result =
@@ -70,7 +70,8 @@ void run(int argc, char** argv) {
   service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); },
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
-                 status.input_drops = dropped_before(couplings);
+                 count_inputs(status, service.participant(), couplings);
+                 add_counter(status, "couplings_from_future", static_cast<double>(newest.refused_future()));
                },
                [&](Nanoseconds time) { flight.reset(time); }});
   if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");

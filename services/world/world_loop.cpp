@@ -7,13 +7,13 @@
 #include <tuple>
 
 #include "math/rotation.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "world/follow.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr double kSeconds = 1e-9;
 constexpr double kForceStall = 0.030;    // s; older contact forces are ignored
 constexpr double kMotionStall = 0.100;   // s; older velocities are ignored
 constexpr double kVanished = 0.500;      // s; an older owner has vanished
@@ -28,7 +28,6 @@ constexpr double kCutByPlane = 0.0005;  // m
 constexpr double kSamePlane = 0.98;     // cosine of 11 degrees
 constexpr double kAbsurd = 1e4;         // m, m/s, rad/s; larger values are refused
 constexpr double kAbsurdForce = 1e6;    // N, N m
-constexpr double kFuture = 0.050;       // s; a sample may be taken up to this after the step began
 
 bool is_plausible(const ObjectTwin& twin) {
   const auto within = [](const Vec3& values, double limit) {  // false for NaN
@@ -275,12 +274,12 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     last = &coupling->hand;
     const ObjectTwin* twin = twin_of(*coupling, id);
     if (twin == nullptr || coupling->stamp.sample_time <= reset_time_) continue;
-    const double age = static_cast<double>(now - coupling->stamp.sample_time) * kSeconds;
-    if (age > kVanished) continue;
-    if (age < -kFuture) {
+    const std::optional<double> age = age_of(coupling->stamp.sample_time, now);
+    if (!age) {
       ++counters_.refused_future;
       continue;
     }
+    if (*age > kVanished) continue;
     if ((coupling->mode == 1) != symmetric) {
       ++counters_.refused_mode;
       continue;
@@ -300,7 +299,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
       if (twin->owned != 0 && (present_owner || owner == nullptr)) owner = coupling, owner_twin = twin;
       continue;
     }
-    if (age > kMotionStall) continue;  // the pose is too old for a spring
+    if (*age > kMotionStall) continue;  // the pose is too old for a spring
     const Leader leader{{to_vector(twin->position), to_quaternion(twin->orientation).normalized()},
                         {to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)},
                         {}};
@@ -316,7 +315,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     wrench.torque += one.torque;
     pulled = true;
   }
-  object.put = object.put && still_held && static_cast<double>(now - object.put_at) * kSeconds < kClaimHoldoff;
+  object.put = object.put && still_held && age_of(object.put_at, now).value_or(0) < kClaimHoldoff;
   if (symmetric) {
     if (pulled) engine_->apply(slot, wrench);
     return;
@@ -326,7 +325,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     // The owner released the object or vanished. The copy continues with its velocity, or follows another hand that
     // waited.
     for (const ObjectCoupling& coupling : input.couplings)
-      if (coupling.hand == object.owner && static_cast<double>(now - coupling.stamp.sample_time) * kSeconds > kVanished)
+      if (coupling.hand == object.owner && age_of(coupling.stamp.sample_time, now).value_or(0) > kVanished)
         ++counters_.vanished;
     object.stalled = false;
   }
@@ -342,7 +341,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     engine_->set_gravity(slot, gravity_of(object));
     follower.gravity = gravity_of(object);
   }
-  const double age = std::max(0.0, static_cast<double>(now - owner->stamp.sample_time) * kSeconds);
+  const double age = age_of(owner->stamp.sample_time, now).value_or(0);
   const double delay = (1 + options_.staleness) * (step_ + object.owner_step);
   Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
                 {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
@@ -400,7 +399,7 @@ void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, W
 
 const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
   for (const ObjectCoupling& coupling : input.couplings)
-    newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
+    if (age_of(coupling.stamp.sample_time, now)) newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
   // The hand computes friction, spring and detents of the objects that it owns. Its wrench on the twin has them.
@@ -601,7 +600,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
 }
 
 void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
-  status.input_age_ms = newest_input_ > 0 ? static_cast<double>(now - newest_input_) * 1e-6 : -1;
+  status.input_age_ms = age_ms_of(newest_input_, now);
   status.energies.clear();
   NamedValue mechanical;
   set_text(mechanical.name, "mechanical");

@@ -18,6 +18,7 @@
 
 #include "integration/bus_fill.hpp"
 #include "messages/convert.hpp"
+#include "runtime/clock.hpp"
 
 extern char** environ;
 
@@ -103,6 +104,17 @@ class Child {
   int output_ = -1;
 };
 
+/// With a stamp that a reader accepts.
+template <typename T>
+std::unique_ptr<T> stamped(std::uint64_t seed, bool to_capacity = false) {
+  static const Nanoseconds time = now();
+  auto message = filled<T>(seed, to_capacity);
+  message->stamp.epoch = 1;
+  message->stamp.clock_id = clock_id();
+  message->stamp.sample_time = message->stamp.publish_time = time;
+  return message;
+}
+
 TEST(Bus, EveryTopicCarriesEveryField) {
   const Participant here("here", test_domain());
   const Participant there("there", test_domain());
@@ -113,7 +125,7 @@ TEST(Bus, EveryTopicCarriesEveryField) {
     ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.live_writer_count() == 1; }));
     EXPECT_EQ(reader.writer_count(), 1);
     for (std::uint64_t seed = 1; seed <= 2; ++seed) {
-      const auto sent = filled<T>(seed, seed == 2);
+      const auto sent = stamped<T>(seed, seed == 2);
       const auto got = std::make_unique<T>();
       // A best-effort sample of many packets may be lost on a busy machine.
       ASSERT_TRUE(eventually([&] {
@@ -208,11 +220,11 @@ TEST(Bus, LateReadersGetEveryDescription) {
   Writer objects(here, topics::object_description);
   Writer hands(here, topics::hand_description);
   for (std::uint32_t id = 1; id <= 200; ++id) {
-    auto description = filled<ObjectDescription>(id);
+    auto description = stamped<ObjectDescription>(id);
     description->object = id;
     objects.write(*description);
   }
-  const auto hand = filled<HandDescription>(1, true);  // 1.1 MB
+  const auto hand = stamped<HandDescription>(1, true);  // 1.1 MB
   hands.write(*hand);
 
   const Participant there("there", test_domain());
@@ -224,7 +236,7 @@ TEST(Bus, LateReadersGetEveryDescription) {
     return got.size() == 200;
   }));
   for (std::uint32_t id = 1; id <= 200; ++id) {
-    auto description = filled<ObjectDescription>(id);
+    auto description = stamped<ObjectDescription>(id);
     description->object = id;
     EXPECT_EQ(got[id], bytes_of(*description)) << id;
   }
@@ -393,6 +405,34 @@ TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
   EXPECT_EQ(proper.counters().failed, 1u);
 }
 
+/// The lines of `text` that contain `part`.
+int lines_with(const std::string& text, const std::string& part) {
+  std::istringstream in(text);
+  int count = 0;
+  for (std::string line; std::getline(in, line);) count += line.find(part) != std::string::npos ? 1 : 0;
+  return count;
+}
+
+TEST(Bus, AnotherDefinitionOfATypeIsReportedOnceByBothSides) {
+  ::testing::internal::CaptureStderr();
+  {
+    const Participant here("here", test_domain()), there("there", test_domain());
+    const Topic<LongDeviceState> other{TopicRow(topics::device_state)};
+    Writer first(here, other), second(here, other);
+    Reader<DeviceState> reader(there, topics::device_state);
+    Writer<DeviceState> also(there, topics::device_state);
+    Writer same(here, topics::contacts);
+    Reader<Contacts> contacts(there, topics::contacts);
+    EXPECT_TRUE(eventually([&] { return reader.writer_count() == 3 && same.has_readers(); }));
+    std::this_thread::sleep_for(100ms);
+  }
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  const std::string what = ": topic softhand/v1/device_state: module ";
+  EXPECT_EQ(lines_with(log, "here" + what + "there has another definition"), 1) << log;
+  EXPECT_EQ(lines_with(log, "there" + what + "here has another definition"), 1) << log;
+  EXPECT_EQ(lines_with(log, "definition"), 2) << log;
+}
+
 TEST(Bus, DomainComesFromTheEnvironment) {
   unsetenv("SOFTHAND_DOMAIN");
   EXPECT_EQ(domain_from_environment(), 0);
@@ -407,7 +447,7 @@ TEST(Bus, DomainComesFromTheEnvironment) {
 /// Sends a message through Cyclone's generated C type and back. The echo must have the same bytes. Returns the values
 /// that the C program printed, by their names.
 template <typename T>
-std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent) {
+std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent, const std::string& hash = {}) {
   setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
   const Participant here("here", test_domain());
   const std::string echo_name = std::string(topic.name) + "_echo";
@@ -415,7 +455,9 @@ std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sen
   echo.name = echo_name;
   Writer writer(here, topic, 1);
   Reader reader(here, echo);
-  Child cyclone({CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)});
+  std::vector<std::string> command{CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)};
+  if (!hash.empty()) command.push_back(hash);
+  Child cyclone(command);
   const auto got = std::make_unique<T>();
   EXPECT_TRUE(eventually([&] { return writer.has_readers(); })) << topic.name;
   bool same = eventually([&] {
@@ -433,9 +475,27 @@ std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sen
 
 TEST(BusAndCyclone, EveryTopicPassesThroughUnchanged) {
   topics::for_each([&]<typename T>(const Topic<T>& topic) {
-    const auto message = filled<T>(5);
+    const auto message = stamped<T>(5);
     through_cyclone(topic, *message);
   });
+}
+
+// The program sets its user data as docs/topics.md says, and looks at that of others.
+TEST(BusAndCyclone, AnotherDefinitionOfATypeIsReportedByBothSides) {
+  const auto skeleton = stamped<Skeleton>(5);
+  for (const bool is_same : {true, false}) {
+    char hash[17];
+    std::snprintf(hash, sizeof hash, "%016llx",
+                  static_cast<unsigned long long>(definition_hash<Skeleton>() + (is_same ? 0 : 1)));
+    ::testing::internal::CaptureStderr();
+    const auto lines = through_cyclone(topics::simulated_skeleton, *skeleton, hash);
+    const std::string log = ::testing::internal::GetCapturedStderr();
+    const std::string what =
+        "here: topic softhand/v1/simulated_skeleton: module cyclone_subscriber has another definition";
+    EXPECT_EQ(lines_with(log, what), is_same ? 0 : 1) << log;
+    const auto found = lines.find("other_definition");
+    EXPECT_EQ(found == lines.end() ? "" : found->second, is_same ? "" : "here");
+  }
 }
 
 double number(const std::map<std::string, std::string>& lines, const std::string& name) {
@@ -445,7 +505,7 @@ double number(const std::map<std::string, std::string>& lines, const std::string
 }
 
 TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
-  const auto skeleton = filled<Skeleton>(6);
+  const auto skeleton = stamped<Skeleton>(6);
   auto lines = through_cyclone(topics::simulated_skeleton, *skeleton);
   EXPECT_EQ(number(lines, "hand.side"), skeleton->hand.side);
   EXPECT_EQ(lines["stamp.sample_time"], std::to_string(skeleton->stamp.sample_time));
@@ -453,7 +513,7 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   EXPECT_EQ(number(lines, "joints[25].orientation.w"), skeleton->joints[25].orientation[3]);
   EXPECT_EQ(number(lines, "joints[25].radius"), skeleton->joints[25].radius);
 
-  const auto contacts = filled<Contacts>(6);
+  const auto contacts = stamped<Contacts>(6);
   lines = through_cyclone(topics::contacts, *contacts);
   const Contact& contact = contacts->contacts[contacts->contacts.size() - 1];
   EXPECT_EQ(number(lines, "contacts.length"), static_cast<double>(contacts->contacts.size()));
@@ -461,17 +521,17 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   EXPECT_EQ(number(lines, "contacts[last].force.z"), contact.force[2]);
   EXPECT_EQ(number(lines, "contacts[last].slip_speed"), contact.slip_speed);
 
-  const auto objects = filled<WorldObjects>(6);
+  const auto objects = stamped<WorldObjects>(6);
   lines = through_cyclone(topics::objects, *objects);
   const ObjectState& object = objects->objects[objects->objects.size() - 1];
   EXPECT_EQ(number(lines, "objects[last].position.y"), object.position[1]);
   EXPECT_EQ(number(lines, "objects[last].planes[last].mass"), object.planes[object.planes.size() - 1].mass);
 
-  const auto wrench = filled<BoneWrench>(6);
+  const auto wrench = stamped<BoneWrench>(6);
   lines = through_cyclone(topics::bone_wrench, *wrench);
   EXPECT_EQ(number(lines, "bones[20].coupling_torque.y"), wrench->bones[20].coupling_torque[1]);
 
-  const auto status = filled<LoopStatus>(6);
+  const auto status = stamped<LoopStatus>(6);
   status->module = {"hand"};
   lines = through_cyclone(topics::loop_status, *status);
   EXPECT_EQ(lines["module_name"], std::string(status->module.data()));
@@ -521,6 +581,101 @@ TEST(Bus, ForeignInstancesLeaveRoomForOurs) {
   EXPECT_GE(heard_beside_a_crowd(topics::loop_status, of_module), 15);
   EXPECT_GE(heard_beside_a_crowd(topics::tracked_skeleton, of_user, user(0)), 15);
   EXPECT_GE(heard_beside_a_crowd(topics::simulated_skeleton, of_user, user(0)), 15);
+}
+
+// Two writers of one key. Returns the epochs of the samples that a reader gets while both write, each change once, and
+// then those after the first writer has stopped.
+struct Heard {
+  std::vector<std::uint64_t> both, later;
+  ReaderCounters counters;
+};
+template <typename T>
+Heard heard_of_two_writers(const Topic<T>& topic) {
+  const Participant first("first", test_domain()), second("second", test_domain()), reading("reading", test_domain());
+  Writer<T> writers[] = {{first, topic}, {second, topic}};
+  Reader<T> reader(reading, topic);
+  EXPECT_TRUE(
+      eventually([&] { return reader.writer_count() == 2 && writers[0].has_readers() && writers[1].has_readers(); }));
+  auto sample = std::make_unique<T>();
+  const auto write = [&](std::size_t writer) {
+    sample->stamp.epoch = writer + 1;
+    ++sample->stamp.sequence;
+    sample->stamp.publish_time = sample->stamp.sample_time = now();
+    writers[writer].write(*sample);
+    std::this_thread::sleep_for(2ms);
+  };
+  const auto take = [&](std::vector<std::uint64_t>& epochs) {
+    reader.take_all([&](const T& each) {
+      if (epochs.empty() || epochs.back() != each.stamp.epoch) epochs.push_back(each.stamp.epoch);
+    });
+  };
+  Heard heard;
+  EXPECT_TRUE(eventually([&] {
+    write(0);
+    take(heard.both);
+    return !heard.both.empty();
+  }));
+  for (int i = 0; i < 50; ++i) write(0), write(1), take(heard.both);
+  for (const auto end = Clock::now() + 400ms; Clock::now() < end;) write(1), take(heard.later);
+  heard.counters = reader.counters();
+  return heard;
+}
+
+TEST(Bus, AReaderNeverFollowsTwoWritersInTurn) {
+  topics::for_each([&]<typename T>(const Topic<T>& topic) {
+    if (topic.writers != Writers::one) return;
+    const Heard heard = heard_of_two_writers(topic);
+    EXPECT_EQ(heard.both, std::vector<std::uint64_t>{1}) << topic.name;
+    EXPECT_EQ(heard.later, std::vector<std::uint64_t>{2}) << topic.name << ": the place of a dead writer is free";
+    EXPECT_GT(heard.counters.second_writer, 40u) << topic.name;
+    EXPECT_EQ(heard.counters.second_epoch, 2u) << topic.name;
+  });
+}
+
+TEST(Bus, EveryStateTopicHasOneWriter) {
+  EXPECT_EQ(topics::tracked_skeleton.writers, Writers::strongest);
+  for (const TopicRow& row :
+       {TopicRow(topics::intermediate_skeleton), TopicRow(topics::simulated_skeleton), TopicRow(topics::objects),
+        TopicRow(topics::object_coupling), TopicRow(topics::bone_wrench), TopicRow(topics::head_pose)})
+    EXPECT_EQ(row.writers, Writers::one) << row.name;
+}
+
+TEST(Bus, PeersHaveNamesHostsAndRigs) {
+  const Participant one("one", test_domain()), other("other", test_domain(), "my rig");
+  Peer peer;
+  ASSERT_TRUE(eventually([&] { return one.find_peer(other.epoch(), peer); }));
+  EXPECT_EQ(get_text(peer.name), "other");
+  EXPECT_EQ(get_text(peer.rig), "my rig");
+  EXPECT_EQ(peer.process_id, getpid());
+  EXPECT_FALSE(get_text(peer.host).empty());
+  EXPECT_NE(one.epoch(), other.epoch());
+  ASSERT_TRUE(eventually([&] { return other.find_peer(one.epoch(), peer); }));
+  EXPECT_TRUE(get_text(peer.rig).empty());
+  { const Participant leaving("leaving", test_domain()); }
+  EXPECT_TRUE(eventually([&] { return one.peers().size() == 1; }));
+}
+
+TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
+  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  Writer writer(writing, topics::object_coupling);
+  Reader reader(reading, topics::object_coupling);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  auto sample = std::make_unique<ObjectCoupling>();
+  std::size_t heard = 0;
+  const auto write = [&](Nanoseconds ahead, std::uint32_t clock) {
+    sample->stamp.sample_time = sample->stamp.publish_time = now() + ahead;
+    sample->stamp.clock_id = clock;
+    writer.write(*sample);
+    std::this_thread::sleep_for(2ms);
+    heard += reader.take_all([](const ObjectCoupling&) {});
+  };
+  for (int i = 0; i < 20; ++i) write(3'600'000'000'000, 0), write(0, clock_id() + 1);
+  EXPECT_EQ(heard, 0u);
+  EXPECT_TRUE(eventually([&] { return reader.counters().refused_stamp == 40; }));
+  EXPECT_TRUE(eventually([&] {
+    write(0, clock_id());
+    return heard > 0;
+  }));
 }
 
 TEST(Bus, InstancesThatRestMakeRoom) {

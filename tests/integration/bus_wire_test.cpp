@@ -255,6 +255,32 @@ TEST(BusWire, BytesMatchFastsGenerator) {
 #undef SOFTHAND_CHECK
 }
 
+// A changed struct is a new version of its topic (docs/topics.md). Programs of other makes take their hashes from the
+// file.
+TEST(BusWire, EveryDefinitionHasTheHashInTheFile) {
+  std::string text;
+  topics::for_each([&]<typename T>(const Topic<T>& topic) {
+    char hash[17];
+    std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(definition_hash<T>()));
+    text += std::string(topic.name) + " " + hash + "\n";
+  });
+  std::ifstream in(SOFTHAND_SOURCE_DIR "/idl/hashes.txt");
+  const std::string committed((std::istreambuf_iterator<char>(in)), {});
+  EXPECT_EQ(committed, text) << "a definition has changed: see \"Change a topic\" in docs/topics.md";
+}
+
+TEST(BusWire, ADefinitionHasNamesKindsSizesAndBounds) {
+  detail::Define define;
+  define(HandKey{});
+  EXPECT_EQ(define.text, "{@user:uint32;@side:uint32;}");
+  define.text.clear();
+  define(NamedValue{});
+  EXPECT_EQ(define.text, "{name:string<31>;value:float64;}");
+  define.text.clear();
+  define(BoundedVector<std::array<float, 3>, 5>{});
+  EXPECT_EQ(define.text, "float32[3]<5>");
+}
+
 TEST(BusWire, TruncatedLongAndForeignBytesAreRefused) {
   const auto message = filled<LoopStatus>(7);
   const auto bytes = bytes_of(*message);

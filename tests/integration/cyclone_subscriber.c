@@ -1,4 +1,5 @@
-/* cyclone_subscriber DOMAIN TOPIC: reads one sample of a softhand topic with Cyclone DDS. Prints some fields by name.
+/* cyclone_subscriber DOMAIN TOPIC [HASH]: reads one sample of a softhand topic with Cyclone DDS. Prints some fields by
+ * name. HASH is that of the topic in idl/hashes.txt: the endpoints carry it, and writers with another one are printed.
  * Then it writes the whole sample on TOPIC_echo, until the reader there has it (standard input closes) or 20 s have
  * passed. This shows the other vendor's view of the wire. */
 #include <inttypes.h>
@@ -74,8 +75,28 @@ static const struct {
     {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},
 };
 
+/* Prints the module of the first writer of the topic whose user data has another hash. */
+static void print_other_definition(dds_entity_t writers, const char* topic, const char* hash) {
+  void* found[1] = {NULL};
+  dds_sample_info_t info;
+  while (dds_take(writers, found, &info, 1, 1) == 1) {
+    const dds_builtintopic_endpoint_t* endpoint = found[0];
+    void* data = NULL;
+    size_t size = 0;
+    if (info.valid_data && strcmp(endpoint->topic_name, topic) == 0 && dds_qget_userdata(endpoint->qos, &data, &size)) {
+      char text[256], other[17], module[64];
+      snprintf(text, sizeof text, "%.*s", (int)size, data == NULL ? "" : (const char*)data);
+      if (sscanf(text, "softhand 1 %*u %16s %63[^\n]", other, module) == 2 && strcmp(other, hash) != 0)
+        printf("other_definition %s\n", module);
+      dds_free(data);
+    }
+    dds_return_loan(writers, found, 1);
+    found[0] = NULL;
+  }
+}
+
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
+  if (argc != 3 && argc != 4) return 2;
   size_t k = 0;
   while (k < sizeof kinds / sizeof kinds[0] && strcmp(kinds[k].topic, argv[2]) != 0) ++k;
   if (k == sizeof kinds / sizeof kinds[0]) return 2;
@@ -85,8 +106,12 @@ int main(int argc, char** argv) {
   const dds_entity_t topic = dds_create_topic(participant, kinds[k].type, argv[2], NULL, NULL);
   dds_qos_t* read_qos = dds_create_qos();
   dds_qset_reliability(read_qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+  char user_data[128] = "";
+  if (argc == 4) snprintf(user_data, sizeof user_data, "softhand 1\n1\n%s\ncyclone_subscriber", argv[3]);
+  dds_qset_userdata(read_qos, user_data, strlen(user_data));
   if (exclusive) dds_qset_ownership(read_qos, DDS_OWNERSHIP_EXCLUSIVE);
   const dds_entity_t reader = dds_create_reader(participant, topic, read_qos, NULL);
+  const dds_entity_t writers = dds_create_reader(participant, DDS_BUILTIN_TOPIC_DCPSPUBLICATION, NULL, NULL);
 
   char echo_name[128];
   snprintf(echo_name, sizeof echo_name, "%s_echo", argv[2]);
@@ -94,6 +119,7 @@ int main(int argc, char** argv) {
   dds_qos_t* write_qos = dds_create_qos();
   dds_qset_reliability(write_qos, DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
   dds_qset_durability(write_qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+  dds_qset_userdata(write_qos, user_data, strlen(user_data));
   if (exclusive) {
     dds_qset_ownership(write_qos, DDS_OWNERSHIP_EXCLUSIVE);
     dds_qset_deadline(write_qos, DDS_MSECS(50));
@@ -117,6 +143,7 @@ int main(int argc, char** argv) {
     dds_sleepfor(DDS_MSECS(10));
   }
   if (sample[0] == NULL || !info.valid_data) return 1;
+  if (argc == 4) print_other_definition(writers, argv[2], argv[3]);
   kinds[k].print(sample[0]);
   fflush(stdout);
   struct pollfd input = {.fd = 0, .events = POLLIN};

@@ -38,6 +38,7 @@ class Up {
   /// Returns the exit code, or -1 if the process did not end in time.
   int wait(std::chrono::milliseconds timeout);
   std::string output() const;
+  pid_t process_id() const { return pid_; }
 
  private:
   pid_t pid_ = 0;

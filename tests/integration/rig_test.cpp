@@ -11,11 +11,13 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 
 #include "integration/rig_harness.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "runtime/exit_codes.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -104,6 +106,89 @@ TEST_F(Rig, DemoStartsFollowsAndStops) {
     EXPECT_TRUE(listener.wait(1s, [&] { return !listener.devices[device].back().live; })) << device;
     EXPECT_EQ(listener.devices[device].back().largest_command, 0) << device;
   }
+}
+
+// Sets the folder of the lock of the programs that are started later.
+class RuntimeFolder {
+ public:
+  RuntimeFolder() : path_("/tmp/softhand_rig_runtime_" + std::to_string(getpid())) {
+    std::filesystem::create_directories(path_);
+    setenv("XDG_RUNTIME_DIR", path_.c_str(), 1);
+  }
+  ~RuntimeFolder() {
+    if (before_.empty()) {
+      unsetenv("XDG_RUNTIME_DIR");
+    } else {
+      setenv("XDG_RUNTIME_DIR", before_.c_str(), 1);
+    }
+    std::filesystem::remove_all(path_);
+  }
+  RuntimeFolder(const RuntimeFolder&) = delete;
+  RuntimeFolder& operator=(const RuntimeFolder&) = delete;
+
+ private:
+  std::string path_;
+  std::string before_ = std::getenv("XDG_RUNTIME_DIR") == nullptr ? "" : std::getenv("XDG_RUNTIME_DIR");
+};
+
+// Seen by the file lock. A rig of another user or host has another file, and is seen on DDS.
+TEST_F(Rig, ASecondRigNamesTheFirstAndEnds) {
+  RigListener listener;
+  Up up(kDemo, {});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  const std::string holder = "is held by rig demo (process " + std::to_string(up.process_id()) + " on ";
+  const auto second = [&] {
+    const auto start = now();
+    const Finished finished =
+        run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo});
+    std::printf("the second rig ended after %.0f ms\n", milliseconds_between(start, now()));
+    return finished;
+  };
+  const auto processes = [&] {
+    std::map<std::string, std::int64_t> ids;
+    for (const std::string& module : kModules) ids[module] = listener.process_id(module);
+    return ids;
+  };
+  const auto before = processes();
+  const Finished same_user = second();
+  EXPECT_EQ(same_user.exit_code, kExitHeld) << same_user.output;
+  EXPECT_NE(same_user.output.find(holder), std::string::npos) << same_user.output;
+  const RuntimeFolder other_folder;
+  const Finished other_user = second();
+  EXPECT_EQ(other_user.exit_code, kExitHeld) << other_user.output;
+  EXPECT_NE(other_user.output.find(holder), std::string::npos) << other_user.output;
+  const Nanoseconds since = now();
+  EXPECT_TRUE(listener.wait(10s, [&] { return follows(listener, since); })) << "the first rig was disturbed";
+  EXPECT_EQ(processes(), before);
+}
+
+TEST_F(Rig, ReplaceTakesTheDomainOver) {
+  for (const bool is_other_user : {false, true}) {
+    RigListener listener;
+    Up first(kDemo, {});
+    ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << first.output();
+    const std::int64_t hand = listener.process_id("hand");
+    std::optional<RuntimeFolder> other_folder;
+    if (is_other_user) other_folder.emplace();
+    const Nanoseconds start = now();
+    Up second(kDemo, {"--replace"});
+    EXPECT_EQ(first.wait(8s), 0) << "the first rig stops cleanly\n" << first.output() << second.output();
+    const double took = milliseconds_between(start, now());
+    std::printf("the first rig gave way %.0f ms after the start of the second\n", took);
+    EXPECT_LT(took, 2500) << "1 s on a machine that does nothing else";
+    EXPECT_TRUE(listener.wait(20s, [&] {
+      return listener.process_id("hand") != hand && follows(listener, start + 3'000'000'000);
+    })) << second.output();
+    second.send_signal(SIGINT);
+    EXPECT_EQ(second.wait(8s), 0);
+  }
+}
+
+TEST_F(Rig, ReplaceWithoutAnotherRigStarts) {
+  const RuntimeFolder own_folder;
+  RigListener listener;
+  Up up(kDemo, {"--replace"});
+  EXPECT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
 }
 
 TEST_F(Rig, ChildrenDieWithTheirSupervisor) {

@@ -198,6 +198,26 @@ TEST_F(FilesTest, ARigExtendsAnotherAndChoosesAmongProcessesOfOneName) {
                ConfigError);
 }
 
+TEST_F(FilesTest, RigsWithLongNamesAreRefused) {
+  const auto reads = [this](std::size_t rig, std::size_t name, std::size_t choice) {
+    const std::string text = "name = \"" + std::string(rig, 'r') + "\"\nscene = \"s.toml\"\n[[process]]\nname = \"" +
+                             std::string(name, 'n') + "\"\nchoice = \"" + std::string(choice, 'c') +
+                             "\"\nprogram = \"x\"\n";
+    try {
+      read_rig(write("rig.toml", text));
+      return true;
+    } catch (const ConfigError&) {
+      return false;
+    }
+  };
+  EXPECT_TRUE(reads(63, 63, 0));
+  EXPECT_FALSE(reads(64, 63, 0));
+  EXPECT_FALSE(reads(63, 64, 0));
+  EXPECT_FALSE(reads(63, 0, 0));
+  EXPECT_TRUE(reads(63, 10, 20));
+  EXPECT_FALSE(reads(63, 10, 21));
+}
+
 TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {
   const std::string path = write("scene.toml", "[[objects]]\nname = \"cube\"\nmass = 0.05\n");
   const Scene scene = read_scene(path, {"objects.cube.mass=0.2", "hand.rate_hz=60"});

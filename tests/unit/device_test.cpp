@@ -194,19 +194,42 @@ TEST_F(Device, RepeatedAndBackloggedInputDoesNotKeepItAlive) {
   EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0);
 }
 
-// A stopped process (SIGSTOP, a debugger) later finds old messages in its sockets. Stamps of this host's clock show
-// their age. Stamps of another host's clock do not.
+// A stopped process (SIGSTOP, a debugger) later finds old messages in its sockets.
 TEST_F(Device, BacklogIsStaleAfterAnyTime) {
   for (const double seconds : {0.06, 9.9, 12.0, 3600.0}) {
     BoneWrench backlog = wrench(2, 2, ++sequence, now - static_cast<Nanoseconds>(seconds * 1e9));
     backlog.stamp.clock_id = clock_id();
     EXPECT_EQ(loop.step(now += kMillisecond, &backlog).commands[0], 0) << seconds;
   }
-  for (const bool own : {false, true}) {
-    BoneWrench unstamped = wrench(2, 2, ++sequence, own ? 0 : now - static_cast<Nanoseconds>(3600e9));  // 0: unknown
-    unstamped.stamp.clock_id = clock_id() + (own ? 0 : 1);
-    EXPECT_GT(loop.step(now += kMillisecond, &unstamped).commands[0], 0) << own;
+  const BoneWrench unstamped = wrench(2, 2, ++sequence, 0);  // 0: unknown
+  EXPECT_GT(loop.step(now += kMillisecond, &unstamped).commands[0], 0);
+}
+
+TEST_F(Device, StampsOfTheFutureAndOfOtherHostsAreRefused) {
+  BoneWrench ahead = wrench(2, 2, ++sequence, now + static_cast<Nanoseconds>(3600e9));
+  EXPECT_EQ(loop.step(now += kMillisecond, &ahead).commands[0], 0);
+  BoneWrench foreign = wrench(2, 2, ++sequence, now);
+  foreign.stamp.clock_id = clock_id() + 1;
+  EXPECT_EQ(loop.step(now += kMillisecond, &foreign).commands[0], 0) << "the offset of its clock is not known";
+  EXPECT_EQ(loop.counters().refused_stamp, 2u);
+  BoneWrench own = wrench(2, 2, ++sequence, now);
+  own.stamp.clock_id = clock_id();
+  EXPECT_GT(loop.step(now += kMillisecond, &own).commands[0], 0);
+}
+
+TEST_F(Device, NeverFollowsTwoWritersInTurn) {
+  const auto from = [&](std::uint64_t epoch, double force) {
+    BoneWrench w = wrench(force, 0, ++sequence, now += kMillisecond);
+    w.stamp.epoch = epoch;
+    return loop.step(now, &w).commands[0];
+  };
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_GE(from(1, 2), 0);
+    EXPECT_GE(from(2, -2), 0) << "the force of a second writer reached the device";
   }
+  EXPECT_EQ(loop.counters().second_writer, 50u);
+  for (int i = 0; i < 250; ++i) from(2, -2);
+  EXPECT_LT(from(2, -2), 0) << "the place of a dead writer is free";
 }
 
 TEST_F(Device, DeadSimulationZeroes) {

@@ -566,6 +566,24 @@ TEST(HandLoop, ObjectThatTheWorldNoLongerListsIsGone) {
   EXPECT_EQ(loop.step(kSecond + 22'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.size(), 1u);
 }
 
+TEST(HandLoop, RefusesSkeletonsAndWorldsFromTheFuture) {
+  constexpr Nanoseconds kHour = 3600 * kSecond;
+  HandLoop loop(hand(), loop_options(), {});
+  come_near_a_cube(loop);
+  const WorldObjects ahead = world_with(4, Vector3(1, 0, 0), kSecond + kHour);
+  const Skeleton far_away = skeleton_at(hand(), {Vector3(5, 0, 0), Quaternion::Identity()}, kSecond + kHour, 100);
+  const Nanoseconds now = kSecond + 11'000'000;
+  const HandOutput& output = loop.step(now, {&far_away, nullptr, &ahead}, {});
+  EXPECT_EQ(output.coupling.twins.size(), 1u) << "the object is still there";
+  EXPECT_LT(loop.simulation().joint_pose(Joint::wrist).position.norm(), 1);
+  EXPECT_EQ(loop.counters().refused_future, 2u);
+  LoopStatus status;
+  loop.fill_status(status, now);
+  EXPECT_NEAR(status.input_age_ms, 11, 1e-6);
+  loop.fill_status(status, kSecond - 1'000'000);
+  EXPECT_EQ(status.input_age_ms, 0);
+}
+
 // A hull of 256 vertices takes about 30 ms to load, which is three periods.
 TEST(HandLoop, DoesNotLoadAKnownShapeAgain) {
 #ifndef SOFTHAND_COUNT_MALLOC

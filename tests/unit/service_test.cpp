@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "messages/convert.hpp"
 #include "runtime/exit_codes.hpp"
 #include "service/loop_log.hpp"
 
@@ -31,6 +32,15 @@ TEST(TrackerArguments, ANegativeStrengthIsRefused) {
       "--strength");
 }
 
+// A name that is cut would be another name.
+TEST(ServiceArguments, LongModuleNamesAreRefused) {
+  const std::string longest(63, 'm');
+  EXPECT_EQ(parsed({"tracker", "--config", "scene.toml", "--module", longest}).module, longest);
+  const auto is_configuration = [](int status) { return WEXITSTATUS(status) == kExitConfiguration; };
+  for (const std::string& name : {longest + "m", std::string()})
+    EXPECT_EXIT(parsed({"tracker", "--config", "scene.toml", "--module", name}), is_configuration, "--module");
+}
+
 TEST(ServiceArguments, PriorityAndCoresAreChecked) {
   EXPECT_FALSE(parsed({"tracker", "--config", "scene.toml"}).priority.has_value());
   const auto chosen = parsed({"tracker", "--config", "scene.toml", "--priority", "40", "--cores", "0-1,3"});
@@ -39,6 +49,41 @@ TEST(ServiceArguments, PriorityAndCoresAreChecked) {
   const auto is_configuration = [](int status) { return WEXITSTATUS(status) == kExitConfiguration; };
   EXPECT_EXIT(parsed({"tracker", "--config", "scene.toml", "--priority", "100"}), is_configuration, "--priority");
   EXPECT_EXIT(parsed({"tracker", "--config", "scene.toml", "--cores", "two"}), is_configuration, "expected cores");
+}
+
+TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
+  const int domain = 120 + getpid() % 100;
+  const bus::Participant first("first hand", domain), second("second hand", domain), reading("reading", domain);
+  bus::Writer<ObjectCoupling> writers[] = {{first, bus::topics::object_coupling},
+                                           {second, bus::topics::object_coupling}};
+  bus::Reader reader(reading, bus::topics::object_coupling);
+  const auto status_of = [&](const bus::Participant& participant) {
+    LoopStatus status;
+    count_inputs(status, participant, reader, reader);  // two inputs add up
+    return status;
+  };
+  EXPECT_EQ(get_text(status_of(reading).second_writer), "");
+  auto sample = std::make_unique<ObjectCoupling>();
+  for (int i = 0; i < 1000 && reader.counters().second_writer == 0; ++i) {
+    for (bus::Writer<ObjectCoupling>& writer : writers) {
+      sample->stamp.epoch = (&writer == writers ? first : second).epoch();
+      sample->stamp.publish_time = sample->stamp.sample_time = now();
+      writer.write(*sample);
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+  }
+  const auto refused = static_cast<double>(reader.counters().second_writer);
+  ASSERT_GT(refused, 0);
+  const LoopStatus status = status_of(reading);
+  const std::string text(get_text(status.second_writer));
+  const std::string process = " hand, process " + std::to_string(getpid()) + " on ";
+  EXPECT_NE(text.find(process), std::string::npos) << text;
+  EXPECT_EQ(text.substr(0, 17), "object_coupling: ");
+  EXPECT_EQ(status.input_drops, static_cast<std::uint64_t>(2 * refused));
+  for (const NamedValue& counter : status.counters)
+    EXPECT_EQ(counter.value, get_text(counter.name) == "second_writer" ? 2 * refused : 0) << get_text(counter.name);
+  const bus::Participant stranger("stranger", domain + 1);
+  EXPECT_EQ(get_text(status_of(stranger).second_writer).substr(0, 24), "object_coupling: unknown");
 }
 
 // Nobody reads stderr for a while, and its pipe is full. A loop must not wait for the reader.

@@ -1,6 +1,7 @@
 // The tracking loop's physics and its treatment of a tracker's samples.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -415,7 +416,7 @@ TEST(Tracking, HeadsetMountIsComposedAtTheSamplesTime) {
     const Pose pose = head_at(i * 0.014);
     head.position = to_wire(pose.position);
     head.orientation = to_wire(pose.orientation);
-    input.add_head_pose(head);
+    input.add_head_pose(head, head.stamp.sample_time);
   }
   std::uint64_t sequence = 1;
   for (const double t : {0.101, 0.15, 0.2, 0.28}) {
@@ -457,7 +458,7 @@ TEST(Tracking, RecentredHeadIsNotExtrapolated) {
   for (int i = 0; i < 20; ++i) {
     head.stamp.sample_time = kStart + i * 11 * kMillisecond;
     head.position[0] = i < 19 ? 0 : 2;
-    input.add_head_pose(head);
+    input.add_head_pose(head, head.stamp.sample_time);
   }
   const Nanoseconds time = head.stamp.sample_time + 8 * kMillisecond;
   Skeleton sample = skeleton_at(still(), 1, time);
@@ -512,6 +513,71 @@ TEST(Tracking, ASimulatedSkeletonOfAbsurdSpeedIsRefused) {
     }
     EXPECT_LT((last - (still() * hand().rest_joints[kIndexDistal]).position).norm(), 1e-3);
   }
+}
+
+TEST(Tracking, RefusesASimulatedSkeletonFromTheFuture) {
+  TrackingLoop loop({}, kHandRate, hand(), {});
+  double largest = 0;
+  for (int i = 0; i < 300; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const Skeleton tracked = skeleton_at(still(), static_cast<std::uint64_t>(i) + 1, now);
+    Skeleton simulated = tracked;
+    if (i >= 100) {
+      simulated.stamp.sample_time = now + 3'600'000 * kMillisecond;
+      for (JointSample& joint : simulated.joints) joint.position[0] += 0.1;
+    }
+    TrackingInput input;
+    input.tracked = &tracked;
+    input.simulated = &simulated;
+    input.wrench_requested = true;
+    const TrackingOutput& out = loop.step(now, input);
+    largest = std::max(largest, to_vector(out.wrench.bones[1].coupling_force).norm());
+    if (i > 200) {
+      EXPECT_EQ(out.wrench.simulated_valid, 0u) << "without fresh samples the copy is stale";
+    }
+  }
+  EXPECT_LT(largest, 0.1) << "N; a copy that is 10 cm away pulls with much more";
+  LoopStatus status;
+  loop.fill_status(status, kStart + 300 * kMillisecond);
+  const auto refused = std::find_if(status.counters.begin(), status.counters.end(),
+                                    [](const NamedValue& each) { return get_text(each.name) == "refused_future"; });
+  ASSERT_NE(refused, status.counters.end());
+  EXPECT_EQ(refused->value, 200);
+}
+
+// A sample may be taken while the step begins. -1 means that there is none.
+TEST(Tracking, TheAgeOfTheInputIsNeverNegative) {
+  TrackingLoop loop({}, kHandRate, hand(), {});
+  const Skeleton tracked = skeleton_at(still(), 1, kStart + 4 * kMillisecond);
+  TrackingInput input;
+  input.tracked = &tracked;
+  loop.step(kStart, input);
+  LoopStatus status;
+  loop.fill_status(status, kStart);
+  EXPECT_EQ(status.input_age_ms, 0);
+}
+
+// A head pose from the future would make all present ones late.
+TEST(Tracking, AHeadPoseFromTheFutureIsRefused) {
+  TrackedInput input({});
+  HeadPose head;
+  head.valid = 1;
+  const auto wrist_x = [&](int i) {
+    const Nanoseconds now = kStart + i * 11 * kMillisecond;
+    head.stamp.sample_time = now;
+    head.position[0] = i;
+    input.add_head_pose(head, now);
+    head.stamp.sample_time = now + 900 * kMillisecond;
+    head.position[0] = 1000;
+    input.add_head_pose(head, now);
+    Skeleton sample = skeleton_at(still(), static_cast<std::uint64_t>(i) + 1, now);
+    sample.frame = 1;
+    EXPECT_TRUE(input.add_sample(sample, now));
+    return input.targets(now)[1].pose.position.x();
+  };
+  const double first = wrist_x(0);
+  for (int i = 1; i < 10; ++i) EXPECT_NEAR(wrist_x(i), first + i, 1e-9) << i;
+  EXPECT_EQ(input.counters().refused_head_clock, 10u);
 }
 
 TEST(Tracking, RefusesUnstableOptionsAndSuggestsStableOnes) {

@@ -239,6 +239,9 @@ TEST(ViewerFrames, DrawsHeldObjectsWhereTheHandHasThem) {
   ObjectCoupling other = coupling;
   other.hand.side = 0;
   EXPECT_EQ(drawn_x(other), std::pair(0.0, 0.0)) << "the coupling is that of another hand";
+  const Nanoseconds present = coupling.stamp.sample_time;
+  coupling.stamp.sample_time = present + 3'600'000'000'000;
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "the coupling is from the future";
   coupling.stamp.sample_time = 800'000'000;
   EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "the hand stopped publishing";
 }

@@ -13,6 +13,7 @@
 #include "messages/convert.hpp"
 #include "unit/world_objects.hpp"
 #include "unit/world_twin.hpp"
+#include "world/newest_couplings.hpp"
 #include "world/world_loop.hpp"
 
 namespace softhand {
@@ -520,6 +521,40 @@ TEST(WorldCoupling, RefusesAbsurdVelocitiesForcesPeriodsAndSamplesFromTheFuture)
   // A sample that was taken while the step began is not from the future.
   EXPECT_EQ(step([](ObjectCoupling& c) { c.stamp.sample_time += 1'000'000; }).owned, 1u);
   EXPECT_LT(std::abs(step([](ObjectCoupling&) {}).position[1] - 0.3), 0.05);
+}
+
+// The newest coupling of a hand stays in the list of inputs. When the time of a future stamp has come, it must not be
+// taken for a present one.
+TEST(WorldCoupling, AClaimFromTheFutureIsNeverFollowed) {
+  constexpr Nanoseconds kHour = 3'600'000'000'000;
+  WorldLoop world({}, {table(), cube(0.05, 0.3)});
+  NewestCouplings newest(4);
+  ObjectCoupling claim;
+  claim.step_period = 1.0 / 90;
+  ObjectTwin twin;
+  twin.object = 2;
+  twin.owned = 1;
+  twin.position = {0, 0.3, 0};
+  claim.twins.push_back(twin);
+  Nanoseconds now = 1'000'000'000;
+  const auto step = [&] { return object(world.step(now += 4'000'000, {newest.all()}), 2).owned; };
+  const auto input_age_ms = [&] {
+    LoopStatus status;
+    world.fill_status(status, now);
+    return status.input_age_ms;
+  };
+  claim.stamp.sample_time = now;
+  newest.put(claim, now);
+  EXPECT_EQ(step(), 1u);
+  claim.stamp.sample_time = now + kHour;
+  newest.put(claim, now);
+  step();
+  EXPECT_GE(input_age_ms(), 0);
+  now += 1'000'000'000;
+  EXPECT_EQ(step(), 0u) << "the last good sample has vanished";
+  now += kHour - 1'004'000'000;
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(step(), 0u);
+  EXPECT_EQ(newest.refused_future(), 1u);
 }
 
 TEST(WorldCoupling, SecondHandTakesOverWhenTheOwnerVanishes) {

@@ -357,7 +357,7 @@ TEST(NewestCouplings, ANewHandTakesThePlaceOfTheOneHeardLongestAgo) {
     ObjectCoupling coupling;
     coupling.hand = {user, 1};
     coupling.step_period = step_period;
-    newest.put(coupling);
+    newest.put(coupling, 0);
   };
   for (const std::uint32_t user : {10u, 11u, 12u}) put(user, 1);
   put(10, 2);

@@ -1,5 +1,6 @@
 // softhand-tracker-replay: plays a recorded or generated hand like a tracker.
 #include "device/answer.hpp"
+#include "messages/age.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "trackers/replay/replay_tracker.hpp"
@@ -56,7 +57,7 @@ void run(int argc, char** argv) {
     return reply_to(message, arguments.module, kReplyIgnored, "unknown key; known: restart");
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
-    status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
+    status.input_age_ms = age_ms_of(newest, now);
     add_counter(status, "published", static_cast<double>(published));
     // `softhand up` reads this counter to judge the run.
     add_counter(status, "motion_start_s", static_cast<double>(motion_start) * 1e-9);

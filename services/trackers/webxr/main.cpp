@@ -1,6 +1,7 @@
 // softhand-tracker-webxr: both hands and the head of the wearer of a headset, whose browser shows the viewer's page.
 #include <cstdio>
 
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -61,7 +62,7 @@ void run(int argc, char** argv) {
     }
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
-    status.input_age_ms = newest == 0 ? -1 : static_cast<double>(now - newest) * 1e-6;
+    status.input_age_ms = age_ms_of(newest, now);
     const Inbox::Counters counters = inbox.counters();
     add_counter(status, "published", static_cast<double>(published));
     add_counter(status, "connections", static_cast<double>(counters.connections));
