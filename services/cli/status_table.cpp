@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "device/health.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -39,6 +40,10 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     const double silent = static_cast<double>(now - status.stamp.publish_time) * 1e-9;
     std::string counted;
     for (const NamedValue& counter : status.counters) {
+      if (get_text(counter.name) == "health" && counter.value >= 0 && counter.value < kHealthNames.size()) {
+        counted += fmt::format("health={} ", kHealthNames[static_cast<std::size_t>(counter.value)]);
+        continue;
+      }
       const bool is_default = get_text(counter.name) == "pace" ? counter.value == 1 : counter.value == 0;
       if (!is_default) counted += fmt::format("{}={:.10g} ", get_text(counter.name), counter.value);
     }

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string_view>
 
+#include "device/clock_mapping.hpp"
 #include "messages/messages.hpp"
-#include "trackers/sockets/clock_mapping.hpp"
 
 namespace softhand {
 
