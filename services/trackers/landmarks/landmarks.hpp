@@ -1,4 +1,4 @@
-// Messages with 21 landmarks of a hand, from a model that sees a camera's picture: docs/tracker-landmarks.md.
+// Messages with 21 landmarks of a hand, from a model that sees a camera's picture: README.md.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Frames that a headset's page sends (docs/tracker-webxr.md): checked and converted to messages of the topics.
+// Frames that a headset's page sends (README.md): checked and converted to messages of the topics.
 #pragma once
 
 #include <array>
