@@ -64,18 +64,12 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
 }
 
-struct HapticOptions {
-  DeviceLoopOptions loop;
-  HapticLogOptions driver;
-};
+struct HapticOptions : DeviceOptions<HapticLogOptions> {};
 inline void describe(OptionVisitor& v, HapticOptions& o) {
   describe(v, o.loop);
   describe_section(v, "log", "The simulated glove of softhand-haptic-log.", o.driver);
 }
-struct TactileOptions {
-  DeviceLoopOptions loop;
-  TactileLogOptions driver;
-};
+struct TactileOptions : DeviceOptions<TactileLogOptions> {};
 inline void describe(OptionVisitor& v, TactileOptions& o) {
   describe(v, o.loop);
   describe_section(v, "log", "The simulated tactile glove of softhand-tactile-log.", o.driver);
