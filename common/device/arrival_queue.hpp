@@ -21,20 +21,21 @@ struct Arrival {
 /// One thread pushes and one thread takes. Neither waits, locks or allocates.
 class ArrivalQueue {
  public:
-  /// `largest`: bytes of a packet.
-  explicit ArrivalQueue(std::size_t largest) : largest_(largest), bytes_(kSlots * largest), slots_(kSlots) {}
+  /// `largest`: bytes of a packet. `slots`: packets that can wait.
+  explicit ArrivalQueue(std::size_t largest, std::size_t slots = 64)
+      : largest_(largest), bytes_(slots * largest), slots_(slots) {}
 
   /// Copies the packet. A full queue drops it and counts it as passed over: the taker does not keep up.
   void push(const Arrival& packet) {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
-    if (tail - head_.load(std::memory_order_acquire) == kSlots || packet.bytes.size() > largest_) {
+    if (tail - head_.load(std::memory_order_acquire) == slots_.size() || packet.bytes.size() > largest_) {
       passed_over_.fetch_add(1, std::memory_order_relaxed);
       return;
     }
-    char* place = bytes_.data() + tail % kSlots * largest_;
+    char* place = bytes_.data() + tail % slots_.size() * largest_;
     std::memcpy(place, packet.bytes.data(), packet.bytes.size());
-    slots_[tail % kSlots] = packet;
-    slots_[tail % kSlots].bytes = {place, packet.bytes.size()};
+    slots_[tail % slots_.size()] = packet;
+    slots_[tail % slots_.size()].bytes = {place, packet.bytes.size()};
     tail_.store(tail + 1, std::memory_order_release);
   }
   /// Calls f(const Arrival&) for each waiting packet, oldest first.
@@ -44,14 +45,13 @@ class ArrivalQueue {
     // Packets that arrive meanwhile wait for the next call, so that a flood does not hold a loop.
     const std::size_t tail = tail_.load(std::memory_order_acquire);
     for (; head != tail; ++head) {
-      f(static_cast<const Arrival&>(slots_[head % kSlots]));
+      f(static_cast<const Arrival&>(slots_[head % slots_.size()]));
       head_.store(head + 1, std::memory_order_release);
     }
   }
   std::uint64_t passed_over() const { return passed_over_.load(std::memory_order_relaxed); }
 
  private:
-  static constexpr std::size_t kSlots = 64;
   std::size_t largest_;
   std::vector<char> bytes_;
   std::vector<Arrival> slots_;

@@ -125,8 +125,8 @@ void watch_peer(int socket) {
 
 class Intake::Impl {
  public:
-  explicit Impl(std::size_t largest)
-      : largest_(largest), queue_(largest), buffer_(largest + 1, '\0'), wake_(eventfd(0, EFD_CLOEXEC)) {
+  Impl(std::size_t largest, std::size_t slots)
+      : largest_(largest), queue_(largest, slots), buffer_(largest + 1, '\0'), wake_(eventfd(0, EFD_CLOEXEC)) {
     if (!wake_.open()) throw std::runtime_error(std::string("eventfd: ") + std::strerror(errno));
   }
   ~Impl() {
@@ -322,7 +322,7 @@ class Intake::Impl {
   std::thread thread_;
 };
 
-Intake::Intake(std::size_t largest) : impl_(std::make_unique<Impl>(largest)) {}
+Intake::Intake(std::size_t largest, std::size_t slots) : impl_(std::make_unique<Impl>(largest, slots)) {}
 Intake::~Intake() = default;
 std::uint16_t Intake::listen_udp(const std::string& address, std::int64_t port) {
   return impl_->listen_udp(address, port);

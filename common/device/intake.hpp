@@ -20,8 +20,9 @@ class Intake {
     std::uint64_t passed_over = 0;   ///< dropped because they were not taken in time
   };
 
-  /// `largest`: bytes of a packet. Larger ones are refused.
-  explicit Intake(std::size_t largest);
+  /// `largest`: bytes of a packet. Larger ones are refused. `slots`: packets that can wait for `take`, for devices that
+  /// send many at once.
+  explicit Intake(std::size_t largest, std::size_t slots = 64);
   ~Intake();
 
   /// Any number of these, each before `start`. A packet is a datagram, or the bytes of a stream up to `end`. The
