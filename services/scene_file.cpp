@@ -137,8 +137,11 @@ void describe(OptionVisitor& v, SceneOptions& o) {
          "With a recorded motion, scale the hand to the bone lengths and thickness of the recording.");
   describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
-  describe_section(v, "tracker_webxr", "softhand-tracker-webxr: a headset's browser.", o.tracker_webxr);
-  describe_section(v, "tracker_landmarks", "softhand-tracker-landmarks: a camera.", o.tracker_landmarks);
+  for (auto& [section, driver] : o.drivers) {
+    std::string program = "softhand-" + section;
+    std::replace(program.begin(), program.end(), '_', '-');
+    v.section(section, program + ": " + driver.about, [&](OptionVisitor& inner) { driver.options.visit(inner); });
+  }
   describe_section(v, "tracking", "The intermediate layer.", o.tracking);
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);
@@ -159,8 +162,16 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
 Scene read_scene_text(const std::string& path, const std::string& text, const std::vector<std::string>& overrides) {
   Scene scene;
   scene.path = path;
-  read_toml_text(scene.options, text, path);
-  for (const std::string& assignment : overrides) scene.overrides.push_back(apply_override(scene.options, assignment));
+  const auto is_foreign = [&scene](std::string_view key) {
+    if (!is_driver_section(key) || scene.options.drivers.contains(std::string(key))) return false;
+    scene.ignored.emplace_back(key);
+    return true;
+  };
+  read_toml_text(scene.options, text, path, is_foreign);
+  for (const std::string& assignment : overrides) {
+    if (is_foreign(std::string_view(assignment).substr(0, assignment.find_first_of(".=")))) continue;
+    scene.overrides.push_back(apply_override(scene.options, assignment));
+  }
   add_object_files(scene);
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object has the name '" + scene.options.judge.object + "'");

@@ -1,14 +1,17 @@
-// A scene is one TOML file. All processes of a rig read it, and each uses its own sections. All options of all
-// processes are described here, so the first process that reads the file refuses a misspelt key.
+// A scene is one TOML file. All processes of a rig read it, and each uses its own sections. All options are described
+// here, except those of drivers: a driver describes its own section, and programs without this driver ignore it.
+// `softhand` has the sections of all drivers, so it refuses a misspelt key before it starts a process.
 #pragma once
 
 #include <array>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "cli/outcome.hpp"
 #include "device/device_loop.hpp"
+#include "device/driver.hpp"
 #include "hand/hand_options.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
@@ -16,10 +19,8 @@
 #include "runtime/flight_options.hpp"
 #include "scene/hand_simulation.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
-#include "trackers/landmarks/landmarks_options.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"
-#include "trackers/webxr/webxr_options.hpp"
 #include "tracking/tracking_options.hpp"
 #include "viewer/viewer_options.hpp"
 #include "world/world_options.hpp"
@@ -63,18 +64,12 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
 }
 
-struct HapticOptions {
-  DeviceLoopOptions loop;
-  HapticLogOptions driver;
-};
+struct HapticOptions : DeviceOptions<HapticLogOptions> {};
 inline void describe(OptionVisitor& v, HapticOptions& o) {
   describe(v, o.loop);
   describe_section(v, "log", "The simulated glove of softhand-haptic-log.", o.driver);
 }
-struct TactileOptions {
-  DeviceLoopOptions loop;
-  TactileLogOptions driver;
-};
+struct TactileOptions : DeviceOptions<TactileLogOptions> {};
 inline void describe(OptionVisitor& v, TactileOptions& o) {
   describe(v, o.loop);
   describe_section(v, "log", "The simulated tactile glove of softhand-tactile-log.", o.driver);
@@ -88,8 +83,6 @@ struct SceneOptions {
   bool fit_hand = true;
   GeneratorOptions generator;
   ReplayOptions tracker;
-  WebXrOptions tracker_webxr;
-  LandmarksOptions tracker_landmarks;
   TrackingOptions tracking;
   HandOptions hand;
   WorldOptions world;
@@ -101,13 +94,23 @@ struct SceneOptions {
   FlightOptions flight;
   SimulateOptions simulate;
   JudgeOptions judge;
+  Drivers drivers = registered_drivers();
 };
 void describe(OptionVisitor& v, SceneOptions& o);
+
+/// The options of the driver that registered this type. Throws std::logic_error if none did.
+template <typename Options>
+const Options& driver_options(const SceneOptions& scene) {
+  for (const auto& [section, driver] : scene.drivers)
+    if (const auto* options = driver.options.template as<Options>()) return *options;
+  throw std::logic_error("driver.cpp of this driver is not linked");
+}
 
 struct Scene {
   std::string path;
   SceneOptions options;
   std::vector<AppliedOverride> overrides;
+  std::vector<std::string> ignored;         ///< sections of drivers that this program does not know
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
 };
 

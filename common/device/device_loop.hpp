@@ -4,7 +4,7 @@
 // A driver converts simulation output into requested commands, one number per actuator. It also writes commands to its
 // device. `DeviceLoop` stands between the two and holds everything that keeps a person safe: force clamp, slew limit,
 // and zero commands. Commands are zero on stale input, on non-finite numbers, when disabled and on exit. A driver is
-// one folder under services/haptics or services/tactile and one line of CMake (docs/add-a-device.md).
+// one folder under services/haptics or services/tactile (docs/add-a-device.md).
 #pragma once
 
 #include <array>
@@ -29,9 +29,10 @@ struct DeviceLimits {
   double slew = 0;             ///< > 0, largest change per second
 };
 
-template <typename Input>
+template <typename InputType>
 class DeviceDriver {
  public:
+  using Input = InputType;
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
   /// Computes the requested commands for this input, one number per actuator. `requested` is zero on entry. The values
@@ -50,6 +51,18 @@ struct DeviceLoopOptions {
   bool enabled = true;
 };
 void describe(OptionVisitor& v, DeviceLoopOptions& o);
+
+/// The section of a device in a scene: the options of the loop, and those of the driver.
+template <typename Options>
+struct DeviceOptions {
+  DeviceLoopOptions loop;
+  Options driver;
+};
+template <typename Options>
+void describe(OptionVisitor& v, DeviceOptions<Options>& o) {
+  describe(v, o.loop);
+  describe(v, o.driver);
+}
 
 struct DeviceCounters {
   std::uint64_t accepted = 0;       ///< inputs

@@ -16,6 +16,9 @@
 
 namespace softhand {
 
+/// A pose for each joint, indexed by Joint.
+using JointFrames = std::array<Pose, kJointCount>;
+
 /// How a body may rotate relative to its parent; see `JointModel`.
 enum class JointKind : std::uint8_t {
   /// No joint energy. Used for the forearm. The wrist joint holds the carpus to the forearm, as a ball without limits.

@@ -223,10 +223,10 @@ class TomlReader final : public OptionVisitor {
     }
   }
 
-  void refuse_unknown_keys(const std::vector<std::string_view>& foreign = {}) {
+  void refuse_unknown_keys(const ForeignKey& foreign = nullptr) {
     for (const auto& [key, node] : table_) {
       if (std::find(known_.begin(), known_.end(), key.str()) != known_.end()) continue;
-      if (std::find(foreign.begin(), foreign.end(), key.str()) != foreign.end()) continue;
+      if (foreign && foreign(key.str())) continue;
       errors_.push_back({key.source().begin,
                          fmt::format("unknown key '{}'{}", joined(prefix_, key.str()), suggestion(key.str(), known_))});
     }
@@ -529,7 +529,7 @@ std::string read_whole_file(const std::string& path) {
 }
 
 void read_toml_text(const Description& description, std::string_view text, const std::string& path,
-                    const std::vector<std::string_view>& foreign) {
+                    const ForeignKey& foreign) {
   toml::table table;
   try {
     table = toml::parse(text, path);

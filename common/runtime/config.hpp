@@ -28,10 +28,13 @@ struct AppliedOverride {
   std::string after;
 };
 
+/// Says whether a top-level key of a shared file belongs to another program.
+using ForeignKey = std::function<bool(std::string_view)>;
+
 namespace config_detail {
 using Description = std::function<void(OptionVisitor&)>;
 void read_toml_text(const Description& description, std::string_view text, const std::string& path,
-                    const std::vector<std::string_view>& foreign);
+                    const ForeignKey& foreign);
 std::string read_whole_file(const std::string& path);
 AppliedOverride apply_override(const Description& description, std::string_view assignment);
 std::string reference_markdown(const Description& description, std::string_view title);
@@ -42,11 +45,10 @@ std::string reference_markdown(const Description& description, std::string_view 
 /// - An array of tables overwrites the existing elements in order and appends the rest.
 /// - Unknown keys, wrong types, values out of range and non-finite numbers are errors. They are reported together,
 ///   sorted by line. For an unknown key the message suggests the nearest known key.
-/// - `foreign` are top-level keys of a shared file (a scene) that other programs read. They are ignored.
+/// - Top-level keys that `foreign` accepts and `options` does not have are ignored. Null accepts none.
 /// On errors, throws ConfigError and does not change `options`.
 template <typename T>
-void read_toml_text(T& options, std::string_view text, const std::string& path,
-                    const std::vector<std::string_view>& foreign = {}) {
+void read_toml_text(T& options, std::string_view text, const std::string& path, const ForeignKey& foreign = nullptr) {
   T fresh = options;
   config_detail::read_toml_text([&fresh](OptionVisitor& v) { describe(v, fresh); }, text, path, foreign);
   options = std::move(fresh);
@@ -54,7 +56,7 @@ void read_toml_text(T& options, std::string_view text, const std::string& path,
 
 /// The same for the file at `path`. Also throws ConfigError if the file cannot be read.
 template <typename T>
-void read_toml(T& options, const std::string& path, const std::vector<std::string_view>& foreign = {}) {
+void read_toml(T& options, const std::string& path, const ForeignKey& foreign = nullptr) {
   read_toml_text(options, config_detail::read_whole_file(path), path, foreign);
 }
 

@@ -79,6 +79,10 @@ bool is_rig(const std::string& path) {
 
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides) {
   Scene scene = read_scene(path, overrides);
+  for (const std::string& section : scene.ignored)
+    fmt::print(stderr,
+               "{}: [{}]: no driver of this build has this section. Only a driver from elsewhere can read it.\n", path,
+               section);
   std::string wrong;
   for (const std::string& problem :
        check_world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints)) {

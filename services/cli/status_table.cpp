@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "device/health.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 
@@ -41,6 +42,10 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     const std::optional<double> silent = age_of(status.stamp.publish_time, now);
     std::string counted;
     for (const NamedValue& counter : status.counters) {
+      if (get_text(counter.name) == "health" && counter.value >= 0 && counter.value < kHealthNames.size()) {
+        counted += fmt::format("health={} ", kHealthNames[static_cast<std::size_t>(counter.value)]);
+        continue;
+      }
       const bool is_default = get_text(counter.name) == "pace" ? counter.value == 1 : counter.value == 0;
       if (!is_default) counted += fmt::format("{}={:.10g} ", get_text(counter.name), counter.value);
     }

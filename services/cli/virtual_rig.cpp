@@ -102,8 +102,14 @@ void VirtualRig::send(const Message& message) {
 }
 
 void VirtualRig::step_tracker(Nanoseconds now) {
+  sink_.now = now;
+  tracker_->poll(now, sink_);
+}
+
+void VirtualRig::deliver(const Skeleton& sample) {
+  const Nanoseconds now = sink_.now;
   Skeleton& skeleton = tracked_;
-  if (!tracker_->sample(now, skeleton)) return;
+  skeleton = sample;
   skeleton.stamp.publish_time = now;
   skeleton.stamp.epoch = 1;
   skeleton.stamp.chain.tracker_sample = skeleton.stamp.sample_time;

@@ -122,7 +122,15 @@ class VirtualRig {
     RigLoop name = RigLoop::tracker;
     void (VirtualRig::*step)(Nanoseconds) = nullptr;
   };
+  struct TrackedHand final : TrackerSink {
+    explicit TrackedHand(VirtualRig& of) : rig(of) {}
+    void hand(const Skeleton& sample) override { rig.deliver(sample); }
+    void head(const HeadPose&) override {}  // the rig has no headset
+    VirtualRig& rig;
+    Nanoseconds now = 0;
+  };
   void step_tracker(Nanoseconds now);
+  void deliver(const Skeleton& sample);
   void step_tracking(Nanoseconds now);
   void step_hand(Nanoseconds now);
   void step_world(Nanoseconds now);
@@ -157,6 +165,7 @@ class VirtualRig {
   Delayed<WorldObjects> objects_to_hand_;
   Delayed<ObjectCoupling> coupling_to_world_;
   Delayed<BoneWrench> wrench_to_haptic_;
+  TrackedHand sink_{*this};
   Skeleton tracked_;         // the newest one
   ObjectCoupling coupling_;  // the newest one that the world has received
   bool coupling_heard_ = false;

@@ -60,14 +60,15 @@ JointOptions joint(const char* kind, const char* parent, const char* child, cons
 class StiffHand final : public TrackerSource {
  public:
   StiffHand(const HandModel& hand, std::function<Pose(double)> path) : hand_(hand), path_(std::move(path)) {}
-  bool sample(Nanoseconds now, Skeleton& out) override {
+  void poll(Nanoseconds now, TrackerSink& out) override {
     const Nanoseconds period = 11'111'111;
-    if (now < VirtualRig::kStart + static_cast<Nanoseconds>(count_) * period) return false;
-    out = testing::skeleton_at(hand_, path_(static_cast<double>(now - VirtualRig::kStart) * 1e-9), now, ++count_);
-    out.hand = {0, 1};
-    out.source = 1;
-    out.confidence = 1;
-    return true;
+    if (now < VirtualRig::kStart + static_cast<Nanoseconds>(count_) * period) return;
+    Skeleton sample =
+        testing::skeleton_at(hand_, path_(static_cast<double>(now - VirtualRig::kStart) * 1e-9), now, ++count_);
+    sample.hand = {0, 1};
+    sample.source = 1;
+    sample.confidence = 1;
+    out.hand(sample);
   }
 
  private:

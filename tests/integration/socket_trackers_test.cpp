@@ -1,58 +1,29 @@
 // The trackers that listen to sockets, as processes.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
-#include <signal.h>
 #include <sys/socket.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
-#include <array>
-#include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <string>
-#include <thread>
 
-#include "bus/bus.hpp"
 #include "messages/convert.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/clock.hpp"
+#include "support/tracker_process.hpp"
 #include "support/webxr_frame.hpp"
 
 namespace softhand {
 namespace {
 
-using namespace std::chrono_literals;
-
 std::string scene() { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml"; }
 
-/// A tracker on any free port. The destructor ends it.
+/// A tracker on any free port.
 class Tracker {
  public:
-  Tracker(const std::string& program, const std::string& section) {
-    int pipe_ends[2];
-    EXPECT_EQ(pipe(pipe_ends), 0);
-    const std::string path = std::string(SOFTHAND_PROGRAMS) + "/" + program;
-    const std::string any_port = section + ".port=0";
-    process_ = fork();
-    if (process_ == 0) {
-      dup2(pipe_ends[1], 1);
-      execl(path.c_str(), path.c_str(), "--config", scene().c_str(), "--set", any_port.c_str(), "--source", "9",
-            nullptr);
-      _exit(127);
-    }
-    close(pipe_ends[1]);
-    std::string line;
-    for (char c = 0; read(pipe_ends[0], &c, 1) == 1 && c != '\n';) line += c;
-    close(pipe_ends[0]);
-    const std::size_t colon = line.find(':', line.find("ws://") + 5);
-    EXPECT_NE(colon, std::string::npos) << line;
-    if (colon != std::string::npos) port_ = static_cast<std::uint16_t>(std::stoi(line.substr(colon + 1)));
-  }
+  Tracker(const std::string& program, const std::string& section)
+      : process_(program, {"--config", scene(), "--set", section + ".port=0", "--source", "9"}, true) {}
   ~Tracker() {
-    kill(process_, SIGTERM);
-    int status = 0;
-    waitpid(process_, &status, 0);
+    const int status = process_.end(SIGTERM);
     EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
   }
   Tracker(const Tracker&) = delete;
@@ -60,14 +31,13 @@ class Tracker {
   sockaddr_in address() const {
     sockaddr_in out{};
     out.sin_family = AF_INET;
-    out.sin_port = htons(port_);
+    out.sin_port = htons(static_cast<std::uint16_t>(process_.number_after("ws://127.0.0.1:")));
     out.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     return out;
   }
 
  private:
-  pid_t process_ = 0;
-  std::uint16_t port_ = 0;
+  testing::Process process_;
 };
 
 /// A WebSocket client that only sends.
@@ -106,47 +76,13 @@ class Client {
   std::string answer_;
 };
 
-struct RigListener {
-  RigListener()
-      : participant("socket-trackers-test"),
-        skeletons(participant, bus::topics::tracked_skeleton),
-        heads(participant, bus::topics::head_pose),
-        statuses(participant, bus::topics::loop_status) {}
-  // Sends at 100 Hz until `done`. Returns false after ten seconds.
-  template <typename Send, typename Done>
-  bool until(Send&& send, Done&& done) {
-    for (int i = 0; i < 1000; ++i) {
-      send();
-      std::this_thread::sleep_for(10ms);
-      skeletons.take_all([&](const Skeleton& skeleton) { hands[skeleton.hand.side] = skeleton, ++count; });
-      heads.take_all([&](const HeadPose& pose) { head = pose; });
-      statuses.take_all([&](const LoopStatus& newest) { status = newest; });
-      if (done()) return true;
-    }
-    return false;
-  }
-  double counter(const std::string& name) const {
-    for (const NamedValue& each : status.counters)
-      if (get_text(each.name) == name) return each.value;
-    return -1;
-  }
-  bus::Participant participant;
-  bus::Reader<Skeleton> skeletons;
-  bus::Reader<HeadPose> heads;
-  bus::Reader<LoopStatus> statuses;
-  std::array<Skeleton, 2> hands{};
-  HeadPose head;
-  LoopStatus status;
-  int count = 0;
-};
-
 class SocketTrackers : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 100).c_str(), 1); }
+  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
 };
 
 TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
-  RigListener listener;
+  testing::TrackerListener listener;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
   EXPECT_FALSE(Client(tracker, "http://elsewhere.example").accepted());
   Client page(tracker, "http://localhost:8080");
@@ -197,7 +133,7 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
             "]";
   }
   text += "]}";
-  RigListener listener;
+  testing::TrackerListener listener;
   const Tracker tracker("softhand-tracker-landmarks", "tracker_landmarks");
   const int udp = ::socket(AF_INET, SOCK_DGRAM, 0);
   const sockaddr_in address = tracker.address();
@@ -229,7 +165,7 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
 }
 
 TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {
-  RigListener listener;
+  testing::TrackerListener listener;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
   bus::Writer messages(listener.participant, bus::topics::message);
   bus::Reader replies(listener.participant, bus::topics::message_reply);

@@ -46,23 +46,22 @@ std::shared_ptr<const Motion> motion_of(const Scene& scene) {
 
 class FaultyTracker final : public TrackerSource {
  public:
-  FaultyTracker(std::unique_ptr<TrackerSource> source, const Grasp& setting)
+  FaultyTracker(std::unique_ptr<ReplayTracker> source, const Grasp& setting)
       : source_(std::move(source)), setting_(setting) {}
-  bool sample(Nanoseconds now, Skeleton& out) override {
+  void poll(Nanoseconds now, TrackerSink& out) override {
     Skeleton sample;
     if (source_->sample(now, sample)) {
       std::deque<Skeleton> more{sample};
       if (setting_.tracker) setting_.tracker(seconds_since_start(now), more);
       waiting_.insert(waiting_.end(), more.begin(), more.end());
     }
-    if (waiting_.empty()) return false;
-    out = waiting_.front();
+    if (waiting_.empty()) return;
+    out.hand(waiting_.front());
     waiting_.pop_front();
-    return true;
   }
 
  private:
-  std::unique_ptr<TrackerSource> source_;
+  std::unique_ptr<ReplayTracker> source_;
   const Grasp& setting_;
   std::deque<Skeleton> waiting_;
 };

@@ -1,4 +1,4 @@
-// A frame as a headset's page sends it (docs/tracker-webxr.md).
+// A frame as a headset's page sends it (services/trackers/webxr/README.md).
 #pragma once
 
 #include <cstdint>

@@ -209,7 +209,7 @@ void add_errors(Errors& errors, const JointFrames& lifted, const JointFrames& re
 TEST(Landmarks, LiftingRecoversGeneratedMotions) {
   for (const bool left : {false, true}) {
     const HandModel hand = left ? mirrored(shipped_hand()) : shipped_hand();
-    const LandmarkLifter lifter(hand);
+    const LandmarkLifter lifter(hand, hand.side);
     for (const char* name : {"fist", "free_motion"}) {
       GeneratorOptions options;
       options.motion = name;
@@ -235,7 +235,8 @@ TEST(Landmarks, LiftingRecoversARecordedHand) {
   const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
   const Recording recording = Recording::load(path);
-  const LandmarkLifter lifter(fitted(shipped_hand(), measure_skeleton(recording.frames(), recording.radii())));
+  const HandModel hand = fitted(shipped_hand(), measure_skeleton(recording.frames(), recording.radii()));
+  const LandmarkLifter lifter(hand, hand.side);
   std::vector<double> distances, turns;
   for (const JointFrames& real : recording.frames()) {
     const auto lifted = lifter.lift(landmarks_of(real));
@@ -271,7 +272,7 @@ TEST(Landmarks, KeepsTheHandsBoneLengthsForAnyLandmarks) {
   for (std::size_t i = 0; i < kLandmarkCount; ++i)
     points[i] = 1.3 * points[i] +
                 0.004 * Vector3(std::sin(7.0 * static_cast<double>(i)), std::cos(5.0 * static_cast<double>(i)), 0);
-  const auto lifted = LandmarkLifter(hand).lift(points);
+  const auto lifted = LandmarkLifter(hand, hand.side).lift(points);
   ASSERT_TRUE(lifted);
   for (std::size_t j = at(Joint::thumb_metacarpal); j + 1 < kJointCount; ++j) {
     if (j == 5 || (j >= 6 && (j - 6) % 5 == 4)) continue;  // from a tip to the next finger
@@ -282,7 +283,7 @@ TEST(Landmarks, KeepsTheHandsBoneLengthsForAnyLandmarks) {
 }
 
 TEST(Landmarks, DegenerateLandmarksAreRefused) {
-  const LandmarkLifter lifter(shipped_hand());
+  const LandmarkLifter lifter(shipped_hand(), Side::right);
   Landmarks point;
   point.fill(Vector3::Zero());
   EXPECT_FALSE(lifter.lift(point));
@@ -292,12 +293,12 @@ TEST(Landmarks, DegenerateLandmarksAreRefused) {
   LandmarksMessage message;
   message.coordinates = Coordinates::image;
   message.landmarks = point;
-  EXPECT_FALSE(lifter.place(message, {}));
+  EXPECT_FALSE(place_landmarks(message, {}, lifter.palm_size()));
 }
 
 TEST(Landmarks, TheCameraPlacesBothKindsOfCoordinates) {
   const HandModel hand = shipped_hand();
-  const LandmarkLifter lifter(hand);
+  const LandmarkLifter lifter(hand, hand.side);
   LandmarksOptions options;  // the camera looks along +Z from (0, 0.15, -0.5)
   // The rest hand (its palm level), 0.5 m in front of the camera, in weak perspective.
   const Landmarks rest = landmarks_of(hand.rest_joints);
@@ -312,7 +313,7 @@ TEST(Landmarks, TheCameraPlacesBothKindsOfCoordinates) {
     image.landmarks[i] = Vector3(0.5 + share.x(), 0.5 + image.aspect * share.y(), share.z());
   }
   for (const LandmarksMessage& message : {world, image}) {
-    const auto placed = lifter.place(message, options);
+    const auto placed = place_landmarks(message, options, lifter.palm_size());
     ASSERT_TRUE(placed);
     for (std::size_t i = 0; i < kLandmarkCount; ++i)
       EXPECT_LT(((*placed)[i] - (rest[i] + Vector3(0, 0.15, 0))).norm(), 1e-9) << i << " " << (*placed)[i].transpose();

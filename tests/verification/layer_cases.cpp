@@ -57,12 +57,11 @@ Skeleton skeleton_of(const std::array<Pose, kJointCount>& joints, std::uint64_t 
 class StillTracker final : public TrackerSource {
  public:
   explicit StillTracker(const std::array<Pose, kJointCount>& joints) : joints_(joints) {}
-  bool sample(Nanoseconds now, Skeleton& out) override {
+  void poll(Nanoseconds now, TrackerSink& out) override {
     const auto due = static_cast<std::uint64_t>((now - VirtualRig::kStart) * 90 / 1'000'000'000) + 1;
-    if (due <= sequence_) return false;
+    if (due <= sequence_) return;
     sequence_ = due;
-    out = skeleton_of(joints_, sequence_, now);
-    return true;
+    out.hand(skeleton_of(joints_, sequence_, now));
   }
 
  private:

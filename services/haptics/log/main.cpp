@@ -4,6 +4,6 @@
 
 int main(int argc, char** argv) {
   using namespace softhand;
-  return run_device<HapticLogDriver>(argc, argv, bus::topics::bone_wrench, 0, "haptic-log",
+  return run_device<HapticLogDriver>(argc, argv, "haptic-log",
                                      [](const SceneOptions& scene) -> const HapticOptions& { return scene.haptic; });
 }

@@ -4,6 +4,6 @@
 
 int main(int argc, char** argv) {
   using namespace softhand;
-  return run_device<TactileLogDriver>(argc, argv, bus::topics::contacts, 1, "tactile-log",
+  return run_device<TactileLogDriver>(argc, argv, "tactile-log",
                                       [](const SceneOptions& scene) -> const TactileOptions& { return scene.tactile; });
 }

@@ -1,5 +1,4 @@
-// Converts 21 landmarks of a hand (MediaPipe's order) to the 26 joints of a hand with given bones:
-// docs/tracker-landmarks.md.
+// Messages with 21 landmarks of a hand, from a model that sees a camera's picture: README.md.
 #pragma once
 
 #include <array>
@@ -7,17 +6,14 @@
 #include <optional>
 #include <string_view>
 
+#include "device/clock_mapping.hpp"
+#include "device/landmark_lifter.hpp"
 #include "math/types.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "trackers/landmarks/landmarks_options.hpp"
-#include "trackers/replay/motion.hpp"
-#include "trackers/sockets/clock_mapping.hpp"
 
 namespace softhand {
-
-inline constexpr std::size_t kLandmarkCount = 21;
-using Landmarks = std::array<Vector3, kLandmarkCount>;
 
 enum class Coordinates : std::uint8_t {
   world,  ///< metres, x right, y down, z away from the camera
@@ -55,26 +51,8 @@ class LandmarksClock {
   std::array<Nanoseconds, 2> last_{};             // our clock
 };
 
-/// Converts landmarks to the joints of one hand. The lengths are those of the hand model. Landmarks give directions
-/// only.
-class LandmarkLifter {
- public:
-  explicit LandmarkLifter(const HandModel& hand);
-
-  /// Landmarks are in metres in a right-handed frame. The joints are in the same frame. Empty if the landmarks do not
-  /// have the shape of a hand (palm without extent, joints in one place).
-  std::optional<JointFrames> lift(const Landmarks& landmarks) const;
-
-  /// Places the landmarks of a message in the world, in metres, with the options of the camera. The size of the hand
-  /// gives the scale of image coordinates. Empty if the palm has no extent.
-  std::optional<Landmarks> place(const LandmarksMessage& message, const LandmarksOptions& options) const;
-
- private:
-  JointFrames rest_;
-  double palm_size_;  // m, as measured by `palm_size`
-};
-
-/// The joint at landmark `index`.
-Joint joint_of_landmark(std::size_t index);
+/// Places the landmarks of a message in the world, in metres, with the options of the camera. The size of the user's
+/// palm (m) gives the scale of image coordinates. Empty if the palm in the picture has no extent.
+std::optional<Landmarks> place_landmarks(const LandmarksMessage& message, const LandmarksOptions& options, double palm);
 
 }  // namespace softhand

@@ -8,11 +8,9 @@
 #include <vector>
 
 #include "math/types.hpp"
-#include "model/skeleton.hpp"
+#include "model/hand_model.hpp"
 
 namespace softhand {
-
-using JointFrames = std::array<Pose, kJointCount>;
 
 /// Palm joint for a source without one (WebXR): halfway along the middle metacarpal.
 inline Pose palm_between(const Pose& middle_metacarpal, const Pose& middle_proximal) {

@@ -146,6 +146,21 @@ bool ReplayTracker::sample(Nanoseconds now, Skeleton& out) {
   return true;
 }
 
+void ReplayTracker::poll(Nanoseconds now, TrackerSink& out) {
+  if (sample(now, polled_)) out.hand(polled_);
+}
+
+void ReplayTracker::restart() {
+  started_ = false;
+  last_ = -1;
+  remaining_duplicates_ = 0;
+}
+
+void ReplayTracker::fill_status(LoopStatus& status) const {
+  const Nanoseconds motion_start = started_ ? start_ - static_cast<Nanoseconds>(options_.start_time * 1e9) : 0;
+  add_counter(status, "motion_start_s", static_cast<double>(motion_start) * 1e-9);
+}
+
 bool ReplayTracker::finished(Nanoseconds now) const {
   if (!started_ || options_.repeat) return false;
   return static_cast<double>(now - start_) * 1e-9 - options_.latency + options_.start_time > motion_->duration();

@@ -68,7 +68,11 @@ class ReplayTracker : public TrackerSource {
 
   /// Samples that became due since the last call are skipped except for the newest, as if the tracker had overwritten
   /// them. The set of samples and their noise do not depend on the times of the calls.
-  bool sample(Nanoseconds now, Skeleton& out) override;
+  bool sample(Nanoseconds now, Skeleton& out);
+  void poll(Nanoseconds now, TrackerSink& out) override;
+  void restart() override;
+  /// Adds the time at which the motion's time was 0. `softhand up` needs it to judge the run.
+  void fill_status(LoopStatus& status) const override;
   /// True after the motion has ended. Never true if it repeats.
   bool finished(Nanoseconds now) const;
 
@@ -90,6 +94,7 @@ class ReplayTracker : public TrackerSource {
   std::int64_t last_ = -1;
   std::uint64_t remaining_duplicates_ = 0;
   Skeleton last_sample_;
+  Skeleton polled_;
 };
 
 }  // namespace softhand

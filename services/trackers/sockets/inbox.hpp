@@ -5,25 +5,17 @@
 #include <cstdint>
 #include <memory>
 #include <string>
-#include <vector>
 
-#include "messages/messages.hpp"
+#include "device/intake.hpp"
 #include "web/listening.hpp"
 
 namespace softhand {
-
-struct Arrival {
-  std::string bytes;
-  Nanoseconds time = 0;          ///< receive time
-  std::uint64_t connection = 0;  ///< new for each WebSocket connection; 0 = UDP
-  bool binary = false;           ///< false for text, and for UDP
-};
 
 enum class Transport : bool { websocket, websocket_and_udp };
 
 /// A page is accepted if the host name in its Origin is the one under which it reached this server. The port may
 /// differ, because the viewer's page comes from another port. The name must be localhost, the address or one of
-/// `hosts`. Programs without Origin are accepted. Thread-safe.
+/// `hosts`. Programs without Origin are accepted.
 class Inbox {
  public:
   /// Starts listening. UDP uses the same port number as TCP. A WebSocket message above `largest` bytes closes its
@@ -34,19 +26,28 @@ class Inbox {
   std::uint16_t port() const;
   /// URL of the WebSocket, e.g. ws://127.0.0.1:8091
   std::string url() const;
-  /// The messages since the last call, oldest first. Only the newest 64 are kept.
-  void take(std::vector<Arrival>& out);
+  /// Calls f(const Arrival&) for each message since the last call: those by WebSocket, oldest first, then those by UDP.
+  /// Does not block or allocate. At most 64 of each kind wait.
+  template <typename F>
+  void take(F&& f) {
+    messages().take(f);
+    if (Intake* intake = datagrams()) intake->take(f);
+  }
 
   struct Counters {
     std::uint64_t connections = 0;  ///< open now
     std::uint64_t refused_origin = 0;
     std::uint64_t refused_size = 0;
-    std::uint64_t passed_over = 0;  ///< dropped because newer ones arrived before they were taken
+    std::uint64_t passed_over = 0;  ///< dropped because they were not taken in time
   };
   Counters counters() const;
+  /// Adds the counters to a status, except refused_size (device/refusals.hpp).
+  void fill_status(LoopStatus& status) const;
 
  private:
   class Impl;
+  ArrivalQueue& messages();
+  Intake* datagrams();  // null without UDP
   std::unique_ptr<Impl> impl_;
 };
 

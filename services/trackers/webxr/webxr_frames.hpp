@@ -1,12 +1,12 @@
-// Frames that a headset's page sends (docs/tracker-webxr.md): checked and converted to messages of the topics.
+// Frames that a headset's page sends (README.md): checked and converted to messages of the topics.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <string_view>
 
+#include "device/clock_mapping.hpp"
 #include "messages/messages.hpp"
-#include "trackers/sockets/clock_mapping.hpp"
 
 namespace softhand {
 

@@ -1,5 +1,5 @@
 // Immersive sessions: shows the scene in a headset and sends the headset's hands to the tracker (xr.ts).
-// See docs/tracker-webxr.md.
+// See services/trackers/webxr/README.md.
 /// <reference types="webxr" />
 import * as THREE from "three";
 import { HandSender } from "./xr";

@@ -1,4 +1,4 @@
-// Sends a headset's hands and head to softhand-tracker-webxr: docs/tracker-webxr.md.
+// Sends a headset's hands and head to softhand-tracker-webxr: services/trackers/webxr/README.md.
 /// <reference types="webxr" />
 const FRAME_BYTES = 1664;
 const MAGIC = 0x52584853;

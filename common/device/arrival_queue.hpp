@@ -1,0 +1,62 @@
+// Packets on their way from a thread that receives them to the loop that decodes them.
+#pragma once
+
+#include <atomic>
+#include <cstring>
+#include <string_view>
+#include <vector>
+
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+/// A packet of a device: a datagram, a message, or a line of a stream without its end.
+struct Arrival {
+  std::string_view bytes;        ///< valid while the packet is taken
+  Nanoseconds time = 0;          ///< receive time of its last byte
+  std::uint64_t connection = 0;  ///< new for each connection; 0 = UDP
+  bool binary = false;           ///< of a WebSocket message; false for all others
+};
+
+/// One thread pushes and one thread takes. Neither waits, locks or allocates.
+class ArrivalQueue {
+ public:
+  /// `largest`: bytes of a packet. `slots`: packets that can wait.
+  explicit ArrivalQueue(std::size_t largest, std::size_t slots = 64)
+      : largest_(largest), bytes_(slots * largest), slots_(slots) {}
+
+  /// Copies the packet. A full queue drops it and counts it as passed over: the taker does not keep up.
+  void push(const Arrival& packet) {
+    const std::size_t tail = tail_.load(std::memory_order_relaxed);
+    if (tail - head_.load(std::memory_order_acquire) == slots_.size() || packet.bytes.size() > largest_) {
+      passed_over_.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    char* place = bytes_.data() + tail % slots_.size() * largest_;
+    std::memcpy(place, packet.bytes.data(), packet.bytes.size());
+    slots_[tail % slots_.size()] = packet;
+    slots_[tail % slots_.size()].bytes = {place, packet.bytes.size()};
+    tail_.store(tail + 1, std::memory_order_release);
+  }
+  /// Calls f(const Arrival&) for each waiting packet, oldest first.
+  template <typename F>
+  void take(F&& f) {
+    std::size_t head = head_.load(std::memory_order_relaxed);
+    // Packets that arrive meanwhile wait for the next call, so that a flood does not hold a loop.
+    const std::size_t tail = tail_.load(std::memory_order_acquire);
+    for (; head != tail; ++head) {
+      f(static_cast<const Arrival&>(slots_[head % slots_.size()]));
+      head_.store(head + 1, std::memory_order_release);
+    }
+  }
+  std::uint64_t passed_over() const { return passed_over_.load(std::memory_order_relaxed); }
+
+ private:
+  std::size_t largest_;
+  std::vector<char> bytes_;
+  std::vector<Arrival> slots_;
+  std::atomic<std::size_t> head_{0}, tail_{0};
+  std::atomic<std::uint64_t> passed_over_{0};
+};
+
+}  // namespace softhand

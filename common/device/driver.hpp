@@ -1,0 +1,67 @@
+// Drivers register themselves: their section of the scene file and one line about them. No list of drivers exists.
+//
+//   // driver.cpp in the folder of the driver
+//   const RegisterDriver<StreamerOptions> driver{"tracker_streamer", "Hand Tracking Streamer on a Quest."};
+//
+// The program of a driver links only its own driver.cpp. `softhand` links those of all drivers in this repository, so
+// that it can check their sections and print their options (docs/add-a-tracker.md).
+#pragma once
+
+#include <any>
+#include <map>
+#include <string>
+#include <string_view>
+
+#include "runtime/options.hpp"
+
+namespace softhand {
+
+/// The options of one driver: any struct with a `describe`. A copy has its own values.
+class DriverOptions {
+ public:
+  template <typename Options>
+  static DriverOptions of() {
+    DriverOptions out;
+    out.value_ = Options{};
+    out.describe_ = [](OptionVisitor& v, std::any& value) { describe(v, *std::any_cast<Options>(&value)); };
+    return out;
+  }
+  /// The options, or null if they are of another type.
+  template <typename Options>
+  const Options* as() const {
+    return std::any_cast<Options>(&value_);
+  }
+  void visit(OptionVisitor& v) { describe_(v, value_); }
+
+ private:
+  std::any value_;
+  void (*describe_)(OptionVisitor&, std::any&) = nullptr;
+};
+
+struct Driver {
+  std::string about;  ///< one line: which devices it drives
+  DriverOptions options;
+};
+/// By section of the scene file: "tracker_streamer" is the section of softhand-tracker-streamer.
+using Drivers = std::map<std::string, Driver>;
+
+/// The drivers that are linked into this program, with default options. Throws std::invalid_argument if the section of
+/// a driver does not begin with its kind: `is_driver_section`.
+const Drivers& registered_drivers();
+
+/// True if `key` begins with `tracker_`, `haptic_` or `tactile_`. Only drivers have such sections. A program ignores
+/// the sections of drivers that it does not know.
+bool is_driver_section(std::string_view key);
+
+namespace device_detail {
+void add_driver(std::string section, Driver driver);
+}
+
+template <typename Options>
+struct RegisterDriver {
+  RegisterDriver(std::string section, std::string about) {
+    device_detail::add_driver(std::move(section), {std::move(about), DriverOptions::of<Options>()});
+  }
+};
+
+}  // namespace softhand

@@ -1,0 +1,339 @@
+#include "device/intake.hpp"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "device/health.hpp"
+#include "runtime/clock.hpp"
+#include "runtime/scheduling.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr std::size_t kMostConnections = 16;
+constexpr int kMostReads = 64;  // of one sender in a turn
+
+/// Owns a file descriptor.
+class File {
+ public:
+  explicit File(int number = -1) : number_(number) {}
+  File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+  File& operator=(File&& other) noexcept {
+    std::swap(number_, other.number_);
+    return *this;
+  }
+  ~File() {
+    if (number_ >= 0) close(number_);
+  }
+  int number() const { return number_; }
+  bool open() const { return number_ >= 0; }
+
+ private:
+  int number_;
+};
+
+struct Bound {
+  File socket;
+  std::uint16_t port = 0;
+};
+
+Bound bind_socket(int type, const std::string& address, std::int64_t port) {
+  const auto refuse = [&](const std::string& why) {
+    return std::runtime_error(std::string("cannot listen on ") + (type == SOCK_DGRAM ? "UDP " : "TCP ") + address +
+                              ":" + std::to_string(port) + ": " + why);
+  };
+  sockaddr_storage to{};
+  auto& four = reinterpret_cast<sockaddr_in&>(to);
+  auto& six = reinterpret_cast<sockaddr_in6&>(to);
+  socklen_t size = sizeof four;
+  const auto wire_port = htons(static_cast<std::uint16_t>(port));
+  if (inet_pton(AF_INET, address.c_str(), &four.sin_addr) == 1) {
+    four.sin_family = AF_INET;
+    four.sin_port = wire_port;
+  } else if (inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1) {
+    six.sin6_family = AF_INET6;
+    six.sin6_port = wire_port;
+    size = sizeof six;
+  } else {
+    throw refuse("expected a numeric address such as 127.0.0.1 or 0.0.0.0");
+  }
+  Bound out{File(socket(to.ss_family, type | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)), 0};
+  const int yes = 1;
+  // A TCP port that was in use may be taken again at once. A UDP port with this option could be shared by mistake.
+  if (type == SOCK_STREAM) setsockopt(out.socket.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  if (!out.socket.open() || bind(out.socket.number(), reinterpret_cast<const sockaddr*>(&to), size) != 0 ||
+      (type == SOCK_STREAM && listen(out.socket.number(), 16) != 0))
+    throw refuse(std::strerror(errno));
+  getsockname(out.socket.number(), reinterpret_cast<sockaddr*>(&to), &size);
+  out.port = ntohs(to.ss_family == AF_INET6 ? six.sin6_port : four.sin_port);
+  return out;
+}
+
+speed_t termios_speed(std::int64_t baud) {
+  constexpr std::array<std::pair<std::int64_t, speed_t>, 9> speeds{{{9600, B9600},
+                                                                    {19200, B19200},
+                                                                    {38400, B38400},
+                                                                    {57600, B57600},
+                                                                    {115200, B115200},
+                                                                    {230400, B230400},
+                                                                    {460800, B460800},
+                                                                    {921600, B921600},
+                                                                    {1000000, B1000000}}};
+  for (const auto& [rate, speed] : speeds)
+    if (rate == baud) return speed;
+  throw std::invalid_argument("baud rate " + std::to_string(baud) + ": expected 9600 to 1000000, as in termios");
+}
+
+File open_port(const std::string& path, speed_t speed) {
+  File file(open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  termios settings{};
+  if (!file.open() || tcgetattr(file.number(), &settings) != 0) return File();
+  cfmakeraw(&settings);
+  settings.c_cflag = (settings.c_cflag & ~static_cast<tcflag_t>(CSTOPB | CRTSCTS)) | CLOCAL | CREAD;
+  cfsetspeed(&settings, speed);
+  if (tcsetattr(file.number(), TCSANOW, &settings) != 0) return File();
+  tcflush(file.number(), TCIFLUSH);
+  return file;
+}
+
+// Closes connections of a peer that vanished without a word, 11 s after its last byte.
+void watch_peer(int socket) {
+  const int yes = 1, idle = 5, interval = 2, count = 3;
+  setsockopt(socket, SOL_SOCKET, SO_KEEPALIVE, &yes, sizeof yes);
+  setsockopt(socket, IPPROTO_TCP, TCP_KEEPIDLE, &idle, sizeof idle);
+  setsockopt(socket, IPPROTO_TCP, TCP_KEEPINTVL, &interval, sizeof interval);
+  setsockopt(socket, IPPROTO_TCP, TCP_KEEPCNT, &count, sizeof count);
+}
+
+}  // namespace
+
+class Intake::Impl {
+ public:
+  Impl(std::size_t largest, std::size_t slots)
+      : largest_(largest), queue_(largest, slots), buffer_(largest + 1, '\0'), wake_(eventfd(0, EFD_CLOEXEC)) {
+    if (!wake_.open()) throw std::runtime_error(std::string("eventfd: ") + std::strerror(errno));
+  }
+  ~Impl() {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t ignored = write(wake_.number(), &one, sizeof one);
+    if (thread_.joinable()) thread_.join();
+  }
+
+  std::uint16_t listen_udp(const std::string& address, std::int64_t port) {
+    Bound bound = bind_socket(SOCK_DGRAM, address, port);
+    datagrams_.push_back(std::move(bound.socket));
+    return bound.port;
+  }
+  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, char end) {
+    Bound bound = bind_socket(SOCK_STREAM, address, port);
+    listeners_.push_back({std::move(bound.socket), end});
+    return bound.port;
+  }
+  void open_serial(const std::string& path, std::int64_t baud, char end) {
+    ports_.push_back({path, termios_speed(baud), end, {}, 0, 0});
+  }
+  void start() {
+    has_datagrams_ = !datagrams_.empty();
+    thread_ = std::thread([this] {
+      become_ordinary();
+      run();
+    });
+  }
+
+  ArrivalQueue& queue() { return queue_; }
+  bool connected() const { return has_datagrams_ || connections_ > 0; }
+  Counters counters() const {
+    const std::uint64_t opened = opened_;
+    return {connections_, opened > 0 ? opened - first_ : 0, refused_size_, refused_cut_, queue_.passed_over()};
+  }
+
+ private:
+  struct Listener {
+    File socket;
+    char end;
+  };
+  struct Port {
+    std::string path;
+    speed_t speed;
+    char end;
+    Backoff backoff;
+    Nanoseconds next_attempt;
+    std::uint64_t connection;  // 0 = closed
+  };
+  struct Stream {
+    File file;
+    char end;
+    std::uint64_t id;
+    std::string waiting;    // bytes of a packet without its end
+    bool skipping = false;  // to the end of a packet that is too large
+    bool is_closed = false;
+  };
+
+  void run() {
+    std::vector<pollfd> files;
+    for (;;) {
+      open_ports();
+      files.clear();
+      files.push_back({wake_.number(), POLLIN, 0});
+      for (const File& socket : datagrams_) files.push_back({socket.number(), POLLIN, 0});
+      for (const Listener& listener : listeners_) files.push_back({listener.socket.number(), POLLIN, 0});
+      for (const Stream& stream : streams_) files.push_back({stream.file.number(), POLLIN, 0});
+      if (poll(files.data(), files.size(), milliseconds_to_next_attempt()) < 0 && errno != EINTR) return;
+      if (files[0].revents != 0) return;
+      std::size_t at = 1;
+      for (const File& socket : datagrams_)
+        if (files[at++].revents != 0) receive_datagrams(socket);
+      const std::size_t first_stream = at + listeners_.size();
+      for (std::size_t i = 0; i < streams_.size(); ++i)
+        if (files[first_stream + i].revents != 0) receive_bytes(streams_[i]);
+      for (const Listener& listener : listeners_)
+        if (files[at++].revents != 0) accept_one(listener);
+      close_streams();
+    }
+  }
+
+  void receive_datagrams(const File& socket) {
+    for (int i = 0; i < kMostReads; ++i) {
+      // The buffer has one spare byte. A datagram that fills it is larger than allowed.
+      const ssize_t size = recv(socket.number(), buffer_.data(), buffer_.size(), MSG_DONTWAIT);
+      if (size < 0) return;
+      if (static_cast<std::size_t>(size) > largest_) {
+        ++refused_size_;
+      } else {
+        queue_.push({{buffer_.data(), static_cast<std::size_t>(size)}, now(), 0, false});
+      }
+    }
+  }
+
+  void accept_one(const Listener& listener) {
+    File socket(accept4(listener.socket.number(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+    if (!socket.open()) return;
+    watch_peer(socket.number());
+    if (streams_.size() >= kMostConnections) streams_.front().is_closed = true;
+    add_stream(std::move(socket), listener.end);
+  }
+
+  std::uint64_t add_stream(File file, char end) {
+    streams_.push_back({std::move(file), end, ++opened_, {}});
+    streams_.back().waiting.reserve(largest_);
+    // Connections that are opened while another one exists are no reconnects: two hands have two connections.
+    if (!closed_any_) first_ = opened_.load();
+    ++connections_;
+    return opened_;
+  }
+
+  void receive_bytes(Stream& stream) {
+    for (int i = 0; i < kMostReads; ++i) {
+      const ssize_t size = read(stream.file.number(), buffer_.data(), buffer_.size());
+      if (size < 0 && errno == EINTR) continue;
+      if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
+      if (size <= 0) {
+        stream.is_closed = true;
+        return;
+      }
+      split(stream, {buffer_.data(), static_cast<std::size_t>(size)}, now());
+    }
+  }
+
+  void split(Stream& stream, std::string_view bytes, Nanoseconds time) {
+    while (!bytes.empty()) {
+      const std::size_t end = bytes.find(stream.end);
+      const std::string_view part = bytes.substr(0, end);
+      if (!stream.skipping && stream.waiting.size() + part.size() > largest_) {
+        ++refused_size_;
+        stream.skipping = true;
+        stream.waiting.clear();
+      }
+      if (!stream.skipping) stream.waiting += part;
+      if (end == std::string_view::npos) return;
+      if (!stream.skipping) queue_.push({stream.waiting, time, stream.id, false});
+      stream.waiting.clear();
+      stream.skipping = false;
+      bytes.remove_prefix(end + 1);
+    }
+  }
+
+  void close_streams() {
+    for (const Stream& stream : streams_) {
+      if (!stream.is_closed) continue;
+      closed_any_ = true;
+      --connections_;
+      if (!stream.waiting.empty()) ++refused_cut_;
+      for (Port& port : ports_) {
+        if (port.connection != stream.id) continue;
+        port.connection = 0;
+        port.next_attempt = now() + port.backoff.next();
+      }
+    }
+    std::erase_if(streams_, [](const Stream& stream) { return stream.is_closed; });
+  }
+
+  void open_ports() {
+    for (Port& port : ports_) {
+      if (port.connection != 0 || now() < port.next_attempt) continue;
+      File file = open_port(port.path, port.speed);
+      if (file.open()) {
+        port.connection = add_stream(std::move(file), port.end);
+        port.backoff.reset();
+      } else {
+        port.next_attempt = now() + port.backoff.next();
+      }
+    }
+  }
+
+  int milliseconds_to_next_attempt() const {
+    Nanoseconds wait = -1;
+    for (const Port& port : ports_) {
+      if (port.connection != 0) continue;
+      const Nanoseconds left = std::max<Nanoseconds>(0, port.next_attempt - now());
+      wait = wait < 0 ? left : std::min(wait, left);
+    }
+    return wait < 0 ? -1 : static_cast<int>(wait / 1'000'000 + 1);
+  }
+
+  const std::size_t largest_;
+  ArrivalQueue queue_;
+  std::string buffer_;
+  File wake_;
+  std::vector<File> datagrams_;
+  std::vector<Listener> listeners_;
+  std::vector<Port> ports_;
+  std::vector<Stream> streams_;
+  bool has_datagrams_ = false;
+  bool closed_any_ = false;
+  // Written by the thread, read by `counters`.
+  std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0};
+  std::thread thread_;
+};
+
+Intake::Intake(std::size_t largest, std::size_t slots) : impl_(std::make_unique<Impl>(largest, slots)) {}
+Intake::~Intake() = default;
+std::uint16_t Intake::listen_udp(const std::string& address, std::int64_t port) {
+  return impl_->listen_udp(address, port);
+}
+std::uint16_t Intake::listen_tcp(const std::string& address, std::int64_t port, char end) {
+  return impl_->listen_tcp(address, port, end);
+}
+void Intake::open_serial(const std::string& path, std::int64_t baud, char end) { impl_->open_serial(path, baud, end); }
+void Intake::start() { impl_->start(); }
+bool Intake::connected() const { return impl_->connected(); }
+Intake::Counters Intake::counters() const { return impl_->counters(); }
+ArrivalQueue& Intake::queue() { return impl_->queue(); }
+
+}  // namespace softhand

@@ -1,0 +1,55 @@
+// Receives the packets of a device by UDP, TCP or a serial port, in its own thread, and connects again when the device
+// comes back.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "device/arrival_queue.hpp"
+
+namespace softhand {
+
+class Intake {
+ public:
+  struct Counters {
+    std::uint64_t connections = 0;   ///< open now: TCP connections and serial ports
+    std::uint64_t reconnects = 0;    ///< connections that came after the first one was closed
+    std::uint64_t refused_size = 0;  ///< packets above the largest size
+    std::uint64_t refused_cut = 0;   ///< packets without an end when their connection closed
+    std::uint64_t passed_over = 0;   ///< dropped because they were not taken in time
+  };
+
+  /// `largest`: bytes of a packet. Larger ones are refused. `slots`: packets that can wait for `take`, for devices that
+  /// send many at once.
+  explicit Intake(std::size_t largest, std::size_t slots = 64);
+  ~Intake();
+
+  /// Any number of these, each before `start`. A packet is a datagram, or the bytes of a stream up to `end`. The
+  /// address is numeric. Port 0 is any free port. They return the port. They throw std::runtime_error with address,
+  /// port and reason if listening fails.
+  std::uint16_t listen_udp(const std::string& address, std::int64_t port);
+  /// At most 16 connections. One more closes the oldest.
+  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, char end);
+  /// Opens the port as 8N1 without flow control, now or when it appears: see Backoff. Throws std::invalid_argument for
+  /// a baud rate that termios lacks.
+  void open_serial(const std::string& path, std::int64_t baud, char end);
+  /// Starts the thread.
+  void start();
+
+  /// Calls f(const Arrival&) for each packet since the last call, oldest first. Does not block or allocate.
+  template <typename F>
+  void take(F&& f) {
+    queue().take(std::forward<F>(f));
+  }
+  /// False if no packet can arrive now: nothing listens to UDP, and nothing is connected.
+  bool connected() const;
+  Counters counters() const;
+
+ private:
+  class Impl;
+  ArrivalQueue& queue();
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace softhand

@@ -1,0 +1,44 @@
+// Counts of refused packets by reason.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <numeric>
+#include <string>
+#include <string_view>
+
+#include "messages/convert.hpp"
+
+namespace softhand {
+
+/// `Reason` is an enum that begins with `none`. `names` has the name of each of its values.
+template <typename Reason, std::size_t count>
+class Refusals {
+ public:
+  explicit Refusals(const std::array<std::string_view, count>& names) : names_(names) {}
+
+  /// Counts the reason unless it is `none`. Returns true if it is `none`.
+  bool accepted(Reason reason) {
+    if (reason == Reason::none) return true;
+    ++counts_[static_cast<std::size_t>(reason)];
+    return false;
+  }
+  std::uint64_t total() const { return std::accumulate(counts_.begin(), counts_.end(), std::uint64_t{0}); }
+  /// Adds a counter refused_<name> for each reason, and refused_size. `too_large` packets were refused unread.
+  void fill_status(LoopStatus& status, std::uint64_t too_large) const {
+    for (std::size_t i = 1; i < count; ++i) {
+      if (names_[i] == "size") {
+        too_large += counts_[i];
+      } else {
+        add_counter(status, "refused_" + std::string(names_[i]), static_cast<double>(counts_[i]));
+      }
+    }
+    add_counter(status, "refused_size", static_cast<double>(too_large));
+  }
+
+ private:
+  std::array<std::string_view, count> names_;
+  std::array<std::uint64_t, count> counts_{};
+};
+
+}  // namespace softhand

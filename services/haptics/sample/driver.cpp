@@ -1,0 +1,8 @@
+#include "device/driver.hpp"
+
+#include "haptics/sample/sample_glove.hpp"
+
+namespace {
+const softhand::RegisterDriver<softhand::DeviceOptions<softhand::SampleGloveOptions>> driver{
+    "haptic_sample", "the sample of docs/add-a-device.md."};
+}

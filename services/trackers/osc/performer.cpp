@@ -1,0 +1,183 @@
+#include "trackers/osc/performer.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kFarthest = 1000;  // m
+constexpr double kPerDegree = M_PI / 180;
+constexpr std::uint32_t kAllFresh = (1u << (1 + kFingerBones)) - 1;
+
+bool skip(std::string_view& text, std::string_view prefix) {
+  if (!text.starts_with(prefix)) return false;
+  text.remove_prefix(prefix.size());
+  return true;
+}
+
+bool is_place(const Vector3& v) { return v.cwiseAbs().maxCoeff() <= kFarthest; }
+
+// Unity is left-handed with +Z forward. The world's -Z is forward.
+bool to_pose(const OscMessage& message, Pose& out) {
+  if (message.count < 7) return false;
+  std::array<double, 7> v;
+  std::copy_n(message.numbers.begin(), 7, v.begin());
+  if (!all_finite(v)) return false;
+  out.position = Vector3(v[0], v[1], -v[2]);
+  out.orientation = Quaternion(v[6], -v[3], -v[4], v[5]);
+  if (!is_place(out.position) || !(std::abs(out.orientation.norm() - 1) < 0.01)) return false;
+  out.orientation.normalize();
+  return true;
+}
+
+}  // namespace
+
+PerformerDecoder::PerformerDecoder(const HandModel& hand, const OscOptions& options)
+    : wrist_trackers_{options.left_tracker, options.right_tracker},
+      lifters_{LandmarkLifter(hand, Side::left), LandmarkLifter(hand, Side::right)} {}
+
+void PerformerDecoder::take(const Arrival& packet, TrackerSink& out) {
+  const auto take_one = [&](const OscMessage& message) { refusals_.accepted(take_message(message, packet.time, out)); };
+  if (!read_osc(packet.bytes, std::ref(take_one))) refusals_.accepted(OscRefusal::format);
+}
+
+OscRefusal PerformerDecoder::take_message(const OscMessage& message, Nanoseconds time, TrackerSink& out) {
+  std::string_view address = message.address;
+  if (skip(address, "/tracking/trackers/")) return take_tracker(address, message, time, out);
+  if (!skip(address, "/VMC/Ext/")) return OscRefusal::none;
+  if (address == "T") {
+    // A new frame. A hand of the last frame that lacks bones would mix two frames.
+    bool lacks_bones = false;
+    for (Hand& hand : hands_) {
+      lacks_bones = lacks_bones || (hand.fresh != 0 && hand.seen);
+      hand.fresh = 0;
+    }
+    return lacks_bones ? OscRefusal::incomplete : OscRefusal::none;
+  }
+  const bool is_bone = address == "Bone/Pos", is_root = address == "Root/Pos", is_head = address == "Hmd/Pos";
+  if (!is_bone && !is_root && !is_head) return OscRefusal::none;
+  Pose pose;
+  if (!to_pose(message, pose)) return OscRefusal::content;
+  if (is_bone) return take_bone(message.text, pose, time, out);
+  if (is_root) {
+    root_ = pose;
+  } else {
+    deliver_head(pose, time, out);
+  }
+  return OscRefusal::none;
+}
+
+OscRefusal PerformerDecoder::take_bone(std::string_view name, const Pose& local, Nanoseconds time, TrackerSink& out) {
+  if (const auto found = std::find(kTrunkNames.begin(), kTrunkNames.end(), name); found != kTrunkNames.end()) {
+    trunk_[static_cast<std::size_t>(found - kTrunkNames.begin())] = local;
+    return OscRefusal::none;
+  }
+  const bool is_left = skip(name, "Left");
+  if (!is_left && !skip(name, "Right")) return OscRefusal::none;
+  const auto found = std::find(kHandNames.begin(), kHandNames.end(), name);
+  if (found == kHandNames.end()) return OscRefusal::none;
+  const std::size_t side = is_left ? 0 : 1;
+  Hand& hand = hands_[side];
+  const auto bone = static_cast<std::size_t>(found - kHandNames.begin());
+  hand.bones[bone] = local;
+  if (bone + 1 < kArmBones) return OscRefusal::none;
+  hand.fresh |= 1u << (bone + 1 - kArmBones);
+  hand.seen = hand.seen || bone >= kArmBones;
+  return hand.fresh == kAllFresh ? deliver_hand(side, time, out) : OscRefusal::none;
+}
+
+OscRefusal PerformerDecoder::deliver_hand(std::size_t side, Nanoseconds time, TrackerSink& out) {
+  Hand& hand = hands_[side];
+  hand.fresh = 0;
+  Pose wrist = root_;
+  for (const Pose& bone : trunk_) wrist = wrist * bone;
+  for (std::size_t i = 0; i < kArmBones; ++i) wrist = wrist * hand.bones[i];
+  // Only the places of the bones are used: the axes of an avatar's bones differ from avatar to avatar.
+  Landmarks points;
+  points[0] = wrist.position;
+  for (std::size_t finger = 0; finger < kFingerCount; ++finger) {
+    Pose bone = wrist;
+    for (std::size_t k = 0; k < 3; ++k) {
+      bone = bone * hand.bones[kArmBones + 3 * finger + k];
+      points[1 + 4 * finger + k] = bone.position;
+    }
+    // An avatar has no bone at the tip. The last bone continues along the axis of the bone before it.
+    points[4 + 4 * finger] = bone * (0.8 * hand.bones[kArmBones + 3 * finger + 2].position);
+  }
+  if (!lifters_[side].lift(points, hand_)) return OscRefusal::shape;
+  for (int finger = 0; finger < kFingerCount; ++finger)
+    hand_.joints[static_cast<std::size_t>(index_of(tip_of(static_cast<Finger>(finger))))].flags =
+        kJointValid | kJointInferred;
+  hand_.hand.side = static_cast<std::uint32_t>(side);
+  hand_.confidence = 1;
+  stamp(hand_.stamp, side, time);
+  out.hand(hand_);
+  return OscRefusal::none;
+}
+
+OscRefusal PerformerDecoder::take_tracker(std::string_view address, const OscMessage& message, Nanoseconds time,
+                                          TrackerSink& out) {
+  std::size_t number = 0;
+  if (!skip(address, "head")) {
+    if (address.empty() || address[0] < '1' || address[0] > '8') return OscRefusal::none;
+    number = static_cast<std::size_t>(address[0] - '0');
+    address.remove_prefix(1);
+  }
+  const bool is_position = address == "/position";
+  if (!is_position && address != "/rotation") return OscRefusal::none;
+  const std::array<double, 3> v{message.numbers[0], message.numbers[1], message.numbers[2]};
+  if (message.count < 3 || !all_finite(v)) return OscRefusal::content;
+  Tracker& tracker = trackers_[number];
+  if (is_position) {
+    if (!is_place(Vector3(v[0], v[1], v[2]))) return OscRefusal::content;
+    tracker.pose.position = Vector3(v[0], v[1], -v[2]);
+    tracker.has_position = true;
+  } else {
+    // Degrees about Unity's axes, Z first, then X, then Y. In right-handed axes the angles about x and y are negative.
+    const auto turn = [](double degrees, const Vector3& axis) {
+      return Quaternion(Eigen::AngleAxisd(degrees * kPerDegree, axis));
+    };
+    tracker.pose.orientation =
+        turn(-v[1], Vector3::UnitY()) * turn(-v[0], Vector3::UnitX()) * turn(v[2], Vector3::UnitZ());
+    tracker.has_rotation = true;
+  }
+  if (!tracker.has_position || !tracker.has_rotation) return OscRefusal::none;
+  tracker.has_position = tracker.has_rotation = false;
+  if (number == 0) {
+    deliver_head(tracker.pose, time, out);
+    return OscRefusal::none;
+  }
+  for (std::size_t side = 0; side < 2; ++side) {
+    if (wrist_trackers_[side] != static_cast<std::int64_t>(number)) continue;
+    hand_ = Skeleton{};  // no other joint is seen
+    JointSample& wrist = hand_.joints[static_cast<std::size_t>(index_of(Joint::wrist))];
+    wrist.position = to_wire(tracker.pose.position);
+    wrist.orientation = to_wire(tracker.pose.orientation);
+    wrist.flags = kJointValid | kJointTracked;
+    hand_.hand.side = static_cast<std::uint32_t>(side);
+    hand_.confidence = 1;
+    stamp(hand_.stamp, side, time);
+    out.hand(hand_);
+  }
+  return OscRefusal::none;
+}
+
+void PerformerDecoder::deliver_head(const Pose& pose, Nanoseconds time, TrackerSink& out) {
+  head_.position = to_wire(pose.position);
+  head_.orientation = to_wire(pose.orientation);
+  head_.valid = 1;
+  stamp(head_.stamp, 2, time);
+  out.head(head_);
+}
+
+void PerformerDecoder::stamp(Stamp& stamp, std::size_t track, Nanoseconds time) {
+  // Two samples of one bundle have one arrival time, and times must ascend.
+  last_[track] = std::max(last_[track] + 1, time);
+  stamp.sample_time = last_[track];
+  stamp.sequence = ++sequence_[track];
+}
+
+}  // namespace softhand

@@ -1,0 +1,315 @@
+// The driver SDK without DDS: sections of drivers, health, and the reception of packets.
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <stdlib.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "device/driver.hpp"
+#include "device/health.hpp"
+#include "device/intake.hpp"
+#include "device/refusals.hpp"
+#include "runtime/clock.hpp"
+#include "scene_file.hpp"
+#include "support/count_allocations.hpp"
+
+namespace softhand {
+namespace {
+
+using namespace std::chrono_literals;
+constexpr Nanoseconds kMillisecond = 1'000'000;
+
+struct GloveOptions {
+  double gain = 2;
+};
+void describe(OptionVisitor& v, GloveOptions& o) { v.number("gain", o.gain, "1", {0, 10}, "Gain."); }
+const RegisterDriver<GloveOptions> glove{"tracker_test_glove", "a glove of this test."};
+
+TEST(DriverSections, BelongToTheDriverThatRegistersThem) {
+  const Scene scene = read_scene_text("s.toml", "[tracker_test_glove]\ngain = 3\n", {"tracker_test_glove.gain=4"});
+  EXPECT_EQ(driver_options<GloveOptions>(scene.options).gain, 4);
+  EXPECT_EQ(driver_options<GloveOptions>(SceneOptions{}).gain, 2);
+  ASSERT_EQ(scene.overrides.size(), 1u);
+  EXPECT_EQ(scene.overrides[0].before, "3");
+  EXPECT_TRUE(scene.ignored.empty());
+  EXPECT_THROW(read_scene_text("s.toml", "[tracker_test_glove]\ngian = 3\n", {}), ConfigError);
+  EXPECT_THROW(read_scene_text("s.toml", "[tracker_test_glove]\ngain = 11\n", {}), ConfigError);
+  EXPECT_THROW(read_scene_text("s.toml", "", {"tracker_test_glove.gain=11"}), ConfigError);
+  EXPECT_THROW(driver_options<int>(scene.options), std::logic_error);
+}
+
+TEST(DriverSections, OfOtherDriversAreIgnored) {
+  const Scene scene = read_scene_text("s.toml", "[haptic_elsewhere]\nanything = 1\n", {"tracker_elsewhere.port=1"});
+  EXPECT_EQ(scene.ignored, (std::vector<std::string>{"haptic_elsewhere", "tracker_elsewhere"}));
+  EXPECT_THROW(read_scene_text("s.toml", "[trakcer_elsewhere]\nport = 1\n", {}), ConfigError);
+  EXPECT_THROW(read_scene_text("s.toml", "[tracker_]\nport = 1\n", {}), ConfigError);
+  EXPECT_THROW(read_scene_text("s.toml", "", {"trakcer_elsewhere.port=1"}), ConfigError);
+}
+
+TEST(Health, FollowsTheSamples) {
+  HealthMonitor health;
+  Nanoseconds now = 10'000 * kMillisecond;
+  const SourceState good;
+  EXPECT_EQ(health.update(now, good), Health::opening);
+  const auto run = [&](int milliseconds, int period) {
+    Health last = Health::opening;
+    for (const Nanoseconds end = now + milliseconds * kMillisecond; now < end; now += kMillisecond) {
+      if (period > 0 && now / kMillisecond % period == 0) health.sample(now);
+      last = health.update(now, good);
+    }
+    return last;
+  };
+  EXPECT_EQ(run(3000, 11), Health::live);
+  EXPECT_EQ(run(200, 0), Health::degraded);  // silent for more than 100 ms
+  EXPECT_EQ(run(400, 0), Health::lost);
+  EXPECT_EQ(run(500, 11), Health::degraded);  // the gap is less than a second ago
+  EXPECT_EQ(run(1000, 11), Health::live);
+  EXPECT_EQ(health.update(now, {.connected = false}), Health::lost);
+  EXPECT_EQ(run(3000, 150), Health::degraded);  // too slow
+}
+
+TEST(Health, ManyRefusalsDegrade) {
+  HealthMonitor health;
+  SourceState state;
+  Health last = Health::opening;
+  const auto second = [&](Nanoseconds start, int refused) {
+    for (int i = 0; i < 100; ++i) {
+      health.sample(start + i * 10 * kMillisecond);
+      if (i < refused) ++state.refused;
+      last = health.update(start + i * 10 * kMillisecond, state);
+    }
+  };
+  second(1000 * kMillisecond, 5);  // 5 of 105
+  second(2000 * kMillisecond, 5);
+  second(3000 * kMillisecond, 5);
+  EXPECT_EQ(last, Health::live);
+  second(4000 * kMillisecond, 20);  // 20 of 120
+  second(5000 * kMillisecond, 0);
+  EXPECT_EQ(last, Health::degraded);
+  second(6000 * kMillisecond, 0);
+  second(7000 * kMillisecond, 0);
+  EXPECT_EQ(last, Health::live);
+}
+
+TEST(Backoff, DoublesUpToFiveSecondsAndStartsAgain) {
+  Backoff backoff;
+  std::vector<Nanoseconds> waits;
+  for (int i = 0; i < 8; ++i) waits.push_back(backoff.next() / kMillisecond);
+  EXPECT_EQ(waits, (std::vector<Nanoseconds>{100, 200, 400, 800, 1600, 3200, 5000, 5000}));
+  backoff.reset();
+  EXPECT_EQ(backoff.next(), 100 * kMillisecond);
+}
+
+TEST(ArrivalQueue, DropsAndCountsWhatIsNotTaken) {
+  ArrivalQueue queue(8);
+  for (int i = 0; i < 70; ++i) queue.push({std::string_view("12345678", 1 + i % 8), i, 5, false});
+  queue.push({"123456789", 0, 0, false});  // too large
+  std::vector<std::size_t> sizes;
+  queue.take([&](const Arrival& packet) {
+    EXPECT_EQ(packet.bytes, std::string_view("12345678").substr(0, packet.bytes.size()));
+    EXPECT_EQ(packet.time, static_cast<Nanoseconds>(sizes.size()));
+    EXPECT_EQ(packet.connection, 5u);
+    sizes.push_back(packet.bytes.size());
+  });
+  ASSERT_EQ(sizes.size(), 64u);
+  EXPECT_EQ(sizes[9], 2u);
+  EXPECT_EQ(queue.passed_over(), 7u);
+}
+
+enum class Fault { none, size, content };
+
+TEST(Refusals, CountByReason) {
+  Refusals<Fault, 3> refusals({"none", "size", "content"});
+  EXPECT_TRUE(refusals.accepted(Fault::none));
+  EXPECT_FALSE(refusals.accepted(Fault::size));
+  EXPECT_FALSE(refusals.accepted(Fault::content));
+  EXPECT_FALSE(refusals.accepted(Fault::content));
+  EXPECT_EQ(refusals.total(), 3u);
+  LoopStatus status;
+  refusals.fill_status(status, 10);
+  ASSERT_EQ(status.counters.size(), 2u);
+  EXPECT_EQ(get_text(status.counters[0].name), "refused_content");
+  EXPECT_EQ(status.counters[0].value, 2);
+  EXPECT_EQ(get_text(status.counters[1].name), "refused_size");
+  EXPECT_EQ(status.counters[1].value, 11);
+}
+
+// Packets that an intake received.
+struct Received {
+  explicit Received(Intake& of) : intake(of) {}
+  bool until(const std::function<bool()>& done) {
+    for (int i = 0; i < 2000; ++i) {
+      intake.take([&](const Arrival& packet) {
+        packets.emplace_back(packet.bytes);
+        connections.push_back(packet.connection);
+        EXPECT_LE(packet.time, now());
+      });
+      if (done()) return true;
+      std::this_thread::sleep_for(5ms);
+    }
+    return false;
+  }
+  bool count(std::size_t n) {
+    return until([&] { return packets.size() >= n; });
+  }
+  Intake& intake;
+  std::vector<std::string> packets;
+  std::vector<std::uint64_t> connections;
+};
+
+int connected_socket(int type, std::uint16_t port) {
+  const int number = socket(AF_INET, type, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(port);
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  EXPECT_EQ(connect(number, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
+  return number;
+}
+void send_text(int number, const std::string& text) {
+  EXPECT_EQ(write(number, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+}
+
+TEST(Intake, ReceivesDatagramsAndRefusesLargeOnes) {
+  Intake intake(8);
+  const std::uint16_t port = intake.listen_udp("127.0.0.1", 0);
+  intake.start();
+  EXPECT_TRUE(intake.connected());
+  const int sender = connected_socket(SOCK_DGRAM, port);
+  for (const char* text : {"one", "123456789", "12345678", "", "three\n"}) send_text(sender, text);
+  Received received(intake);
+  ASSERT_TRUE(received.count(4));
+  EXPECT_EQ(received.packets, (std::vector<std::string>{"one", "12345678", "", "three\n"}));
+  EXPECT_EQ(received.connections, (std::vector<std::uint64_t>{0, 0, 0, 0}));
+  EXPECT_EQ(intake.counters().refused_size, 1u);
+  close(sender);
+}
+
+TEST(Intake, JoinsAndSplitsTheLinesOfAStream) {
+  Intake intake(8);
+  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
+  intake.start();
+  EXPECT_FALSE(intake.connected());
+  Received received(intake);
+  int peer = connected_socket(SOCK_STREAM, port);
+  for (const char* part : {"a", "b", "c\nde\n\nf", "g\n", "12345", "6789", "0\nlast\ncut"}) {
+    send_text(peer, part);
+    std::this_thread::sleep_for(5ms);
+  }
+  ASSERT_TRUE(received.count(5));
+  EXPECT_EQ(received.packets, (std::vector<std::string>{"abc", "de", "", "fg", "last"}));
+  EXPECT_TRUE(intake.connected());
+  close(peer);
+  ASSERT_TRUE(received.until([&] { return !intake.connected(); }));
+  EXPECT_EQ(intake.counters().refused_size, 1u);
+  EXPECT_EQ(intake.counters().refused_cut, 1u);
+  EXPECT_EQ(intake.counters().reconnects, 0u);
+
+  peer = connected_socket(SOCK_STREAM, port);
+  send_text(peer, "again\n");
+  ASSERT_TRUE(received.count(6));
+  EXPECT_EQ(received.packets.back(), "again");
+  EXPECT_GT(received.connections.back(), received.connections.front());
+  EXPECT_EQ(intake.counters().reconnects, 1u);
+  close(peer);
+}
+
+TEST(Intake, TheOldestOfTooManyConnectionsIsClosed) {
+  Intake intake(8);
+  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
+  intake.start();
+  Received received(intake);
+  std::vector<int> peers;
+  for (std::size_t i = 1; i <= 17; ++i) {
+    peers.push_back(connected_socket(SOCK_STREAM, port));
+    send_text(peers.back(), "x\n");
+    ASSERT_TRUE(received.count(i));
+  }
+  EXPECT_TRUE(received.until([&] { return intake.counters().connections == 16; }));
+  char c;
+  EXPECT_EQ(read(peers[0], &c, 1), 0);  // end of the stream
+  for (const int peer : peers) close(peer);
+}
+
+TEST(Intake, RefusesAddressesAndPortsThatCannotBeBound) {
+  Intake first(8), second(8);
+  const std::uint16_t port = first.listen_udp("127.0.0.1", 0);
+  EXPECT_THROW(second.listen_udp("127.0.0.1", port), std::runtime_error);
+  EXPECT_THROW(second.listen_udp("localhost", 0), std::runtime_error);
+  EXPECT_THROW(second.listen_tcp("300.0.0.1", 0, '\n'), std::runtime_error);
+  EXPECT_THROW(second.open_serial("/dev/null", 12345, '\n'), std::invalid_argument);
+}
+
+// A serial device: the master end of a pseudo-terminal whose other end has a fixed path.
+class SerialDevice {
+ public:
+  explicit SerialDevice(const std::string& path) : path_(path), master_(posix_openpt(O_RDWR | O_NOCTTY)) {
+    EXPECT_EQ(grantpt(master_), 0);
+    EXPECT_EQ(unlockpt(master_), 0);
+    std::filesystem::create_symlink(ptsname(master_), path);
+  }
+  ~SerialDevice() {
+    std::filesystem::remove(path_);
+    close(master_);
+  }
+  void send(const std::string& text) { send_text(master_, text); }
+
+ private:
+  std::string path_;
+  int master_;
+};
+
+TEST(Intake, OpensASerialPortWhenItAppearsAndAgainAfterAPowerCycle) {
+  const std::string path = ::testing::TempDir() + "softhand_serial_" + std::to_string(getpid());
+  Intake intake(32);
+  intake.open_serial(path, 115200, '\n');
+  intake.start();
+  Received received(intake);
+  std::this_thread::sleep_for(150ms);  // no device yet
+  EXPECT_FALSE(intake.connected());
+  for (std::size_t cycle = 0; cycle < 3; ++cycle) {
+    SerialDevice device(path);
+    ASSERT_TRUE(received.until([&] { return intake.connected() && intake.counters().reconnects == cycle; }));
+    device.send("A10B20\nA1");
+    device.send("1B21\n");
+    ASSERT_TRUE(received.count(2 * cycle + 2));
+    EXPECT_EQ(received.packets[2 * cycle], "A10B20");
+    EXPECT_EQ(received.packets[2 * cycle + 1], "A11B21");
+  }
+  EXPECT_TRUE(received.until([&] { return !intake.connected(); }));
+}
+
+TEST(Intake, TakingDoesNotAllocate) {
+  Intake intake(64);
+  const std::uint16_t port = intake.listen_udp("127.0.0.1", 0);
+  intake.start();
+  const int sender = connected_socket(SOCK_DGRAM, port);
+  const std::string text(64, 'x');
+  std::size_t taken = 0;
+  send_text(sender, text);
+  std::this_thread::sleep_for(50ms);  // the thread has started
+  counting = true;
+  for (int i = 0; i < 200; ++i) {
+    ::send(sender, text.data(), text.size(), 0);
+    intake.take([&](const Arrival& packet) { taken += packet.bytes.size(); });
+    std::this_thread::sleep_for(100us);
+  }
+  counting = false;
+  EXPECT_GT(taken, 100 * text.size());
+  EXPECT_EQ(allocations, 0);
+  close(sender);
+}
+
+}  // namespace
+}  // namespace softhand

@@ -1,0 +1,291 @@
+// VMC and OSC trackers: packets to the byte, hands of a performer, and damaged packets.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "messages/convert.hpp"
+#include "support/count_allocations.hpp"
+#include "trackers/osc/performer.hpp"
+#include "trackers/osc/simulated_performer.hpp"
+#include "trackers/replay/recording.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+
+std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
+
+struct Sink final : TrackerSink {
+  void hand(const Skeleton& sample) override { hands[sample.hand.side] = sample, ++count; }
+  void head(const HeadPose& sample) override { newest_head = sample, ++heads; }
+  std::array<Skeleton, 2> hands{};
+  HeadPose newest_head;
+  int count = 0, heads = 0;
+};
+
+class Osc : public ::testing::Test {
+ protected:
+  void send(const std::string& packet) {
+    arrival_ += kMillisecond;
+    decoder_.take({packet, arrival_, 0, false}, sink_);
+  }
+  void send(const std::vector<std::string>& packets) {
+    for (const std::string& packet : packets) send(packet);
+  }
+  double refused(const std::string& name) const {
+    LoopStatus status;
+    decoder_.refusals().fill_status(status, 0);
+    for (const NamedValue& counter : status.counters)
+      if (get_text(counter.name) == "refused_" + name) return counter.value;
+    return -1;
+  }
+  std::vector<std::string> frame(double time = 1) const {
+    return performer_frame(time, {Vector3(0.3, 0, -0.2), Quaternion(Eigen::AngleAxisd(1, Vector3::UnitY()))},
+                           {Vector3(0, 1.6, 0), Quaternion::Identity()},
+                           {mirrored(hand_).rest_joints, hand_.rest_joints});
+  }
+
+  HandModel hand_ = shipped_hand();
+  PerformerDecoder decoder_{hand_, OscOptions{.left_tracker = 3, .right_tracker = 2}};
+  Sink sink_;
+  Nanoseconds arrival_ = 1'000'000 * kMillisecond;
+};
+
+TEST_F(Osc, ReadsABoneMessageToTheByte) {
+  // Address padded to 20 bytes, types to 12, name to 12, seven big-endian floats.
+  const char bytes[] =
+      "/VMC/Ext/Bone/Pos\0\0\0"
+      ",sfffffff\0\0\0"
+      "LeftHand\0\0\0\0"
+      "\x3f\x80\0\0\x40\0\0\0\xc0\x40\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x3f\x80\0";
+  const std::string packet(bytes, 72);
+  EXPECT_EQ(packet, osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {1, 2, -3, 0, 0, 0, 1}));
+  int count = 0;
+  ASSERT_TRUE(read_osc(packet, [&](const OscMessage& message) {
+    ++count;
+    EXPECT_EQ(message.address, "/VMC/Ext/Bone/Pos");
+    EXPECT_EQ(message.text, "LeftHand");
+    ASSERT_EQ(message.count, 7u);
+    EXPECT_EQ(message.numbers[1], 2);
+    EXPECT_EQ(message.numbers[2], -3);
+    EXPECT_EQ(message.numbers[6], 1);
+  }));
+  EXPECT_EQ(count, 1);
+  const auto nothing = [](const OscMessage&) { ADD_FAILURE(); };
+  for (std::size_t size = 0; size < packet.size(); ++size)
+    EXPECT_FALSE(read_osc(packet.substr(0, size), nothing)) << size;
+  EXPECT_FALSE(read_osc(packet + std::string(4, '\0'), nothing));
+  EXPECT_FALSE(read_osc(packet + packet, nothing));
+}
+
+TEST_F(Osc, ReadsNestedBundlesAndAllTypesOrNothing) {
+  const std::string one = osc_message("/a", "", {1}), two = osc_message("/b", "x", {});
+  std::string other;
+  osc_detail::add_text(other, "/c");
+  osc_detail::add_text(other, ",ihdtbTFNIf");
+  other += std::string(28, '\1');
+  osc_detail::add_word(other, 5);
+  other += std::string(8, '\0');
+  osc_detail::add_word(other, 0x40000000);
+  std::vector<std::string> seen;
+  const auto note = [&](const OscMessage& message) {
+    seen.emplace_back(message.address);
+    if (message.address == "/c") {
+      ASSERT_EQ(message.count, 1u);
+      EXPECT_EQ(message.numbers[0], 2);
+    }
+  };
+  EXPECT_TRUE(read_osc(osc_bundle({one, osc_bundle({two, other}), one}), note));
+  EXPECT_EQ(seen, (std::vector<std::string>{"/a", "/b", "/c", "/a"}));
+  seen.clear();
+  EXPECT_FALSE(read_osc(osc_bundle({one, two.substr(0, 5)}), note));
+  std::string large = osc_bundle({one});
+  large[19] = 100;
+  EXPECT_FALSE(read_osc(large, note));
+  std::string deep = one;
+  for (int i = 0; i < 4; ++i) deep = osc_bundle({deep});
+  EXPECT_TRUE(read_osc(deep, [](const OscMessage&) {}));
+  EXPECT_FALSE(read_osc(osc_bundle({deep}), note));
+  EXPECT_TRUE(seen.empty());
+}
+
+TEST_F(Osc, APerformersFrameIsTwoHandsAndAHead) {
+  for (const bool is_bundle : {false, true}) {
+    sink_ = Sink{};
+    if (is_bundle) {
+      send(osc_bundle(frame()));
+    } else {
+      send(frame());
+    }
+    EXPECT_EQ(sink_.count, 2) << is_bundle;
+    EXPECT_EQ(sink_.heads, 1);
+    EXPECT_NEAR(sink_.newest_head.position[1], 1.6, 1e-6);
+    const std::array<HandModel, 2> hands{mirrored(hand_), hand_};
+    for (std::size_t side = 0; side < 2; ++side) {
+      for (std::size_t j = 0; j < kJointCount; ++j) {
+        const Pose seen = softhand::to_pose(sink_.hands[side].joints[j]), &real = hands[side].rest_joints[j];
+        EXPECT_LT((seen.position - real.position).norm(), 0.004) << side << kJointNames[j];
+        EXPECT_LT(seen.orientation.angularDistance(real.orientation), 12 * M_PI / 180) << side << kJointNames[j];
+      }
+      EXPECT_EQ(sink_.hands[side].joints[at(Joint::index_tip)].flags, kJointValid | kJointInferred);
+      EXPECT_EQ(sink_.hands[side].joints[at(Joint::index_distal)].flags, kJointValid | kJointTracked);
+    }
+  }
+  EXPECT_EQ(decoder_.refusals().total(), 0u);
+}
+
+TEST_F(Osc, FollowsARecordedHand) {
+  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
+  const Recording recording = Recording::load(path);
+  PerformerDecoder decoder(fitted(hand_, measure_skeleton(recording.frames(), recording.radii())), OscOptions{});
+  std::vector<double> distances, turns;
+  for (const JointFrames& real : recording.frames()) {
+    const auto packet = osc_bundle(performer_frame(0, Pose{}, Pose{}, {real, real}));
+    arrival_ += kMillisecond;
+    decoder.take({packet, arrival_, 0, false}, sink_);
+    for (std::size_t j = 1; j < kJointCount; ++j) {
+      const Pose seen = softhand::to_pose(sink_.hands[1].joints[j]);
+      distances.push_back(1e3 * (seen.position - real[j].position).norm());
+      turns.push_back(seen.orientation.angularDistance(real[j].orientation) * 180 / M_PI);
+    }
+  }
+  std::sort(distances.begin(), distances.end());
+  std::sort(turns.begin(), turns.end());
+  const auto quantile = [](const std::vector<double>& sorted, double q) {
+    return sorted[static_cast<std::size_t>(q * static_cast<double>(sorted.size() - 1))];
+  };
+  std::printf("median %.2f mm, 99 %% below %.2f mm; median %.1f, 99 %% below %.1f degrees\n", quantile(distances, 0.5),
+              quantile(distances, 0.99), quantile(turns, 0.5), quantile(turns, 0.99));
+  EXPECT_LT(quantile(distances, 0.5), 1);
+  EXPECT_LT(quantile(distances, 0.99), 18);
+  EXPECT_LT(quantile(turns, 0.5), 3);
+}
+
+TEST_F(Osc, AFrameWithoutSomeBonesIsRefused) {
+  std::vector<std::string> lossy = frame(1);
+  lossy.erase(lossy.end() - 3);
+  send(lossy);
+  EXPECT_EQ(sink_.count, 1);  // the left hand
+  send(frame(2));
+  EXPECT_EQ(refused("incomplete"), 1);
+  EXPECT_EQ(sink_.count, 3);
+}
+
+TEST_F(Osc, TrackersAreWristsAndAHead) {
+  const auto tracker = [&](const std::string& name, double x, std::vector<double> degrees) {
+    send(osc_message("/tracking/trackers/" + name + "/position", "", {x, 1, 2}));
+    send(osc_message("/tracking/trackers/" + name + "/rotation", "", degrees));
+  };
+  tracker("2", 0.5, {0, 90, 0});
+  ASSERT_EQ(sink_.count, 1);
+  const JointSample& wrist = sink_.hands[1].joints[at(Joint::wrist)];
+  EXPECT_EQ(wrist.flags, kJointValid | kJointTracked);
+  EXPECT_EQ(sink_.hands[1].joints[at(Joint::palm)].flags, 0u);
+  EXPECT_LT((to_vector(wrist.position) - Vector3(0.5, 1, -2)).norm(), 1e-6);
+  // A quarter turn about Unity's Y takes its forward axis to its right, which is our right.
+  EXPECT_LT((to_quaternion(wrist.orientation) * Vector3(0, 0, -1) - Vector3(1, 0, 0)).norm(), 1e-6);
+  // Pitch by 30 degrees after a roll by 90: Unity's forward axis points down, whatever the roll.
+  tracker("3", 0.5, {30, 0, 90});
+  EXPECT_LT((to_quaternion(sink_.hands[0].joints[at(Joint::wrist)].orientation) * Vector3(0, 0, -1) -
+             Vector3(0, -0.5, -std::sqrt(0.75)))
+                .norm(),
+            1e-6);
+  // The roll turns Unity's up axis to its left.
+  EXPECT_LT((to_quaternion(sink_.hands[0].joints[at(Joint::wrist)].orientation) * Vector3(0, 1, 0) - Vector3(-1, 0, 0))
+                .norm(),
+            1e-6);
+  tracker("4", 0, {0, 0, 0});  // no wrist
+  tracker("head", 0, {0, 0, 0});
+  EXPECT_EQ(sink_.count, 2);
+  EXPECT_EQ(sink_.heads, 1);
+}
+
+TEST_F(Osc, RefusesBadNumbersAndIgnoresWhatItDoesNotKnow) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  send(osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {0, 0, 0, 0, 0, 1}));  // a number is missing
+  send(osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {0, nan, 0, 0, 0, 0, 1}));
+  send(osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {0, 0, 0, 0, 0, 0, 2}));
+  send(osc_message("/VMC/Ext/Hmd/Pos", "x", {2000, 0, 0, 0, 0, 0, 1}));
+  send(osc_message("/tracking/trackers/1/position", "", {1, 2}));
+  send(osc_message("/tracking/trackers/1/rotation", "", {nan, 0, 0}));
+  EXPECT_EQ(refused("content"), 6);
+  send(std::string("no osc"));
+  EXPECT_EQ(refused("format"), 1);
+  send(osc_message("/VMC/Ext/Blend/Val", "Joy", {1}));
+  send(osc_message("/VMC/Ext/Bone/Pos", "LeftFoot", {0, 0, 0, 0, 0, 0, 1}));
+  send(osc_message("/tracking/trackers/9/position", "", {0, 0, 0}));
+  send(osc_message("/VMC/Ext/Root/Pos", "root", {0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 0, 0, 0}));  // surplus, as in VMC 2.1
+  EXPECT_EQ(decoder_.refusals().total(), 7u);
+  // All bones in one place.
+  for (const std::string_view name : kHandNames)
+    send(osc_message("/VMC/Ext/Bone/Pos", "Left" + std::string(name), {0, 0, 0, 0, 0, 0, 1}));
+  EXPECT_EQ(refused("shape"), 1);
+  EXPECT_EQ(sink_.count + sink_.heads, 0);
+}
+
+// SOFTHAND_FUZZ_SECONDS sets the duration.
+TEST_F(Osc, WithstandsDamagedPackets) {
+  const char* setting = std::getenv("SOFTHAND_FUZZ_SECONDS");
+  const double seconds = setting == nullptr ? 1 : std::atof(setting);
+  std::mt19937_64 random(7);
+  const auto below = [&random](std::size_t n) { return static_cast<std::size_t>(random() % n); };
+  const std::string whole = osc_bundle(frame());
+  std::uint64_t sent = 0;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (std::chrono::steady_clock::now() < end) {
+    for (int i = 0; i < 100; ++i, ++sent) {
+      std::string packet = whole;
+      for (std::size_t change = below(4); change > 0 && !packet.empty(); --change) {
+        const std::size_t place = below(packet.size());
+        switch (below(4)) {
+          case 0:
+            packet[place] = static_cast<char>(random());
+            break;
+          case 1:
+            packet.erase(place, 1 + below(40));
+            break;
+          case 2:
+            packet.insert(place, packet.substr(below(packet.size()), below(40)));
+            break;
+          default:
+            packet[place] = static_cast<char>(packet[place] ^ (1 << below(8)));
+            break;
+        }
+      }
+      send(packet);
+      for (const Skeleton& hand : sink_.hands) {
+        for (const JointSample& joint : hand.joints)
+          ASSERT_TRUE(all_finite(joint.position) && all_finite(joint.orientation));
+      }
+    }
+  }
+  std::printf("%llu packets: %d hands, %d heads, %llu refusals\n", static_cast<unsigned long long>(sent), sink_.count,
+              sink_.heads, static_cast<unsigned long long>(decoder_.refusals().total()));
+  EXPECT_GT(sink_.count, 0);
+  EXPECT_GT(refused("format"), 0);
+  EXPECT_GT(refused("content"), 0);
+}
+
+TEST_F(Osc, DoesNotAllocate) {
+  const std::string packet = osc_bundle(frame());
+  counting = true;
+  for (int i = 0; i < 20; ++i) decoder_.take({packet, arrival_ += kMillisecond, 0, false}, sink_);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  EXPECT_EQ(sink_.count, 40);
+}
+
+}  // namespace
+}  // namespace softhand
