@@ -13,7 +13,8 @@ constexpr double kFirstShift = 1e-4;  // fraction of the diagonal entry; each re
 
 }  // namespace
 
-HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& hessian) {
+HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& hessian)
+    : has_halves_(!options.linear_solver) {
   const auto bordered = [](std::unique_ptr<LinearSolver> core) {
     return std::make_unique<BorderedSolver>(std::move(core));
   };
@@ -33,14 +34,17 @@ HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& he
   last_ = solver_.get();
 }
 
-bool HessianFactor::renew(IncrementalPotential& potential, const State& state, bool in_double, StepMeter& meter) {
+bool HessianFactor::renew(IncrementalPotential& potential, const State& state, bool in_double, bool without_kinks,
+                          StepMeter& meter) {
   ++meter.report.factorisations;
   version_ = 0;
+  without_kinks_ = false;
   double shift = 0;
   last_ = in_double && precise_ ? precise_.get() : solver_.get();
   for (int attempt = 0; attempt <= kMaxShifts;) {
     {
       const auto timer = meter.time(&StepTiming::assembly);
+      if (without_kinks) potential.take_back_kinks();
       last_->load(potential.hessian());
     }
     bool positive = false;
@@ -51,7 +55,8 @@ bool HessianFactor::renew(IncrementalPotential& potential, const State& state, b
     count_work(meter);
     if (positive) {
       if (is_fallback()) ++meter.report.double_factors;
-      if (shift == 0) version_ = potential.version();
+      without_kinks_ = without_kinks && shift == 0 && !last_->is_coupled();
+      if (shift == 0 && !without_kinks) version_ = potential.version();
       return true;
     }
     if (potential.project_hessian(state, meter)) continue;
@@ -92,10 +97,11 @@ void HessianFactor::count_work(StepMeter& meter) const {
 }
 
 bool HessianFactor::take_over(const HessianFactor& other) {
-  LinearSolver* const mine = other.is_fallback() ? precise_.get() : solver_.get();
+  BorderedSolver* const mine = other.is_fallback() ? precise_.get() : solver_.get();
   if (mine == nullptr || !mine->take_factor(*other.last_)) return false;
   last_ = mine;
   version_ = other.version_;
+  without_kinks_ = other.without_kinks_;
   return true;
 }
 

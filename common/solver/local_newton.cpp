@@ -13,6 +13,12 @@ constexpr int kMaxHalvings = 5;
 constexpr double kArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
+// Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
+// nonlinearity leaves more.
+constexpr double kDenseOperation = 4;  // time of an operation, relative to a sparse factorisation in float
+constexpr double kSmallForce = 1e-6;
+constexpr double kConverged = 1e-3;
+
 constexpr int kMaxRows = 3 * LocalNewton::kMaxBlocks + LocalNewton::kMaxModes;
 
 }  // namespace
@@ -26,8 +32,12 @@ LocalNewton::LocalNewton(DofLayout layout)
       modes_(kMaxModes, VectorX::Zero(layout.dof_count())),
       force_(layout.dof_count()),
       product_(layout.dof_count()),
+      half_(layout.dof_count()),
       smooth_(kMaxRows, kMaxRows),
       factor_(kMaxRows, kMaxRows),
+      base_(kMaxRows, kMaxRows),
+      dense_(kMaxBlocks),
+      forces_(kMaxRows),
       smooth_gradient_(kMaxRows),
       local_gradient_(kMaxRows),
       step_(kMaxRows),
@@ -36,6 +46,8 @@ LocalNewton::LocalNewton(DofLayout layout)
       kinked_gradient_(layout.dof_count()) {
   blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
   patches_.reserve(kMaxBlocks + 1);
+  added_.reserve(static_cast<std::size_t>(layout.block_count()));
+  compliance_place_.reserve(static_cast<std::size_t>(layout.block_count()));
   trial_ = empty_state(layout);
 }
 
@@ -299,6 +311,175 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     direction.segment<3>(3 * blocks_[i]) = total.segment<3>(3 * static_cast<Eigen::Index>(i));
   result.found = direction.lpNorm<Eigen::Infinity>() > kSmallMove;
   return result;
+}
+
+// Adds the blocks in the journal to those that move, and what else moves with them: blocks of the border that are
+// coupled with each other. `half_` is half of the free solve. Returns false if there are too many blocks.
+bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance) {
+  const std::int32_t core = hessian.core_count();
+  added_.clear();
+  const auto include = [this](std::int32_t block, std::int32_t compliance_place) {
+    place_[static_cast<std::size_t>(block)] = static_cast<std::int32_t>(blocks_.size());
+    blocks_.push_back(block);
+    compliance_place_.push_back(compliance_place);
+    total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3).setZero();
+  };
+  const auto touch = [&](std::int32_t block) {
+    if (place_[static_cast<std::size_t>(block)] >= 0) return;
+    if (block >= core) {
+      if (blocks_.size() < static_cast<std::size_t>(kMaxBlocks)) include(block, -1);
+    } else if (!compliance.has(block) && std::find(added_.begin(), added_.end(), block) == added_.end()) {
+      added_.push_back(block);
+    }
+  };
+  for (const std::int32_t stored : hessian.journal()) {
+    const auto [row, column] = hessian.position(stored);
+    touch(column);
+    touch(row);
+  }
+  for (std::size_t before = 0; before != blocks_.size();) {
+    before = blocks_.size();
+    for (const std::int32_t stored : hessian.border_in_use()) {
+      const auto [row, column] = hessian.position(stored);
+      if (column < core || row == column) continue;
+      if (place_[static_cast<std::size_t>(row)] >= 0) touch(column);
+      if (place_[static_cast<std::size_t>(column)] >= 0) touch(row);
+    }
+  }
+  // Neighbours are in one pass over the factor.
+  std::sort(added_.begin(), added_.end());
+  if (!added_.empty() && !compliance.include(added_, factor.core())) return false;
+  const std::size_t known = first_new_;
+  if (blocks_.size() + compliance.blocks().size() - known > static_cast<std::size_t>(kMaxBlocks)) return false;
+  if (known < compliance.blocks().size()) {
+    // At first no block moves. A block that is added later moves as the forces so far move it.
+    const bool moves = known > 0;
+    if (moves) {
+      product_ = half_;
+      compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(known)), product_);
+    }
+    for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
+      include(compliance.blocks()[k], static_cast<std::int32_t>(k));
+      if (moves)
+        total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3) = compliance.displacement(k, product_);
+    }
+    first_new_ = compliance.blocks().size();
+  }
+  return true;
+}
+
+// `smooth_` and `smooth_gradient_` of the condensed model. `hessian` is without the terms with kinks.
+void LocalNewton::condense(const BlockMatrix& hessian, const Compliance& compliance) {
+  size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
+  gather(hessian, base_);
+  smooth_.topLeftCorner(size_, size_) = base_.topLeftCorner(size_, size_);
+  const auto count = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
+  // The displacement of the touched blocks without terms with kinks.
+  for (Eigen::Index k = 0; k < count / 3; ++k)
+    trial_total_.segment<3>(3 * k) = compliance.displacement(static_cast<std::size_t>(k), half_);
+  step_.head(count).noalias() = -compliance.stiffness().topLeftCorner(count, count) * trial_total_.head(count);
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const auto row = 3 * static_cast<Eigen::Index>(i);
+    const Eigen::Index k = 3 * static_cast<Eigen::Index>(compliance_place_[i]);
+    smooth_gradient_.segment<3>(row) =
+        k < 0 ? Vector3(-force_.segment<3>(3 * blocks_[i])) : Vector3(step_.segment<3>(k));
+    if (k < 0) continue;
+    for (std::size_t j = 0; j < blocks_.size(); ++j) {
+      const Eigen::Index l = 3 * static_cast<Eigen::Index>(compliance_place_[j]);
+      if (l >= 0) smooth_.block<3, 3>(row, 3 * static_cast<Eigen::Index>(j)) = compliance.stiffness().block<3, 3>(k, l);
+    }
+  }
+}
+
+// The model's energy without the terms with kinks, after the blocks have moved by `move`. `slope` becomes its gradient.
+double LocalNewton::smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const {
+  slope.noalias() = smooth_.topLeftCorner(size_, size_) * move;
+  const double energy = smooth_gradient_.head(size_).dot(move) + 0.5 * move.dot(slope);
+  slope += smooth_gradient_.head(size_);
+  return energy;
+}
+
+bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
+                                     const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
+                                     Compliance& compliance, VectorX& direction) {
+  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
+  blocks_.clear();
+  compliance_place_.clear();
+  first_new_ = 0;
+  mode_count_ = 0;
+  trial_.node_positions = state.node_positions;
+  trial_.body_poses = state.body_poses;
+  double energy = kinked_energy(kinked, state);
+  force_ = kinked_gradient_ - gradient;
+  factor.forward(force_, half_);
+  const auto renew_kinked = [&] {
+    hessian.take_back();
+    for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
+  };
+  // Includes what `trial_` touches. Returns false if the model cannot hold it.
+  const auto touch = [&] {
+    renew_kinked();
+    const std::size_t before = blocks_.size();
+    if (!include_touched(hessian, factor, compliance)) return false;
+    if (before == blocks_.size() && before > 0) return true;
+    hessian.take_back();
+    condense(hessian, compliance);
+    move_to(state, total_.head(size_));
+    energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), local_gradient_.head(size_));
+    renew_kinked();
+    return true;
+  };
+  // Forces of the model's kinked terms on the blocks of `compliance`, in its order.
+  const auto find_forces = [&] {
+    smooth_energy(total_.head(size_), local_gradient_.head(size_));
+    for (std::size_t i = 0; i < blocks_.size(); ++i) {
+      if (compliance_place_[i] >= 0)
+        forces_.segment<3>(3 * compliance_place_[i]) = local_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i));
+    }
+  };
+  bool succeeds = touch();
+  double first_residual = 0;
+  for (int iteration = 0; succeeds && iteration < kMaxIterations; ++iteration) {
+    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
+         trial_total = trial_total_.head(size_);
+    gather(hessian, factor_);
+    factor_.topLeftCorner(size_, size_) += smooth_.topLeftCorner(size_, size_) - base_.topLeftCorner(size_, size_);
+    smooth_energy(total, local_gradient);
+    for (std::size_t i = 0; i < blocks_.size(); ++i)
+      local_gradient.segment<3>(3 * static_cast<Eigen::Index>(i)) += kinked_gradient_.segment<3>(3 * blocks_[i]);
+    const double residual = local_gradient.lpNorm<Eigen::Infinity>();
+    if (iteration == 0) first_residual = residual;
+    if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
+    step = -local_gradient;
+    succeeds = dense_.factorize(factor_, size_);
+    condensed_operations_ += kDenseOperation * dense_.operations();
+    if (!succeeds) break;
+    dense_.solve(step);
+    succeeds = step.allFinite();
+    if (!succeeds) break;
+    const double slope = local_gradient.dot(step);
+    bool falls = false;
+    double scale = 1;
+    for (int halving = 0; halving <= kMaxHalvings && !falls; ++halving, scale *= 0.5) {
+      trial_total = total + scale * step;
+      move_to(state, trial_total);
+      const double trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, local_gradient);
+      falls = trial_energy <= energy + kArmijo * scale * slope;
+      if (falls) energy = trial_energy;
+    }
+    if (!falls) break;
+    total = trial_total;
+    find_forces();
+    succeeds = touch();
+  }
+  hessian.take_back();
+  if (!succeeds) return false;
+  find_forces();
+  compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(compliance.blocks().size())), half_);
+  factor.backward(half_, direction);
+  for (std::size_t i = 0; i < blocks_.size(); ++i)
+    direction.segment<3>(3 * blocks_[i]) = total_.segment<3>(3 * static_cast<Eigen::Index>(i));
+  return true;
 }
 
 }  // namespace softhand

@@ -16,7 +16,9 @@
 #include "energies/energy.hpp"
 #include "math/block_matrix.hpp"
 #include "model/state.hpp"
-#include "solver/linear_solver.hpp"
+#include "solver/bordered_solver.hpp"
+#include "solver/compliance.hpp"
+#include "solver/dense_cholesky.hpp"
 
 namespace softhand {
 
@@ -41,6 +43,18 @@ class LocalNewton {
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
                   BlockMatrix& hessian, int most_modes, LinearSolver& factor, VectorX& direction);
 
+  /// Minimises over all blocks: the terms `kinked` are exact, and the rest is the quadratic model of `hessian`, which
+  /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, without
+  /// coupling between core and border. `compliance` belongs to it. Returns false if more blocks are touched than
+  /// `compliance` has room for, or if a matrix is not positive definite. Does not allocate.
+  bool minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
+                          const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance,
+                          VectorX& direction);
+  /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
+  double take_operations() { return std::exchange(condensed_operations_, 0.0); }
+  /// Whether the last minimisation moved the block itself, because a term in `kinked` acts on it.
+  bool moves(int block) const { return place_[static_cast<std::size_t>(block)] >= 0; }
+
  private:
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -55,6 +69,9 @@ class LocalNewton {
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
   std::int32_t root_of(std::int32_t place) const;
+  bool include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance);
+  void condense(const BlockMatrix& hessian, const Compliance& compliance);
+  double smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const;
   double kinked_energy(std::span<Energy* const> kinked, const State& state);
   void move_to(const State& state, const Eigen::Ref<const VectorX>& move);
 
@@ -69,7 +86,14 @@ class LocalNewton {
   int mode_count_ = 0;
   VectorX force_, product_;                               // scratch, of all blocks
   std::vector<std::pair<double, std::int32_t>> patches_;  // scratch: residual force and root of a patch
-  Dense smooth_, factor_;
+  std::vector<std::int32_t> compliance_place_;            // by place: place in the compliance; -1: of the border
+  std::size_t first_new_ = 0;                             // so many blocks of the compliance are included
+  std::vector<std::int32_t> added_;                       // scratch
+  double condensed_operations_ = 0;
+  VectorX half_;  // half a solve, in elimination order
+  Dense smooth_, factor_, base_;
+  DenseCholesky dense_;
+  VectorX forces_;
   VectorX smooth_gradient_, local_gradient_, step_, total_, trial_total_;
   VectorX kinked_gradient_;  // of all blocks
   State trial_;

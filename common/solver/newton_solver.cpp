@@ -12,6 +12,8 @@ namespace {
 // m. If a body moves less than kFullMove in the step, its tolerance shrinks in proportion. The tolerance stops
 // shrinking at a movement of kLeastMove.
 constexpr double kFullMove = 0.05;
+// The same for bodies that contact or the tracker holds: their errors do not add up from step to step.
+constexpr double kFullMoveHeld = 5e-4;
 constexpr double kLeastMove = 1e-5;
 // Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
 // with the next gradient.
@@ -49,6 +51,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       predictor_(options, layout),
       linkage_(layout),
       local_newton_(layout),
+      compliance_(potential_.hessian().core_count(), LocalNewton::kMaxBlocks),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
@@ -124,7 +127,12 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   StepReport& report = meter.report;
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
-  policy_.begin_step(time_step, continues && report.factorisations > 0, touches);
+  if (!touches) policy_.set_touches_much(false);
+  bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves() && options_.work_budget == 0;
+  const bool is_usable = condenses == factor_.is_without_kinks();
+  if (!is_usable) policy_.drop_factor();
+  policy_.begin_step(time_step, continues && report.factorisations > 0 && is_usable, touches);
+  condenses = condenses && policy_.may_reuse();
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
@@ -147,7 +155,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       best_energy = report.energy;
       have_best = true;
     }
-    auto decision = policy_.decide(report, factor_.is_of(potential_) && !potential_.kinked().empty());
+    auto decision = policy_.decide(report, !condenses && factor_.is_of(potential_) && !potential_.kinked().empty());
     if (decision.stops) {
       report.status = StepStatus::budget_spent;
       break;
@@ -156,21 +164,25 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     evaluated = !is_last || options_.measure_result || have_best;
     const double residual_before = report.residual;
     double scale = 0;
-    bool factorised = true;
+    bool factorised = true, has_direction = true;
     // Usually one pass. If the energy does not fall along the direction, the next pass has a better factor.
     do {
       if (decision.renewal == FactorPolicy::Renewal::kinks && !factor_.renew_kinks(potential_, state, meter))
         decision.renewal = FactorPolicy::Renewal::whole;
       if (decision.renewal == FactorPolicy::Renewal::whole) {
         if (!linearised) potential_.evaluate(state, meter, {.hessian = true});
-        factorised = factor_.renew(potential_, state, decision.in_double, meter);
+        factorised = factor_.renew(potential_, state, decision.in_double, condenses, meter);
         if (!factorised) break;
+        compliance_.clear();
         if (may_be_chord) linkage_.set_earlier_state(state);
       }
-      {
-        const auto timer = meter.time(&StepTiming::solve);
-        pull_ = -potential_.gradient();
-        factor_.solve(pull_, direction_, meter);
+      has_direction = find_direction(state, condenses, meter);
+      if (!has_direction) {
+        // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
+        policy_.set_touches_much(true);
+        condenses = linearised = false;
+        decision.renewal = FactorPolicy::Renewal::whole;
+        continue;
       }
       if (!direction_.allFinite()) return false;
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
@@ -185,7 +197,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       // If something else holds the tissue, it does not turn with its bone, and the way along the linkage is short.
       if (scale < kShortStep) linkage_.straighten();
       linearised = linearised && scale == 1;
-    } while (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report));
+    } while (!has_direction || (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report)));
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
       break;
@@ -201,7 +213,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     }
     policy_.learn(decision,
                   {.scale = scale,
-                   .move = scale * largest_move(state),
+                   .condenses = condenses,
+                   .move = scale * largest_move(state, condenses),
                    .residual_before = residual_before,
                    .measured = evaluated},
                   report);
@@ -213,7 +226,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       ++revisions;
       touches = linkage_.any_touching();
       may_be_chord = may_be_chord && !touches;
-      policy_.start_again();
+      policy_.start_again(condenses);
       if (!potential_.evaluate(state, meter, {})) return false;
       evaluated = true;
       linearised = have_best = false;
@@ -240,6 +253,24 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   }
   report.measured = evaluated;
   return true;
+}
+
+// Newton's direction at `state`. `condenses`: the terms with kinks are exact, and the factor is that of the other
+// terms. Returns false if this fails. Without `condenses` it does not fail.
+bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter& meter) {
+  const auto timer = meter.time(&StepTiming::solve);
+  if (!condenses) {
+    pull_ = -potential_.gradient();
+    factor_.solve(pull_, direction_, meter);
+    return true;
+  }
+  if (!factor_.is_without_kinks()) return false;
+  const bool found =
+      local_newton_.minimise_condensed(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
+                                       potential_.change_hessian(), factor_.linear_solver(), compliance_, direction_);
+  meter.report.work += meter.prices.solve + meter.prices.contact_blocks +
+                       meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
+  return found;
 }
 
 // Lets the terms change after an iteration. Returns whether the energy has changed.
@@ -276,7 +307,7 @@ bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
 // rotation counts as a length, with the lever sqrt(tr H_rr / tr H_tt). For a free body this is its radius of gyration.
 // The tolerance of a body is proportional to its movement in the step, whatever its mass. Reason: residuals do not show
 // the error of light bodies.
-double NewtonSolver::largest_move(const State& state) const {
+double NewtonSolver::largest_move(const State& state, bool condenses) const {
   const double most = std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   double largest =
       layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() / most : 0.0;
@@ -291,7 +322,10 @@ double NewtonSolver::largest_move(const State& state) const {
     const double lever = stiffness > 0 ? std::sqrt(std::max(0.0, trace(rotation)) / stiffness) : 0.0;
     const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
     const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
-    const double tolerance = most * std::clamp(moved, kLeastMove, kFullMove) / kFullMove;
+    const bool is_held =
+        condenses && (translation < potential_.hessian().core_count() || local_newton_.moves(translation));
+    const double full = is_held ? kFullMoveHeld : kFullMove;
+    const double tolerance = most * std::clamp(moved, kLeastMove, full) / full;
     const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(),
                                  lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
     largest = std::max(largest, move / tolerance);
@@ -307,13 +341,15 @@ void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> pr
 void NewtonSolver::forget() {
   potential_.forget();
   factor_.forget();
+  compliance_.clear();
   policy_.set_carried({});
   predictor_.forget();
 }
 
 void NewtonSolver::take_factor(const NewtonSolver& other) {
   if (!factor_.take_over(other.factor_)) return;
-  potential_.take_over(other.potential_, factor_.is_of(other.potential_));
+  potential_.take_over(other.potential_, factor_.is_of(other.potential_) || factor_.is_without_kinks());
+  compliance_ = other.compliance_;
   policy_.set_carried(other.policy_.carried());
   predictor_.set_carried(other.predictor_.carried());
   linkage_ = other.linkage_;

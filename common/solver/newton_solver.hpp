@@ -73,8 +73,9 @@ class NewtonSolver {
  private:
   bool minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter);
   bool revise(const State& state);
-  double largest_move(const State& state) const;
+  double largest_move(const State& state, bool condenses) const;
   bool solve_contact(State& state, StepMeter& meter);
+  bool find_direction(const State& state, bool condenses, StepMeter& meter);
 
   SolverOptions options_;
   DofLayout layout_;
@@ -88,6 +89,7 @@ class NewtonSolver {
   Linkage linkage_;
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
   LocalNewton local_newton_;
+  Compliance compliance_;  // of the last factor, if it is without terms with kinks
   VectorX pull_, direction_;
   State best_;
 };

@@ -1,0 +1,69 @@
+// Compliance of a few blocks of the core under a factor A = P^T L L^T P: how they give way to forces on each other.
+//
+//   V = L^-1 P E,   G = V' V = E' A^-1 E,   S = G^-1        E selects the blocks
+//
+// S is the stiffness of these blocks when the rest of the core gives way (Schur complement). Only the rows of V on the
+// paths from the blocks to the root of the elimination tree differ from zero. Only these rows are computed and stored.
+// V and S grow block by block. They stay valid as long as the factor does.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "solver/linear_solver.hpp"
+
+namespace softhand {
+
+class Compliance {
+ public:
+  using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  /// For at most `most_blocks` blocks of a core of `core_count` blocks. No other method allocates, unless V needs more
+  /// rows than ever before.
+  Compliance(int core_count, int most_blocks);
+
+  /// Forgets all blocks. Call it when the factor changes.
+  void clear();
+  /// Adds blocks of the core that are not known yet. `factor` needs half solves. Returns false, and forgets all blocks,
+  /// if there are too many blocks, or if S is not finite and positive definite.
+  bool include(std::span<const std::int32_t> blocks, LinearSolver& factor);
+
+  /// In the order in which they were added. Rows and columns of S and the parts of forces have this order.
+  std::span<const std::int32_t> blocks() const { return blocks_; }
+  bool has(std::int32_t block) const { return is_known_[static_cast<std::size_t>(block)] != 0; }
+  /// S, both triangles. Valid in the first 3 * blocks().size() rows and columns.
+  const Dense& stiffness() const { return stiffness_; }
+  /// V' half, for block `place` of `blocks()`.
+  Vector3 displacement(std::size_t place, const VectorX& half) const;
+  /// half += V forces.
+  void add_forces(const Eigen::Ref<const VectorX>& forces, VectorX& half) const;
+  /// Work since the last call, in floating-point operations of a float factorisation.
+  double take_operations() { return std::exchange(operations_, 0.0); }
+
+ private:
+  // The columns of V of a block: `ranges` of rows, one after another in `values_`, three numbers a row.
+  struct Columns {
+    std::size_t first_range = 0, last_range = 0, values = 0;
+  };
+  Matrix3 product(const Columns& a, const Columns& b);
+  bool extend();
+
+  int most_blocks_;
+  std::vector<std::int32_t> blocks_;
+  std::vector<std::uint8_t> is_known_;  // by block of the core
+  std::vector<Columns> columns_;        // by place
+  std::vector<std::pair<std::int32_t, std::int32_t>> ranges_;
+  std::vector<double> values_;
+  std::size_t rows_of_stiffness_ = 0;  // so many rows of S are computed
+  Dense factor_;                       // of G, lower triangle
+  Dense inverse_;                      // its inverse, transposed: upper triangle
+  Dense stiffness_;
+  std::vector<ColumnsRow> selection_;
+  HalfColumns half_columns_;
+  double operations_ = 0;
+};
+
+}  // namespace softhand
