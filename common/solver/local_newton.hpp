@@ -5,6 +5,10 @@
 // terms are replaced by the quadratic model of the last Hessian. So an iteration costs the contact terms and a small
 // factorisation. It does not evaluate the tissue. The result is a direction: the caller's line search decides with the
 // true energy.
+//
+// `minimise_condensed` lets the rest of the hand give way exactly, by the Schur complement of the touched blocks
+// (compliance.hpp). Then contact and friction need no part in the factor, and a contact that begins, ends, sticks or
+// slips renews no factor. Its direction leads to the minimum of the model over all blocks.
 #pragma once
 
 #include <Eigen/Core>
