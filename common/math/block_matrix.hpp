@@ -90,9 +90,9 @@ class BlockMatrix {
   std::span<const std::int32_t> journal() const { return journal_; }
   /// Restores the previous values of these blocks, equal to the bit, and starts a new journal.
   void take_back();
-  /// Relative change of the added part in the core. Let A be the sum of the blocks added since the last `take_back`, and
-  /// R the part that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms. The border is left
-  /// out: an object's block sums all its contacts and would hide the change of one.
+  /// Relative change of the added part in the core. Let A be the sum of the blocks added since the last `take_back`,
+  /// and R the part that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms. The border is
+  /// left out: an object's block sums all its contacts and would hide the change of one.
   double change_since_taken_back() const;
   /// y = A x with both triangles. The vectors have 3 * block_count() entries.
   void multiply(const VectorX& x, VectorX& y) const;

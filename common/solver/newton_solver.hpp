@@ -10,7 +10,7 @@
 // | LineSearch | search on E along the direction of an iteration |
 // | Predictor | chord steps: steps in free motion without a new Hessian |
 // | Linkage | moves bones by finite rotations, and tissue with its bone |
-// | LocalNewton | contact solved exactly: on the condensed hand without a budget, else alone at the end of a cut-off step |
+// | LocalNewton | solve of contact on the condensed hand, or alone at the end of a truncated step |
 // | Compliance | how the touched nodes give way to forces on each other, under the last factor |
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
