@@ -2,8 +2,8 @@
 // This file knows no shapes, no objects and no unknowns. energies/contact.hpp and energies/friction.hpp list the
 // departures from the source.
 //
-//   U_n = 1/2 k_c w min(0, u)^2,   u = n . e,   e = R^T (x_p - x_b) - a
-//   U_f = CoulombSpring(k_c w min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
+//   U_n = 1/2 k_c A min(0, u)^2,   u = n . e,   e = R^T (x_p - x_b) - a
+//   U_f = CoulombSpring(k_c A min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
 //
 // Places and normals are in the frame of the object, (x_b, R), unless said otherwise. Units: J, m, N, N/m.
 #pragma once
@@ -37,9 +37,9 @@ struct AnchorMemory {
 struct ContactAnchor : AnchorMemory {
   bool known = false;  ///< existed at the end of the last step
   // Given by the point and the object.
-  double stiffness = 0;           ///< k_c w, N/m
+  double stiffness = 0;           ///< k_c A, N/m
   double friction = 0;            ///< mu
-  double friction_stiffness = 0;  ///< k_c w min(mu, 1), N/m
+  double friction_stiffness = 0;  ///< k_c A min(mu, 1), N/m
   // Fixed within the step.
   bool fresh = false;           ///< began in this step, before the point reached the surface
   bool two_sided = false;       ///< predicted to cross in this step, and no iteration has moved the point yet

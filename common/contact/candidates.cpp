@@ -1,35 +1,32 @@
 #include "contact/candidates.hpp"
 
-#include <algorithm>
-#include <numeric>
-
 namespace softhand {
 namespace {
 
 PointGroups groups_of(const ContactPoints& points) {
-  std::vector<std::int32_t> all(static_cast<std::size_t>(points.count()));
-  std::iota(all.begin(), all.end(), 0);
   std::vector<std::uint8_t> bodies;
-  bodies.reserve(all.size());
-  for (const std::int32_t point : all) bodies.push_back(points[point].body);
-  return PointGroups(std::move(all), bodies);
+  for (int i = 0; i < points.count(); ++i) bodies.push_back(points[i].body);
+  return PointGroups(bodies, [&points](std::int32_t point) { return points.nodes(point); });
 }
 
 }  // namespace
 
-Candidates::Candidates(const ContactPoints& points) : points_(&points), groups_(groups_of(points)) {
-  starts_ = velocities_ = ends_ = displacements_ = Eigen::Matrix3Xd::Zero(3, points.count());
+Candidates::Candidates(const ContactPoints& points, int slots)
+    : points_(&points),
+      groups_(groups_of(points)),
+      clearances_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points.count()), 0.0) {
+  starts_ = velocities_ = ends_ = displacements_ = Eigen::Matrix3Xd::Zero(3, points.node_count());
 }
 
 void Candidates::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
-  points_->gather(state.node_positions, starts_);
-  points_->gather(state.node_velocities, velocities_);
+  starts_ = state.node_positions;
+  velocities_ = state.node_velocities;
   groups_.update(starts_, velocities_, time_step);
 }
 
 void Candidates::set_ends(const State& state) {
-  points_->gather(state.node_positions, ends_);
+  ends_ = state.node_positions;
   displacements_ = ends_ - starts_;
   groups_.update(starts_, displacements_, 1.0);
 }
@@ -50,13 +47,17 @@ bool Candidates::may_reach(const Collider& collider, const State& state, double 
   return may;
 }
 
-bool Candidates::predicted(const Collider& collider, int point, Meeting& meeting) {
+bool Candidates::predicted(const Collider& collider, int point, double margin, double& clearance, Meeting& meeting) {
   const Vector3 position = start(point);
+  const Vector3 movement = time_step_ * points_->at(point, velocities_);
+  clearance = (position - collider.start_pose().position).norm() - collider.geometry()->bounding_radius();
+  if (clearance > margin + movement.norm()) return false;
   const Vector3 now = to_local(collider.start_pose(), position);
-  const Vector3 next = to_local(collider.end_pose(), predicted_end(point));
+  const Vector3 next = to_local(collider.end_pose(), position + movement);
   const Vector3 before = collider.jumped() ? to_local(collider.last_pose(), position) : now;
   ++queries_;
   const SurfacePoint nearest = collider.closest(now);
+  clearance = nearest.distance;
   if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return false;
   meeting.point = point;
   if (collider.jumped()) {
@@ -86,7 +87,7 @@ bool Candidates::predicted(const Collider& collider, int point, Meeting& meeting
     meeting.recess = -surface.distance;
     return true;
   }
-  const auto met = collider.meeting(position, predicted_end(point));
+  const auto met = collider.meeting(position, position + movement);
   if (!met) return false;
   meeting.place = met->point;
   meeting.normal = met->normal;
@@ -95,11 +96,11 @@ bool Candidates::predicted(const Collider& collider, int point, Meeting& meeting
 }
 
 bool Candidates::crossed(const Collider& collider, int point, Meeting& meeting) {
-  const Vector3 from = to_local(collider.start_pose(), starts_.col(point));
-  const Vector3 to = to_local(collider.end_pose(), ends_.col(point));
+  const Vector3 start = points_->at(point, starts_), end = points_->at(point, ends_);
+  const Vector3 from = to_local(collider.start_pose(), start), to = to_local(collider.end_pose(), end);
   ++queries_;
   if (collider.closest(to).distance > (to - from).norm()) return false;
-  const auto met = collider.meeting(starts_.col(point), ends_.col(point));
+  const auto met = collider.meeting(start, end);
   if (!met) return false;
   meeting.point = point;
   meeting.place = met->point;

@@ -11,29 +11,21 @@ namespace {
 
 constexpr double kWeightError = 1e-9;  // of the sum of a point's weights
 
-std::vector<ContactPoint> points_at_nodes(const HandModel& hand) {
-  std::vector<std::int32_t> nodes;
-  for (const auto& triangle : hand.surface) nodes.insert(nodes.end(), triangle.begin(), triangle.end());
-  std::sort(nodes.begin(), nodes.end());
-  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-  std::vector<ContactPoint> points(nodes.size());
-  std::vector<std::size_t> point_of(hand.nodes.size());
-  for (std::size_t i = 0; i < nodes.size(); ++i) {
-    points[i].nodes[0] = nodes[i];
-    points[i].weights[0] = 1;
-    points[i].body = hand.node_body[static_cast<std::size_t>(nodes[i])];
-    point_of[static_cast<std::size_t>(nodes[i])] = i;
+ContactPoint contact_point(const HandModel& hand, const SkinPoint& from) {
+  std::array<std::size_t, ContactPoint::most_nodes> order{0, 1, 2, 3};
+  std::stable_sort(order.begin(), order.end(),
+                   [&from](std::size_t a, std::size_t b) { return from.weights[a] > from.weights[b]; });
+  ContactPoint point;
+  point.body = from.body;
+  point.area = from.area;
+  point.node_count = 0;
+  for (const std::size_t k : order) {
+    if (from.weights[k] == 0) continue;
+    const auto i = static_cast<std::size_t>(point.node_count++);
+    point.nodes[i] = hand.tetrahedra[static_cast<std::size_t>(from.tetrahedron)][k];
+    point.weights[i] = from.weights[k];
   }
-  double total = 0;
-  for (const auto& triangle : hand.surface) {
-    const auto corner = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(triangle[k])]; };
-    const double area = 0.5 * (corner(1) - corner(0)).cross(corner(2) - corner(0)).norm();
-    total += area;
-    for (const std::int32_t node : triangle) points[point_of[static_cast<std::size_t>(node)]].area += area / 3.0;
-  }
-  const double mean = total / static_cast<double>(std::max<std::size_t>(1, points.size()));
-  for (ContactPoint& point : points) point.share = point.area / mean;
-  return points;
+  return point;
 }
 
 }  // namespace
@@ -43,7 +35,8 @@ ContactPoints::ContactPoints(const HandModel& hand, const std::vector<double>& n
     throw std::invalid_argument("contact: " + std::to_string(node_masses.size()) + " node masses for " +
                                 std::to_string(hand.nodes.size()) + " nodes");
   }
-  points_ = points_at_nodes(hand);
+  points_.reserve(hand.contact_points.size());
+  for (const SkinPoint& point : hand.contact_points) points_.push_back(contact_point(hand, point));
   finish(node_masses);
 }
 
@@ -63,6 +56,7 @@ void ContactPoints::finish(const std::vector<double>& node_masses) {
     };
     if (p.node_count < 1 || p.node_count > static_cast<std::int32_t>(ContactPoint::most_nodes))
       refuse(std::to_string(p.node_count) + " nodes, expected 1 to 4");
+    if (!(p.area > 0)) refuse("area is " + std::to_string(p.area) + " m^2, expected a number > 0");
     double sum = 0, mobility = 0;
     for (std::size_t k = 0; k < static_cast<std::size_t>(p.node_count); ++k) {
       if (p.nodes[k] < 0 || p.nodes[k] >= static_cast<std::int32_t>(node_masses.size()))

@@ -1,5 +1,5 @@
-// Points of the skin where contact happens. A point is a weighted mean of up to four mesh nodes. Today each node of the
-// skin is one point with weight 1. Only this file knows which nodes a point has.
+// Points of the skin where contact happens. A point is a weighted mean of up to four mesh nodes. Only this file knows
+// which nodes a point has.
 #pragma once
 
 #include <array>
@@ -17,17 +17,16 @@ struct ContactPoint {
   std::array<double, most_nodes> weights{};      ///< >= 0, sum 1
   std::int32_t node_count = 1;
   std::uint8_t body = 0;  ///< nearest bone, `Body`
-  double area = 0;        ///< m^2
-  double share = 1;       ///< w: the point's contact stiffness is w k_c
+  double area = 0;        ///< A, m^2: the point's contact stiffness is A k_c
 };
 
 /// The constant table of the contact points of one hand.
 class ContactPoints {
  public:
-  /// One point for each node of the skin, in ascending order. w is the nodal area divided by the mean nodal area.
-  /// `node_masses` in kg. Throws std::invalid_argument if their number differs from that of the nodes.
+  /// The hand's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
+  /// their number differs from that of the nodes.
   ContactPoints(const HandModel& hand, const std::vector<double>& node_masses);
-  /// Throws std::invalid_argument if a point names a wrong node or its weights do not sum to 1.
+  /// Throws std::invalid_argument if a point names a wrong node, its area is not > 0, or its weights do not sum to 1.
   ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses);
 
   int count() const { return static_cast<int>(points_.size()); }
@@ -40,6 +39,8 @@ class ContactPoints {
   std::int32_t main_node(int point) const { return (*this)[point].nodes[0]; }
   /// Mass of the point if its nodes move freely, kg.
   double mass(int point) const { return masses_[static_cast<std::size_t>(point)]; }
+  /// Number of nodes of the mesh.
+  int node_count() const { return static_cast<int>(is_skin_.size()); }
   /// Whether any point has this node.
   bool has_node(std::int32_t node) const { return is_skin_[static_cast<std::size_t>(node)] != 0; }
   /// Whether any node of the point is marked. `marks`: by node.
@@ -58,10 +59,6 @@ class ContactPoints {
     for (std::size_t k = 1; k < static_cast<std::size_t>(p.node_count); ++k)
       sum += p.weights[k] * of_nodes.col(p.nodes[k]);
     return sum;
-  }
-  /// The same for all points. `of_points` must have `count()` columns.
-  void gather(const Eigen::Matrix3Xd& of_nodes, Eigen::Matrix3Xd& of_points) const {
-    for (int i = 0; i < count(); ++i) of_points.col(i) = at(i, of_nodes);
   }
   /// Calls visit(bone, share) for the bones of the point's nodes. `node_body`: by node. The shares sum to 1.
   template <typename Visit>

@@ -33,12 +33,12 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
       moving_slots_(moving_slots),
       points_(std::move(points)),
       blocks_(points_),
-      candidates_(points_),
+      candidates_(points_, slots),
       report_(points_, slots, 2 * static_cast<std::size_t>(points_.count())),
       has_anchor_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points_.count()), 0) {
   if (!std::isfinite(stiffness) || !(stiffness > 0)) {
     throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) +
-                                " N/m, expected a finite number > 0");
+                                " N/m^3, expected a finite number > 0");
   }
   if (moving_slots < 0 || moving_slots > slots) throw std::invalid_argument("contact: more moving slots than slots");
   for (int slot = 0; slot < slots; ++slot) {
@@ -157,7 +157,7 @@ void ContactSet::load(const Memory& memory) {
   for (const AnchorMemory& from : memory.anchors) {
     Anchor anchor{from};
     anchor.known = true;
-    anchor.stiffness = stiffness_ * points_[from.point].share;
+    anchor.stiffness = stiffness_ * points_[from.point].area;
     anchor.set_friction(at(from.slot).friction);
     anchors_.push_back(anchor);
   }
@@ -232,7 +232,7 @@ double ContactSet::stored_energy_at(const State& state, std::span<const std::uin
         return std::numeric_limits<double>::infinity();
       if ((point - pose.position).norm() > radius) continue;
       const double sunk = std::min(0.0, s.collider.closest(to_local(pose, point)).distance);
-      energy += 0.5 * stiffness_ * points_[i].share * sunk * sunk;
+      energy += 0.5 * stiffness_ * points_[i].area * sunk * sunk;
     }
   }
   return energy;
@@ -255,7 +255,7 @@ ContactSet::Anchor* ContactSet::create(int slot, const Meeting& meeting) {
   anchor.normal = meeting.normal;
   anchor.recess = meeting.recess;
   anchor.fresh = anchor.two_sided = meeting.predicted;
-  anchor.stiffness = stiffness_ * points_[meeting.point].share;
+  anchor.stiffness = stiffness_ * points_[meeting.point].area;
   anchor.set_friction(at(slot).friction);
   has_anchor(slot, meeting.point) = 1;
   anchors_.push_back(anchor);
@@ -286,7 +286,7 @@ void ContactSet::begin_step(const State& state, double time_step) {
     if (!collider.begin_step(state, time_step, candidates_.groups()))
       remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
     candidates_.for_each_predicted(
-        collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
+        slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
         [this, slot](const Meeting& meeting) { create(slot, meeting); });
   }
   for (Anchor& anchor : anchors_)
@@ -321,7 +321,7 @@ void ContactSet::find_crossed(const State& state, Found&& found) {
     if (!std::exchange(any, true)) candidates_.set_ends(state);
     collider.set_end(state);
     candidates_.for_each_crossed(
-        collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
+        slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
         [&](const Meeting& meeting) {
           if (Anchor* anchor = create(slot, meeting)) found(*anchor);
         });

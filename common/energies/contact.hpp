@@ -1,10 +1,10 @@
 // Contact of the skin with objects: the anchors (figure 4) and the normal energy U_n (ES2725128A1 eq. 32).
 //
-//   U_n = sum 1/2 k_c w min(0, u)^2,   u = n . e,   e = R^T (x_p - x_b) - a
+//   U_n = sum 1/2 k_c A min(0, u)^2,   u = n . e,   e = R^T (x_p - x_b) - a
 //
 // a and n are the anchor and its outward normal in the object's frame. (x_b, R) is the object's body. x_p is a contact
-// point of the skin (contact/contact_point.hpp), and w is its share of the stiffness. Degrees of freedom: the nodes of
-// the point, and the translation and rotation of the object's body if the object is movable. Units: J, m, N/m.
+// point of the skin (contact/contact_point.hpp), and A is its area. Degrees of freedom: the nodes of the point, and the
+// translation and rotation of the object's body if the object is movable. Units: J, m, m^2, N/m^3.
 //
 // This file joins the pieces in contact/: colliders, candidates, the anchor law and the report. ContactSet owns their
 // memory.
@@ -57,8 +57,8 @@ class ContactSet {
   using Offset = AnchorOffset;
 
   /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state. The first `moving_slots` of them
-  /// may be movable. `stiffness` is k_c, N/m, of a point with w = 1. `node_masses` (kg) are used only to estimate the
-  /// normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
+  /// may be movable. `stiffness` is k_c, N/m^3: a force per area and depth. `node_masses` (kg) are used only to
+  /// estimate the normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
   ContactSet(const HandModel& hand, const std::vector<double>& node_masses, double stiffness, int first_body,
              int moving_slots, int slots);
   /// The same for given contact points of a mesh with `node_count` nodes.

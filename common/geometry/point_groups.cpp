@@ -6,19 +6,22 @@
 
 namespace softhand {
 
-PointGroups::PointGroups(std::vector<std::int32_t> points, std::span<const std::uint8_t> group_of) {
-  std::vector<std::size_t> order(points.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&group_of](std::size_t a, std::size_t b) { return group_of[a] < group_of[b]; });
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    if (i == 0 || group_of[order[i]] != group_of[order[i - 1]]) {
-      Group group;
-      group.begin = static_cast<std::int32_t>(i);
-      groups_.push_back(group);
-    }
-    points_.push_back(points[order[i]]);
-    groups_.back().end = static_cast<std::int32_t>(i + 1);
+PointGroups::PointGroups(std::span<const std::uint8_t> group_of,
+                         const std::function<std::span<const std::int32_t>(std::int32_t)>& nodes_of) {
+  std::vector<std::int32_t> points(group_of.size());
+  std::iota(points.begin(), points.end(), 0);
+  const auto group = [&group_of](std::int32_t point) { return group_of[static_cast<std::size_t>(point)]; };
+  std::stable_sort(points.begin(), points.end(),
+                   [&group](std::int32_t a, std::int32_t b) { return group(a) < group(b); });
+  for (const std::int32_t point : points) {
+    if (groups_.empty() || group(point) != group(groups_.back().points.front())) groups_.emplace_back();
+    groups_.back().points.push_back(point);
+    const auto nodes = nodes_of(point);
+    groups_.back().nodes.insert(groups_.back().nodes.end(), nodes.begin(), nodes.end());
+  }
+  for (Group& each : groups_) {
+    std::sort(each.nodes.begin(), each.nodes.end());
+    each.nodes.erase(std::unique(each.nodes.begin(), each.nodes.end()), each.nodes.end());
   }
 }
 
@@ -26,10 +29,9 @@ void PointGroups::update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3
   Eigen::AlignedBox3d whole;
   for (Group& group : groups_) {
     Eigen::AlignedBox3d bounds;
-    for (std::int32_t i = group.begin; i < group.end; ++i) {
-      const std::int32_t point = points_[static_cast<std::size_t>(i)];
-      bounds.extend(Vector3(positions.col(point)));
-      bounds.extend(Vector3(positions.col(point) + time_step * velocities.col(point)));
+    for (const std::int32_t node : group.nodes) {
+      bounds.extend(Vector3(positions.col(node)));
+      bounds.extend(Vector3(positions.col(node) + time_step * velocities.col(node)));
     }
     group.centre = bounds.center();
     group.radius = 0.5 * bounds.diagonal().norm();
@@ -41,9 +43,9 @@ void PointGroups::update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3
   }
 }
 
-bool PointGroups::is_near(const Group& group, const ShapeGeometry& shape, const Pose& pose, double margin) {
-  const Vector3 offset = group.centre - pose.position;
-  const double reach = group.radius + margin;
+bool PointGroups::is_near(const Ball& ball, const ShapeGeometry& shape, const Pose& pose, double margin) {
+  const Vector3 offset = ball.centre - pose.position;
+  const double reach = ball.radius + margin;
   const double far = reach + shape.bounding_radius();
   if (offset.squaredNorm() > far * far) return false;
   return shape.signed_distance(pose.orientation.conjugate() * offset) <= reach;

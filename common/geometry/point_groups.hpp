@@ -1,7 +1,9 @@
-// Broad phase: points of the skin, grouped by their bone. Each group has a bounding ball.
+// Broad phase: points of the skin, grouped by their bone. Each point is a mean of nodes. Each group has a bounding ball
+// of its nodes, so the points themselves need not be computed.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -15,10 +17,13 @@ namespace softhand {
 /// Allocates only at construction.
 class PointGroups {
  public:
-  /// `points`: the columns of the points that can touch objects. `group_of[i]`: the group of `points[i]`.
-  PointGroups(std::vector<std::int32_t> points, std::span<const std::uint8_t> group_of);
+  /// Points 0, 1, ... `group_of[i]`: the group of point i. `nodes_of(i)`: the nodes whose mean point i is, with weights
+  /// >= 0.
+  PointGroups(std::span<const std::uint8_t> group_of,
+              const std::function<std::span<const std::int32_t>(std::int32_t)>& nodes_of);
 
-  /// Updates the bounding balls. They contain each point's motion in a step of `time_step` seconds.
+  /// Updates the bounding balls. They contain each point's motion in a step of `time_step` seconds. `positions` and
+  /// `velocities` are those of the nodes.
   void update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3Xd& velocities, double time_step);
 
   /// An upper bound of the distance of any point from `point`, metres.
@@ -28,25 +33,25 @@ class PointGroups {
   /// The order of the groups and of their points never changes.
   template <typename Visit>
   void for_each_near(const ShapeGeometry& shape, const Pose& pose, double margin, Visit&& visit) const {
-    if (points_.empty() || !is_near(whole_, shape, pose, margin)) return;
+    if (groups_.empty() || !is_near(whole_, shape, pose, margin)) return;
     for (const Group& group : groups_) {
       if (!is_near(group, shape, pose, margin)) continue;
-      for (std::int32_t i = group.begin; i < group.end; ++i) visit(points_[static_cast<std::size_t>(i)]);
+      for (const std::int32_t point : group.points) visit(point);
     }
   }
 
  private:
-  struct Group {
-    std::int32_t begin = 0;
-    std::int32_t end = 0;
+  struct Ball {
     Vector3 centre = Vector3::Zero();
     double radius = 0;
   };
-  static bool is_near(const Group& group, const ShapeGeometry& shape, const Pose& pose, double margin);
+  struct Group : Ball {
+    std::vector<std::int32_t> points, nodes;
+  };
+  static bool is_near(const Ball& ball, const ShapeGeometry& shape, const Pose& pose, double margin);
 
-  std::vector<std::int32_t> points_;  // sorted by group
   std::vector<Group> groups_;
-  Group whole_;
+  Ball whole_;
 };
 
 }  // namespace softhand

@@ -12,6 +12,7 @@
 #include "energies/inertia.hpp"
 #include "energies/memory_suite.hpp"
 #include "math/rotation.hpp"
+#include "support/node_contact.hpp"
 
 namespace softhand {
 namespace {
@@ -25,7 +26,7 @@ Shape make(ShapeKind kind, Vec3 size = {}) {
   return shape;
 }
 
-// `triangles` separate triangles of skin, all of the same size, so that every weight w is 1.
+// `triangles` separate triangles of skin, all of the same size, so that all nodes have the same stiffness.
 HandModel skin(int triangles) {
   HandModel hand;
   for (int t = 0; t < triangles; ++t) {
@@ -41,7 +42,8 @@ HandModel skin(int triangles) {
 struct Rig {
   Rig(int triangles, double stiffness, double node_mass, int moving_slots = 1, int slots = 1)
       : hand(skin(triangles)),
-        contacts(hand, std::vector<double>(hand.nodes.size(), node_mass), stiffness, 0, moving_slots, slots),
+        contacts(testing::contact_at_nodes(hand, std::vector<double>(hand.nodes.size(), node_mass)), hand.node_count(),
+                 testing::contact_stiffness(hand, stiffness), 0, moving_slots, slots),
         contact(contacts),
         friction(contacts),
         inertia(std::vector<double>(hand.nodes.size(), node_mass), slots) {
@@ -187,7 +189,7 @@ std::vector<ContactPoint> points_between_nodes(const HandModel& hand) {
 TEST_P(ContactDerivatives, OfPointsBetweenNodes) {
   const HandModel hand = skin(4);
   const std::vector<double> masses(hand.nodes.size(), 1e-4);
-  ContactSet contacts(ContactPoints(points_between_nodes(hand), masses), hand.node_count(), 700, 0, 1, 1);
+  ContactSet contacts(ContactPoints(points_between_nodes(hand), masses), hand.node_count(), 700 / 2e-5, 0, 1, 1);
   ContactEnergy contact(contacts);
   FrictionEnergy friction(contacts);
   const ShapeGeometry sphere(make(ShapeKind::sphere, {0.05, 0, 0}));
@@ -224,10 +226,11 @@ TEST(ContactPoints, HaveMassAndMainNode) {
   EXPECT_NEAR(points.mass(0), 3e-4, 1e-12);
   EXPECT_NEAR(points.mass(1), 1e-4 / (0.75 * 0.75 + 0.25 * 0.25), 1e-12);
   EXPECT_EQ(points.main_node(2), 3);
-  const ContactPoints nodes(hand, std::vector<double>(hand.nodes.size(), 1e-4));
+  const ContactPoints nodes = testing::contact_at_nodes(hand, std::vector<double>(hand.nodes.size(), 1e-4));
   EXPECT_EQ(nodes.count(), 6);
   EXPECT_EQ(nodes.mass(5), 1e-4);
   ContactPoint bad;
+  bad.area = 1e-5;
   bad.weights[0] = 0.9;
   EXPECT_THROW(ContactPoints({bad}, {1e-4}), std::invalid_argument);
   bad.weights[0] = 1;
@@ -732,7 +735,8 @@ TEST(Contact, RefusesBadNumbers) {
   EXPECT_THROW(rig.contacts.set_object(0, nullptr, 0.5, 1, ContactObject::fixed), std::invalid_argument);
   EXPECT_THROW(rig.contacts.set_object(0, &plane, -0.5, 1, ContactObject::fixed), std::invalid_argument);
   EXPECT_THROW(rig.contacts.set_object(1, &plane, 0.5, 1, ContactObject::moving), std::invalid_argument);
-  EXPECT_THROW(ContactSet(rig.hand, std::vector<double>(3, 1e-3), 0, 0, 1, 1), std::invalid_argument);
+  EXPECT_THROW(ContactSet(testing::contact_at_nodes(rig.hand, std::vector<double>(3, 1e-3)), 3, 0, 0, 1, 1),
+               std::invalid_argument);
 }
 
 }  // namespace

@@ -351,7 +351,7 @@ TEST(Untangler, KeepsTheContactsOfOtherTissue) {
   HandOverASphere scene(false);
   State state = scene.simulation.state();
   const ShapeGeometry& sphere = scene.sphere;
-  ContactSet contacts(hand, lumped_masses(hand), 1e3, kBodyCount, 1, 2);
+  ContactSet contacts(hand, lumped_masses(hand), 1e7, kBodyCount, 1, 2);
   contacts.set_object(1, &sphere, 0.8, 7, ContactObject::fixed);
   state.body_poses[kBodyCount + 1] = {scene.place.position + Vector3(0, 4e-3, 0), Quaternion::Identity()};
   contacts.begin_step(state, kStep);
@@ -450,7 +450,7 @@ TEST(HandSimulation, QueriesContactOnlyNearObjects) {
   simulation.set_slot_motion(0, {Vector3(0, 0.5, 0), Quaternion::Identity()}, {});
   for (int i = 0; i < 5; ++i) simulation.step(kStep);
   EXPECT_EQ(simulation.work().contact_queries, 0u) << "the object is half a metre off";
-  simulation.set_slot_motion(0, {Vector3(-0.02, 0.045, -0.16), Quaternion::Identity()}, {});
+  simulation.set_slot_motion(0, {Vector3(-0.012, 0.0375, -0.164), Quaternion::Identity()}, {});  // touches a node
   simulation.step(kStep);
   const std::uint64_t near = simulation.work().contact_queries;
   EXPECT_GT(near, 0u);

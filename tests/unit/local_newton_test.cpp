@@ -103,7 +103,7 @@ struct Scene {
     factor.analyze(hessian);
     factor.load(hessian);
     EXPECT_TRUE(factor.factorize());
-    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, factor,
+    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, 1e9, factor,
                            direction);
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
