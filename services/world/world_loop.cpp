@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
+#include <tuple>
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -89,7 +90,6 @@ Vector3 WorldLoop::gravity_of(const Object& object) const {
   return object.weightless || !object.dynamic ? Vector3(Vector3::Zero()) : gravity_;
 }
 
-/// The child's frame lies where the parent's frame is at the start.
 void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
   joints_.reserve(joints.size());
   for (const JointOptions& from : joints) {
@@ -100,15 +100,8 @@ void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
     joint.engine.child = static_cast<std::size_t>(find(from.child) - objects_.data());
     const Object& parent = objects_[joint.engine.parent];
     const Object& child = objects_[joint.engine.child];
-    const Pose frame{to_vector(from.position),
-                     Quaternion::FromTwoVectors(Vector3::UnitY(), to_vector(from.axis)).normalized()};
-    joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * frame;
-    joint.engine.child_from_joint = child.start.inverse() * (parent.start * joint.engine.parent_from_joint);
-    if (from.model != nullptr) {  // an object file gives both frames
-      const LinkJoint& link = from.model->joints[from.number];
-      joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * link.parent_from_joint;
-      joint.engine.child_from_joint = child.solid.body_frame.inverse() * link.child_from_joint;
-    }
+    std::tie(joint.engine.parent_from_joint, joint.engine.child_from_joint) =
+        joint_frames(from, parent.options, parent.solid, child.options, child.solid);
     ObjectJointDescription& description = joint_descriptions_.emplace_back();
     description.joint = static_cast<std::uint32_t>(joints_.size());
     set_text(description.name, from.name);
@@ -200,8 +193,14 @@ void WorldLoop::insert(std::size_t slot) {
   object.velocity = object.previous_velocity = {};
   object.present = true;
   object.planes.clear();
+  add_to_engine(slot);
+}
+
+/// Adds an object to the engine at its present pose, at rest.
+void WorldLoop::add_to_engine(std::size_t slot) {
+  const Object& object = objects_[slot];
   engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                      object.start, object.solid.pieces});
+                      object.pose, object.solid.pieces});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
@@ -420,9 +419,7 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       ++counters_.repaired;
       detach(slot);
       engine_->remove(slot);
-      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                          object.pose, object.solid.pieces});
-      engine_->set_gravity(slot, gravity_of(object));
+      add_to_engine(slot);
       object.velocity = object.previous_velocity = {};
       attach(slot);
       continue;

@@ -137,6 +137,7 @@ class WorldLoop {
   const Joint& find_joint(std::string_view name) const;
   void make_engine();
   void insert(std::size_t slot);
+  void add_to_engine(std::size_t slot);
   void restore(std::size_t first);
   void restore_all();
   void describe(std::size_t slot, bool removed);
