@@ -4,9 +4,11 @@
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
+#include <tuple>
 
 #include "runtime/object_store.hpp"
 #include "trackers/replay/recording.hpp"
+#include "world/solid.hpp"
 
 namespace softhand {
 namespace {
@@ -88,6 +90,29 @@ const ObjectOptions* judged_object(const SceneOptions& options) {
   return nullptr;
 }
 
+const JointOptions* judged_joint(const SceneOptions& options) {
+  for (const JointOptions& joint : options.joints) {
+    if (joint.name == options.judge.joint) return &joint;
+  }
+  return nullptr;
+}
+
+JudgedJoint judged(const SceneOptions& options, const JointOptions& joint) {
+  JudgedJoint out;
+  out.law = joint_law(joint);
+  const auto id = [&options](const std::string& name) {
+    const auto found = std::find_if(options.objects.begin(), options.objects.end(),
+                                    [&name](const ObjectOptions& object) { return object.name == name; });
+    return static_cast<std::uint32_t>(found - options.objects.begin()) + 1;
+  };
+  out.parent = id(joint.parent);
+  out.child = id(joint.child);
+  const ObjectOptions &parent = options.objects.at(out.parent - 1), &child = options.objects.at(out.child - 1);
+  std::tie(out.parent_from_joint, out.child_from_joint) =
+      joint_frames(joint, parent, make_solid(parent), child, make_solid(child));
+  return out;
+}
+
 }  // namespace
 
 void describe(OptionVisitor& v, SceneOptions& o) {
@@ -129,6 +154,15 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
   add_object_files(scene);
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object has the name '" + scene.options.judge.object + "'");
+  }
+  if (const std::string& joint = scene.options.judge.joint; !joint.empty()) {
+    const JointOptions* judged = judged_joint(scene.options);
+    if (judged == nullptr) throw ConfigError(path + ": judge.joint: no joint has the name '" + joint + "'");
+    if (!joint_law(*judged).has_coordinate())
+      throw ConfigError(path + ": judge.joint: '" + joint + "' is " + judged->kind +
+                        "; expected a joint with one coordinate");
+  } else if (scene.options.judge.goal.swing > 0) {
+    throw ConfigError(path + ": judge.swing: expected the name of a joint in judge.joint");
   }
   // Never more slots than the scene has objects, if it lists any. A slot for a movable object adds columns to the
   // matrix of the step even if it is unused.
@@ -197,6 +231,8 @@ OutcomeFrame outcome_frame(const Scene& scene, Nanoseconds motion_start) {
   OutcomeFrame frame;
   frame.motion_start = motion_start;
   frame.goal = scene.options.judge.goal;
+  frame.goal.times = static_cast<int>(scene.options.judge.times);
+  if (const JointOptions* joint = judged_joint(scene.options)) frame.joint = judged(scene.options, *joint);
   frame.recorded = !scene.options.motion.empty();
   frame.shake_frequency = scene.options.generator.shake_time > 0 ? scene.options.generator.shake_frequency : 0;
   if (!frame.recorded) frame.phases = make_scene_motion(scene, load_scene_hand(scene))->phases();

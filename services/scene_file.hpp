@@ -41,7 +41,9 @@ inline void describe(OptionVisitor& v, SimulateOptions& o) {
 
 struct JudgeOptions {
   std::string object;
+  std::string joint;
   Goal goal;
+  std::int64_t times = 1;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
@@ -51,6 +53,14 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("returns", o.goal.returns, "m", {0, 10},
            "The run succeeds only if the object ends this near to its first place, untouched and at rest. With `tilt`, "
            "also tilted by at most 5 degrees. 0 = not asked for.");
+  v.flag("both_sides", o.goal.both_sides, "`tilt` is asked for towards two opposite sides.");
+  v.string("joint", o.joint, "Name of the joint that `swing` is about: a hinge, a slider or a screw.");
+  v.number("swing", o.goal.swing, "rad or m", {0, 1000},
+           "The run succeeds only if the coordinate of the joint rises by this much and the object is released. "
+           "0 = not asked for.");
+  v.number("closes", o.goal.closes, "rad or m", {0, 1000},
+           "After each swing the coordinate falls to this much above its first value. 0 = not asked for.");
+  v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
 }
 
 struct HapticOptions {

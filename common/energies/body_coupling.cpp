@@ -62,6 +62,7 @@ BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, Do
     site.blocks = Clique<2>({layout.body_translation_block(given.body), layout.body_rotation_block(given.body)});
     sites_.push_back(site);
   }
+  saved_.sites.reserve(sites_.size());
 }
 
 void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocity) {
@@ -72,6 +73,23 @@ void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocit
 }
 
 void BodyCoupling::set_gains(int site, const CouplingGains& gains) { at(site).gains = gains; }
+
+const BodyCoupling::Memory& BodyCoupling::save() const {
+  saved_.sites.assign(sites_.begin(), sites_.end());
+  return saved_;
+}
+
+void BodyCoupling::load(const Memory& memory) {
+  if (memory.sites.size() != sites_.size())
+    throw std::invalid_argument(name_ + ": the memory has " + std::to_string(memory.sites.size()) +
+                                " sites, expected " + std::to_string(sites_.size()));
+  for (const Memory::Site& from : memory.sites) check_gains(name_, from.gains);
+  for (std::size_t i = 0; i < sites_.size(); ++i) static_cast<Memory::Site&>(sites_[i]) = memory.sites[i];
+}
+
+void BodyCoupling::reset() {
+  for (Site& s : sites_) s.pulled = false;
+}
 
 void BodyCoupling::add_pattern(BlockPattern& pattern) const {
   for (const Site& site : sites_) site.blocks.add_pattern(pattern);
@@ -101,8 +119,8 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     const bool continues = s.pulled && s.start.position == s.end.position &&
                            s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
                            rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kJump;
-    if (!continues) s.end_target = s.target;
-    s.start_energy = spring_energy(s, s.start, s.end_target);
+    s.start_target = continues ? s.end_target : s.target;
+    s.start_energy = spring_energy(s, s.start, s.start_target);
     const Pose start = s.start * s.body_from_frame;
     const double damping = s.gains.linear_damping / time_step;
     const double angular_damping = s.gains.angular_damping / time_step;
@@ -181,8 +199,8 @@ void BodyCoupling::end_step(State& state) {
     const Pose frame = s.end * s.body_from_frame;
     const Vector3 turned = rotation_log(s.end.orientation * s.start.orientation.conjugate());
     const Vector3 moved = s.end.position - s.start.position + turned.cross(frame.position - s.end.position);
-    const Vector3 target_moved = s.target.position - s.end_target.position;
-    const Vector3 target_turned = rotation_log(s.target.orientation * s.end_target.orientation.conjugate());
+    const Vector3 target_moved = s.target.position - s.start_target.position;
+    const Vector3 target_turned = rotation_log(s.target.orientation * s.start_target.orientation.conjugate());
     s.end_target = s.target;
     const Vector3 stretch = frame.position - s.target.position;
     const Vector3 turn = rotation_log(frame.orientation * s.target.orientation.conjugate());

@@ -26,7 +26,7 @@
 #include <vector>
 
 #include "energies/clique.hpp"
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 
 namespace softhand {
 
@@ -47,7 +47,7 @@ struct CouplingSite {
   CouplingGains gains;
 };
 
-class BodyCoupling final : public Energy {
+class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
  public:
   /// Sites have no target at first and exert no force. Throws std::invalid_argument if a gain is negative or NaN.
   BodyCoupling(std::string name, std::vector<CouplingSite> sites, DofLayout layout);
@@ -62,6 +62,28 @@ class BodyCoupling final : public Energy {
   void clear_target(int site) { at(site).active = false; }
   bool has_target(int site) const { return at(site).active; }
   void set_gains(int site, const CouplingGains& gains);
+
+  /// All that a step carries to the next one, and what the caller set.
+  struct Memory {
+    struct Site {
+      CouplingGains gains;
+      // As set by the caller.
+      bool active = false;
+      Pose target;
+      Twist target_velocity;
+      // At the end of the last step.
+      bool pulled = false;
+      Pose end;  // of the body
+      Pose end_target;
+      double stored = 0;  // J
+    };
+    std::vector<Site> sites;
+  };
+  const Memory& save() const;
+  /// Throws std::invalid_argument if `memory` has another number of sites.
+  void load(const Memory& memory);
+  /// The bodies were repositioned. Targets and gains stay.
+  void reset();
 
   /// Distance from the site's target to its frame in `state`, metres. Zero without a target.
   double stretch(int site, const State& state) const;
@@ -81,14 +103,10 @@ class BodyCoupling final : public Energy {
   EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
-  struct Site {
+  struct Site : Memory::Site {
     int body = 0;
     Pose body_from_frame;
-    CouplingGains gains;
     Clique<2> blocks;
-    bool active = false;  // as set by the caller
-    Pose target;
-    Twist target_velocity;
     // Fixed within the step.
     bool pulls = false;
     Vector3 position_target = Vector3::Zero();
@@ -96,12 +114,8 @@ class BodyCoupling final : public Energy {
     double stiffness = 0;
     double angular_stiffness = 0;
     Pose start;               // of the body
+    Pose start_target;        // the target before it moved
     double start_energy = 0;  // of the springs, towards the previous target, J
-    // At the end of the last step.
-    bool pulled = false;
-    Pose end;  // of the body
-    Pose end_target;
-    double stored = 0;  // J
   };
   struct Pull {
     double energy = 0;
@@ -114,6 +128,7 @@ class BodyCoupling final : public Energy {
 
   std::string name_;
   std::vector<Site> sites_;
+  mutable Memory saved_;
   double time_step_ = 0;
   EnergyFlow flow_;
 };

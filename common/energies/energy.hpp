@@ -10,6 +10,9 @@
 
 namespace softhand {
 
+class ByteReader;  // messages/plain_bytes.hpp
+class ByteWriter;
+
 /// The kind of a Hessian: exact (for derivative tests and for eq. 16 as written) or positive semi-definite (for the
 /// solver).
 enum class Curvature { exact, projected };
@@ -57,6 +60,16 @@ class Energy {
   /// Called after the solver has finished the step: anchors slide, contacts begin and end, inertia writes the new
   /// velocities into `state`.
   virtual void end_step(State& /*state*/) {}
+  /// Called instead of `end_step` after a step that failed. A step that begins and does not end has no effect on the
+  /// next one, whether this is called or not. A term overrides this if callers read its memory between steps.
+  virtual void cancel_step() {}
+  /// What a step carries to the next one. A term with memory derives from `EnergyWithMemory` (memory.hpp), which
+  /// overrides these. Reset: the caller moved the state, so the term forgets what the last steps left.
+  /// Copy: from a term of the same kind and size.
+  virtual void save_memory(ByteWriter& /*out*/) const {}
+  virtual void load_memory(ByteReader& /*in*/) {}
+  virtual void copy_memory(const Energy& /*other*/) {}
+  virtual void reset_memory() {}
   /// The energy ledger's entry for the last step. The minimisation changed the value from `start` to `end`, and
   /// dU/dq . dq = `taken`. The default holds for a potential that depends only on the state. Its force at the step's
   /// end did the work (for a convex potential, backward Euler loses energy).

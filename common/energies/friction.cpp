@@ -1,17 +1,13 @@
 #include "energies/friction.hpp"
 
-#include "energies/coulomb.hpp"
-
 namespace softhand {
 namespace {
 
 // A stretch that moved less than this is at the step's start, metres. It allows for rounding.
 constexpr double kAtStart = 1e-12;
 
-CoulombSpring spring_of(const ContactSet::Anchor& anchor) { return {anchor.friction_stiffness, anchor.friction_bound}; }
-
 Matrix3 stiffness_of(const ContactSet::Anchor& anchor, const ContactSet::Offset& o, Curvature curvature) {
-  const CoulombSpring spring = spring_of(anchor);
+  const CoulombSpring spring = anchor_law::friction_of(anchor);
   if (curvature == Curvature::projected && o.moved < kAtStart) {
     if (anchor.fresh) return anchor.predicted_secant * (Matrix3::Identity() - o.normal * o.normal.transpose());
     return spring.tangent(o.stretch, o.normal, anchor.sliding);
@@ -24,7 +20,8 @@ Matrix3 stiffness_of(const ContactSet::Anchor& anchor, const ContactSet::Offset&
 double FrictionEnergy::value(const State& state) const {
   double energy = 0;
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
-    if (anchor.friction_bound > 0) energy += spring_of(anchor).energy(contacts_.offset(anchor, state).stretch.norm());
+    if (anchor.friction_bound > 0)
+      energy += anchor_law::friction_of(anchor).energy(contacts_.offset(anchor, state).stretch.norm());
   }
   return energy;
 }
@@ -35,8 +32,8 @@ double FrictionEnergy::add_gradient(const State& state, VectorX& gradient) const
     if (!(anchor.friction_bound > 0)) continue;
     const ContactSet::Offset o = contacts_.offset(anchor, state);
     const double length = o.stretch.norm();
-    energy += spring_of(anchor).energy(length);
-    contacts_.scatter_gradient(anchor, o.lever, spring_of(anchor).secant(length) * o.stretch, gradient);
+    energy += anchor_law::friction_of(anchor).energy(length);
+    contacts_.scatter_gradient(anchor, o.lever, anchor_law::friction_of(anchor).secant(length) * o.stretch, gradient);
   }
   return energy;
 }
@@ -45,7 +42,7 @@ void FrictionEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curva
   for (const ContactSet::Anchor& anchor : contacts_.anchors()) {
     if (!(anchor.friction_bound > 0)) continue;
     const ContactSet::Offset o = contacts_.offset(anchor, state);
-    const Vector3 y = spring_of(anchor).secant(o.stretch.norm()) * o.stretch;
+    const Vector3 y = anchor_law::friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
     contacts_.scatter_hessian(anchor, o.lever, y, stiffness_of(anchor, o, curvature), hessian, curvature);
   }
 }

@@ -172,7 +172,7 @@ void Inertia::add_hessian(const State& state, BlockMatrix& hessian, Curvature cu
 
 void Inertia::end_step(State& state) {
   // Velocities that differ from the end of the last step were set from outside.
-  EnergyFlow flow{.work = start_energy_ - flow_.stored};
+  EnergyFlow flow{.work = start_energy_ - memory_.stored};
   for (std::size_t n = 0; n < node_masses_.size(); ++n) {
     const auto column = static_cast<Eigen::Index>(n);
     const Vector3 moved = state.node_positions.col(column) - node_start_.col(column);
@@ -203,6 +203,7 @@ void Inertia::end_step(State& state) {
     velocity = {linear, angular};
   }
   flow_ = flow;
+  memory_.stored = flow.stored;
 }
 
 }  // namespace softhand

@@ -19,11 +19,11 @@
 
 #include <vector>
 
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 
 namespace softhand {
 
-class Inertia final : public Energy {
+class Inertia final : public EnergyWithMemory<Inertia> {
  public:
   /// `node_masses` in kg, each > 0 (otherwise std::invalid_argument). All bodies start held. Gravity starts at zero.
   Inertia(std::vector<double> node_masses, int body_count);
@@ -50,8 +50,9 @@ class Inertia final : public Energy {
   struct Memory {
     double stored = 0;  // kinetic energy after the last step, J
   };
-  Memory save() const { return {flow_.stored}; }
-  void load(const Memory& memory) { flow_.stored = memory.stored; }
+  const Memory& save() const { return memory_; }
+  void load(const Memory& memory) { memory_ = memory; }
+  void reset() {}  // velocities that the caller changed count as work
 
   std::string_view name() const override { return "inertia"; }
   void add_pattern(BlockPattern&) const override {}  // the diagonal is always there
@@ -89,6 +90,7 @@ class Inertia final : public Energy {
   Eigen::Matrix3Xd node_target_;
   double start_energy_ = 0;  // kinetic, J
   EnergyFlow flow_;
+  Memory memory_;
 };
 
 }  // namespace softhand

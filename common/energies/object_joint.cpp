@@ -151,14 +151,13 @@ void ObjectJointEnergy::set_joint(int place, const ObjectJoint& joint) {
   if (!(joint.child_mass > 0) || (joint.parent >= 0 && !(joint.parent_mass > 0)))
     throw std::invalid_argument("object joint: a mass is not above 0");
   Joint& j = at(place);
-  const Twist velocity = j.parent_velocity;
   j = {};
   j.set = true;
   j.model = joint;
-  j.parent_velocity = velocity;
-  const Pose parent = memory_.joints[static_cast<std::size_t>(place)].parent;
-  memory_.joints[static_cast<std::size_t>(place)] = {};
-  memory_.joints[static_cast<std::size_t>(place)].parent = parent;
+  Memory::Joint fresh;
+  fresh.parent = memory_.joints[static_cast<std::size_t>(place)].parent;
+  fresh.parent_velocity = memory_.joints[static_cast<std::size_t>(place)].parent_velocity;
+  memory_.joints[static_cast<std::size_t>(place)] = fresh;
 }
 
 void ObjectJointEnergy::clear_joint(int place) {
@@ -168,7 +167,7 @@ void ObjectJointEnergy::clear_joint(int place) {
 
 void ObjectJointEnergy::set_parent_motion(int place, const Pose& pose, const Twist& velocity) {
   memory_.joints[static_cast<std::size_t>(place)].parent = pose;
-  at(place).parent_velocity = velocity;
+  memory_.joints[static_cast<std::size_t>(place)].parent_velocity = velocity;
 }
 
 void ObjectJointEnergy::load(const Memory& memory) {
@@ -244,6 +243,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     const Memory::Joint& memory = memory_.joints[place];
+    const Twist parent_velocity = memory.parent_velocity;
     const auto turning = [](double mass, const Matrix3& inertia, const Vector3& arm) {
       return inertia.trace() / 3 + mass * arm.squaredNorm();
     };
@@ -268,7 +268,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     const JointPose pose = pose_of(joint, state, memory.parent);
     const Twist still;
     const Twist& of_parent =
-        model.parent < 0 ? joint.parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
+        model.parent < 0 ? parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
     double rate = 0;
     if (law.has_coordinate()) {
       joint.start = joint_coordinate(law, pose);
@@ -280,7 +280,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     joint.slides_on = memory.direction * rate > 0;
     joint.parent = memory.parent;
     start_energy_ += evaluate(joint, state, nullptr, nullptr, Curvature::exact);
-    joint.parent = advanced(memory.parent, joint.parent_velocity, time_step);
+    joint.parent = advanced(joint.parent, parent_velocity, time_step);
   }
 }
 
@@ -418,6 +418,7 @@ void ObjectJointEnergy::end_step(State& state) {
     const ObjectJoint& model = joint.model;
     const JointLaw& law = model.law;
     Memory::Joint& memory = memory_.joints[place];
+    const Pose before = memory.parent;
     Vector12 local = Vector12::Zero();
     const double energy = evaluate(joint, state, &local, nullptr, Curvature::exact);
     const auto add_wrench = [this](int body, const Vector3& force, const Vector3& torque) {
@@ -428,9 +429,8 @@ void ObjectJointEnergy::end_step(State& state) {
     if (model.parent >= 0) {
       add_wrench(model.parent, local.segment<3>(0), local.segment<3>(3));
     } else {
-      parent_work_ +=
-          local.segment<3>(0).dot(joint.parent.position - memory.parent.position) +
-          local.segment<3>(3).dot(rotation_log(joint.parent.orientation * memory.parent.orientation.conjugate()));
+      parent_work_ += local.segment<3>(0).dot(joint.parent.position - before.position) +
+                      local.segment<3>(3).dot(rotation_log(joint.parent.orientation * before.orientation.conjugate()));
     }
     add_wrench(model.child, local.segment<3>(6), local.segment<3>(9));
     memory.parent = joint.parent;

@@ -27,8 +27,8 @@
 
 #include <vector>
 
-#include "energies/coulomb.hpp"
-#include "energies/energy.hpp"
+#include "contact/coulomb.hpp"
+#include "energies/memory.hpp"
 #include "model/joint_law.hpp"
 
 namespace softhand {
@@ -46,7 +46,7 @@ struct ObjectJoint {
   Matrix3 child_inertia = Matrix3::Identity();
 };
 
-class ObjectJointEnergy final : public Energy {
+class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
  public:
   /// Up to `places` joints between the bodies `first_body` ... `first_body + bodies - 1`. All places start empty. The
   /// pattern has all pairs of these bodies.
@@ -58,6 +58,7 @@ class ObjectJointEnergy final : public Energy {
   void set_joint(int place, const ObjectJoint& joint);
   void clear_joint(int place);
   bool is_set(int place) const { return at(place).set; }
+  const ObjectJoint& joint(int place) const { return at(place).model; }
   /// Prescribed motion of a parent with index -1: its pose at the start of the next step and its velocity. It moves
   /// with this velocity until the next call. Static at the origin at first.
   void set_parent_motion(int place, const Pose& pose, const Twist& velocity = {});
@@ -79,12 +80,13 @@ class ObjectJointEnergy final : public Energy {
       Quaternion anchor_turn = Quaternion::Identity();  // ball: relative rotation at the anchor
       double direction = 0;                             // of the last slide, -1 or 1; 0: it sticks
       Pose parent;                                      // prescribed parent at the start of the next step
+      Twist parent_velocity;
     };
     std::vector<Joint> joints;  // by place
     double stored = 0;          // J
   };
   const Memory& save() const { return memory_; }
-  /// Throws std::invalid_argument if `memory` has another number of places.
+  /// The same joints must be set. Throws std::invalid_argument if `memory` has another number of places.
   void load(const Memory& memory);
   /// Forgets the anchors: the friction of every joint starts without stretch. Prescribed parents keep their poses.
   void reset();
@@ -108,7 +110,6 @@ class ObjectJointEnergy final : public Energy {
   struct Joint {
     bool set = false;
     ObjectJoint model;
-    Twist parent_velocity;
     // Fixed within the step.
     Pose parent;  // prescribed parent at the end of the step
     double offset_stiffness = 0, axis_stiffness = 0, limit_stiffness = 0;

@@ -29,6 +29,9 @@ PlaneContact::PlaneContact(DofLayout layout, int first_body, int slots)
       points_(static_cast<std::size_t>(slots) * kMaxNeighbourPlanes * kPoints),
       saved_points_(kMaxNeighbourPlanes * kPoints),
       resting_(kPoints) {
+  saved_.slots.reserve(slots_.size());
+  saved_.planes.reserve(slots_.size() * kMaxNeighbourPlanes);
+  saved_.points.reserve(points_.size());
   for (int slot = 0; slot < slots; ++slot) {
     at(slot).blocks =
         Clique<2>({layout.body_translation_block(first_body + slot), layout.body_rotation_block(first_body + slot)});
@@ -60,6 +63,66 @@ void PlaneContact::clear_object(int slot) {
   s.count = 0;
 }
 
+const PlaneContact::Memory& PlaneContact::save() const {
+  saved_.slots.clear();
+  saved_.planes.clear();
+  saved_.points.clear();
+  for (const Slot& s : slots_) {
+    saved_.slots.push_back({s.geometry != nullptr, s.plane_count, s.mass, s.weight, s.stored, s.wrench, s.count});
+    for (const Plane& plane : planes_of(s)) {
+      saved_.planes.push_back(plane);
+      for (const Point& point : points_of(plane)) saved_.points.push_back(point);
+    }
+  }
+  saved_.dissipated = dissipated_;
+  saved_.cleared = cleared_;
+  return saved_;
+}
+
+void PlaneContact::load(const Memory& memory) {
+  const auto refuse = [](const std::string& reason) { throw std::invalid_argument("plane memory: " + reason); };
+  if (memory.slots.size() != slots_.size())
+    refuse(std::to_string(memory.slots.size()) + " slots, expected " + std::to_string(slots_.size()));
+  std::size_t planes = 0, points = 0;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const Memory::Slot& from = memory.slots[i];
+    if (from.is_set != (slots_[i].geometry != nullptr)) refuse("slot " + std::to_string(i) + " has another object");
+    if (from.plane_count > (from.is_set ? kMaxNeighbourPlanes : 0)) refuse("too many planes");
+    if (from.plane_count > memory.planes.size() - planes) refuse("fewer planes than it states");
+    for (std::size_t p = 0; p < from.plane_count; ++p) {
+      const std::size_t of_plane = memory.planes[planes++].points;
+      if (of_plane != slots_[i].geometry->resting_points(Vector3::UnitY(), resting_))
+        refuse("slot " + std::to_string(i) + " has another shape");
+      points += of_plane;
+    }
+  }
+  if (planes != memory.planes.size() || points != memory.points.size())
+    refuse(std::to_string(memory.points.size()) + " points, expected " + std::to_string(points));
+  auto plane_from = memory.planes.begin();
+  auto point_from = memory.points.begin();
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const Memory::Slot& from = memory.slots[i];
+    Slot& s = slots_[i];
+    s.plane_count = from.plane_count;
+    s.mass = from.mass;
+    s.weight = from.weight;
+    s.stored = from.stored;
+    s.wrench = from.wrench;
+    s.count = from.count;
+    for (std::size_t p = 0; p < s.plane_count; ++p) {
+      Plane& plane = s.planes[p];
+      static_cast<Memory::Plane&>(plane) = *plane_from++;
+      plane.end_point = plane.point;
+      for (Point& point : points_of(plane)) {
+        point = {};
+        static_cast<Memory::Point&>(point) = *point_from++;
+      }
+    }
+  }
+  dissipated_ = memory.dissipated;
+  cleared_ = memory.cleared;
+}
+
 void PlaneContact::reset() {
   std::fill(points_.begin(), points_.end(), Point{});
   for (Slot& s : slots_) {
@@ -84,7 +147,7 @@ void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) 
     const NeighbourPlane& given = planes[p];
     Plane& plane = s.planes[p];
     plane.neighbour = given.neighbour;
-    plane.point = to_vector(given.point);
+    plane.point = plane.end_point = to_vector(given.point);
     plane.normal = to_vector(given.normal).normalized();
     plane.velocity = to_vector(given.velocity);
     plane.friction = std::max(0.0, given.friction);
@@ -155,30 +218,31 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
     point.start_height = std::min(start, 0.0);
     point.target = damping / point.stiffness * point.start_height;
     point.fresh = start - plane.normal.dot(plane_motion) >= point.target && predicted < point.target;
-    point.stretch -= plane.normal.dot(point.stretch) * plane.normal;
+    point.stretch_start = point.stretch - plane.normal.dot(point.stretch) * plane.normal;
     const Vector3 movement = next * point.material - point.material_start - plane_motion;
     const Vector3 along = movement - plane.normal.dot(movement) * plane.normal;
     double pressure = point.normal_force;
     if (point.fresh && !(pressure > 0))
       pressure = point.stiffness * (point.target - predicted) * inertia / (inertia + point.stiffness);
     point.friction = {friction_stiffness(k, plane.friction), plane.friction * pressure};
-    slot.start_energy += stored(point, point.start_height);
-    point.predicted_secant = point.friction.bound > 0 ? point.friction.secant((point.stretch + along).norm()) : 0.0;
-    point.sliding = point.sliding && point.stretch.dot(along) > 0;
+    slot.start_energy += stored(point, point.stretch_start, point.start_height);
+    point.predicted_secant =
+        point.friction.bound > 0 ? point.friction.secant((point.stretch_start + along).norm()) : 0.0;
+    point.slides_on = point.sliding && point.stretch_start.dot(along) > 0;
   }
-  plane.point += plane_motion;
+  plane.end_point = plane.point + plane_motion;
 }
 
-double PlaneContact::stored(const Point& point, double height) {
+double PlaneContact::stored(const Point& point, const Vector3& stretch, double height) {
   const double depth = std::min(height, 0.0);
-  return 0.5 * point.spring * depth * depth + 0.5 * point.friction.stiffness * point.stretch.squaredNorm();
+  return 0.5 * point.spring * depth * depth + 0.5 * point.friction.stiffness * stretch.squaredNorm();
 }
 
 PlaneContact::Response PlaneContact::respond(const Plane& plane, const Point& point, const Pose& body) const {
   Response result;
   result.normal_arm = body.orientation * point.resting.centre;
   result.friction_arm = body.orientation * point.material;
-  result.height = plane.normal.dot(body.position + result.normal_arm - plane.point) - point.resting.radius;
+  result.height = plane.normal.dot(body.position + result.normal_arm - plane.end_point) - point.resting.radius;
   const double depth = result.height - point.target;
   result.pushes = point.fresh || depth < 0;
   if (result.pushes) {
@@ -187,7 +251,7 @@ PlaneContact::Response PlaneContact::respond(const Plane& plane, const Point& po
     result.normal_force = -result.pressure * plane.normal;
   }
   const Vector3 movement = body.position + result.friction_arm - point.material_start - time_step_ * plane.velocity;
-  result.stretch = point.stretch + movement - plane.normal.dot(movement) * plane.normal;
+  result.stretch = point.stretch_start + movement - plane.normal.dot(movement) * plane.normal;
   if (point.friction.bound > 0) {
     const double length = result.stretch.norm();
     result.energy += point.friction.energy(length);
@@ -246,14 +310,14 @@ void PlaneContact::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
         // (friction.hpp).
         const bool at_start =
             (r.stretch + time_step_ * (plane.velocity - plane.normal.dot(plane.velocity) * plane.normal) -
-             point.stretch)
+             point.stretch_start)
                 .norm() < 1e-12;
         Matrix3 tangent = point.friction.tangent(r.stretch, plane.normal);
         if (curvature == Curvature::projected && at_start) {
           tangent =
               point.fresh
                   ? Matrix3(point.predicted_secant * (Matrix3::Identity() - plane.normal * plane.normal.transpose()))
-                  : point.friction.tangent(r.stretch, plane.normal, point.sliding);
+                  : point.friction.tangent(r.stretch, plane.normal, point.slides_on);
         }
         add(r.friction_arm, r.friction_force, tangent);
       }
@@ -275,7 +339,8 @@ void PlaneContact::end_step(State& state) {
     const Vector3 turned = slot.plane_count > 0 ? rotation_log(body.orientation * slot.start.orientation.conjugate())
                                                 : Vector3(Vector3::Zero());
     for (std::size_t p = 0; p < slot.plane_count; ++p) {
-      const Plane& plane = slot.planes[p];
+      Plane& plane = slot.planes[p];
+      plane.point = plane.end_point;
       const Vector3 plane_motion = time_step_ * plane.velocity;
       for (Point& point : points_of(plane)) {
         const Response r = respond(plane, point, body);
@@ -283,7 +348,7 @@ void PlaneContact::end_step(State& state) {
         slot.wrench.torque -= r.normal_arm.cross(r.normal_force) + r.friction_arm.cross(r.friction_force);
         point.normal_force = std::max(0.0, r.pressure);
         point.fresh = false;
-        const double before = stored(point, point.start_height);
+        const double before = stored(point, point.stretch_start, point.start_height);
         const double limit = plane.friction * point.normal_force;
         const double length = r.stretch.norm();
         // A point that does not press stores no friction energy.
@@ -293,7 +358,7 @@ void PlaneContact::end_step(State& state) {
         if (distance > 0) point.stretch *= (length - distance) / length;
         if (point.normal_force > 0) ++slot.count;
 
-        const double after = stored(point, r.height);
+        const double after = stored(point, point.stretch, r.height);
         const Vector3 spring = point.spring * std::min(r.height, 0.0) * plane.normal;
         const Vector3 damper = r.normal_force - spring;
         // Motion relative to the plane, as the solver sees it.

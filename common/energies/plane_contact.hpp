@@ -24,15 +24,15 @@
 #include <span>
 #include <vector>
 
+#include "contact/coulomb.hpp"
 #include "energies/clique.hpp"
-#include "energies/coulomb.hpp"
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 #include "geometry/shape.hpp"
 #include "messages/messages.hpp"
 
 namespace softhand {
 
-class PlaneContact final : public Energy {
+class PlaneContact final : public EnergyWithMemory<PlaneContact> {
  public:
   /// Objects are the bodies `first_body` ... `first_body + slots - 1`.
   PlaneContact(DofLayout layout, int first_body, int slots);
@@ -43,6 +43,39 @@ class PlaneContact final : public Energy {
   /// Changes the weight (N) for the next call of `set_planes`. Contacts stay.
   void set_weight(int slot, double weight) { at(slot).weight = weight; }
   void clear_object(int slot);
+
+  /// All that a step carries to the next one. The shapes are not part of it.
+  struct Memory {
+    struct Point {
+      Vector3 stretch = Vector3::Zero();  // s, world, tangential
+      double normal_force = 0;            // N
+      bool sliding = false;
+    };
+    struct Plane {
+      std::uint32_t neighbour = 0;
+      Vector3 point = Vector3::Zero();  // at the start of the next step
+      Vector3 normal = Vector3::UnitY();
+      Vector3 velocity = Vector3::Zero();
+      double friction = 0;
+      double stiffness = 0;  // k_A
+      std::size_t points = 0;
+    };
+    struct Slot {
+      bool is_set = false;
+      std::size_t plane_count = 0;
+      double mass = 0, weight = 0;
+      double stored = 0;  // of springs and friction after the last step, J
+      Wrench wrench;      // on the object in the last step
+      int count = 0;
+    };
+    std::vector<Slot> slots;
+    std::vector<Plane> planes;           // in use, one slot after the other
+    std::vector<Point> points;           // of these planes, one after the other
+    double dissipated = 0, cleared = 0;  // J
+  };
+  const Memory& save() const;
+  /// The slots must have the same objects as when the memory was saved. Throws std::invalid_argument otherwise.
+  void load(const Memory& memory);
   /// The objects were repositioned: all contacts end. Planes stay.
   void reset();
   /// Sets the planes as they are at the start of the next step. Then they move with their velocity until they are set
@@ -70,12 +103,10 @@ class PlaneContact final : public Energy {
   EnergyFlow flow(double, double, double) const override { return flow_; }
 
  private:
-  struct Point {
-    // Persist from step to step.
-    Vector3 stretch = Vector3::Zero();  // s, world, tangential
-    double normal_force = 0;            // N
-    bool sliding = false;
+  struct Point : Memory::Point {
     // Fixed within the step.
+    Vector3 stretch_start = Vector3::Zero();   // the stretch in the plane of this step
+    bool slides_on = false;                    // slid in the last step and still moves in that direction
     RestingPoint resting;                      // body axes, relative to the centre of mass
     Vector3 material = Vector3::Zero();        // the touching point of the object, body axes
     Vector3 material_start = Vector3::Zero();  // the same point in the world at the step's start
@@ -87,15 +118,9 @@ class PlaneContact final : public Energy {
     double spring = 0;        // k
     double start_height = 0;  // min(u_0, 0)
   };
-  struct Plane {
-    std::uint32_t neighbour = 0;
-    Vector3 point = Vector3::Zero();  // at the end of the step, once begun
-    Vector3 normal = Vector3::UnitY();
-    Vector3 velocity = Vector3::Zero();
-    double friction = 0;
-    double stiffness = 0;  // k_A
-    std::size_t points = 0;
-    std::size_t first_point = 0;  // in points_
+  struct Plane : Memory::Plane {
+    Vector3 end_point = Vector3::Zero();  // at the end of the step
+    std::size_t first_point = 0;          // in points_
   };
   struct Slot {
     const ShapeGeometry* geometry = nullptr;
@@ -121,7 +146,7 @@ class PlaneContact final : public Energy {
     double height = 0;  // u
     bool pushes = false;
   };
-  static double stored(const Point& point, double height);
+  static double stored(const Point& point, const Vector3& stretch, double height);
   Response respond(const Plane& plane, const Point& point, const Pose& body) const;
   std::span<Point> points_of(const Plane& plane) { return {points_.data() + plane.first_point, plane.points}; }
   std::span<const Point> points_of(const Plane& plane) const {
@@ -140,6 +165,7 @@ class PlaneContact final : public Energy {
   double time_step_ = 0;
   double dissipated_ = 0;
   double cleared_ = 0;  // J stored in objects that were removed since the last step
+  mutable Memory saved_;
   EnergyFlow flow_;
 };
 

@@ -118,7 +118,7 @@ struct TissueSurface {
 
 inline constexpr std::uint32_t kContactSticking = 1;
 struct Contact {
-  std::uint32_t node = 0;
+  std::uint32_t node = 0;    ///< the mesh node with the largest weight in the contact point
   std::uint32_t body = 0;    ///< nearest bone, `Body`
   std::uint32_t finger = 0;  ///< `Finger`
   std::uint32_t object = 0;  ///< object id
@@ -127,7 +127,7 @@ struct Contact {
   Vec3 normal{};             ///< outward of the object, world
   Vec3 force{};              ///< on the hand, N, world
   double penetration = 0;    ///< m, max(0, n . (x_a - x_n))
-  double area = 0;           ///< m^2, nodal area
+  double area = 0;           ///< m^2 of skin around the contact point
   double slip_speed = 0;     ///< speed of the anchor on the object, m/s
 };
 

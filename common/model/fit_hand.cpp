@@ -244,6 +244,11 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     out.nodes[n] = moved / total;
   }
   smooth_displacements(hand, out.nodes);
+  for (SkinPoint& point : out.contact_points) {
+    const auto& corners = hand.tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
+    const double growth = tetrahedron_volume(out.nodes, corners) / tetrahedron_volume(hand.nodes, corners);
+    point.area *= std::pow(std::max(growth, 0.0), 2.0 / 3);
+  }
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     BodyModel& body = out.bodies[b];
     const BoneMap& map = maps[b];

@@ -1,4 +1,4 @@
-// The hand file: JSON, version 1, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight
+// The hand file: JSON, version 2, described in docs/hand-file.md. Numbers are rounded on writing (1e-7 m, eight
 // significant digits for physical quantities). So the file is small and diffs are readable. A file that is read and
 // written again has the same bytes.
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace softhand {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 constexpr const char* kFormat = "softhand-hand";
 
 const std::map<JointKind, std::string> kKindNames{
@@ -145,19 +145,33 @@ void save_hand(const HandModel& hand, const std::string& path) {
     for (const auto& x : hand.attachments) a.push_back(x.tetrahedron);
   });
   // The last weight is 1 minus the other rounded weights, so that a reader finds a sum of 1.
-  flat("attachment_weights", [&](Json& a) {
-    for (const auto& x : hand.attachments) {
-      double rest = 1;
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double w = fraction(x.weights[k]);
-        a.push_back(w);
-        rest -= w;
-      }
-      a.push_back(fraction(rest));
+  const auto push_weights = [](Json& a, const std::array<double, 4>& weights, double (*round)(double)) {
+    double rest = 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double w = round(weights[k]);
+      a.push_back(w);
+      rest -= w;
     }
+    a.push_back(round(rest));
+  };
+  flat("attachment_weights", [&](Json& a) {
+    for (const auto& x : hand.attachments) push_weights(a, x.weights, fraction);
   });
   flat("attachment_stiffness", [&](Json& a) {
     for (const auto& x : hand.attachments) a.push_back(short_decimal(x.stiffness, "%.5g"));
+  });
+  flat("contact_tetrahedron", [&](Json& a) {
+    for (const auto& x : hand.contact_points) a.push_back(x.tetrahedron);
+  });
+  flat("contact_weights", [&](Json& a) {
+    for (const auto& x : hand.contact_points)
+      push_weights(a, x.weights, [](double w) { return short_decimal(w, "%.4f"); });
+  });
+  flat("contact_area", [&](Json& a) {
+    for (const auto& x : hand.contact_points) a.push_back(short_decimal(x.area, "%.4g"));
+  });
+  flat("contact_body", [&](Json& a) {
+    for (const auto& x : hand.contact_points) a.push_back(x.body);
   });
   flat("skin_tetrahedron", [&](Json& a) {
     for (const auto& x : hand.skin_vertices) a.push_back(x.tetrahedron);
@@ -202,7 +216,11 @@ HandModel load_hand(const std::string& path) {
   }
   const FieldReader root(json, path, "");
   if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
-  if (root["version"].index() != kVersion) root["version"].fail(std::to_string(kVersion));
+  if (root["version"].index() != kVersion) {
+    root["version"].fail(
+        std::to_string(kVersion) +
+        "; `softhand-build-hand --mesh` adds the contact points that version 1 has not (docs/hand-builder.md)");
+  }
   if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");
   root.expect_keys({"format",
                     "version",
@@ -222,6 +240,10 @@ HandModel load_hand(const std::string& path) {
                     "attachment_tetrahedron",
                     "attachment_weights",
                     "attachment_stiffness",
+                    "contact_tetrahedron",
+                    "contact_weights",
+                    "contact_area",
+                    "contact_body",
                     "skin_tetrahedron",
                     "skin_weights",
                     "skin_triangles"});
@@ -283,6 +305,14 @@ HandModel load_hand(const std::string& path) {
   read_indices("surface", hand.surface);
   read_bytes("node_body", hand.node_body);
 
+  const auto read_weights = [](const FieldReader& field, std::size_t i) {
+    std::array<double, 4> weights{};
+    double sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) sum += weights[k] = field.at(4 * i + k).number();
+    if (!(std::abs(sum - 1.0) < 1e-4)) field.at(4 * i).fail("four weights with sum 1");
+    for (double& w : weights) w /= sum;
+    return weights;
+  };
   const FieldReader attachment_body = root["attachment_body"];
   const FieldReader attachment_tetrahedron = root["attachment_tetrahedron"];
   const FieldReader attachment_weights = root["attachment_weights"];
@@ -299,10 +329,22 @@ HandModel load_hand(const std::string& path) {
     attachment.body = attachment_body.at(a).index();
     attachment.tetrahedron = attachment_tetrahedron.at(a).index();
     attachment.stiffness = attachment_stiffness.at(a).number();
-    double sum = 0;
-    for (std::size_t k = 0; k < 4; ++k) sum += attachment.weights[k] = attachment_weights.at(4 * a + k).number();
-    if (!(std::abs(sum - 1.0) < 1e-4)) attachment_weights.at(4 * a).fail("four weights with sum 1");
-    for (double& w : attachment.weights) w /= sum;
+    attachment.weights = read_weights(attachment_weights, a);
+  }
+  const FieldReader contact_tetrahedron = root["contact_tetrahedron"];
+  const FieldReader contact_weights = root["contact_weights"];
+  const FieldReader contact_area = root["contact_area"];
+  std::vector<std::uint8_t> contact_body;
+  read_bytes("contact_body", contact_body);
+  hand.contact_points.resize(contact_tetrahedron.size());
+  if (contact_weights.records(4) != hand.contact_points.size())
+    contact_weights.fail("four items for each item of contact_tetrahedron");
+  if (contact_area.size() != hand.contact_points.size()) contact_area.fail("as many items as contact_tetrahedron");
+  if (contact_body.size() != hand.contact_points.size())
+    root["contact_body"].fail("as many items as contact_tetrahedron");
+  for (std::size_t p = 0; p < hand.contact_points.size(); ++p) {
+    hand.contact_points[p] = {contact_tetrahedron.at(p).index(), read_weights(contact_weights, p),
+                              contact_area.at(p).number(), contact_body[p]};
   }
   const FieldReader skin_tetrahedron = root["skin_tetrahedron"];
   const FieldReader skin_weights = root["skin_weights"];

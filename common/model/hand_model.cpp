@@ -16,7 +16,7 @@ constexpr double kMinimumDihedralDegrees = 1.0;
 constexpr double kMaximumEdgeRatio = 50.0;
 constexpr double kMaximumFingerCap = 20.0;  // N, largest pull on a finger
 constexpr double kMaximumHandCap = 100.0;   // N, largest pull on a hand
-constexpr double kMaximumExtent = 1.0;      // m, so that hand files in millimetres or centimetres are refused
+constexpr double kMaximumExtent = 1.0;  // m, so that hand files in millimetres or centimetres are refused
 
 class Checker {
  public:
@@ -177,6 +177,20 @@ void validate_embedding(const HandModel& hand, const Checker& check) {
     }
     check(std::abs(sum - 1.0) < 1e-6, at("attachment_weights", a), "a sum of 1");
   }
+  check(!hand.contact_points.empty(), "contact_tetrahedron", "at least one contact point");
+  for (std::size_t p = 0; p < hand.contact_points.size(); ++p) {
+    const SkinPoint& point = hand.contact_points[p];
+    check(point.tetrahedron >= 0 && point.tetrahedron < tetrahedron_count, at("contact_tetrahedron", p),
+          "an index of a tetrahedron");
+    check.number(point.area, 1e-9, 1e-2, at("contact_area", p));
+    check(point.body < kBodyCount, at("contact_body", p), "a body below 21");
+    double sum = 0;
+    for (const double w : point.weights) {
+      check.number(w, 0, 1, at("contact_weights", p));
+      sum += w;
+    }
+    check(std::abs(sum - 1.0) < 1e-6, at("contact_weights", p), "a sum of 1");
+  }
   const auto fits = [&check](std::size_t count, std::size_t most, const char* field) {
     check(count <= most, field, "at most " + std::to_string(most) + ", got " + std::to_string(count));
   };
@@ -276,6 +290,7 @@ HandModel mirrored(const HandModel& hand) {
   for (auto& triangle : out.surface) std::swap(triangle[1], triangle[2]);
   for (auto& triangle : out.skin_triangles) std::swap(triangle[1], triangle[2]);
   for (Attachment& attachment : out.attachments) std::swap(attachment.weights[2], attachment.weights[3]);
+  for (SkinPoint& point : out.contact_points) std::swap(point.weights[2], point.weights[3]);
   for (SkinVertex& vertex : out.skin_vertices) std::swap(vertex.weights[2], vertex.weights[3]);
   return out;
 }

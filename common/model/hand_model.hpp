@@ -82,6 +82,14 @@ struct SkinVertex {
   std::array<float, 4> weights{};
 };
 
+/// A point of the skin where contact happens, embedded in a tetrahedron.
+struct SkinPoint {
+  std::int32_t tetrahedron = 0;
+  std::array<double, 4> weights{};  ///< barycentric, >= 0, sum 1
+  double area = 0;                  ///< m^2 of skin around the point, > 0
+  std::uint8_t body = 0;            ///< nearest bone; it determines the finger of a contact
+};
+
 struct HandModel {
   std::string name;
   Side side = Side::right;
@@ -96,12 +104,20 @@ struct HandModel {
   std::vector<std::uint8_t> tetrahedron_material;       ///< index into `materials`
   std::vector<Material> materials;
   std::vector<std::array<std::int32_t, 3>> surface;  ///< boundary triangles of the tetrahedra, outward, node indices
-  std::vector<std::uint8_t> node_body;               ///< nearest bone; it determines the finger of a contact
+  std::vector<std::uint8_t> node_body;               ///< nearest bone
   std::vector<Attachment> attachments;
+  std::vector<SkinPoint> contact_points;  ///< the same points of the skin for every mesh of a hand
   std::vector<SkinVertex> skin_vertices;  ///< finer skin for display
   std::vector<std::array<std::int32_t, 3>> skin_triangles;
 
   int node_count() const { return static_cast<int>(nodes.size()); }
+  /// At rest, metres.
+  Vector3 position_of(const SkinPoint& point) const {
+    Vector3 sum = Vector3::Zero();
+    const auto& corners = tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
+    for (std::size_t k = 0; k < 4; ++k) sum += point.weights[k] * nodes[static_cast<std::size_t>(corners[k])];
+    return sum;
+  }
   /// The body frame in the rest frame.
   Pose body_rest_pose(Body body) const {
     return rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))] *
@@ -121,7 +137,7 @@ void validate(const HandModel& hand, const std::string& where);
 /// no mass. The nodes after a removed node get lower numbers.
 void drop_loose_nodes(HandModel& hand);
 
-/// Reads a hand file (docs/hand-file.md; JSON, version 1), drops its loose nodes and validates it. Throws
+/// Reads a hand file (docs/hand-file.md; JSON, version 2), drops its loose nodes and validates it. Throws
 /// std::runtime_error with file and field.
 HandModel load_hand(const std::string& path);
 void save_hand(const HandModel& hand, const std::string& path);

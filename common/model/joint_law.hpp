@@ -3,13 +3,11 @@
 //
 // A joint has a frame on the parent and a frame on the child. The joint's axis is +y of both. q is the coordinate:
 //
-// | kind   | free                              | q                                                            |
-// | ------ | --------------------------------- | ------------------------------------------------------------ |
-// | fixed  | nothing                           | none                                                         |
-// | hinge  | rotation about the axis           | angle, rad                                                   |
-// | slider | translation along the axis        | distance, m                                                  |
-// | ball   | all rotations                     | chord 2 sin(angle/2) between the two axes, only for a limit  |
-// | screw  | rotation, with pitch m per turn   | angle, rad; the child moves by pitch q / (2 pi) along +y     |
+// - fixed: nothing is free. There is no q.
+// - hinge: the rotation about the axis is free. q is the angle, rad.
+// - slider: the translation along the axis is free. q is the distance, m.
+// - ball: all rotations are free. q is the chord 2 sin(angle/2) between the two axes. Only a limit uses it.
+// - screw: the rotation is free and moves the child by pitch q / (2 pi) along +y. q is the angle, rad.
 //
 // The angle is the twist 2 atan2(y, w) of the relative rotation (x, y, z, w) about the axis. It is finite at any
 // rotation, except where the axes are opposed: there its derivative is cut off.

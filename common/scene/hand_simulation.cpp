@@ -45,8 +45,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
-      untangler_(hand, options.untangle_patience),
-      untouched_untangler_(untangler_) {
+      untangler_(hand, options.untangle_patience) {
+  bone_contact_forces_.fill(Vector3::Zero());
   const int bodies = kBodyCount + slot_count();
   state_.node_positions.resize(3, hand_.node_count());
   for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
@@ -148,8 +148,10 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this](Linkage& linkage) {
         linkage.clear_touching();
         if (contacts_) {
-          for (const ContactSet::Anchor& anchor : contacts_->anchors())
-            linkage.set_touching(hand_.node_body[static_cast<std::size_t>(anchor.node)]);
+          for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
+            contacts_->points().for_each_bone(anchor.point, hand_.node_body,
+                                              [&linkage](int bone, double) { linkage.set_touching(bone); });
+          }
         }
         return !linkage.any_touching() && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
       });
@@ -178,9 +180,8 @@ void HandSimulation::restore(const State& state) {
     throw std::invalid_argument("HandSimulation: the restored state has another layout than the hand");
   }
   state_ = state;
-  if (contacts_) contacts_->reset();
-  if (planes_ != nullptr) planes_->reset();
-  if (joints_ != nullptr) joints_->reset();
+  for (const auto& term : terms_) term->reset_memory();
+  untangler_.reset();
   ledger_.restart();
   stored_is_valid_ = false;
   restored_ = true;
@@ -212,7 +213,7 @@ void HandSimulation::clear_slot(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::empty;
   inertia_->hold(kBodyCount + slot);
   state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = {};
-  contacts_->clear_object(slot);
+  set_contact_object(slot);
   if (!slot_is_static(slot)) {
     if (planes_ != nullptr) planes_->clear_object(slot);
     if (object_coupling_ != nullptr) object_coupling_->clear_target(slot);
@@ -224,11 +225,22 @@ void HandSimulation::set_slot_motion(int slot, const Pose& pose, const Twist& ve
   state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = velocity;
 }
 
+// Gives the object in the slot to the contacts.
+void HandSimulation::set_contact_object(int slot) {
+  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+  const SlotMode mode = slot_mode(slot);
+  if (mode == SlotMode::empty) {
+    contacts_->clear_object(slot);
+  } else {
+    contacts_->set_object(slot, object.shape, object.friction, object.id,
+                          mode == SlotMode::dynamic ? ContactObject::moving : ContactObject::fixed);
+  }
+}
+
 void HandSimulation::make_kinematic(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::kinematic;
   inertia_->hold(kBodyCount + slot);
-  const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
-  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::fixed);
+  set_contact_object(slot);
   if (planes_ != nullptr && !slot_is_static(slot)) planes_->clear_object(slot);
 }
 
@@ -246,16 +258,34 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
     }
   }
   inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
-  contacts_->set_object(slot, object.shape, object.friction, object.id, ContactObject::moving);
+  set_contact_object(slot);
 }
 
 void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& velocity) {
   object_coupling_->set_target(slot, pose, velocity);
 }
 
+// Puts the objects and joints of `other` into the same slots and places. `modes_` and `objects_` are already copied.
+void HandSimulation::take_objects(const HandSimulation& other) {
+  *inertia_ = *other.inertia_;  // no memory, only what the caller set
+  for (int slot = 0; slot < slot_count(); ++slot) {
+    set_contact_object(slot);
+    if (planes_ == nullptr || slot_is_static(slot)) continue;
+    const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
+    planes_->clear_object(slot);
+    if (slot_mode(slot) == SlotMode::dynamic) planes_->set_object(slot, object.shape, object.mass, 0);
+  }
+  for (int place = 0; place < joint_count(); ++place) {
+    if (other.joints_->is_set(place)) {
+      joints_->set_joint(place, other.joints_->joint(place));
+    } else {
+      joints_->clear_joint(place);
+    }
+  }
+}
+
 void HandSimulation::take_state(const HandSimulation& other) {
   state_ = other.state_;
-  untangler_ = other.untangler_;
   restored_ = other.restored_;
   untangled_nodes_ = other.untangled_nodes_;
   untangled_ = other.untangled_;
@@ -265,12 +295,9 @@ void HandSimulation::take_state(const HandSimulation& other) {
   ledger_ = other.ledger_;
   stored_ = other.stored_;
   stored_is_valid_ = other.stored_is_valid_;
-  *inertia_ = *other.inertia_;
-  *coupling_ = *other.coupling_;
-  if (contacts_ != nullptr) *contacts_ = *other.contacts_;
-  if (planes_ != nullptr) *planes_ = *other.planes_;
-  if (joints_ != nullptr) *joints_ = *other.joints_;
-  if (object_coupling_ != nullptr) *object_coupling_ = *other.object_coupling_;
+  take_objects(other);
+  for (std::size_t t = 0; t < terms_.size(); ++t) terms_[t]->copy_memory(*other.terms_[t]);
+  untangler_.load(other.untangler_.save());
   solver_->take_factor(*other.solver_);
 }
 
@@ -285,6 +312,9 @@ StepReport HandSimulation::step(double time_step) {
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
+  if (!report.state_changed) {
+    for (const auto& term : terms_) term->cancel_step();
+  }
   if (report.status == StepStatus::budget_spent) limit_node_velocities();
   if (report.state_changed) collect_bone_contacts();
   if (ledger_enabled_) enter_step(report);
@@ -425,8 +455,11 @@ void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes
 void HandSimulation::collect_bone_contacts() {
   bone_contact_forces_.fill(Vector3::Zero());
   if (!contacts_) return;
-  for (const ContactSet::Anchor& anchor : contacts_->anchors())
-    bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(anchor.node)]] += anchor.force;
+  for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
+    contacts_->points().for_each_bone(anchor.point, hand_.node_body, [this, &anchor](std::size_t bone, double share) {
+      bone_contact_forces_[bone] += share * anchor.force;
+    });
+  }
 }
 
 double HandSimulation::deepest_penetration() const {

@@ -121,11 +121,10 @@ class HandSimulation {
 
   // A saved state (docs/flight-recorder.md). A simulation of the same hand and options that loads it continues with the
   // same bits as the one that saved it, if that one calls `forget` at the same time.
-  /// False while a term without a memory of its own has something to save: now, contacts.
-  bool can_save() const;
+  /// Writes the state and the memories of all terms and of the untangler. Does not allocate.
   void save(ByteWriter& out) const;
   /// The caller has put the objects into their slots and the joints into their places, as they were. Throws
-  /// std::runtime_error if the bytes do not fit.
+  /// std::runtime_error if the bytes do not fit. Then part of them may have been loaded.
   void load(ByteReader& in);
   /// Drops all that a step only reuses: the factor, gradients, the energies at the start. The next step is an ordinary
   /// one. Does not allocate.
@@ -183,8 +182,8 @@ class HandSimulation {
  private:
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
-  template <typename Visit>
-  void for_each_memory(Visit&& visit);
+  void set_contact_object(int slot);
+  void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void limit_node_velocities();
@@ -210,13 +209,12 @@ class HandSimulation {
   std::uint64_t factorised_steps_ = 0;
   Energy* attachments_ = nullptr;
   Untangler untangler_;
-  const Untangler untouched_untangler_;  // as constructed, for `forget`
-  bool restored_ = false;                // `restore` was called since the last step
+  bool restored_ = false;  // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
-  std::array<Vector3, kBodyCount> bone_contact_forces_{};
+  std::array<Vector3, kBodyCount> bone_contact_forces_;
   bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger

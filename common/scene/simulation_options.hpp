@@ -8,7 +8,7 @@ namespace softhand {
 
 struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
-  double contact_stiffness = 12000;
+  double contact_stiffness = 2.5e8;
   bool gravity = false;
   double untangle_patience = 0.1;
   std::int64_t threads = 1;
@@ -19,8 +19,8 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("coupling_damping_ratio", o.coupling_damping_ratio, "1", {0, 5},
            "Damping of each bone relative to the skeleton that it is coupled to. 1 = critical for the bone and the "
            "tissue around it. With higher values the bone follows the noise of a tracker's velocity.");
-  v.number("contact_stiffness", o.contact_stiffness, "N/m", {1, 1e8},
-           "k_c of eqs. 32 and 33, the contact stiffness of a node with mean skin area.");
+  v.number("contact_stiffness", o.contact_stiffness, "N/m^3", {1e4, 1e12},
+           "k_c of eqs. 32 and 33: the contact stiffness of the skin per area.");
   v.flag("gravity", o.gravity,
          "Gravity acts on the hand itself. Off by default, because the user's arm carries the hand's weight.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "math/tetrahedron.hpp"
@@ -32,13 +34,13 @@ Untangler::Untangler(const HandModel& hand, double full_check_period)
     : full_check_period_(full_check_period),
       tetrahedra_(hand.tetrahedra),
       node_body_(hand.node_body),
-      tangled_(hand.tetrahedra.size(), 0),
-      wait_(hand.tetrahedra.size(), 0),
       persistent_(hand.tetrahedra.size(), 0),
       hooked_(hand.nodes.size(), 0),
       move_(hand.nodes.size(), 0),
       more_(hand.nodes.size(), 0),
       best_(hand.nodes.size(), 0) {
+  memory_.tangled.assign(hand.tetrahedra.size(), 0);
+  memory_.wait.assign(hand.tetrahedra.size(), 0);
   positions_ = velocities_ = bones_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     const BodyModel& body = hand.bodies[node_body_[n]];
@@ -54,8 +56,23 @@ Untangler::Untangler(const HandModel& hand, double full_check_period)
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
     const CorotationalMaterial law =
         corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
-    mirrored_energy_ += std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law);
+    mirrored_energies_.push_back(std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law));
+    mirrored_energy_ += mirrored_energies_.back();
   }
+}
+
+void Untangler::load(const Memory& memory) {
+  if (memory.tangled.size() != memory_.tangled.size() || memory.wait.size() != memory_.wait.size())
+    throw std::invalid_argument("untangler: the memory has " + std::to_string(memory.tangled.size()) +
+                                " tetrahedra, expected " + std::to_string(memory_.tangled.size()));
+  memory_ = memory;
+}
+
+void Untangler::reset() {
+  memory_.waited = 0;
+  memory_.quick_check_done = memory_.twisted = false;
+  std::fill(memory_.tangled.begin(), memory_.tangled.end(), std::uint8_t{0});
+  std::fill(memory_.wait.begin(), memory_.wait.end(), std::uint8_t{0});
 }
 
 void Untangler::put_back(const View& view, std::size_t node) const {
@@ -73,14 +90,14 @@ void Untangler::put_back(const View& view, std::size_t node) const {
 
 Untangler::Due Untangler::due(double time_step, double energy) {
   if (full_check_period_ <= 0) return Due::nothing;
-  waited_ += time_step;
-  if (waited_ >= full_check_period_) {
-    waited_ = 0;
-    quick_check_done_ = false;
+  memory_.waited += time_step;
+  if (memory_.waited >= full_check_period_) {
+    memory_.waited = 0;
+    memory_.quick_check_done = false;
     return Due::full_check;
   }
   // A quick check that found no lower energy is not repeated in every step.
-  return energy > mirrored_energy_ && !std::exchange(quick_check_done_, true) ? Due::quick_check : Due::nothing;
+  return energy > mirrored_energy_ && !std::exchange(memory_.quick_check_done, true) ? Due::quick_check : Due::nothing;
 }
 
 double Untangler::stored(const View& view) const {
@@ -105,7 +122,7 @@ void Untangler::place_bones(const State& state) {
 int Untangler::accept_move(const View& view) {
   if (view.contacts != nullptr) view.contacts->release(move_);
   // The marks from before the move say nothing about the state after it.
-  std::fill(tangled_.begin(), tangled_.end(), 0);
+  std::fill(memory_.tangled.begin(), memory_.tangled.end(), 0);
   return static_cast<int>(std::count(move_.begin(), move_.end(), 1));
 }
 
@@ -118,7 +135,7 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   // Tissue pressed around an edge may have more energy than if it were put back. So if there are no inverted tetrahedra
   // or hooks, only a hand without contacts can count as twisted.
   tests_twist = tests_twist && (view.contacts == nullptr || view.contacts->count() == 0);
-  if (!tests_twist) twisted_ = false;
+  if (!tests_twist) memory_.twisted = false;
   if (!tests_twist && before <= mirrored_energy_) return 0;
   positions_ = state.node_positions;
   velocities_ = state.node_velocities;
@@ -126,17 +143,49 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
   const double released = released_energy(view, before);
   bool tangled = before > mirrored_energy_ && released > kReleasedShare * before;
+  if (tangled && put_worst_back(view, before, released)) return accept_move(view);
   if (tests_twist) {
-    const bool was_twisted = std::exchange(twisted_, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
-    tangled = tangled || (twisted_ && was_twisted);
+    const bool was_twisted =
+        std::exchange(memory_.twisted, released > kTwistedEnergy && kinetic_energy < kAtRest * released);
+    tangled = tangled || (memory_.twisted && was_twisted);
   }
   if (tangled) {
-    twisted_ = false;
+    memory_.twisted = false;
     return accept_move(view);
   }
   state.node_positions.swap(positions_);
   state.node_velocities.swap(velocities_);
   return 0;
+}
+
+// All of the tissue is put back and has released `released_by_all` J. Puts back only the tetrahedra that are folded or
+// have more energy than if they were mirrored, with as many rings around them as release nearly as much. So tissue far
+// from the tangle keeps its place and its contacts. Returns false, with all of the tissue put back, if only that
+// releases enough.
+bool Untangler::put_worst_back(const View& view, double before, double released_by_all) {
+  State& state = view.state;
+  state.node_positions = positions_;
+  state.node_velocities = velocities_;
+  std::fill(move_.begin(), move_.end(), std::uint8_t{0});
+  for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
+    if (!view.tissue.is_folded(state, static_cast<int>(t)) &&
+        !(view.tissue.energy(state, static_cast<int>(t)) > mirrored_energies_[t]))
+      continue;
+    for (const std::int32_t n : tetrahedra_[t]) move_[static_cast<std::size_t>(n)] = 1;
+  }
+  int rings = 0;
+  for (const int ring_count : kRings) {
+    int grown = 1;
+    for (; rings < ring_count && grown > 0; ++rings) grown = grow();
+    if (grown == 0) break;
+    for (std::size_t n = 0; n < move_.size(); ++n) {
+      if (move_[n] != 0) put_back(view, n);
+    }
+    if (released_energy(view, before) >= released_by_all - kExtraRelease * std::abs(released_by_all)) return true;
+  }
+  std::fill(move_.begin(), move_.end(), std::uint8_t{1});
+  for (std::size_t n = 0; n < move_.size(); ++n) put_back(view, n);
+  return false;
 }
 
 // Adds the nodes that share a tetrahedron with a node of `move_`. Returns the number of added nodes.
@@ -177,7 +226,7 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
       }
       tangled_energy += view.tissue.energy(state, static_cast<int>(t));
       persistent_[t] = 0;
-      wait_[t] = kPause;
+      memory_.wait[t] = kPause;
       grown = true;
     }
   }
@@ -226,12 +275,12 @@ int Untangler::full_check(State& state, ContactSet* contacts, double kinetic_ene
                                     [this](std::int32_t n) { return hooked_[static_cast<std::size_t>(n)] != 0; });
     const bool tangled = hooked || tissue.is_folded(state, static_cast<int>(t));
     if (!tangled) {
-      wait_[t] = 0;
-    } else if (wait_[t] > 0) {
-      --wait_[t];
+      memory_.wait[t] = 0;
+    } else if (memory_.wait[t] > 0) {
+      --memory_.wait[t];
     }
-    persistent_[t] = tangled && tangled_[t] != 0 && wait_[t] == 0 ? 1 : 0;
-    tangled_[t] = tangled ? 1 : 0;
+    persistent_[t] = tangled && memory_.tangled[t] != 0 && memory_.wait[t] == 0 ? 1 : 0;
+    memory_.tangled[t] = tangled ? 1 : 0;
   }
   int moved = 0, clusters = 0;
   for (std::size_t t = 0; t < tetrahedra_.size() && clusters < kClustersPerFullCheck; ++t) {

@@ -30,12 +30,27 @@ class Untangler {
   /// never.
   Untangler(const HandModel& hand, double full_check_period);
 
+  /// All that a step carries to the next one.
+  struct Memory {
+    double waited = 0;                  // s, since the last full check
+    bool quick_check_done = false;      // since the last full check
+    bool twisted = false;               // in the last full check
+    std::vector<std::uint8_t> tangled;  // per tetrahedron, in the last full check: folded, or hooked behind an object
+    std::vector<std::uint8_t> wait;     // per tetrahedron: full checks until it is tried again
+  };
+  const Memory& save() const { return memory_; }
+  /// Throws std::invalid_argument if `memory` is that of another hand.
+  void load(const Memory& memory);
+  /// The next check starts without the marks of the last one.
+  void reset();
+
   enum class Due : std::uint8_t { nothing, quick_check, full_check };
   /// Counts a step of `time_step` seconds after which tissue and attachments have `energy` J. Returns which check is
   /// due.
   Due due(double time_step, double energy);
-  /// Quick check, for a state from outside and when due. Puts all of the tissue back at once under two conditions. It
-  /// has so much energy that it would throw bones and objects. It has less at its rest place relative to the bones.
+  /// Quick check, for a state from outside and when due. Puts tissue back at once under two conditions. The tissue has
+  /// so much energy that it would throw bones and objects. It has less at its rest place relative to the bones. Only
+  /// the tissue that stores this energy is put back, if that releases nearly as much as putting all of it back.
   /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
   /// As in `full_check`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
   int quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
@@ -57,21 +72,19 @@ class Untangler {
   void put_back(const View& view, std::size_t node) const;
   void place_bones(const State& state);
   int put_all_back(const View& view, double kinetic_energy, bool tests_twist);
+  bool put_worst_back(const View& view, double before, double released_by_all);
   int untangle_cluster(const View& view, std::size_t seed);
   int grow();
   int accept_move(const View& view);
 
   double full_check_period_;
-  double mirrored_energy_ = 0;  // J; energy of the tissue if every tetrahedron were mirrored
-  double waited_ = 0;
-  bool quick_check_done_ = false;  // a quick check was done since the last full check
-  bool twisted_ = false;           // in the last full check
+  std::vector<double> mirrored_energies_;  // J, per tetrahedron: its energy if it were mirrored
+  double mirrored_energy_ = 0;             // J, their sum
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;
   std::vector<std::uint8_t> node_body_;
-  std::vector<Vector3> rest_in_body_;     // per node, in the nearest bone's body frame
-  std::vector<Vector3> bone_in_body_;     // per node: the nearest point of the bone's axis at rest
-  std::vector<std::uint8_t> tangled_;     // per tetrahedron, in the last full check: folded, or hooked behind an object
-  std::vector<std::uint8_t> wait_;        // per tetrahedron: full checks until it is tried again
+  std::vector<Vector3> rest_in_body_;  // per node, in the nearest bone's body frame
+  std::vector<Vector3> bone_in_body_;  // per node: the nearest point of the bone's axis at rest
+  Memory memory_;
   std::vector<std::uint8_t> persistent_;  // per tetrahedron: tangled in both checks, and not in a cluster yet
   std::vector<std::uint8_t> hooked_, move_, more_, best_;  // per node
   Eigen::Matrix3Xd positions_, velocities_;                // before a try

@@ -27,7 +27,7 @@ LocalNewton::LocalNewton(DofLayout layout)
     : layout_(layout),
       place_(static_cast<std::size_t>(layout.block_count()), -1),
       order_(kMaxBlocks),
-      roots_(kMaxBlocks, 0),
+      neighbours_(kMaxBlocks),
       first_(kMaxBlocks, 0),
       modes_(kMaxModes, VectorX::Zero(layout.dof_count())),
       force_(layout.dof_count()),
@@ -49,11 +49,6 @@ LocalNewton::LocalNewton(DofLayout layout)
   added_.reserve(static_cast<std::size_t>(layout.block_count()));
   compliance_place_.reserve(static_cast<std::size_t>(layout.block_count()));
   trial_ = empty_state(layout);
-}
-
-std::int32_t LocalNewton::root_of(std::int32_t place) const {
-  while (roots_[static_cast<std::size_t>(place)] != place) place = roots_[static_cast<std::size_t>(place)];
-  return place;
 }
 
 // Adds the rows and columns of the blocks in the journal to those that move.
@@ -89,23 +84,50 @@ void LocalNewton::for_each_pair(const BlockMatrix& hessian, Visit&& visit) const
   }
 }
 
-// Orders the blocks so that the factor is sparse: nodes of one patch of skin are adjacent, and bodies come last.
-// Fingers are coupled only through the object.
+// Orders the blocks so that the factor's envelope is small: nodes of one patch of skin are adjacent, in the order of
+// Cuthill and McKee (1969), and bodies come last. Fingers are coupled only through the object.
 void LocalNewton::order_blocks(const BlockMatrix& hessian) {
-  for (std::size_t i = 0; i < blocks_.size(); ++i) roots_[i] = static_cast<std::int32_t>(i);
-  for_each_pair(hessian, [&](std::int32_t, std::int32_t j, std::int32_t i) {
-    if (std::max(blocks_[static_cast<std::size_t>(j)], blocks_[static_cast<std::size_t>(i)]) >= layout_.node_count)
-      return;
-    roots_[static_cast<std::size_t>(root_of(i))] = root_of(j);
-  });
+  std::sort(blocks_.begin(), blocks_.end());
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    const std::int32_t block = blocks_[i];
-    order_[i] = {block >= layout_.node_count
-                     ? layout_.node_count
-                     : blocks_[static_cast<std::size_t>(root_of(place_[static_cast<std::size_t>(block)]))],
-                 block};
+    place_[static_cast<std::size_t>(blocks_[i])] = static_cast<std::int32_t>(i);
+    neighbours_[i].reset();
   }
-  std::sort(order_.begin(), order_.begin() + static_cast<std::ptrdiff_t>(blocks_.size()));
+  for_each_pair(hessian, [&](std::int32_t, std::int32_t j, std::int32_t i) {
+    neighbours_[static_cast<std::size_t>(j)].set(static_cast<std::size_t>(i));
+    neighbours_[static_cast<std::size_t>(i)].set(static_cast<std::size_t>(j));
+  });
+  const auto nodes =
+      static_cast<std::size_t>(std::lower_bound(blocks_.begin(), blocks_.end(), layout_.node_count) - blocks_.begin());
+  std::bitset<kMaxBlocks> waiting;
+  for (std::size_t i = 0; i < nodes; ++i) waiting.set(i);
+  const auto degree = [this](std::size_t i) { return neighbours_[i].count(); };
+  std::size_t ordered = 0;
+  while (ordered < nodes) {
+    std::size_t first = nodes;
+    for (std::size_t i = 0; i < nodes; ++i) {
+      if (waiting[i] && (first == nodes || degree(i) < degree(first))) first = i;
+    }
+    const std::int32_t patch = blocks_[first];
+    order_[ordered] = {patch, blocks_[first]};
+    waiting.reset(first);
+    for (std::size_t head = ordered++; head < ordered; ++head) {
+      const std::size_t from = ordered;
+      const auto& near = neighbours_[static_cast<std::size_t>(place_[static_cast<std::size_t>(order_[head].second)])];
+      for (std::size_t i = 0; i < nodes; ++i) {
+        if (!waiting[i] || !near[i]) continue;
+        order_[ordered++] = {patch, blocks_[i]};
+        waiting.reset(i);
+      }
+      std::sort(order_.begin() + static_cast<std::ptrdiff_t>(from),
+                order_.begin() + static_cast<std::ptrdiff_t>(ordered), [&](const auto& a, const auto& b) {
+                  const std::size_t one = degree(static_cast<std::size_t>(place_[static_cast<std::size_t>(a.second)])),
+                                    other =
+                                        degree(static_cast<std::size_t>(place_[static_cast<std::size_t>(b.second)]));
+                  return one != other ? one < other : a.second < b.second;
+                });
+    }
+  }
+  for (std::size_t i = nodes; i < blocks_.size(); ++i) order_[i] = {layout_.node_count, blocks_[i]};
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
     blocks_[i] = order_[i].second;
     place_[static_cast<std::size_t>(blocks_[i])] = static_cast<std::int32_t>(i);
@@ -242,7 +264,7 @@ void LocalNewton::move_to(const State& state, const Eigen::Ref<const VectorX>& m
 
 LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature,
                                           const VectorX& gradient, BlockMatrix& hessian, int most_modes,
-                                          LinearSolver& factor, VectorX& direction) {
+                                          double most_operations, LinearSolver& factor, VectorX& direction) {
   Result result;
   const auto renew_kinked = [&](const State& at) {
     hessian.take_back();
@@ -277,7 +299,7 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   smooth_gradient.head(local) -= local_gradient.head(local);
   gather_modes(hessian, gradient);
   total.setZero();
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; iteration < kMaxIterations && result.operations <= most_operations; ++iteration) {
     renew_kinked(trial_);
     gather(hessian, factor_);
     factor_.topLeftCorner(size, size).bottomRows(mode_count_) = smooth.bottomRows(mode_count_);

@@ -12,6 +12,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <bitset>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -28,7 +29,7 @@ namespace softhand {
 
 class LocalNewton {
  public:
-  /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with 64 of them.
+  /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
   static constexpr int kMaxBlocks = 128;
   static constexpr int kMaxModes = 6;
 
@@ -43,9 +44,11 @@ class LocalNewton {
   /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
   /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. It is unchanged if there are no
   /// blocks or more than `kMaxBlocks`; then nothing is found. `most_modes`: at most this many modes are used, and at
-  /// most `kMaxModes`. `factor`: of a nearby Hessian; it solves for the modes. Does not allocate.
+  /// most `kMaxModes`. No iteration begins after `most_operations` floating-point operations. `factor`: of a nearby
+  /// Hessian; it solves for the modes. Does not allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
-                  BlockMatrix& hessian, int most_modes, LinearSolver& factor, VectorX& direction);
+                  BlockMatrix& hessian, int most_modes, double most_operations, LinearSolver& factor,
+                  VectorX& direction);
 
   /// Minimises over all blocks: the terms `kinked` are exact, and the rest is the quadratic model of `hessian`, which
   /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, without
@@ -72,7 +75,6 @@ class LocalNewton {
   Eigen::Index first_column(Eigen::Index row) const;
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
-  std::int32_t root_of(std::int32_t place) const;
   bool include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance);
   void condense(const BlockMatrix& hessian, const Compliance& compliance);
   double smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const;
@@ -82,8 +84,8 @@ class LocalNewton {
   DofLayout layout_;
   std::vector<std::int32_t> blocks_;                          // the blocks that move
   std::vector<std::int32_t> place_;                           // by block: its place in `blocks_`, -1: it is fixed
-  std::vector<std::pair<std::int32_t, std::int32_t>> order_;  // scratch: sort key and block
-  std::vector<std::int32_t> roots_;  // by place: another place of the same patch of skin; itself if it is the root
+  std::vector<std::pair<std::int32_t, std::int32_t>> order_;  // scratch: patch and block
+  std::vector<std::bitset<kMaxBlocks>> neighbours_;           // by place: the places that it shares a stored block with
   std::vector<Eigen::Index> first_;  // by place: the first place that it shares a stored block with
   Eigen::Index size_ = 0;            // rows in use: of the blocks, then one for each mode
   std::vector<VectorX> modes_;       // of all blocks, 0 in those that move

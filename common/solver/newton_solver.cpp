@@ -18,9 +18,10 @@ constexpr double kLeastMove = 1e-5;
 // Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
 // with the next gradient.
 constexpr double kUsualReduction = 0.01;
-constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
-constexpr int kMaxRevisions = 4;    // of the terms in a step
-constexpr int kContactSolves = 3;   // after a step that did not converge
+constexpr double kShortStep = 0.2;    // scale of an iteration: if it is shorter, all further moves are straight
+constexpr int kMaxRevisions = 4;      // of the terms in a step
+constexpr int kContactSolves = 3;     // after a step that did not converge
+constexpr double kContactWork = 0.3;  // fast steps that each of them may take even if no budget remains
 
 double steady_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -290,8 +291,10 @@ bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
       const auto timer = meter.time(&StepTiming::solve);
       const double remaining = options_.work_budget - meter.report.work - prices.contact_blocks - prices.evaluation;
       const int most_modes = remaining > 0 ? static_cast<int>(std::min(remaining / prices.solve, 100.0)) : 0;
+      const double most_operations = std::max(remaining, kContactWork) / prices.per_local_operation;
       result = local_newton_.minimise(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
-                                      potential_.change_hessian(), most_modes, factor_.linear_solver(), direction_);
+                                      potential_.change_hessian(), most_modes, most_operations, factor_.linear_solver(),
+                                      direction_);
     }
     meter.report.work +=
         prices.contact_blocks + prices.per_local_operation * result.operations + result.modes * prices.solve;

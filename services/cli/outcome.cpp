@@ -67,10 +67,14 @@ std::optional<MotionPhase> find(const std::vector<MotionPhase>& phases, const st
   return std::nullopt;
 }
 
+// The direction at `to` that was upright at `from`.
+Vector3 upright(const Pose& from, const Pose& to) {
+  return to.orientation * (from.orientation.conjugate() * Vector3::UnitY());
+}
+
 // Angle by which the direction that was upright at `from` has left the vertical, rad.
 double tilt_between(const Pose& from, const Pose& to) {
-  const Vector3 up = to.orientation * (from.orientation.conjugate() * Vector3::UnitY());
-  return std::acos(std::clamp(up.y(), -1.0, 1.0));
+  return std::acos(std::clamp(upright(from, to).y(), -1.0, 1.0));
 }
 
 std::size_t joint(Joint j) { return static_cast<std::size_t>(index_of(j)); }
@@ -197,6 +201,13 @@ double Outcome::longest_tracked_interval() const {
   return std::isnan(median) ? std::numeric_limits<double>::infinity() : kGapPeriods * median;
 }
 
+double Outcome::last_time(const OutcomeFrame& frame) const {
+  double last = std::numeric_limits<double>::infinity();
+  if (!contacts_.empty()) last = seconds(contacts_.back().time);
+  if (!frame.phases.empty()) last = std::min(last, seconds(frame.motion_start) + frame.phases.back().end + 0.5);
+  return last;
+}
+
 Json Outcome::pinch(const OutcomeFrame& frame) const {
   const double start = seconds(frame.motion_start);
   Json json;
@@ -304,12 +315,10 @@ Json Outcome::pinch(const OutcomeFrame& frame) const {
   }
   const std::size_t touching = depths.size() + hard;
 
-  // Released: for half a second nothing touched the object, and it lay still. This half second ends 0.5 s after the end
-  // of the motion (then the tracker starts again), or at the end of the run if that is earlier.
+  // Released: in the last half second nothing touched the object, and it lay still.
   Json released = nullptr;
   if (!contacts_.empty() && !objects_.empty()) {
-    double end = seconds(contacts_.back().time);
-    if (!frame.phases.empty()) end = std::min(end, start + frame.phases.back().end + 0.5);
+    const double end = last_time(frame);
     bool touched = false;
     for (const ContactSample& c : contacts_) {
       if (seconds(c.time) < end - 0.5 || seconds(c.time) > end) continue;
@@ -348,14 +357,28 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
   const Goal& goal = frame.goal;
   Json json;
   const ObjectSample *first = nullptr, *last = nullptr;
-  double travel = 0, tilt = 0;
+  double travel = 0, tilt = 0, other_tilt = 0;
+  Vector3 side = Vector3::Zero();  // horizontal, of the largest tilt
+  const double end = last_time(frame);
   for (const ObjectSample& each : objects_) {
-    if (each.object != frame.object) continue;
+    if (each.object != frame.object || seconds(each.time) > end) continue;
     if (first == nullptr) first = &each;
     last = &each;
     travel = std::max(travel, (each.pose.position - first->pose.position).norm());
-    tilt = std::max(tilt, tilt_between(first->pose, each.pose));
+    const double here = tilt_between(first->pose, each.pose);
+    if (here > tilt) {
+      tilt = here;
+      side = upright(first->pose, each.pose);
+      side.y() = 0;
+      side.normalize();
+    }
   }
+  for (const ObjectSample& each : objects_) {
+    if (each.object != frame.object || seconds(each.time) > end) continue;
+    const Vector3 up = upright(first->pose, each.pose);
+    other_tilt = std::max(other_tilt, std::atan2(-up.dot(side), up.y()));
+  }
+  const Swings swung = goal.swing > 0 ? swings(frame) : Swings{};
   const bool touched = std::any_of(presses_.begin(), presses_.end(),
                                    [&frame](const Press& press) { return press.object == frame.object; });
   const double away = first == nullptr ? 0 : (last->pose.position - first->pose.position).norm();
@@ -363,8 +386,14 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
   constexpr double kDegrees = 180.0 / M_PI;
   json["travel_mm"] = travel * 1e3;
   json["tilt_deg"] = tilt * kDegrees;
+  json["other_tilt_deg"] = other_tilt * kDegrees;
   json["end_distance_mm"] = away * 1e3;
   json["end_tilt_deg"] = end_tilt * kDegrees;
+  const bool turns = frame.joint.law.turns();
+  if (goal.swing > 0) {
+    json[turns ? "swing_deg" : "swing_mm"] = swung.largest * (turns ? kDegrees : 1e3);
+    json["swings"] = swung.times;
+  }
   bool success = true;
   std::string because;
   const auto state = [&](bool holds, const char* text, double got, double asked, const char* unit) {
@@ -386,12 +415,26 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
     if (goal.tilt > 0)
       state(tilt >= goal.tilt, "it tilted by %.1f %s (asked: %.1f %s)", tilt * kDegrees, goal.tilt * kDegrees,
             "degrees");
+    if (goal.both_sides)
+      state(other_tilt >= goal.tilt, "and by %.1f %s to the other side (asked: %.1f %s)", other_tilt * kDegrees,
+            goal.tilt * kDegrees, "degrees");
+    if (goal.swing > 0) {
+      const double scale = turns ? kDegrees : 1e3;
+      const char* unit = turns ? "degrees" : "mm";
+      state(swung.largest >= goal.swing, "the joint moved by %.1f %s (asked: %.1f %s)", swung.largest * scale,
+            goal.swing * scale, unit);
+      if (goal.closes > 0)
+        state(swung.times >= goal.times, "this far and back %.0f %s (asked: %.0f %s)", swung.times, goal.times,
+              "times");
+    }
     if (goal.returns > 0) {
       state(away <= goal.returns, "it ended %.2f %s from its first place (allowed: %.2f %s)", away * 1e3,
             goal.returns * 1e3, "mm");
       if (goal.tilt > 0)
         state(end_tilt <= kUpright, "and tilted by %.1f %s (allowed: %.1f %s)", end_tilt * kDegrees,
               kUpright * kDegrees, "degrees");
+    }
+    if (goal.returns > 0 || goal.swing > 0) {
       success = success && released;
       because += released ? "; the hand let go of it, and it rests" : "; it was touched or moved at the end";
     }
@@ -399,6 +442,32 @@ Json Outcome::success(const OutcomeFrame& frame, bool released) const {
   json["success"] = success;
   json["success_because"] = because;
   return json;
+}
+
+Outcome::Swings Outcome::swings(const OutcomeFrame& frame) const {
+  const JudgedJoint& joint = frame.joint;
+  Swings swings;
+  std::optional<Pose> parent;
+  std::optional<double> first;
+  bool open = false;
+  const double end = last_time(frame);
+  for (const ObjectSample& each : objects_) {
+    if (seconds(each.time) > end) break;
+    if (each.object == joint.parent) parent = each.pose;
+    if (each.object != joint.child || !parent) continue;
+    const double q = joint_coordinate(joint.law, {*parent, each.pose, joint.parent_from_joint, joint.child_from_joint});
+    if (!first) first = q;
+    const double rise = q - *first;
+    swings.largest = std::max(swings.largest, rise);
+    if (!open && rise >= frame.goal.swing) {
+      open = true;
+      if (frame.goal.closes <= 0) ++swings.times;
+    } else if (open && frame.goal.closes > 0 && rise <= frame.goal.closes) {
+      open = false;
+      ++swings.times;
+    }
+  }
+  return swings;
 }
 
 Json Outcome::following(const OutcomeFrame& frame) const {

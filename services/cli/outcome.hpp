@@ -8,17 +8,31 @@
 
 #include "math/types.hpp"
 #include "messages/messages.hpp"
+#include "model/joint_law.hpp"
 #include "trackers/replay/motion.hpp"
 
 namespace softhand {
 
 /// What a scene is for. A run succeeds if all of this happens to the grasped object. Zero = not asked for.
 struct Goal {
-  double travel = 0;   ///< m, largest distance of the object's centre of mass from its first place
-  double tilt = 0;     ///< rad, largest angle by which it leaves its first vertical
-  double returns = 0;  ///< m, the object ends this near to its first place, untouched and at rest
+  double travel = 0;        ///< m, largest distance of the object's centre of mass from its first place
+  double tilt = 0;          ///< rad, largest angle by which it leaves its first vertical
+  double returns = 0;       ///< m, the object ends this near to its first place, untouched and at rest
+  bool both_sides = false;  ///< the same tilt towards the opposite side, too
+  double swing = 0;         ///< rad or m, by which the coordinate of the joint rises above its first value
+  double closes = 0;        ///< rad or m above the first value, to which it falls after each swing
+  int times = 1;            ///< number of swings
 
-  bool any() const { return travel > 0 || tilt > 0 || returns > 0; }
+  bool any() const { return travel > 0 || tilt > 0 || returns > 0 || swing > 0; }
+};
+
+/// A joint of the world whose coordinate is judged.
+struct JudgedJoint {
+  std::uint32_t parent = 0;  ///< ids of the objects
+  std::uint32_t child = 0;
+  JointLaw law;
+  Pose parent_from_joint;  ///< the joint's frame in the bodies' frames
+  Pose child_from_joint;
 };
 
 /// The reference data of the judgement. Times are seconds since `motion_start` on the clock of the messages.
@@ -30,6 +44,7 @@ struct OutcomeFrame {
   double gravity = 9.81;       ///< m/s^2 along -Y
   double shake_frequency = 0;  ///< Hz; 0 = not shaken
   Goal goal;
+  JudgedJoint joint;      ///< used if the goal has a swing
   bool recorded = false;  ///< judge how a recorded hand is followed and holds, instead of the pinch
 };
 
@@ -90,7 +105,15 @@ class Outcome {
 
   /// Seconds. A longer interval between tracked samples is a gap. Nothing is compared with the tracker inside a gap.
   double longest_tracked_interval() const;
+  /// Seconds on the clock of the messages: 0.5 s after the motion, or the end of the run if that is earlier. Later
+  /// messages do not count for the success, because the tracker may repeat the motion.
+  double last_time(const OutcomeFrame& frame) const;
   nlohmann::ordered_json success(const OutcomeFrame& frame, bool released) const;
+  struct Swings {
+    double largest = 0;
+    int times = 0;
+  };
+  Swings swings(const OutcomeFrame& frame) const;
   nlohmann::ordered_json pinch(const OutcomeFrame& frame) const;
   nlohmann::ordered_json following(const OutcomeFrame& frame) const;
 

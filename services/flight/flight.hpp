@@ -62,9 +62,17 @@ struct FlightResult {
 };
 
 /// What differs from loop to loop. Specialised in hand_flight.hpp, tracking_flight.hpp and world_flight.hpp:
-///   Input, write_input(out, input), step(loop, now, in), figures(loop), status(loop), save, load, forget, can_save.
+///   Input, write_input(out, input), step(loop, now, in), figures(loop), status(loop), save, load, forget.
 template <typename Loop>
 struct FlightTraits;
+
+/// Reads a sample that may be absent. Returns null if it is absent, otherwise `sample`.
+template <typename T>
+const T* read_optional(ByteReader& in, T& sample) {
+  if (!in.take<bool>()) return nullptr;
+  in.read(sample);
+  return &sample;
+}
 
 template <typename Loop>
 FlightResult flight_result(const Loop& loop) {
@@ -125,7 +133,7 @@ class Flight {
   // The live loop drops what a snapshot does not contain. So it goes on with the bits of a loop that loads the
   // snapshot.
   void begin(Nanoseconds now) {
-    if (!recorder_->is_due(now) || !Traits::can_save(loop_)) return;
+    if (!recorder_->is_due(now)) return;
     recorder_->begin_segment(now, [this](ByteWriter& out) { Traits::save(loop_, out); });
     Traits::forget(loop_);
     is_first_of_segment_ = true;

@@ -30,9 +30,9 @@ struct FlightTraits<HandLoop> {
     void step(HandLoop& loop, Nanoseconds now, ByteReader& in) {
       const auto requested = in.take<RequestedOutputs>();
       HandInput input;
-      input.skeleton = read(in, samples_->skeleton);
-      input.head = read(in, samples_->head);
-      input.world = read(in, samples_->world);
+      input.skeleton = read_optional(in, samples_->skeleton);
+      input.head = read_optional(in, samples_->head);
+      input.world = read_optional(in, samples_->world);
       loop.step(now, input, requested);
     }
     void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {
@@ -50,12 +50,6 @@ struct FlightTraits<HandLoop> {
       HeadPose head;
       WorldObjects world;
     };
-    template <typename T>
-    static const T* read(ByteReader& in, T& sample) {
-      if (!in.take<bool>()) return nullptr;
-      in.read(sample);
-      return &sample;
-    }
     std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
   };
 
@@ -73,7 +67,6 @@ struct FlightTraits<HandLoop> {
     for (const Vector3& force : loop.simulation().bone_contact_forces()) largest = std::max(largest, force.norm());
     return largest;
   }
-  static bool can_save(const HandLoop& loop) { return loop.can_save(); }
   static void save(const HandLoop& loop, ByteWriter& out) { loop.save(out); }
   static void load(HandLoop& loop, ByteReader& in) { loop.load(in); }
   static void forget(HandLoop& loop) { loop.forget(); }

@@ -75,7 +75,9 @@ class Repetition {
       Traits::save(*loop_, out);
       const bool is_equal = !out.overflowed() && std::ranges::equal(out.written(), bytes);
       if (!is_equal) ++result_.different_snapshots;
-      equal = is_equal ? "equal" : "DIFFERS";
+      equal = is_equal ? "equal"
+                       : fmt::format("DIFFERS from byte {}",
+                                     std::ranges::mismatch(out.written(), bytes).in2 - bytes.begin());
     }
     print_(fmt::format("{}  snapshot of {} bytes: {}", seconds(now), bytes.size(), equal));
     loop_ = make_loop_();

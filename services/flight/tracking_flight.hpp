@@ -27,10 +27,10 @@ struct FlightTraits<TrackingLoop> {
       TrackingInput input;
       in.read(input.wrench_requested);
       in.read(input.ledger_requested);
-      input.tracked = read(in, samples_->tracked);
-      input.simulated = read(in, samples_->simulated);
-      input.head = read(in, samples_->head);
-      input.contacts = read(in, samples_->contacts);
+      input.tracked = read_optional(in, samples_->tracked);
+      input.simulated = read_optional(in, samples_->simulated);
+      input.head = read_optional(in, samples_->head);
+      input.contacts = read_optional(in, samples_->contacts);
       loop.step(now, input);
     }
     void describe(TrackingLoop&, std::uint8_t, ByteReader&) {}
@@ -41,12 +41,6 @@ struct FlightTraits<TrackingLoop> {
       HeadPose head;
       Contacts contacts;
     };
-    template <typename T>
-    static const T* read(ByteReader& in, T& sample) {
-      if (!in.take<bool>()) return nullptr;
-      in.read(sample);
-      return &sample;
-    }
     std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
   };
 
@@ -58,7 +52,6 @@ struct FlightTraits<TrackingLoop> {
     const Vec3& wrist = loop.output().intermediate.joints[static_cast<std::size_t>(index_of(Joint::wrist))].position;
     return {wrist[0], wrist[1], wrist[2], loop.coupling_stretch()};
   }
-  static bool can_save(const TrackingLoop&) { return true; }
   static void save(const TrackingLoop& loop, ByteWriter& out) { out.write(loop); }
   static void load(TrackingLoop& loop, ByteReader& in) { in.read(loop); }
   static void forget(TrackingLoop&) {}

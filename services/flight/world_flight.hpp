@@ -44,7 +44,6 @@ struct FlightTraits<WorldLoop> {
     const Vec3 place = objects.empty() ? Vec3{} : objects[objects.size() - 1].position;
     return {place[0], place[1], place[2], 0};
   }
-  static bool can_save(const WorldLoop&) { return true; }
   static void save(const WorldLoop& loop, ByteWriter& out) { loop.save(out); }
   static void load(WorldLoop& loop, ByteReader& in) { loop.load(in); }
   static void forget(WorldLoop& loop) { loop.forget(); }

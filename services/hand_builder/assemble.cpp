@@ -7,6 +7,9 @@
 #include <map>
 #include <stdexcept>
 
+#include "geometry/mesh_distance.hpp"
+#include "hand_builder/contact_samples.hpp"
+
 namespace softhand::builder {
 namespace {
 
@@ -35,6 +38,10 @@ struct Bones {
   std::array<Pose, kBodyCount> joints;
   const std::array<BodyModel, kBodyCount>* bodies;
 
+  Bones(const RestSkeleton& rest, const std::array<BodyModel, kBodyCount>& of_hand) : bodies(&of_hand) {
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      joints[b] = rest.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
+  }
   double distance(std::size_t b, const Vector3& point) const {
     const BodyModel& body = (*bodies)[b];
     return rounded_cone_distance(joints[b].inverse() * point, body.bone_start, body.bone_end, body.bone_start_radius,
@@ -54,11 +61,11 @@ struct Bones {
   }
 };
 
-std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3& point) {
+std::uint8_t region_of(const RestSkeleton& rest, const Bones& bones, const Vector3& point) {
   const auto b = bones.nearest(point);
   const Body body = static_cast<Body>(b);
   const Vector3 local = bones.joints[b].inverse() * point;
-  const BodyModel& model = hand.bodies[b];
+  const BodyModel& model = (*bones.bodies)[b];
   const double bone_height = 0.5 * (model.bone_start.y() + model.bone_end.y());
   const bool palmar = local.y() < bone_height + 0.3 * model.bone_end_radius;
   const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
@@ -68,7 +75,7 @@ std::uint8_t region_of(const HandModel& hand, const Bones& bones, const Vector3&
   for (std::size_t j = 3; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
     const bool knuckle_joint = joint_of(body_of(joint)) == joint && !is_metacarpal(body_of(joint));
-    if (knuckle_joint && (hand.rest_joints[j].position - point).norm() < 1.2 * hand.joint_radii[j]) return knuckle;
+    if (knuckle_joint && (rest.joints[j].position - point).norm() < 1.2 * rest.radii[j]) return knuckle;
   }
   return back;
 }
@@ -192,6 +199,18 @@ void attach(HandModel& hand, const Bones& bones, const Locator& locator) {
   }
 }
 
+// Rounds weights as a hand file does, to 1e-4. None is negative, and the sum stays 1.
+void round_weights(std::array<double, 4>& weights) {
+  const auto largest = std::max_element(weights.begin(), weights.end());
+  double rest = 1;
+  for (auto w = weights.begin(); w != weights.end(); ++w) {
+    if (w == largest) continue;
+    *w = 1e-4 * std::max(0.0, std::round(1e4 * *w));
+    rest -= *w;
+  }
+  *largest = rest;
+}
+
 }  // namespace
 
 SizingField hand_sizing(const RestSkeleton& rest) {
@@ -273,14 +292,12 @@ HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, c
   hand.surface = mesh.surface;
   hand.materials = make_materials();
 
-  Bones bones{{}, &hand.bodies};
-  for (std::size_t b = 0; b < kBodyCount; ++b)
-    bones.joints[b] = rest.joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
+  const Bones bones(rest, hand.bodies);
   for (const Vector3& node : hand.nodes) hand.node_body.push_back(static_cast<std::uint8_t>(bones.nearest(node)));
   for (const auto& t : hand.tetrahedra) {
     Vector3 centre = Vector3::Zero();
     for (const std::int32_t n : t) centre += 0.25 * hand.nodes[static_cast<std::size_t>(n)];
-    hand.tetrahedron_material.push_back(region_of(hand, bones, centre));
+    hand.tetrahedron_material.push_back(region_of(rest, bones, centre));
   }
   const Locator locator(hand.nodes, hand.tetrahedra);
   attach(hand, bones, locator);
@@ -296,7 +313,31 @@ HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, c
     for (std::size_t k = 0; k < 4; ++k) embedded.weights[k] = static_cast<float>(weights[k] / sum);
     hand.skin_vertices.push_back(embedded);
   }
+  add_contact_points(hand, rest, skin);
   return hand;
+}
+
+void add_contact_points(HandModel& hand, const RestSkeleton& rest, const TriangleMesh& skin) {
+  constexpr double kPulpSpacing = 0.0017, kSpacing = 0.004;  // m; the mean distance of neighbours is a fifth more
+  const auto bodies = make_bodies(rest);
+  const Bones bones(rest, bodies);
+  const auto samples = sample_contacts(
+      skin, [&](const Vector3& point) { return region_of(rest, bones, point) == pulp ? kPulpSpacing : kSpacing; });
+  // As a hand file rounds them.
+  std::vector<Vector3> nodes = hand.nodes;
+  for (Vector3& node : nodes) node = 1e-7 * (1e7 * node).array().round().matrix();
+  const Locator locator(nodes, hand.tetrahedra);
+  const MeshDistance surface({nodes, hand.surface});
+  hand.contact_points.clear();
+  for (const ContactSample& sample : samples) {
+    SkinPoint point;
+    const Vector3 place = surface.nearest(sample.position).point;
+    point.tetrahedron = locator.find(place, point.weights);
+    round_weights(point.weights);
+    point.area = sample.area;
+    point.body = static_cast<std::uint8_t>(bones.nearest(sample.position));
+    hand.contact_points.push_back(point);
+  }
 }
 
 }  // namespace softhand::builder

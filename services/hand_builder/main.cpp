@@ -13,16 +13,30 @@ namespace {
 
 using namespace softhand;
 
+Vector3 place_of(const HandModel& hand, const SkinVertex& vertex) {
+  Vector3 x = Vector3::Zero();
+  for (std::size_t k = 0; k < 4; ++k) {
+    x += static_cast<double>(vertex.weights[k]) *
+         hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k])];
+  }
+  return x;
+}
+
+// Whether `hand` was made from this skin.
+void check_skin(const HandModel& hand, const TriangleMesh& skin, const std::string& path) {
+  constexpr double kRounding = 2e-5;  // m, of a vertex by its rounded weights
+  bool same = hand.skin_triangles == skin.triangles && hand.skin_vertices.size() == skin.vertices.size();
+  for (std::size_t v = 0; same && v < skin.vertices.size(); ++v)
+    same = (place_of(hand, hand.skin_vertices[v]) - skin.vertices[v]).norm() < kRounding;
+  if (!same) throw std::runtime_error(path + ": was made from another skin; expected the one of these options");
+}
+
 // Writes skin (group "skin") and tetrahedral surface (group "surface") as an OBJ file for any viewer.
 void write_preview(const HandModel& hand, const std::string& path) {
   std::ofstream out(path);
   for (const Vector3& n : hand.nodes) out << "v " << n.x() << ' ' << n.y() << ' ' << n.z() << '\n';
   for (const SkinVertex& vertex : hand.skin_vertices) {
-    Vector3 x = Vector3::Zero();
-    for (std::size_t k = 0; k < 4; ++k) {
-      x += static_cast<double>(vertex.weights[k]) *
-           hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k])];
-    }
+    const Vector3 x = place_of(hand, vertex);
     out << "v " << x.x() << ' ' << x.y() << ' ' << x.z() << '\n';
   }
   const int offset = hand.node_count() + 1;
@@ -40,7 +54,7 @@ int main(int argc, char** argv) {
   CLI::App app("Makes a hand file: skin, bones, tetrahedral tissue, attachments, joints, materials");
   builder::HandSize size;
   int nodes = 1450;
-  std::string side_name = "right", output, preview, recording, gltf, notice, name;
+  std::string side_name = "right", output, preview, recording, gltf, notice, name, kept;
   app.add_option("--length", size.length, "Hand length from wrist to middle fingertip, metres")
       ->capture_default_str()
       ->check(CLI::Range(0.10, 0.26));
@@ -57,6 +71,8 @@ int main(int argc, char** argv) {
       ->excludes(joints);
   app.add_option("--notice", notice, "Licence notice in the hand file; default: the copyright line of the GLB");
   app.add_option("--nodes", nodes, "Number of tetrahedral nodes")->capture_default_str()->check(CLI::Range(300, 8000));
+  app.add_option("--mesh", kept, "Hand file of the same skin: keep all of it, and make only its contact points anew")
+      ->check(CLI::ExistingFile);
   app.add_option("--side", side_name, "Side of the written hand and of the recording")
       ->capture_default_str()
       ->check(CLI::IsMember({"left", "right"}));
@@ -90,20 +106,34 @@ int main(int argc, char** argv) {
       skin = std::make_unique<builder::ParametricSkin>(rest);
       display = builder::triangulate_skin(*skin, 0.0030);
     }
-    const auto mesh = builder::mesh_skin(*skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, *skin));
-    HandModel hand = builder::assemble_hand(rest, mesh, display);
-    hand.notice = notice;
-    if (side == Side::left) hand = mirrored(hand);
-    hand.name = !name.empty() ? name : side_name + "_" + std::to_string(nodes);
+    HandModel hand;
+    if (!kept.empty()) {
+      hand = load_hand(kept);
+      const bool left = hand.side == Side::left;
+      if (left) hand = mirrored(hand);
+      check_skin(hand, display, kept);
+      builder::add_contact_points(hand, rest, display);
+      if (left) hand = mirrored(hand);
+    } else {
+      hand = builder::assemble_hand(
+          rest, builder::mesh_skin(*skin, builder::hand_sizing(rest), nodes, builder::hand_seeds(rest, *skin)),
+          display);
+      hand.notice = notice;
+      if (side == Side::left) hand = mirrored(hand);
+      hand.name = !name.empty() ? name : side_name + "_" + std::to_string(nodes);
+    }
     validate(hand, output);
     save_hand(hand, output);
     if (!preview.empty()) write_preview(hand, preview);
+    const builder::TetrahedralMesh mesh{hand.nodes, hand.tetrahedra, hand.surface};
     std::printf(
-        "%s: %d nodes, %zu tetrahedra, %zu attachments, %zu skin vertices, smallest dihedral angle %.1f degrees, "
+        "%s: %d nodes, %zu tetrahedra, %zu attachments, %zu contact points, %zu skin vertices, smallest dihedral angle "
+        "%.1f degrees, "
         "volume %.1f cm^3 (skin "
         "%.1f)\n",
-        output.c_str(), hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.skin_vertices.size(),
-        mesh.minimum_dihedral_degrees(), mesh.volume() * 1e6, builder::skin_volume(*skin, 0.001) * 1e6);
+        output.c_str(), hand.node_count(), hand.tetrahedra.size(), hand.attachments.size(), hand.contact_points.size(),
+        hand.skin_vertices.size(), mesh.minimum_dihedral_degrees(), mesh.volume() * 1e6,
+        builder::skin_volume(*skin, 0.001) * 1e6);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "softhand-build-hand: %s\n", error.what());
     return 1;

@@ -85,6 +85,21 @@ Solid link_solid(const ObjectOptions& object) {
 
 }  // namespace
 
+std::pair<Pose, Pose> joint_frames(const JointOptions& joint, const ObjectOptions& parent, const Solid& parent_solid,
+                                   const ObjectOptions& child, const Solid& child_solid) {
+  const Pose to_parent = parent_solid.body_frame.inverse(), to_child = child_solid.body_frame.inverse();
+  if (joint.model != nullptr) {
+    const LinkJoint& link = joint.model->joints[joint.number];
+    return {to_parent * link.parent_from_joint, to_child * link.child_from_joint};
+  }
+  const auto start = [](const ObjectOptions& object) {
+    return Pose{to_vector(object.position), to_quaternion(object.orientation).normalized()};
+  };
+  const Pose frame{to_vector(joint.position),
+                   Quaternion::FromTwoVectors(Vector3::UnitY(), to_vector(joint.axis)).normalized()};
+  return {to_parent * frame, to_child * (start(child).inverse() * (start(parent) * frame))};
+}
+
 Solid make_solid(const ObjectOptions& object) {
   Solid solid;
   const ShapeKind kind = kind_of(object.shape);

@@ -1,6 +1,7 @@
 // Geometry of the world's shapes in double precision: mass properties, and planes that separate two shapes.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "math/types.hpp"
@@ -25,6 +26,11 @@ struct Solid {
 /// Takes a link of an object file from `object.model`, with the file's mass properties.
 /// Throws std::invalid_argument if the shape spans no volume or has a wrong number of vertices.
 Solid make_solid(const ObjectOptions& object);
+
+/// The frame of a joint in the body frames of its parent and its child. An object file gives both frames. Otherwise the
+/// child's frame lies where the parent's frame is at the start.
+std::pair<Pose, Pose> joint_frames(const JointOptions& joint, const ObjectOptions& parent, const Solid& parent_solid,
+                                   const ObjectOptions& child, const Solid& child_solid);
 
 /// The point of the shape at `pose` that is farthest along `direction` (unit, world). Not for planes.
 Vector3 support(const Shape& shape, const Pose& pose, const Vector3& direction);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
+#include <tuple>
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -25,15 +26,19 @@ constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the ha
 constexpr double kSeating = 0.0001;
 constexpr double kCutByPlane = 0.0005;  // m
 constexpr double kSamePlane = 0.98;     // cosine of 11 degrees
-constexpr double kAbsurd = 1e4;         // m; positions beyond it are refused
+constexpr double kAbsurd = 1e4;         // m, m/s, rad/s; larger values are refused
+constexpr double kAbsurdForce = 1e6;    // N, N m
+constexpr double kFuture = 0.050;       // s; a sample may be taken up to this after the step began
 
 bool is_plausible(const ObjectTwin& twin) {
-  const auto near = [](double x) { return std::abs(x) < kAbsurd; };
+  const auto within = [](const Vec3& values, double limit) {  // false for NaN
+    return std::all_of(values.begin(), values.end(), [limit](double x) { return std::abs(x) < limit; });
+  };
   const double norm = to_quaternion(twin.orientation).norm();
-  return all_finite(twin.position) && all_finite(twin.orientation) && all_finite(twin.linear_velocity) &&
-         all_finite(twin.angular_velocity) && all_finite(twin.contact_force) && all_finite(twin.contact_torque) &&
-         all_finite(twin.coupling_force) && all_finite(twin.coupling_torque) &&
-         std::all_of(twin.position.begin(), twin.position.end(), near) && norm > 0.5 && norm < 2;
+  return within(twin.position, kAbsurd) && within(twin.linear_velocity, kAbsurd) &&
+         within(twin.angular_velocity, kAbsurd) && within(twin.contact_force, kAbsurdForce) &&
+         within(twin.contact_torque, kAbsurdForce) && within(twin.coupling_force, kAbsurdForce) &&
+         within(twin.coupling_torque, kAbsurdForce) && norm > 0.5 && norm < 2;
 }
 
 const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
@@ -85,7 +90,6 @@ Vector3 WorldLoop::gravity_of(const Object& object) const {
   return object.weightless || !object.dynamic ? Vector3(Vector3::Zero()) : gravity_;
 }
 
-/// The child's frame lies where the parent's frame is at the start.
 void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
   joints_.reserve(joints.size());
   for (const JointOptions& from : joints) {
@@ -96,15 +100,8 @@ void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
     joint.engine.child = static_cast<std::size_t>(find(from.child) - objects_.data());
     const Object& parent = objects_[joint.engine.parent];
     const Object& child = objects_[joint.engine.child];
-    const Pose frame{to_vector(from.position),
-                     Quaternion::FromTwoVectors(Vector3::UnitY(), to_vector(from.axis)).normalized()};
-    joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * frame;
-    joint.engine.child_from_joint = child.start.inverse() * (parent.start * joint.engine.parent_from_joint);
-    if (from.model != nullptr) {  // an object file gives both frames
-      const LinkJoint& link = from.model->joints[from.number];
-      joint.engine.parent_from_joint = parent.solid.body_frame.inverse() * link.parent_from_joint;
-      joint.engine.child_from_joint = child.solid.body_frame.inverse() * link.child_from_joint;
-    }
+    std::tie(joint.engine.parent_from_joint, joint.engine.child_from_joint) =
+        joint_frames(from, parent.options, parent.solid, child.options, child.solid);
     ObjectJointDescription& description = joint_descriptions_.emplace_back();
     description.joint = static_cast<std::uint32_t>(joints_.size());
     set_text(description.name, from.name);
@@ -196,8 +193,14 @@ void WorldLoop::insert(std::size_t slot) {
   object.velocity = object.previous_velocity = {};
   object.present = true;
   object.planes.clear();
+  add_to_engine(slot);
+}
+
+/// Adds an object to the engine at its present pose, at rest.
+void WorldLoop::add_to_engine(std::size_t slot) {
+  const Object& object = objects_[slot];
   engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                      object.start, object.solid.pieces});
+                      object.pose, object.solid.pieces});
   if (object.dynamic) engine_->set_gravity(slot, gravity_of(object));
 }
 
@@ -273,11 +276,15 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     if (twin == nullptr || coupling->stamp.sample_time <= reset_time_) continue;
     const double age = static_cast<double>(now - coupling->stamp.sample_time) * kSeconds;
     if (age > kVanished) continue;
+    if (age < -kFuture) {
+      ++counters_.refused_future;
+      continue;
+    }
     if ((coupling->mode == 1) != symmetric) {
       ++counters_.refused_mode;
       continue;
     }
-    if (!is_plausible(*twin)) {
+    if (!is_plausible(*twin) || !std::isfinite(coupling->step_period)) {
       ++counters_.refused_nonfinite;
       continue;
     }
@@ -412,9 +419,7 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       ++counters_.repaired;
       detach(slot);
       engine_->remove(slot);
-      engine_->add(slot, {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction,
-                          object.pose, object.solid.pieces});
-      engine_->set_gravity(slot, gravity_of(object));
+      add_to_engine(slot);
       object.velocity = object.previous_velocity = {};
       attach(slot);
       continue;
@@ -600,6 +605,7 @@ void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   mechanical.value = energy();
   status.energies.push_back(mechanical);
   add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite));
+  add_counter(status, "refused_future", static_cast<double>(counters_.refused_future));
   add_counter(status, "refused_mode", static_cast<double>(counters_.refused_mode));
   add_counter(status, "stalls", static_cast<double>(counters_.stalls));
   add_counter(status, "vanished", static_cast<double>(counters_.vanished));

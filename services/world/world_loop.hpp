@@ -31,10 +31,11 @@ struct WorldOutput {
 struct WorldCounters {
   /// Twins with values that are not finite or absurd (farther than 10 km). Each sample counts once a step.
   std::uint64_t refused_nonfinite = 0;
-  std::uint64_t refused_mode = 0;  ///< couplings of the other mode
-  std::uint64_t stalls = 0;        ///< times an owner's data became stale while it owned an object
-  std::uint64_t vanished = 0;      ///< times an owner vanished
-  std::uint64_t repaired = 0;      ///< objects that became non-finite in the engine and were restored
+  std::uint64_t refused_future = 0;  ///< twins in a sample from the future, once a step
+  std::uint64_t refused_mode = 0;    ///< couplings of the other mode
+  std::uint64_t stalls = 0;          ///< times an owner's data became stale while it owned an object
+  std::uint64_t vanished = 0;        ///< times an owner vanished
+  std::uint64_t repaired = 0;        ///< objects that became non-finite in the engine and were restored
 };
 
 class WorldLoop {
@@ -136,6 +137,7 @@ class WorldLoop {
   const Joint& find_joint(std::string_view name) const;
   void make_engine();
   void insert(std::size_t slot);
+  void add_to_engine(std::size_t slot);
   void restore(std::size_t first);
   void restore_all();
   void describe(std::size_t slot, bool removed);

@@ -65,11 +65,8 @@ void WorldLoop::make_engine() {
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     const Object& object = objects_[slot];
     if (!object.present) continue;
-    engine_->add(slot,
-                 {object.solid.shape, object.options.mass, object.solid.inertia, object.options.friction, object.pose});
-    if (!object.dynamic) continue;
-    engine_->place(slot, object.pose, object.velocity);
-    engine_->set_gravity(slot, gravity_of(object));
+    add_to_engine(slot);
+    if (object.dynamic) engine_->place(slot, object.pose, object.velocity);
   }
   for (std::size_t j = 0; j < joints_.size(); ++j)
     if (joints_[j].present) engine_->add_joint(j, joints_[j].engine);

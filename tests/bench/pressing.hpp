@@ -42,10 +42,11 @@ class Pressing {
     for (int k = 0; k < touched; ++k) {
       const Vector3 tip =
           hand_.rest_joints[static_cast<std::size_t>(index_of(tips[static_cast<std::size_t>(k)]))].position;
-      // The ball is under the lowest node of the tip, so that a coarse hand touches it too.
+      // The ball is under the lowest contact point of the tip.
       Vector3 lowest = tip;
-      for (const Vector3& node : hand_.nodes) {
-        if ((node - tip).norm() < 0.01 && node.y() < lowest.y()) lowest = node;
+      for (const SkinPoint& point : hand_.contact_points) {
+        const Vector3 place = hand_.position_of(point);
+        if ((place - tip).norm() < 0.01 && place.y() < lowest.y()) lowest = place;
       }
       add(lowest + Vector3(0, kDepth - kRadius, 0), kRadius);
     }

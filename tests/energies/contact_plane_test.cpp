@@ -6,6 +6,7 @@
 #include "energies/dense_step.hpp"
 #include "energies/derivative_suite.hpp"
 #include "energies/inertia.hpp"
+#include "energies/memory_suite.hpp"
 #include "energies/plane_contact.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
@@ -161,6 +162,19 @@ TEST(PlaneContact, RepeatedPlanesKeepTheirGrip) {
     body.run(1, 1.0 / 90);
   }
   EXPECT_LE((body.position() - start).norm(), 1e-9);
+}
+
+TEST(PlaneContact, MemoryRepeatsTheBits) {
+  NeighbourPlane plane = table(0.3, Vector3(0.1, 1, 0).normalized());
+  plane.velocity = {0.2, 0.05, -0.1};
+  Body body(kCube, 0.05, Vector3(0, -kGravity, 0), plane);
+  body.state.body_poses[0].position.y() = 0.021;
+  body.state.body_velocities[0] = {Vector3(0.3, -0.2, 0.1), Vector3(1, 2, -1)};
+  body.run(5, 1.0 / 90);
+  ASSERT_GT(body.planes.count(0), 0);
+  testing::check_memory(body.planes, body.state, [&](State&) { body.run(1, 1.0 / 90); });
+  PlaneContact empty({1, 1}, 0, 1);
+  EXPECT_THROW(empty.load(body.planes.save()), std::invalid_argument);
 }
 
 TEST(PlaneContact, ClearedObjectIsFree) {

@@ -5,11 +5,14 @@
 
 #include <cmath>
 
-#include "energies/coulomb.hpp"
+#include "contact/coulomb.hpp"
 #include "energies/dense_step.hpp"
 #include "energies/derivative_suite.hpp"
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
+#include "energies/memory_suite.hpp"
+#include "math/rotation.hpp"
+#include "support/node_contact.hpp"
 
 namespace softhand {
 namespace {
@@ -23,7 +26,7 @@ Shape make(ShapeKind kind, Vec3 size = {}) {
   return shape;
 }
 
-// `triangles` separate triangles of skin, all of the same size, so that every weight w is 1.
+// `triangles` separate triangles of skin, all of the same size, so that all nodes have the same stiffness.
 HandModel skin(int triangles) {
   HandModel hand;
   for (int t = 0; t < triangles; ++t) {
@@ -39,7 +42,8 @@ HandModel skin(int triangles) {
 struct Rig {
   Rig(int triangles, double stiffness, double node_mass, int moving_slots = 1, int slots = 1)
       : hand(skin(triangles)),
-        contacts(hand, std::vector<double>(hand.nodes.size(), node_mass), stiffness, 0, moving_slots, slots),
+        contacts(testing::contact_at_nodes(hand, std::vector<double>(hand.nodes.size(), node_mass)), hand.node_count(),
+                 testing::contact_stiffness(hand, stiffness), 0, moving_slots, slots),
         contact(contacts),
         friction(contacts),
         inertia(std::vector<double>(hand.nodes.size(), node_mass), slots) {
@@ -163,6 +167,75 @@ TEST_P(ContactDerivatives, ForcesBalanceAndRigidMotionIsFree) {
     testing::check_balance(*term, moved);
     testing::check_rigid_motion(*term, moved, motion);
   }
+}
+
+// Contact points between the nodes: the middle of each triangle, and of one edge.
+std::vector<ContactPoint> points_between_nodes(const HandModel& hand) {
+  std::vector<ContactPoint> points;
+  for (const auto& triangle : hand.surface) {
+    ContactPoint point;
+    point.body = hand.node_body[0];
+    point.area = 2e-5;
+    point.node_count = 3;
+    for (std::size_t k = 0; k < 3; ++k) point.nodes[k] = triangle[k], point.weights[k] = 1.0 / 3;
+    points.push_back(point);
+    point.node_count = 2;
+    point.weights = {0.75, 0.25};
+    points.push_back(point);
+  }
+  return points;
+}
+
+TEST_P(ContactDerivatives, OfPointsBetweenNodes) {
+  const HandModel hand = skin(4);
+  const std::vector<double> masses(hand.nodes.size(), 1e-4);
+  ContactSet contacts(ContactPoints(points_between_nodes(hand), masses), hand.node_count(), 700 / 2e-5, 0, 1, 1);
+  ContactEnergy contact(contacts);
+  FrictionEnergy friction(contacts);
+  const ShapeGeometry sphere(make(ShapeKind::sphere, {0.05, 0, 0}));
+  contacts.set_object(0, &sphere, 0.7, 5, ContactObject::moving);
+  RandomScene scene(GetParam());
+  State& state = scene.rig.state;
+  const Vector3 centre = state.body_poses[0].position;
+  // Each triangle becomes small and moves into the sphere.
+  for (const auto& triangle : hand.surface) {
+    const Vector3 outward = (Vector3(state.node_positions.col(triangle[0])) - centre).normalized();
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3 corner =
+          5e-4 * Vector3(Vector3::Unit(static_cast<int>(k)) - outward[static_cast<int>(k)] * outward);
+      state.node_positions.col(triangle[k]) = centre + 0.0505 * outward + corner;
+      state.node_velocities.col(triangle[k]) = state.body_velocities[0].linear - 0.3 * outward;
+    }
+  }
+  contacts.begin_step(state, 0.01);
+  state.node_positions += 0.01 * state.node_velocities;
+  contacts.end_step(state);
+  ASSERT_GT(contacts.count(), 3);
+  const State moved = testing::perturbed(state, GetParam(), 2e-4, 2e-3);
+  testing::check_term(contact, state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  contacts.begin_step(state, 0.01);
+  testing::check_term(friction, state, 0.01, moved, {.step = 1e-7, .tolerance = 1e-4});
+  testing::check_balance(contact, moved);
+  testing::check_balance(friction, moved);
+}
+
+// A point of weight 1/3 on three nodes has three times their mass, and its main node is the heaviest one.
+TEST(ContactPoints, HaveMassAndMainNode) {
+  const HandModel hand = skin(2);
+  const ContactPoints points(points_between_nodes(hand), std::vector<double>(hand.nodes.size(), 1e-4));
+  EXPECT_NEAR(points.mass(0), 3e-4, 1e-12);
+  EXPECT_NEAR(points.mass(1), 1e-4 / (0.75 * 0.75 + 0.25 * 0.25), 1e-12);
+  EXPECT_EQ(points.main_node(2), 3);
+  const ContactPoints nodes = testing::contact_at_nodes(hand, std::vector<double>(hand.nodes.size(), 1e-4));
+  EXPECT_EQ(nodes.count(), 6);
+  EXPECT_EQ(nodes.mass(5), 1e-4);
+  ContactPoint bad;
+  bad.area = 1e-5;
+  bad.weights[0] = 0.9;
+  EXPECT_THROW(ContactPoints({bad}, {1e-4}), std::invalid_argument);
+  bad.weights[0] = 1;
+  bad.nodes[0] = 1;
+  EXPECT_THROW(ContactPoints({bad}, {1e-4}), std::invalid_argument);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, ContactDerivatives, ::testing::Values(1, 2, 3, 4, 5));
@@ -585,13 +658,85 @@ TEST(Contact, NamesAnObjectTouchedWithoutPressure) {
   EXPECT_EQ(finger.force, Vec3{});
 }
 
+// Nodes slide, stick and leave the ball, which moves under them. `moving`: by the solver.
+TEST_P(ContactDerivatives, MemoryRepeatsTheBits) {
+  for (const ContactObject kind : {ContactObject::moving, ContactObject::fixed}) {
+    RandomScene scene(GetParam(), kind);
+    if (kind == ContactObject::moving) scene.rig.inertia.set_dynamic(0, 0.1, 1e-4 * Matrix3::Identity(), {0, -1, 0});
+    testing::DenseStepper stepper = scene.rig.stepper();
+    // At the start of the last step of each run the object is moved by the caller: a path between the steps.
+    int steps = 0;
+    testing::check_memory(scene.rig.contact, scene.rig.state, [&](State& state) {
+      if (++steps % 5 == 3) state.body_poses[0].position.x() += 1e-3;
+      stepper.step(state, 0.01);
+    });
+  }
+}
+
+TEST(Contact, MemoryOfOtherObjectsIsRefused) {
+  Rig rig(1, 700, 1e-4), other(1, 700, 1e-4);
+  const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
+  rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  const ContactSet::Memory memory = rig.contacts.save();
+  EXPECT_THROW(other.contacts.load(memory), std::invalid_argument);
+  other.contacts.set_object(0, &ball, 0.5, 8, ContactObject::fixed);
+  EXPECT_THROW(other.contacts.load(memory), std::invalid_argument);
+  other.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  EXPECT_NO_THROW(other.contacts.load(memory));
+}
+
+// A memory is compared byte by byte when a recorded run is repeated.
+TEST(Contact, AClearedSlotHasTheMemoryOfANewOne) {
+  Rig rig(1, 700, 1e-4);
+  const std::vector<std::byte> fresh = testing::bytes_of(rig.contact);
+  const ShapeGeometry ball(make(ShapeKind::sphere, {0.05, 0, 0}));
+  rig.state.body_poses[0].position = {1, 0, 0};  // out of reach
+  rig.contacts.set_object(0, &ball, 0.5, 7, ContactObject::fixed);
+  rig.contact.begin_step(rig.state, 0.01);
+  rig.contact.end_step(rig.state);
+  EXPECT_NE(testing::bytes_of(rig.contact), fresh);
+  rig.contacts.clear_object(0);
+  EXPECT_EQ(testing::bytes_of(rig.contact), fresh);
+}
+
+// Nodes slide on the inside of a ring of thin plates. In one step a node slides past the next plate, whose outer side
+// is then nearer than its inner side.
+TEST(Contact, SlidingInsideAThinRingDoesNotLeadOut) {
+  constexpr int kPlates = 12;
+  constexpr double kRadius = 0.02, kThickness = 0.001, kWidth = 0.03;
+  const auto plate = std::make_shared<const ShapeGeometry>(make(ShapeKind::box, {0.0057, kThickness / 2, kWidth}));
+  std::vector<PosedShape> plates;
+  for (int i = 0; i < kPlates; ++i) {
+    const Quaternion turn = rotation_exp(Vector3(0, 0, 2 * M_PI * i / kPlates));
+    plates.push_back({plate, {turn * Vector3(0, -kRadius - kThickness / 2, 0), turn}});
+  }
+  const ShapeGeometry ring(std::move(plates));
+  for (const double speed : {0.2, 0.35, 0.5}) {
+    for (const double friction : {0.0, 0.3}) {
+      Rig rig(1, 700, 1e-3);
+      rig.contacts.set_object(0, &ring, friction, 1, ContactObject::fixed);
+      rig.inertia.hold(0);
+      rig.inertia.set_node_gravity(Vector3(0, -kGravity, 0));
+      for (int n = 0; n < 3; ++n) {
+        rig.state.node_positions.col(n) = Vector3(0.002 * n, -kRadius + 1e-5, 0);
+        rig.state.node_velocities.col(n) = Vector3(speed, 0, 0);
+      }
+      testing::DenseStepper stepper = rig.stepper();
+      for (int i = 0; i < 60; ++i) stepper.step(rig.state, 1.0 / 90);
+      EXPECT_LE(rig.state.node_positions.colwise().norm().maxCoeff(), kRadius / std::cos(M_PI / kPlates) + 1e-3)
+          << speed << " m/s, friction " << friction;
+    }
+  }
+}
+
 TEST(Contact, RefusesBadNumbers) {
   Rig rig(1, 500, 1e-3, 1, 2);
   const ShapeGeometry plane(make(ShapeKind::plane));
   EXPECT_THROW(rig.contacts.set_object(0, nullptr, 0.5, 1, ContactObject::fixed), std::invalid_argument);
   EXPECT_THROW(rig.contacts.set_object(0, &plane, -0.5, 1, ContactObject::fixed), std::invalid_argument);
   EXPECT_THROW(rig.contacts.set_object(1, &plane, 0.5, 1, ContactObject::moving), std::invalid_argument);
-  EXPECT_THROW(ContactSet(rig.hand, std::vector<double>(3, 1e-3), 0, 0, 1, 1), std::invalid_argument);
+  EXPECT_THROW(ContactSet(testing::contact_at_nodes(rig.hand, std::vector<double>(3, 1e-3)), 3, 0, 0, 1, 1),
+               std::invalid_argument);
 }
 
 }  // namespace

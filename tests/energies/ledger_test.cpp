@@ -14,6 +14,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "solver/newton_solver.hpp"
+#include "support/node_contact.hpp"
 
 namespace softhand {
 namespace {
@@ -214,7 +215,8 @@ TEST(EnergyLedger, WorkOfAJumpingTargetIsTheEnergyOfItsSpringAfterwards) {
 struct Skin {
   Skin(double mu, double stiffness, double mass, ContactObject kind)
       : plane(make(ShapeKind::plane)),
-        contacts(hand(), std::vector<double>(3, mass), stiffness, 0, 1, 1),
+        contacts(testing::contact_at_nodes(hand(), std::vector<double>(3, mass)), 3,
+                 testing::contact_stiffness(hand(), stiffness), 0, 1, 1),
         contact(contacts),
         friction(contacts),
         inertia(std::vector<double>(3, mass), 1),

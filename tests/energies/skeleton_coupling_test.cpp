@@ -7,6 +7,7 @@
 #include "energies/body_coupling.hpp"
 #include "energies/dense_step.hpp"
 #include "energies/inertia.hpp"
+#include "energies/memory_suite.hpp"
 
 namespace softhand {
 namespace {
@@ -218,6 +219,17 @@ TEST(BodyCoupling, TeleportPullsNoHarderThanTheCap) {
     ASSERT_LE(wrench.force.norm(), 4 * (1 + 1e-12));
     ASSERT_LE(wrench.torque.norm(), 1 * (1 + 1e-12));
   }
+}
+
+TEST(BodyCoupling, MemoryRepeatsTheBits) {
+  Coupled c({500, 0.5, 3, 0.01, 4, 0.2});
+  Inertia inertia({1.0, 1.0}, 2);
+  inertia.set_dynamic(0, 0.1, 1e-4 * Matrix3::Identity(), Vector3(0, -1, 0));
+  DenseStepper stepper({&inertia, &c.coupling}, c.state);
+  c.aim(Vector3(0.01, 0.02, -0.01), Vector3(0.6, 0, -0.8), {Vector3(0.3, 0, 0.1), Vector3(0, 1, 0)});
+  testing::check_memory(c.coupling, c.state, [&](State& state) { stepper.step(state, kTimeStep); });
+  BodyCoupling other("coupling", {}, c.state.layout());
+  EXPECT_THROW(other.load(c.coupling.save()), std::invalid_argument);
 }
 
 TEST(BodyCoupling, RefusesInvalidGains) {

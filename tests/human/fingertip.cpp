@@ -31,17 +31,6 @@ std::size_t pulp_index(const HandModel& hand) {
   throw std::invalid_argument("hand '" + hand.name + "' has no material named pulp");
 }
 
-double mean_nodal_area(const HandModel& hand) {
-  double area = 0;
-  std::vector<bool> skin(hand.nodes.size(), false);
-  for (const auto& triangle : hand.surface) {
-    const auto x = [&](std::size_t k) { return hand.nodes[static_cast<std::size_t>(triangle[k])]; };
-    area += 0.5 * (x(1) - x(0)).cross(x(2) - x(0)).norm();
-    for (const std::int32_t n : triangle) skin[static_cast<std::size_t>(n)] = true;
-  }
-  return area / static_cast<double>(std::count(skin.begin(), skin.end(), true));
-}
-
 // The part of the hand whose nodes lie nearest to one of two bones, without display data.
 HandModel cut_out(const HandModel& hand, Body one, Body other) {
   HandModel part;
@@ -77,6 +66,10 @@ HandModel cut_out(const HandModel& hand, Body one, Body other) {
     const auto known = [&](std::int32_t n) { return renamed[static_cast<std::size_t>(n)] >= 0; };
     if (std::all_of(triangle.begin(), triangle.end(), known)) part.surface.push_back(rename(triangle));
   }
+  for (SkinPoint point : hand.contact_points) {
+    point.tetrahedron = part_tetrahedron[static_cast<std::size_t>(point.tetrahedron)];
+    if (point.tetrahedron >= 0) part.contact_points.push_back(point);
+  }
   for (Attachment attachment : hand.attachments) {
     attachment.tetrahedron = part_tetrahedron[static_cast<std::size_t>(attachment.tetrahedron)];
     if (attachment.tetrahedron >= 0) part.attachments.push_back(attachment);
@@ -94,8 +87,7 @@ PulpMaterial pulp_of(const HandModel& hand) {
 Fingertip::Fingertip(const HandModel& hand, double contact_stiffness)
     : tip_(cut_out(hand, Body::index_distal, Body::index_intermediate)),
       pulp_(pulp_index(hand)),
-      // Keeps each node as stiff as in the whole hand, because k_c belongs to a node of mean area.
-      contact_stiffness_(contact_stiffness * mean_nodal_area(tip_) / mean_nodal_area(hand)) {}
+      contact_stiffness_(contact_stiffness) {}
 
 std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const double> indentations) const {
   HandModel tip = tip_;
@@ -104,12 +96,14 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
   tip.materials[pulp_].strain_limit_stiffness = pulp.limit_ratio * pulp.limit_energy;
 
   State state = testing::rest_state(tip);
+  const std::vector<double> masses = lumped_masses(tip);
   for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(tip.body_rest_pose(static_cast<Body>(b)));
   // In the distal joint's frame, the pad is at -Y and the tip at -Z.
   const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
   const Vector3 normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
   double lowest = std::numeric_limits<double>::infinity();
-  for (const Vector3& node : tip.nodes) lowest = std::min(lowest, normal.dot(node));
+  const ContactPoints skin(tip, masses);
+  for (int i = 0; i < skin.count(); ++i) lowest = std::min(lowest, normal.dot(skin.at(i, state.node_positions)));
   const auto plate_at = [&](double indentation) {
     return Pose{(lowest + indentation) * normal, Quaternion::FromTwoVectors(Vector3::UnitY(), normal)};
   };
@@ -117,7 +111,6 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
   state.body_velocities.resize(state.body_poses.size());
   const int bodies = kBodyCount + 1;
 
-  const std::vector<double> masses = lumped_masses(tip);
   Inertia inertia(masses, bodies);
   Tissue tissue(tip);
   SkeletonTissue attachments(tip, state.layout());

@@ -29,14 +29,13 @@ struct Press {
   /// depth.
   double indentation = 0;
   double force = 0;  ///< N, along the plate's normal
-  /// Contact area of the skin at rest, m^2, as `contacts` publishes it: the sum of whole nodal areas.
+  /// Contact area of the skin at rest, m^2, as `contacts` publishes it: the sum of whole areas of contact points.
   double area = 0;
 };
 
 class Fingertip {
  public:
-  /// The tissue around the last two bones of the index finger. `contact_stiffness` is k_c of eq. 32, N/m for a skin
-  /// node of mean area in the whole hand.
+  /// The tissue around the last two bones of the index finger. `contact_stiffness` is k_c of eq. 32, N/m^3.
   Fingertip(const HandModel& hand, double contact_stiffness);
 
   /// The tip at rest at each of `indentations` (m, > 0, rising). Throws std::runtime_error if it does not come to rest.

@@ -71,6 +71,11 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
     for (std::int32_t& node : triangle) node = new_node[static_cast<std::size_t>(node)];
     out.surface.push_back(triangle);
   }
+  out.contact_points.clear();
+  for (SkinPoint point : hand.contact_points) {
+    point.tetrahedron = new_tetrahedron[static_cast<std::size_t>(point.tetrahedron)];
+    if (point.tetrahedron >= 0) out.contact_points.push_back(point);
+  }
   out.attachments.clear();
   for (Attachment attachment : hand.attachments) {
     attachment.tetrahedron = new_tetrahedron[static_cast<std::size_t>(attachment.tetrahedron)];
@@ -83,9 +88,9 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
 
 Vector3 pad_of(const HandModel& hand, Finger finger) {
   Vector3 lowest(0, 1, 0);
-  for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    if (static_cast<Body>(hand.node_body[n]) == distal_of(finger) && hand.nodes[n].y() < lowest.y())
-      lowest = hand.nodes[n];
+  for (const SkinPoint& point : hand.contact_points) {
+    const Vector3 place = hand.position_of(point);
+    if (static_cast<Body>(point.body) == distal_of(finger) && place.y() < lowest.y()) lowest = place;
   }
   if (lowest.y() >= 1) throw std::logic_error("a finger without tissue");
   return lowest;

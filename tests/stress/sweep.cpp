@@ -58,7 +58,7 @@ Findings pressed(const SweepPoint& point, const SolverOptions& solver) {
 
 SweepPoint sweep_point(std::size_t n) {
   return {logarithmic(1e3, 1e7, mirrored_digits(n, 2)), 0.499 * mirrored_digits(n, 3),
-          logarithmic(0.5e-3, 33e-3, mirrored_digits(n, 5)), logarithmic(1e2, 1e7, mirrored_digits(n, 7)),
+          logarithmic(0.5e-3, 33e-3, mirrored_digits(n, 5)), logarithmic(1e6, 1e11, mirrored_digits(n, 7)),
           logarithmic(1e-4, 1e4, mirrored_digits(n, 11))};
 }
 
@@ -80,7 +80,7 @@ std::vector<Case> sweep_cases(std::size_t points) {
     Case& which = cases.emplace_back(Case{mode.sweep, "Sweep", mode.statement, {}});
     for (std::size_t n = 1; n <= points; ++n) {
       const SweepPoint point = sweep_point(n);
-      which.rows.push_back({fmt::format("E = {:.4g} Pa, nu = {:.4f}, dt = {:.4g} ms, k = {:.4g} N/m, ratio = {:.4g}",
+      which.rows.push_back({fmt::format("E = {:.4g} Pa, nu = {:.4f}, dt = {:.4g} ms, k = {:.4g} N/m^3, ratio = {:.4g}",
                                         point.youngs_modulus, point.poisson_ratio, point.time_step * 1e3,
                                         point.contact_stiffness, point.mass_ratio),
                             [point, solver = mode.solver] { return pressed(point, solver); },

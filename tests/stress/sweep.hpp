@@ -12,7 +12,7 @@ struct SweepPoint {
   double youngs_modulus = 0;     ///< Pa, 1e3 to 1e7
   double poisson_ratio = 0;      ///< 0 to 0.499
   double time_step = 0;          ///< s, 0.5e-3 to 33e-3
-  double contact_stiffness = 0;  ///< N/m for a node of mean area, 1e2 to 1e7
+  double contact_stiffness = 0;  ///< N/m^3, 1e6 to 1e11
   double mass_ratio = 0;         ///< object mass over tissue mass of the finger, 1e-4 to 1e4
 };
 

@@ -8,6 +8,7 @@
 #include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
 #include "support/box_mesh.hpp"
+#include "support/node_contact.hpp"
 
 namespace softhand::testing {
 
@@ -127,6 +128,13 @@ inline HandModel block_hand(int cells = 1) {
     }
   }
   hand.skin_triangles = hand.surface;
+  const std::vector<double> areas = nodal_areas(hand);
+  for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
+    if (!(areas[n] > 0)) continue;
+    const SkinVertex& at = hand.skin_vertices[n];
+    hand.contact_points.push_back(
+        {at.tetrahedron, {at.weights[0], at.weights[1], at.weights[2], at.weights[3]}, areas[n], hand.node_body[n]});
+  }
   return hand;
 }
 

@@ -39,7 +39,7 @@ const Includes& includes() {
 
 // The folder of common/ in an include path, such as "energies" in "energies/contact.hpp". Empty for system headers.
 std::string folder_of(const std::string& include) {
-  static const std::set<std::string> folders{"math",   "model", "messages", "geometry", "energies",
+  static const std::set<std::string> folders{"math",   "model", "messages", "geometry", "contact", "energies",
                                              "solver", "scene", "runtime",  "device",   "bus"};
   const std::string first = include.substr(0, include.find('/'));
   return folders.count(first) != 0 ? first : "";
@@ -72,9 +72,10 @@ TEST(Arrows, EachFolderIncludesOnlyLowerFolders) {
       {"messages", {"messages", "model", "math"}},
       {"model", {"model", "math"}},
       {"geometry", {"geometry", "model", "math", "messages"}},
-      {"energies", {"energies", "geometry", "model", "math", "messages", "runtime"}},
+      {"contact", {"contact", "geometry", "model", "math", "messages"}},
+      {"energies", {"energies", "contact", "geometry", "model", "math", "messages", "runtime"}},
       {"solver", {"solver", "energies", "model", "math", "runtime"}},
-      {"scene", {"scene", "solver", "energies", "geometry", "model", "math", "messages", "runtime"}},
+      {"scene", {"scene", "solver", "energies", "contact", "geometry", "model", "math", "messages", "runtime"}},
       {"runtime", {"runtime", "messages", "model"}},
       {"device", {"device", "runtime", "messages", "model", "math"}},
       {"bus", {"bus", "runtime", "messages", "model"}},
@@ -113,6 +114,20 @@ TEST(Arrows, SolverIncludesNoConcreteTerm) {
       }
     }
   }
+}
+
+TEST(Arrows, AnchorLawKnowsNoColliderAndColliderKnowsNoAnchor) {
+  const auto never = [](const std::string& file, const std::set<std::string>& others) {
+    for (const char* extension : {".hpp", ".cpp"}) {
+      ASSERT_TRUE(includes().count(file + extension)) << file;
+      for (const std::string& include : includes().at(file + extension))
+        EXPECT_FALSE(others.count(include)) << file << extension << " includes " << include;
+    }
+  };
+  never("common/contact/anchor_law",
+        {"contact/collider.hpp", "contact/candidates.hpp", "contact/contact_report.hpp", "contact/contact_point.hpp"});
+  never("common/contact/collider", {"contact/anchor_law.hpp", "contact/coulomb.hpp", "contact/contact_report.hpp"});
+  never("common/contact/candidates", {"contact/anchor_law.hpp", "contact/coulomb.hpp", "contact/contact_report.hpp"});
 }
 
 TEST(Arrows, DdsStaysInTheBus) { expect_only_below("common/bus/", "^(fastdds|fastrtps|fastcdr|dds)/|PubSubTypes"); }

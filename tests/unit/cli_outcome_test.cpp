@@ -152,7 +152,7 @@ TEST(OutcomePinch, ReportsZeroSlipIfNothingSlips) {
 }
 
 // The object moves by 0.1 m along x, tilts by 50 degrees and comes back, unless `stays`.
-Json success_of(const Goal& goal, bool stays, bool touches = true) {
+Json success_of(const Goal& goal, bool stays, bool touches = true, std::vector<MotionPhase> phases = {}) {
   Outcome outcome;
   for (int i = 0; i <= 400; ++i) {
     const double t = 0.01 * i, share = t < 3 ? 0.5 - 0.5 * std::cos(2 * M_PI * t / 3) : 0;
@@ -179,7 +179,14 @@ Json success_of(const Goal& goal, bool stays, bool touches = true) {
   frame.motion_start = kStart;
   frame.object = kCube;
   frame.goal = goal;
+  frame.phases = std::move(phases);
   return outcome.summary(frame);
+}
+
+TEST(OutcomeSuccess, WhatFollowsTheMotionDoesNotCount) {
+  // The object reaches 100 mm after 1.5 s.
+  EXPECT_NEAR(success_of({0.09, 0, 0}, false, true, {{"lift", 0, 0.25}})["travel_mm"].get<double>(), 50, 1);
+  EXPECT_NEAR(success_of({0.09, 0, 0}, false, true, {{"lift", 0, 2}})["travel_mm"].get<double>(), 100, 0.1);
 }
 
 TEST(OutcomeSuccess, StatesEachDemandAndWhetherItHolds) {
@@ -195,6 +202,116 @@ TEST(OutcomeSuccess, StatesEachDemandAndWhetherItHolds) {
   EXPECT_EQ(success_of({0.09, 0, 0.002}, true)["success"], false) << "it stays away";
   EXPECT_EQ(success_of({0.09, 0, 0}, false, false)["success"], false) << "nothing touched it";
   EXPECT_FALSE(success_of({}, false).contains("success")) << "the scene asks for nothing";
+}
+
+// A joint of kCube with an object at rest. Its coordinate follows `path` for 4 s. The hand touches it until 3 s.
+Json joint_success(ObjectJointKind kind, const Goal& goal, const std::function<double(double)>& path) {
+  constexpr std::uint32_t kBase = 2;
+  OutcomeFrame frame;
+  frame.motion_start = kStart;
+  frame.object = kCube;
+  frame.goal = goal;
+  frame.joint = {kBase, kCube, {}, {{0.1, 0, 0}, Quaternion::Identity()}, {{0, 0.02, 0}, Quaternion::Identity()}};
+  frame.joint.law.kind = kind;
+  frame.joint.law.pitch = kind == ObjectJointKind::screw ? 0.004 : 0;
+  const Pose base{{0.3, 0.2, 0.1}, Quaternion(Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()))};
+  Outcome outcome;
+  for (int i = 0; i <= 400; ++i) {
+    const double t = 0.01 * i, q = path(t);
+    const Pose turned{{0, frame.joint.law.pitch * q / (2 * M_PI), 0},
+                      Quaternion(Eigen::AngleAxisd(q, Vector3::UnitY()))};
+    const Pose cube = base * frame.joint.parent_from_joint * turned * frame.joint.child_from_joint.inverse();
+    WorldObjects world;
+    world.stamp.sample_time = at(t);
+    for (const auto& [id, pose] : {std::pair{kBase, base}, std::pair{kCube, cube}}) {
+      ObjectState state;
+      state.object = id;
+      state.position = to_wire(pose.position);
+      state.orientation = to_wire(pose.orientation);
+      world.objects.push_back(state);
+    }
+    outcome.on_objects(world);
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    if (t > 0.5 && t < 3) {
+      Contact contact;
+      contact.object = kCube;
+      contact.force = {1, 0, 0};
+      contacts.contacts.push_back(contact);
+    }
+    outcome.on_contacts(contacts);
+  }
+  return outcome.summary(frame);
+}
+
+TEST(OutcomeSuccess, CountsSwingsOfAJoint) {
+  // Opens by 0.6 rad and closes three times. The third time it closes to 0.1 rad only.
+  const auto path = [](double t) {
+    const double s = 0.3 - 0.3 * std::cos(2 * M_PI * t);
+    return t >= 3 ? 0.1 : t > 2.5 ? std::max(s, 0.1) : s;
+  };
+  Goal goal;
+  goal.swing = 0.5;
+  goal.closes = 0.15;
+  goal.times = 3;
+  const Json good = joint_success(ObjectJointKind::hinge, goal, path);
+  EXPECT_EQ(good["success"], true) << good["success_because"];
+  EXPECT_NEAR(good["swing_deg"].get<double>(), 0.6 * 180 / M_PI, 0.1);
+  EXPECT_EQ(good["swings"], 3);
+  goal.closes = 0.05;
+  const Json twice = joint_success(ObjectJointKind::hinge, goal, path);
+  EXPECT_EQ(twice["success"], false);
+  EXPECT_EQ(twice["swings"], 2) << twice["success_because"];
+  goal = {};
+  goal.swing = 0.7;
+  EXPECT_EQ(joint_success(ObjectJointKind::hinge, goal, path)["success"], false);
+}
+
+TEST(OutcomeSuccess, CountsTurnsOfAScrew) {
+  const auto path = [](double t) { return 3.1 * std::min(t, 3.0); };
+  Goal goal;
+  goal.swing = 9.2;
+  const Json good = joint_success(ObjectJointKind::screw, goal, path);
+  EXPECT_EQ(good["success"], true) << good["success_because"];
+  EXPECT_NEAR(good["swing_deg"].get<double>(), 9.3 * 180 / M_PI, 0.1);
+  goal.swing = 9.4;
+  EXPECT_EQ(joint_success(ObjectJointKind::screw, goal, path)["success"], false);
+}
+
+// The object tilts by 50 degrees to one side and by `other` degrees to the other side.
+TEST(OutcomeSuccess, ATiltToBothSidesNeedsBoth) {
+  const auto tilted = [](double other) {
+    Outcome outcome;
+    for (int i = 0; i <= 400; ++i) {
+      const double t = 0.01 * i, wave = std::sin(M_PI * t);
+      WorldObjects world;
+      world.stamp.sample_time = at(t);
+      ObjectState state;
+      state.object = kCube;
+      const double degrees = t > 2 ? 0 : wave > 0 ? 50 * wave : other * wave;
+      state.orientation = to_wire(Quaternion(Eigen::AngleAxisd(degrees * M_PI / 180, Vector3(1, 0, 2).normalized())));
+      world.objects.push_back(state);
+      outcome.on_objects(world);
+      Contacts contacts;
+      contacts.stamp.sample_time = at(t);
+      Contact contact;
+      contact.object = kCube;
+      contacts.contacts.push_back(contact);
+      outcome.on_contacts(contacts);
+    }
+    OutcomeFrame frame;
+    frame.motion_start = kStart;
+    frame.object = kCube;
+    frame.goal.tilt = 0.785;
+    frame.goal.both_sides = true;
+    return outcome.summary(frame);
+  };
+  const Json good = tilted(47);
+  EXPECT_EQ(good["success"], true) << good["success_because"];
+  EXPECT_NEAR(good["tilt_deg"].get<double>(), 50, 0.1);
+  EXPECT_NEAR(good["other_tilt_deg"].get<double>(), 47, 0.1);
+  EXPECT_EQ(tilted(40)["success"], false);
+  EXPECT_EQ(tilted(-50)["success"], false) << "twice to the same side";
 }
 
 TEST(OutcomePinch, AMovingObjectIsNotReleased) {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "geometry/convex_hull.hpp"
-#include "geometry/node_groups.hpp"
+#include "geometry/point_groups.hpp"
 #include "geometry/shape.hpp"
 
 namespace softhand {
@@ -381,19 +381,21 @@ TEST(Geometry, RefusesBadShapesAndNamesTheReason) {
   refused(hull_of({{0, 0, 0}, {1, 0, 0}, {0, nan, 0}, {1, 1, 1}}), "finite");
 }
 
-TEST(NodeGroups, FindsEveryNodeInReach) {
+TEST(PointGroups, FindsEveryNodeInReach) {
   Random random(41);
   const int count = 300;
   Eigen::Matrix3Xd positions(3, count), velocities(3, count);
-  std::vector<std::int32_t> nodes;
+  std::vector<std::array<std::int32_t, 2>> nodes;
   std::vector<std::uint8_t> group;
   for (int i = 0; i < count; ++i) {
     group.push_back(static_cast<std::uint8_t>(i % 7));
     positions.col(i) = Vector3(0.1 * (i % 7), 0, 0) + random.vector(0.02);
     velocities.col(i) = random.vector(1.0);
-    nodes.push_back(i);
+    nodes.push_back({i, i - i % 70 + i % 7});  // of the same group
   }
-  NodeGroups groups(nodes, group);
+  PointGroups groups(group, [&nodes](std::int32_t point) -> std::span<const std::int32_t> {
+    return nodes[static_cast<std::size_t>(point)];
+  });
   groups.update(positions, velocities, 1.0 / 90);
   for (const Named& named : shapes()) {
     SCOPED_TRACE(named.name);
@@ -410,7 +412,9 @@ TEST(NodeGroups, FindsEveryNodeInReach) {
       });
       for (int i = 0; i < count; ++i) {
         for (const double t : {0.0, 1.0 / 90}) {
-          const Vector3 p = positions.col(i) + t * velocities.col(i);
+          const auto at = [&](std::int32_t n) { return Vector3(positions.col(n) + t * velocities.col(n)); };
+          const auto& pair = nodes[static_cast<std::size_t>(i)];
+          const Vector3 p = 0.25 * at(pair[0]) + 0.75 * at(pair[1]);
           if (shape.signed_distance(pose.inverse() * p) < 0.001) {
             EXPECT_TRUE(visited[static_cast<std::size_t>(i)]);
           }

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "hand_builder/assemble.hpp"
+#include "hand_builder/contact_samples.hpp"
 #include "trackers/replay/generator.hpp"
 
 namespace softhand::builder {
@@ -13,6 +14,7 @@ namespace {
 
 double degrees(double radians) { return radians * 180.0 / std::numbers::pi; }
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+std::size_t at(std::int32_t index) { return static_cast<std::size_t>(index); }
 std::size_t at(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
 class Ball : public SkinShape {
@@ -283,6 +285,67 @@ TEST(Smoother, RaisesTheWorstAngle) {
   EXPECT_GT(mesh.minimum_dihedral_degrees(), before + 20);
 }
 
+double area_of(const TriangleMesh& mesh) {
+  double area = 0;
+  for (const auto& t : mesh.triangles) {
+    const auto x = [&](std::size_t k) { return mesh.vertices[at(t[k])]; };
+    area += 0.5 * (x(1) - x(0)).cross(x(2) - x(0)).norm();
+  }
+  return area;
+}
+
+// Samples keep their distance, leave no hole, and share the area. Half of the sphere is sampled twice as finely.
+TEST(ContactSamples, CoverASphere) {
+  constexpr double kFine = 2e-3, kCoarse = 4e-3;
+  const Ball ball;
+  const TriangleMesh mesh = triangulate_skin(ball, 0.003);
+  const auto spacing = [](const Vector3& x) { return x.y() < 0 ? kFine : kCoarse; };
+  const std::vector<ContactSample> samples = sample_contacts(mesh, spacing);
+  double area = 0, fine_area = 0, fine = 0;
+  for (const ContactSample& a : samples) {
+    area += a.area;
+    if (a.position.y() < -kCoarse) fine_area += a.area, ++fine;
+    EXPECT_GT(a.area, 0);
+    for (const ContactSample& b : samples) {
+      if (&a != &b) {
+        EXPECT_GE((a.position - b.position).norm(), std::min(spacing(a.position), spacing(b.position)));
+      }
+    }
+  }
+  EXPECT_NEAR(area, area_of(mesh), 1e-12);
+  // Between a hexagonal lattice of this spacing and one of 1.4 times the spacing.
+  EXPECT_GT(fine_area / fine, 0.87 * kFine * kFine);
+  EXPECT_LT(fine_area / fine, 1.7 * kFine * kFine);
+  for (const Vector3& x : mesh.vertices) {
+    double nearest = 1;
+    for (const ContactSample& sample : samples) nearest = std::min(nearest, (sample.position - x).norm());
+    EXPECT_LE(nearest, spacing(x) + 1e-3);
+  }
+  EXPECT_THROW(sample_contacts({}, spacing), std::invalid_argument);
+}
+
+// A hand file has all that its contact points need, and a full build makes the same points.
+TEST(ContactSamples, OfAShippedHandAreRemadeFromItsMesh) {
+  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  const RestSkeleton rest = natural_rest(HandSize{});
+  const ParametricSkin skin(rest);
+  const TriangleMesh display = triangulate_skin(skin, 0.0030);
+  HandModel same = hand, unrounded = hand;
+  // A mesh before it is written.
+  for (Vector3& node : unrounded.nodes) node += Vector3(4e-8, -3e-8, 2e-8);
+  for (HandModel* remade : {&same, &unrounded}) {
+    add_contact_points(*remade, rest, display);
+    ASSERT_EQ(remade->contact_points.size(), hand.contact_points.size());
+    for (std::size_t p = 0; p < hand.contact_points.size(); ++p) {
+      const SkinPoint &a = remade->contact_points[p], &b = hand.contact_points[p];
+      ASSERT_EQ(a.tetrahedron, b.tetrahedron) << p;
+      ASSERT_EQ(a.body, b.body) << p;
+      ASSERT_NEAR(a.area, b.area, 1e-3 * b.area) << p;
+      for (std::size_t k = 0; k < 4; ++k) ASSERT_NEAR(a.weights[k], b.weights[k], 1e-9) << p;
+    }
+  }
+}
+
 class ShippedHand : public testing::TestWithParam<int> {};
 
 TEST_P(ShippedHand, IsValidAndMatchesTheSkin) {
@@ -350,6 +413,49 @@ TEST_P(ShippedHand, IsValidAndMatchesTheSkin) {
     }
     ASSERT_LT(std::abs(skin.distance(x)), 0.0015);
   }
+}
+
+TEST_P(ShippedHand, HasTheSameContactPointsOnEachMesh) {
+  const std::string folder = std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_";
+  const HandModel reference = load_hand(folder + "6000.hand.json");
+  const HandModel hand = load_hand(folder + std::to_string(GetParam()) + ".hand.json");
+  const auto places_of = [](const HandModel& h) {
+    std::vector<Vector3> places;
+    for (const SkinPoint& p : h.contact_points) places.push_back(h.position_of(p));
+    return places;
+  };
+  const std::vector<Vector3> places = places_of(hand), there = places_of(reference);
+  ASSERT_EQ(places.size(), there.size());
+  double area = 0, apart = 0, fine = 0, fine_apart = 0, fine_gap = 0;
+  for (std::size_t p = 0; p < places.size(); ++p) {
+    const SkinPoint& point = hand.contact_points[p];
+    ASSERT_EQ(point.area, reference.contact_points[p].area);
+    ASSERT_EQ(point.body, reference.contact_points[p].body);
+    area += point.area;
+    apart += (places[p] - there[p]).norm() / static_cast<double>(places.size());
+    if (point.area > 7e-6) continue;
+    double gap = 1;
+    for (std::size_t q = 0; q < places.size(); ++q) {
+      if (q != p) gap = std::min(gap, (places[q] - places[p]).norm());
+    }
+    ++fine;
+    fine_gap += gap;
+    fine_apart += (places[p] - there[p]).norm();
+  }
+  // A coarse mesh departs from the skin, most at palm and forearm.
+  EXPECT_LT(apart, 1.5e-3);
+  EXPECT_LT(fine_apart / fine, 0.8e-3);
+  EXPECT_GT(fine, 600) << "points on the pulps";
+  EXPECT_NEAR(fine_gap / fine, 2e-3, 0.3e-3);
+  TriangleMesh skin;
+  for (const SkinVertex& v : reference.skin_vertices) {
+    skin.vertices.push_back(Vector3::Zero());
+    for (std::size_t k = 0; k < 4; ++k)
+      skin.vertices.back() +=
+          static_cast<double>(v.weights[k]) * reference.nodes[at(reference.tetrahedra[at(v.tetrahedron)][k])];
+  }
+  skin.triangles = reference.skin_triangles;
+  EXPECT_NEAR(area, area_of(skin), 1e-4 * area);
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, ShippedHand, testing::Values(400, 750, 1450, 3000, 6000),

@@ -343,6 +343,7 @@ class MovingTogether {
   static HandOptions options() {
     HandOptions o = loop_options();
     o.static_objects = 1;
+    o.simulation.contact_stiffness = 1e7;  // the block hand's nodes have 30 times the area of a shipped hand's points
     o.simulation.solver.max_iterations = 60;
     return o;
   }

@@ -104,7 +104,7 @@ struct Scene {
     factor.analyze(hessian);
     factor.load(hessian);
     EXPECT_TRUE(factor.factorize());
-    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, factor,
+    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, 1e9, factor,
                            direction);
   }
   bool minimise_condensed(VectorX& direction, int most_blocks = 4) {

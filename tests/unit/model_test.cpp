@@ -124,6 +124,19 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"NoTorqueCap", [](HandModel& h) { h.bodies[8].coupling_torque_cap = 0; },
               "bodies[index_distal].coupling.torque_cap"},
         Fault{"AttachmentWeights", [](HandModel& h) { h.attachments[2].weights[0] += 0.1; }, "attachment_weights[2]"},
+        Fault{"NoContactPoints", [](HandModel& h) { h.contact_points.clear(); },
+              "contact_tetrahedron: expected at least"},
+        Fault{"ContactTetrahedron", [](HandModel& h) { h.contact_points[3].tetrahedron = 1 << 20; },
+              "contact_tetrahedron[3]"},
+        Fault{"ContactWeights", [](HandModel& h) { h.contact_points[2].weights[0] += 0.1; }, "contact_weights[2]"},
+        Fault{"ContactWeightNegative",
+              [](HandModel& h) {
+                h.contact_points[2].weights = {-0.1, 1.1, 0, 0};
+              },
+              "contact_weights[2]"},
+        Fault{"ContactArea", [](HandModel& h) { h.contact_points[1].area = 0; }, "contact_area[1]"},
+        Fault{"ContactAreaNaN", [](HandModel& h) { h.contact_points[1].area = std::nan(""); }, "contact_area[1]"},
+        Fault{"ContactBody", [](HandModel& h) { h.contact_points[1].body = 21; }, "contact_body[1]"},
         Fault{"SkinVertices", [](HandModel& h) { h.skin_vertices.resize(20001, h.skin_vertices[0]); },
               "skin_tetrahedron: expected at most 20000, got 20001"},
         Fault{"SkinTriangles", [](HandModel& h) { h.skin_triangles.resize(40001, h.skin_triangles[0]); },
@@ -152,7 +165,12 @@ TEST(HandFile, RefusesBrokenTextUnknownFieldsAndWrongVersions) {
     return text.replace(at, from.size(), to);
   };
   refused(good.substr(0, good.size() / 2), "not a hand file");
-  refused(replaced("\"version\": 1", "\"version\": 2"), "version");
+  refused(replaced("\"version\": 2", "\"version\": 1"), "version: expected 2");
+  refused(replaced("\"contact_weights\": [", "\"contact_weights\": [0,1,0,0,"), "contact_weights: expected four items");
+  refused(replaced("\"contact_area\": [", "\"contact_area\": [1e-5,"), "contact_area: expected as many items");
+  refused(replaced("\"contact_body\": [", "\"contact_body\": [0,"), "contact_body: expected as many items");
+  const auto line = good.find("\"contact_body\"");
+  refused(std::string(good).erase(line, good.find('\n', line) + 1 - line), "contact_body: missing");
   refused(replaced("\"units\": \"m ", "\"units\": \"mm "), "units");
   refused(replaced("\"notice\"", "\"colour\": 3,\n\"notice\""), "colour");
   refused(replaced("\"mass\"", "\"colour\":3,\"mass\""), "bodies[0].colour: unknown field");
@@ -206,6 +224,10 @@ TEST(Mirrored, TwiceGivesTheSameHandAndOnceAValidOne) {
   EXPECT_GT(left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_tip))].position.x(), 0);
   const Quaternion thumb = left.rest_joints[static_cast<std::size_t>(index_of(Joint::thumb_metacarpal))].orientation;
   EXPECT_GT((thumb * Vector3::UnitY()).y(), 0.99);
+  for (std::size_t p = 0; p < hand.contact_points.size(); ++p) {
+    const Vector3 right = hand.position_of(hand.contact_points[p]), mirror = left.position_of(left.contact_points[p]);
+    EXPECT_LE((mirror - Vector3(-right.x(), right.y(), right.z())).norm(), 1e-12);
+  }
   const HandModel back = mirrored(left);
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) EXPECT_EQ(back.nodes[n], hand.nodes[n]);
   EXPECT_EQ(back.tetrahedra, hand.tetrahedra);

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "energies/coulomb.hpp"
+#include "contact/coulomb.hpp"
 #include "solver/block_cholesky.hpp"
 #include "solver/newton_solver.hpp"
 #include "support/brick.hpp"

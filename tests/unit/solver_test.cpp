@@ -16,6 +16,7 @@
 #include "solver/newton_solver.hpp"
 #include "support/brick.hpp"
 #include "support/count_allocations.hpp"
+#include "support/node_contact.hpp"
 
 namespace softhand {
 namespace {
@@ -232,7 +233,7 @@ TEST(NewtonSolver, StopsWhatCrossesASurfaceWithinTheStep) {
   hand.node_body.assign(3, 0);
   for (const std::int64_t iterations : {1, 2, 60}) {
     const std::vector<double> masses(3, 1e-3);
-    ContactSet contacts(hand, masses, 1e4, 0, 0, 1);
+    ContactSet contacts(testing::contact_at_nodes(hand, masses), 3, testing::contact_stiffness(hand, 1e4), 0, 0, 1);
     contacts.set_object(0, &plate, 0, 1, ContactObject::fixed);
     ContactEnergy contact(contacts);
     Inertia inertia(masses, 1);

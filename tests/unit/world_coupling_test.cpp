@@ -472,6 +472,56 @@ TEST(WorldCoupling, KeepsTheFirstOwnerAndRefusesANonFiniteTwin) {
   EXPECT_EQ(world.counters().refused_nonfinite, 1u);
 }
 
+// An owner's samples that must not reach the engine. Each would make the object's motion infinite or hold it for ever.
+TEST(WorldCoupling, RefusesAbsurdVelocitiesForcesPeriodsAndSamplesFromTheFuture) {
+  WorldLoop world({}, {table(), cube(0.05, 0.3)});
+  Nanoseconds now = 0;
+  const auto step = [&](const std::function<void(ObjectCoupling&)>& change) {
+    ObjectCoupling coupling;
+    coupling.step_period = 1.0 / 90;
+    now += 4000000;
+    coupling.stamp.sample_time = now;
+    ObjectTwin twin;
+    twin.object = 2;
+    twin.owned = 1;
+    twin.position = {0, 0.3, 0};
+    coupling.twins.push_back(twin);
+    change(coupling);
+    return object(world.step(now, {{&coupling, 1}}), 2);
+  };
+  const auto twin = [](ObjectCoupling& c) -> ObjectTwin& { return c.twins.items[0]; };
+  const std::vector<std::function<void(ObjectCoupling&)>> absurd{
+      [&](ObjectCoupling& c) {
+        twin(c).linear_velocity = {1e308, 0, 0};
+      },
+      [&](ObjectCoupling& c) {
+        twin(c).angular_velocity = {0, 1e308, 0};
+      },
+      [&](ObjectCoupling& c) {
+        twin(c).contact_force = {0, 0, 1e308};
+      },
+      [&](ObjectCoupling& c) {
+        twin(c).coupling_torque = {0, 0, -1e9};
+      },
+      [&](ObjectCoupling& c) { c.step_period = std::nan(""); },
+      [&](ObjectCoupling& c) { c.step_period = std::numeric_limits<double>::infinity(); },
+  };
+  std::uint64_t refused = 0;
+  for (const auto& change : absurd) {
+    EXPECT_EQ(step([](ObjectCoupling&) {}).owned, 1u);
+    const ObjectState state = step(change);
+    EXPECT_EQ(state.owned, 0u);
+    EXPECT_TRUE(std::isfinite(state.position[1]));
+    EXPECT_EQ(world.counters().refused_nonfinite, ++refused);
+  }
+  EXPECT_EQ(step([](ObjectCoupling&) {}).owned, 1u);
+  EXPECT_EQ(step([](ObjectCoupling& c) { c.stamp.sample_time += 3'600'000'000'000; }).owned, 0u);
+  EXPECT_EQ(world.counters().refused_future, 1u);
+  // A sample that was taken while the step began is not from the future.
+  EXPECT_EQ(step([](ObjectCoupling& c) { c.stamp.sample_time += 1'000'000; }).owned, 1u);
+  EXPECT_LT(std::abs(step([](ObjectCoupling&) {}).position[1] - 0.3), 0.05);
+}
+
 TEST(WorldCoupling, SecondHandTakesOverWhenTheOwnerVanishes) {
   WorldLoop world({}, {table(), cube(0.05, 0.2)});
   std::array<ObjectCoupling, 2> hands;

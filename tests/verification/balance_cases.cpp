@@ -9,6 +9,7 @@
 #include "math/rotation.hpp"
 #include "support/block_hand.hpp"
 #include "support/box_mesh.hpp"
+#include "support/node_contact.hpp"
 #include "verification/cases.hpp"
 
 namespace softhand::verification {
@@ -82,7 +83,8 @@ std::vector<Measurement> contact_balance(const Parameters& p) {
   shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
   shape.size = {0.05, 0, 0};
   const ShapeGeometry ball(shape);
-  ContactSet contacts(skin, std::vector<double>(3, 1e-4), 700, 0, 1, 1);
+  ContactSet contacts(testing::contact_at_nodes(skin, std::vector<double>(3, 1e-4)), 3,
+                      testing::contact_stiffness(skin, 700), 0, 1, 1);
   ContactEnergy contact(contacts);
   const FrictionEnergy friction(contacts);
   contacts.set_object(0, &ball, p["friction"], 1, ContactObject::moving);

@@ -11,6 +11,7 @@
 #include "messages/convert.hpp"
 #include "scene/hand_simulation.hpp"
 #include "support/box_mesh.hpp"
+#include "support/node_contact.hpp"
 #include "verification/cases.hpp"
 
 namespace softhand::verification {
@@ -29,7 +30,8 @@ class SkinOnPlane {
  public:
   SkinOnPlane(double friction, double stiffness, double mass, double angle)
       : plane_(shape_of(ShapeKind::plane)),
-        contacts_(triangle(), std::vector<double>(3, mass), stiffness, 0, 1, 1),
+        contacts_(testing::contact_at_nodes(triangle(), std::vector<double>(3, mass)), 3,
+                  testing::contact_stiffness(triangle(), stiffness), 0, 1, 1),
         contact_(contacts_),
         friction_(contacts_),
         inertia_(std::vector<double>(3, mass), 1) {

@@ -10,6 +10,7 @@
 #include "energies/tissue.hpp"
 #include "math/tetrahedron.hpp"
 #include "support/box_mesh.hpp"
+#include "support/node_contact.hpp"
 #include "verification/cases.hpp"
 #include "verification/supports.hpp"
 
@@ -185,7 +186,8 @@ Indentation indent(const Parameters& p, int cells) {
   shape.kind = static_cast<std::uint32_t>(ShapeKind::sphere);
   shape.size = {ball, 0, 0};
   const ShapeGeometry sphere(shape);
-  ContactSet contacts(body.mesh, masses, p["contact_stiffness"], 0, 1, 1);
+  ContactSet contacts(testing::contact_at_nodes(body.mesh, masses), body.mesh.node_count(),
+                      testing::contact_stiffness(body.mesh, p["contact_stiffness"]), 0, 1, 1);
   ContactEnergy contact(contacts);
   FrictionEnergy friction(contacts);
   contacts.set_object(0, &sphere, 0, 1, ContactObject::fixed);
@@ -203,7 +205,7 @@ Indentation indent(const Parameters& p, int cells) {
   double moment = 0;
   for (const auto& anchor : contacts.anchors()) {
     const double f = anchor.force.y();  // on the node, negative
-    const Vector3 x = state.node_positions.col(anchor.node);
+    const Vector3 x = contacts.position(anchor, state);
     result.force -= f / share;
     moment -= f / share * (x.x() * x.x() + x.z() * x.z());
     result.penetration -= f / share * -contacts.offset(anchor, state).depth;

@@ -12,62 +12,50 @@
 namespace softhand {
 namespace {
 
-// A grip that is moved through the phases of the options: approach, close, lift, hold, shake, turn, put down, release,
-// retreat.
+// A grip that is moved through the phases of the options.
 class GraspMotion : public Motion {
  public:
   GraspMotion(const HandModel& hand, const GeneratorOptions& options)
       : hand_(hand),
         options_(options),
-        grip_(options.motion == "pinch"   ? solve_pinch(hand, options)
-              : options.motion == "press" ? solve_press(hand, options)
-                                          : solve_power_grasp(hand, options)),
-        orientation_(to_quaternion(options.orientation).normalized()) {
-    double end = 0;
-    const auto phase = [&](const char* name, double duration) {
-      if (duration <= 0) return;
-      phases_.push_back({name, end, end + duration});
-      end += duration;
-    };
+        grip_(options.motion == "power_grasp" ? solve_power_grasp(hand, options)
+              : options.motion == "press"     ? solve_press(hand, options)
+                                              : solve_pinch(hand, options)),
+        orientation_(to_quaternion(options.orientation).normalized()),
+        start_turn_(to_vector(options.start_turn)) {
     const GeneratorOptions& o = options;
-    phase("approach", o.approach_time);
-    phase("close", o.close_time);
-    phase("settle", o.settle_time);
-    phase("lift", o.lift_time);
-    phase("hold", o.hold_time);
-    phase("shake", o.shake_time);
-    phase("turn", o.turn_time);
-    phase("return", o.return_time);
-    phase("lower", o.lower_time);
-    phase("place", o.place_time);
-    phase("release", o.release_time);
-    phase("retreat", o.retreat_time);
-    duration_ = end;
+    if (o.motion == "unscrew") {
+      plan_unscrewing();
+    } else if (o.motion == "scissors") {
+      plan_strokes();
+    } else {
+      plan_lift();
+    }
   }
 
-  double duration() const override { return duration_; }
+  double duration() const override { return phases_.empty() ? 0 : phases_.back().end; }
   std::vector<MotionPhase> phases() const override { return phases_; }
   const std::array<double, kJointCount>& radii() const override { return hand_.joint_radii; }
 
   JointFrames at(double time) const override {
     const GeneratorOptions& o = options_;
-    const double openness = 1 - progress("close", time) + progress("release", time);
-    const double away = 1 - progress("approach", time) + progress("retreat", time);
-    const double height =
-        o.lift_height * progress("lift", time) - (o.lift_height + o.lower_depth) * progress("lower", time);
+    const Place place = place_at(time);
     const Vector3 centre = to_vector(o.object_position);
-    const Vector3 turn =
-        o.turn_angle * (progress("turn", time) - progress("return", time)) * to_vector(o.turn_axis).normalized();
+    const Vector3 turn = place.turn * to_vector(o.turn_axis).normalized();
     Pose wrist = Pose{centre, rotation_exp(turn)} * Pose{grip_.wrist.position - centre, grip_.wrist.orientation};
     // In the frame of the object the hand leaves on the path on which it came.
-    wrist.position += rotation_exp(turn) * (palm_back(openness) * grip_.open_offset + away * grip_.approach_offset);
+    wrist.position +=
+        rotation_exp(turn) * (palm_back(place.openness) * grip_.open_offset + place.away * grip_.approach_offset);
     if (o.orientation != GeneratorOptions{}.orientation)
       wrist = Pose{centre, orientation_} * Pose{wrist.position - centre, wrist.orientation};
-    wrist.position += height * to_vector(o.lift_axis).normalized() + shake(time);
+    wrist.position += place.height * to_vector(o.lift_axis).normalized() + shake(time);
+    const double aside = minimum_jerk(2 * place.away - 1);  // gone after the first half of the approach
+    wrist.position += aside * to_vector(o.start_offset);
+    wrist.orientation = rotation_exp(aside * start_turn_) * wrist.orientation;
 
-    const double place = openness * static_cast<double>(grip_.apertures.size() - 1);
-    const auto lower = std::min(static_cast<std::size_t>(std::max(place, 0.0)), grip_.apertures.size() - 2);
-    const double fraction = place - static_cast<double>(lower);
+    const double aperture = place.openness * static_cast<double>(grip_.apertures.size() - 1);
+    const auto lower = std::min(static_cast<std::size_t>(std::max(aperture, 0.0)), grip_.apertures.size() - 2);
+    const double fraction = aperture - static_cast<double>(lower);
     JointAngles angles;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       angles[b] = grip_.apertures[lower][b] + fraction * (grip_.apertures[lower + 1][b] - grip_.apertures[lower][b]);
@@ -76,12 +64,89 @@ class GraspMotion : public Motion {
   }
 
  private:
-  // 0 before the phase, 1 after it.
-  double progress(std::string_view name, double time) const {
-    for (const MotionPhase& p : phases_) {
-      if (p.name == name) return minimum_jerk((time - p.begin) / (p.end - p.begin));
+  // Where the hand is between two phases. It moves from one place to the next with minimum jerk.
+  struct Place {
+    double openness = 1;  // 0 = closed, 1 = the last aperture
+    double away = 1;      // 1 = at the start of the approach, 0 = at the object
+    double height = 0;    // m, along the lift's axis
+    double turn = 0;      // rad
+  };
+
+  // A phase at whose end `what` has another value. A phase without a duration is part of the one before.
+  void add_phase(const char* name, double duration, double Place::*what, double value) {
+    add_pause(name, duration);
+    places_.back().*what = value;
+  }
+  void add_pause(const char* name, double duration) {
+    if (duration <= 0) return;
+    const double begin = this->duration();
+    phases_.push_back({name, begin, begin + duration});
+    places_.push_back(places_.back());
+  }
+
+  // A phase without a duration does not happen.
+  void plan_lift() {
+    const GeneratorOptions& o = options_;
+    Place first;
+    if (o.approach_time <= 0) first.away = 0;
+    if (o.close_time <= 0) first.openness = 0;
+    places_ = {first};
+    const auto add = [this](const char* name, double duration, double Place::*what, double value) {
+      if (duration > 0) add_phase(name, duration, what, value);
+    };
+    add("approach", o.approach_time, &Place::away, 0);
+    add("close", o.close_time, &Place::openness, 0);
+    add_pause("settle", o.settle_time);
+    add("lift", o.lift_time, &Place::height, o.lift_height);
+    add_pause("hold", o.hold_time);
+    add_pause("shake", o.shake_time);
+    add("turn", o.turn_time, &Place::turn, o.turn_angle);
+    if (o.other_turn_angle != 0) add("turn_other", 2 * o.turn_time, &Place::turn, o.other_turn_angle);
+    add("return", o.return_time, &Place::turn, 0);
+    add("lower", o.lower_time, &Place::height, places_.back().height - o.lift_height - o.lower_depth);
+    add_pause("place", o.place_time);
+    add("release", o.release_time, &Place::openness, 1);
+    add("retreat", o.retreat_time, &Place::away, 1);
+  }
+
+  void plan_unscrewing() {
+    const GeneratorOptions& o = options_;
+    places_ = {Place{}};
+    add_phase("approach", o.approach_time, &Place::away, 0);
+    for (std::int64_t grip = 0; grip < o.repeats; ++grip) {
+      if (grip > 0) add_phase("return", o.return_time, &Place::turn, 0);
+      add_phase("close", o.close_time, &Place::openness, 0);
+      add_pause("settle", o.settle_time);
+      add_phase("turn", o.turn_time, &Place::turn, o.turn_angle);
+      add_phase("release", o.release_time, &Place::openness, 1);
     }
-    return name == "approach" || name == "close" ? 1.0 : 0.0;
+    add_phase("retreat", o.retreat_time, &Place::away, 1);
+  }
+
+  void plan_strokes() {
+    const GeneratorOptions& o = options_;
+    Place in_ring;
+    in_ring.openness = o.opening > 0 ? std::min(o.ring_opening / o.opening, 1.0) : 0;
+    places_ = {in_ring};
+    add_phase("approach", o.approach_time, &Place::away, 0);
+    for (std::int64_t stroke = 0; stroke < o.repeats; ++stroke) {
+      add_phase("open", o.release_time, &Place::openness, 1);
+      add_phase("close", o.close_time, &Place::openness, 0);
+    }
+    add_pause("settle", o.settle_time);
+    add_phase("release", o.release_time, &Place::openness, in_ring.openness);
+    add_phase("retreat", o.retreat_time, &Place::away, 1);
+  }
+
+  Place place_at(double time) const {
+    for (std::size_t i = 0; i < phases_.size(); ++i) {
+      if (time >= phases_[i].end) continue;
+      const double s = minimum_jerk((time - phases_[i].begin) / (phases_[i].end - phases_[i].begin));
+      const Place &from = places_[i], &to = places_[i + 1];
+      return {from.openness + s * (to.openness - from.openness), from.away + s * (to.away - from.away),
+              from.height + s * (to.height - from.height), from.turn + s * (to.turn - from.turn)};
+    }
+    return places_.back();
   }
   Vector3 shake(double time) const {
     for (const MotionPhase& p : phases_) {
@@ -99,8 +164,9 @@ class GraspMotion : public Motion {
   GeneratorOptions options_;
   Grip grip_;
   Quaternion orientation_;
+  Vector3 start_turn_;
   std::vector<MotionPhase> phases_;
-  double duration_ = 0;
+  std::vector<Place> places_;  // before the first phase, then at the end of each phase
 };
 
 }  // namespace
@@ -113,7 +179,8 @@ void place_in_world(Grip& grip, const GeneratorOptions& o, const Vector3& approa
 }
 
 std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOptions& options) {
-  if (options.motion == "pinch" && options.stagger == 0 && 2 * options.closing_depth >= options.object_width) {
+  const bool pinches = options.motion == "pinch" || options.motion == "unscrew" || options.motion == "scissors";
+  if (pinches && options.stagger == 0 && 2 * options.closing_depth >= options.object_width) {
     throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
   }
   if (!(std::abs(to_quaternion(options.orientation).norm() - 1) < 1e-3))
@@ -124,7 +191,7 @@ std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOption
     if (!(to_vector(axis).norm() > 1e-6))
       throw std::invalid_argument(std::string("generator: ") + key + ": expected a vector that is not zero");
   }
-  if (options.motion == "pinch" || options.motion == "power_grasp" || options.motion == "press")
+  if (pinches || options.motion == "power_grasp" || options.motion == "press")
     return std::make_unique<GraspMotion>(hand, options);
   return make_free_motion(hand, options);
 }

@@ -20,16 +20,22 @@ struct GeneratorOptions {
   double stagger = 0;
   double body_distance = 0;
   double body_radius = 0;
+  double brace_depth = 0;
   double closing_depth = 0.004;
   double opening = 0.02;
   double yaw = 0;
   double tilt = 0;
   std::array<double, 4> orientation{0, 0, 0, 1};
   double approach_distance = 0.12;
+  std::array<double, 3> start_offset{0, 0, 0};
+  std::array<double, 3> start_turn{0, 0, 0};
   double lift_height = 0.15;
   std::array<double, 3> lift_axis{0, 1, 0};
   double turn_angle = 1.0471975511965976;
   std::array<double, 3> turn_axis{0, 1, 0};
+  double other_turn_angle = 0;
+  std::int64_t repeats = 1;
+  double ring_opening = 0;
   double lower_depth = 0.001;
   double approach_time = 1.0;
   double close_time = 0.8;
@@ -50,10 +56,11 @@ struct GeneratorOptions {
 };
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
-  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "fist", "free_motion"},
+  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "free_motion"},
            "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
-           "press: the index finger pushes down by lower_depth. fist: the hand opens and closes in the air. "
-           "free_motion: no object.");
+           "press: the index finger pushes down by lower_depth. unscrew: the pinch grips, turns, lets go and turns "
+           "back, again and again. scissors: thumb and index finger enter two rings, and open and close. fist: the "
+           "hand opens and closes in the air. free_motion: no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
@@ -67,6 +74,9 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.number("body_distance", o.body_distance, "m", {0, 1},
            "Distance from a handle to the axis of the vessel behind the index finger, along the handle (pinch).");
   v.number("body_radius", o.body_radius, "m", {0, 1}, "Radius of this vessel. 0 = there is none.");
+  v.number("brace_depth", o.brace_depth, "m", {0, 0.02},
+           "The middle finger also reaches behind the handle. Depth of its tracked back in the vessel (pinch). 0 = it "
+           "stays curled.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
@@ -79,12 +89,22 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
             "Rotation of grip, approach and turn about object_position, a quaternion xyzw.");
   v.number("approach_distance", o.approach_distance, "m", {0, 1},
            "Distance at which the hand starts its approach and ends its retreat.");
+  v.numbers("start_offset", o.start_offset.data(), 3, "m", {-1, 1},
+            "Added to the place at which the hand starts and ends, in the world. The second half of the approach is "
+            "the same for every start.");
+  v.numbers("start_turn", o.start_turn.data(), 3, "rad", {-3.2, 3.2},
+            "Rotation of the hand at its start and end about its wrist, a rotation vector in the world.");
   v.number("lift_height", o.lift_height, "m", {0, 1}, "Distance of the lift.");
   v.numbers("lift_axis", o.lift_axis.data(), 3, "1", {-1, 1},
             "Direction of the lift in the world. A horizontal one is a pull.");
   v.number("turn_angle", o.turn_angle, "rad", {-3.2, 3.2}, "Turn about the middle of the grip.");
   v.numbers("turn_axis", o.turn_axis.data(), 3, "1", {-1, 1},
             "Axis of the turn in the world. The default is upright, so that the object can be put down flat.");
+  v.number("other_turn_angle", o.other_turn_angle, "rad", {-3.2, 3.2},
+           "Second turn, from the first orientation, before the return. It takes twice turn_time. 0 = none.");
+  v.integer("repeats", o.repeats, "1", {1, 100}, "Number of grips (unscrew) or strokes (scissors).");
+  v.number("ring_opening", o.ring_opening, "m", {0, 0.05},
+           "Distance of each finger from the closed face while it enters and leaves its ring (scissors).");
   v.number("lower_depth", o.lower_depth, "m", {0, 0.02},
            "The hand puts the object down this far below its first place, so that it sits firmly.");
   const auto time = [&v](std::string_view key, double& value, std::string_view text) {

@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kClear = 4.5e-3;    // m, clearance of everything that does not grip
 constexpr double kBodyClear = 2e-3;  // m, from a vessel; its handle leaves little room
+constexpr double kBeside = 17e-3;    // m, from the index finger to the bracing middle finger along the bar
 constexpr double kAbove = 2e-3;      // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
@@ -90,6 +91,7 @@ struct PinchGoals {
   double free_below;                  // m, between the bar and the table
   double stagger;                     // m, from index to thumb along the bar
   double body_distance, body_radius;  // m, of a vessel behind the index finger; radius 0: there is none
+  double brace_depth;                 // m, of the back of the middle finger in the vessel; 0: it does not touch
   double exact = 0, clear = 0;        // weights of the pad positions and of the clearance
 
   void operator()(PostureSolver& s) const {
@@ -97,6 +99,7 @@ struct PinchGoals {
       place_pads(s, posture);
       keep_clear(s, posture);
       s.add_distance_goal(posture, {Finger::middle, Finger::ring, Finger::little}, 2e-3);
+      if (brace_depth > 0) brace(s, posture);
     }
     const Vector3& wrist = s.wrist().position;
     const Vector3 up = wrist.normalized(), side(std::cos(tilt), -std::sin(tilt), 0);
@@ -134,6 +137,19 @@ struct PinchGoals {
     s.add_direction_goal(gripping ? 3 : 1, posture, index.body, index.along, down);
   }
 
+  // The middle finger is beside the index finger. Its back is on the vessel, or clear of it.
+  void brace(PostureSolver& s, std::size_t posture) const {
+    const auto middle = s.pad(Finger::middle, posture);
+    const Vector3 from_axis(0, middle.centre.y(), middle.centre.z() + body_distance);
+    const double wanted = body_radius + middle.radius + (posture == kShut ? -brace_depth : kBodyClear);
+    s.add_residual(exact, from_axis.norm() - wanted,
+                   {by_point(posture, middle.body, middle.centre, from_axis.normalized())});
+    s.add_residual(kPerMetre, middle.centre.x() - (kBeside - 0.5 * stagger),
+                   {by_point(posture, middle.body, middle.centre, Vector3::UnitX())});
+    s.add_residual(0.5 * kPerMetre, middle.centre.y() - kAbove,
+                   {by_point(posture, middle.body, middle.centre, Vector3::UnitY())});
+  }
+
   void keep_clear(PostureSolver& s, std::size_t posture) const {
     for (const GripHand::Sphere& sphere : s.spheres(posture)) {
       const Finger whose = finger_of(sphere.body);
@@ -142,7 +158,7 @@ struct PinchGoals {
         s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
       const Vector3 from_axis(0, sphere.centre.y(), sphere.centre.z() + body_distance);
       const double body = from_axis.norm() - body_radius - sphere.radius;
-      if (body_radius > 0 && body < kBodyClear)
+      if (body_radius > 0 && body < kBodyClear && !(brace_depth > 0 && sphere.body == distal_of(Finger::middle)))
         s.add_residual(clear, kBodyClear - body,
                        {by_point(posture, sphere.body, sphere.centre, -from_axis.normalized())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
@@ -174,7 +190,13 @@ Postures improved(const GripHand& hand, const Postures& start, PinchGoals goals,
   for (const std::size_t posture : {kShut, kWide}) {
     for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {posture});
   }
-  for (const Finger f : {Finger::middle, Finger::ring, Finger::little}) solver.free_finger(f, {kShut, kWide});
+  for (const Finger f : {Finger::middle, Finger::ring, Finger::little}) {
+    if (f == Finger::middle && goals.brace_depth > 0) {
+      for (const std::size_t posture : {kShut, kWide}) solver.free_finger(f, {posture});
+    } else {
+      solver.free_finger(f, {kShut, kWide});
+    }
+  }
   double cost = 0;
   for (const auto& [exact, clear] : weights) {
     goals.exact = exact * kPerMetre;
@@ -196,6 +218,7 @@ Postures solve_postures(const GripHand& hand, const JointAngles& facing, const P
       start.shut = facing;
       for (const Finger finger : {Finger::middle, Finger::ring, Finger::little})
         hand.flex(start.shut, finger, posture[0], posture[1], posture[2]);
+      if (goals.brace_depth > 0) hand.flex(start.shut, Finger::middle, -0.6, -0.5, -0.3);
       start.shut = hand.limited(start.shut);
       start.wide = start.shut;
       const JointAngles wider = hand.from_open(0.4, start.shut);
@@ -244,7 +267,8 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
                    o.free_below,
                    o.stagger,
                    o.body_distance,
-                   o.body_radius};
+                   o.body_radius,
+                   o.brace_depth};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   const auto missed = [&](const Touches& shut, const Touches& wide) {
     return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),

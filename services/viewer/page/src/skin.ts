@@ -30,6 +30,7 @@ export class Skin {
   private readonly colours: Float32Array;
   private readonly values: Float32Array;
   private readonly nodePressure: Float32Array;
+  private readonly nodeArea: Float32Array; // touching area of the contacts whose main node this is
   // per triangle: inverse of the rest shape's 2x2 edge matrix, and its area
   private readonly restEdges: Float32Array | null;
 
@@ -42,6 +43,7 @@ export class Skin {
     this.colours = new Float32Array(3 * vertices);
     this.values = new Float32Array(vertices);
     this.nodePressure = new Float32Array(description.nodeCount);
+    this.nodeArea = new Float32Array(description.nodeCount);
     this.restEdges = description.restNodes.length === 3 * description.nodeCount ? this.measureRest() : null;
     const geometry = new THREE.BufferGeometry();
     geometry.setIndex(new THREE.BufferAttribute(description.triangles, 1));
@@ -92,10 +94,14 @@ export class Skin {
 
   press(contacts: Contacts): void {
     this.nodePressure.fill(0);
+    this.nodeArea.fill(0);
     for (const { node, force, area } of contacts.contacts) {
-      if (node < this.nodePressure.length && area > 0)
-        this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!) / area;
+      if (node >= this.nodePressure.length || !(area > 0)) continue;
+      this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!);
+      this.nodeArea[node]! += area;
     }
+    for (let n = 0; n < this.nodeArea.length; ++n)
+      if (this.nodeArea[n]! > 0) this.nodePressure[n]! /= this.nodeArea[n]!;
   }
 
   /** Computes the coloured quantity at every vertex: Pa or 1, and 0 for plain skin. Sets `large`. */

@@ -1,0 +1,90 @@
+// Candidates: which contact points meet a collider in a step, and where. Finds points that are predicted to reach the
+// surface, points that the surface passed or that start inside, and points that crossed it.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "contact/collider.hpp"
+#include "contact/contact_point.hpp"
+#include "geometry/point_groups.hpp"
+
+namespace softhand {
+
+/// A contact point that meets a collider. Vectors in the object's frame.
+struct Meeting {
+  int point = 0;
+  Vector3 place = Vector3::Zero();    ///< on the surface; the point's own position if it starts inside
+  Vector3 normal = Vector3::UnitY();  ///< outward
+  double recess = 0;                  ///< > 0: the point starts inside, this far below the surface, m
+  bool predicted = false;             ///< the point is outside and will reach the surface in this step
+};
+
+/// Holds the positions of all nodes within a step. Allocates only at construction.
+class Candidates {
+ public:
+  Candidates(const ContactPoints& points, int slots);
+
+  /// Call this at the start of a step with any collider.
+  void begin_step(const State& state, double time_step);
+  /// Call this before `for_each_crossed`. `state`: the end of the paths that begin at the step's start.
+  void set_ends(const State& state);
+  const PointGroups& groups() const { return groups_; }
+
+  Vector3 start(int point) const { return points_->at(point, starts_); }
+  /// The end of a point's path in this step if it keeps its velocity.
+  Vector3 predicted_end(int point) const { return start(point) + time_step_ * points_->at(point, velocities_); }
+
+  /// Calls found(Meeting) for the points that touch the collider of a slot at the step's start or will reach it in the
+  /// step. Points with taken(point) are left out.
+  template <typename Taken, typename Found>
+  void for_each_predicted(int slot, const Collider& collider, Taken&& taken, Found&& found) {
+    const double margin =
+        collider.reach(collider.start_pose(), collider.end_pose(), groups_) +
+        (collider.jumped() ? collider.reach(collider.last_pose(), collider.start_pose(), groups_) : 0.0);
+    const auto clearances = clearances_of(slot);
+    std::fill(clearances.begin(), clearances.end(), 0.0);
+    groups_.for_each_near(*collider.geometry(), collider.start_pose(), margin, [&](std::int32_t point) {
+      Meeting meeting;
+      if (!taken(point) && predicted(collider, point, margin, clearances[static_cast<std::size_t>(point)], meeting))
+        found(meeting);
+    });
+  }
+  /// The same for the points that crossed the surface on their path from the step's start to the state of `set_ends`.
+  template <typename Taken, typename Found>
+  void for_each_crossed(int slot, const Collider& collider, Taken&& taken, Found&& found) {
+    const double margin = collider.reach(collider.start_pose(), collider.end_pose(), groups_);
+    const auto clearances = clearances_of(slot);
+    groups_.for_each_near(*collider.geometry(), collider.end_pose(), margin, [&](std::int32_t point) {
+      Meeting meeting;
+      // Nearly all points stay farther from the surface than they move.
+      const double rest = clearances[static_cast<std::size_t>(point)] - margin;
+      if (rest > 0 && points_->at(point, displacements_).squaredNorm() < rest * rest) return;
+      if (!taken(point) && crossed(collider, point, meeting)) found(meeting);
+    });
+  }
+  /// Whether a point may come within `margin` m of the object in the next `seconds`, if both keep their velocities.
+  /// Call this between steps.
+  bool may_reach(const Collider& collider, const State& state, double seconds, double margin);
+  /// Number of points that were searched for a contact since construction.
+  std::uint64_t queries() const { return queries_; }
+
+ private:
+  std::span<double> clearances_of(int slot) {
+    const auto count = static_cast<std::size_t>(points_->count());
+    return std::span(clearances_).subspan(static_cast<std::size_t>(slot) * count, count);
+  }
+  bool predicted(const Collider& collider, int point, double margin, double& clearance, Meeting& meeting);
+  bool crossed(const Collider& collider, int point, Meeting& meeting);
+
+  const ContactPoints* points_;
+  PointGroups groups_;
+  Eigen::Matrix3Xd starts_, velocities_, ends_, displacements_;  // by node
+  std::vector<double> clearances_;  // by (slot, point): lower bound of the distance at the step's start, m; 0: unknown
+  double time_step_ = 0;
+  std::uint64_t queries_ = 0;
+};
+
+}  // namespace softhand

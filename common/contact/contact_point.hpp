@@ -1,0 +1,79 @@
+// Points of the skin where contact happens. A point is a weighted mean of up to four mesh nodes. Only this file knows
+// which nodes a point has.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "model/hand_model.hpp"
+
+namespace softhand {
+
+struct ContactPoint {
+  static constexpr std::size_t most_nodes = 4;
+  std::array<std::int32_t, most_nodes> nodes{};  ///< the first `node_count` are valid; the largest weight comes first
+  std::array<double, most_nodes> weights{};      ///< >= 0, sum 1
+  std::int32_t node_count = 1;
+  std::uint8_t body = 0;  ///< nearest bone, `Body`
+  double area = 0;        ///< A, m^2: the point's contact stiffness is A k_c
+};
+
+/// The constant table of the contact points of one hand.
+class ContactPoints {
+ public:
+  /// The hand's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
+  /// their number differs from that of the nodes.
+  ContactPoints(const HandModel& hand, const std::vector<double>& node_masses);
+  /// Throws std::invalid_argument if a point names a wrong node, its area is not > 0, or its weights do not sum to 1.
+  ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses);
+
+  int count() const { return static_cast<int>(points_.size()); }
+  const ContactPoint& operator[](int point) const { return points_[static_cast<std::size_t>(point)]; }
+  std::span<const std::int32_t> nodes(int point) const {
+    const ContactPoint& p = (*this)[point];
+    return {p.nodes.data(), static_cast<std::size_t>(p.node_count)};
+  }
+  /// The node with the largest weight.
+  std::int32_t main_node(int point) const { return (*this)[point].nodes[0]; }
+  /// Mass of the point if its nodes move freely, kg.
+  double mass(int point) const { return masses_[static_cast<std::size_t>(point)]; }
+  /// Number of nodes of the mesh.
+  int node_count() const { return static_cast<int>(is_skin_.size()); }
+  /// Whether any point has this node.
+  bool has_node(std::int32_t node) const { return is_skin_[static_cast<std::size_t>(node)] != 0; }
+  /// Whether any node of the point is marked. `marks`: by node.
+  bool is_marked(int point, std::span<const std::uint8_t> marks) const {
+    for (const std::int32_t node : nodes(point)) {
+      if (marks[static_cast<std::size_t>(node)] != 0) return true;
+    }
+    return false;
+  }
+
+  /// The point's value of a field that is given at the nodes, for example of their positions.
+  Vector3 at(int point, const Eigen::Matrix3Xd& of_nodes) const {
+    const ContactPoint& p = (*this)[point];
+    if (p.node_count == 1) return of_nodes.col(p.nodes[0]);
+    Vector3 sum = p.weights[0] * of_nodes.col(p.nodes[0]);
+    for (std::size_t k = 1; k < static_cast<std::size_t>(p.node_count); ++k)
+      sum += p.weights[k] * of_nodes.col(p.nodes[k]);
+    return sum;
+  }
+  /// Calls visit(bone, share) for the bones of the point's nodes. `node_body`: by node. The shares sum to 1.
+  template <typename Visit>
+  void for_each_bone(int point, std::span<const std::uint8_t> node_body, Visit&& visit) const {
+    const ContactPoint& p = (*this)[point];
+    for (std::size_t k = 0; k < static_cast<std::size_t>(p.node_count); ++k)
+      visit(node_body[static_cast<std::size_t>(p.nodes[k])], p.weights[k]);
+  }
+
+ private:
+  void finish(const std::vector<double>& node_masses);
+
+  std::vector<ContactPoint> points_;
+  std::vector<double> masses_;         // by point
+  std::vector<std::uint8_t> is_skin_;  // by node
+};
+
+}  // namespace softhand

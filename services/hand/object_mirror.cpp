@@ -1,0 +1,647 @@
+#include "hand/object_mirror.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "math/rotation.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+bool is_unit(double norm) { return std::abs(norm - 1.0) < 0.01; }
+
+// Upper bound for positions, velocities and accelerations in SI units. No scene has larger values, and they would
+// overflow in the step in which the hand first touches the object.
+bool moderate(const Vec3& values) {
+  return std::all_of(values.begin(), values.end(), [](double x) { return std::abs(x) <= 1e4; });
+}
+bool usable(const NeighbourPlane& plane) {
+  const auto not_negative = [](double x) { return x >= 0 && std::isfinite(x); };
+  return moderate(plane.point) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) &&
+         not_negative(plane.friction) && not_negative(plane.stiffness);
+}
+bool usable(const ObjectState& object) {
+  return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) &&
+         moderate(object.linear_velocity) && moderate(object.angular_velocity) && moderate(object.gravity) &&
+         std::all_of(object.planes.begin(), object.planes.end(), [](const NeighbourPlane& p) { return usable(p); });
+}
+
+// Throws std::invalid_argument if a step that touches the object would fail or throw.
+void check(const ObjectDescription& description) {
+  const auto demand = [](const char* what, double value, bool in_range, const char* expected) {
+    if (!in_range)
+      throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
+  };
+  constexpr double kMost = 1e9;  // kg, kg m^2, 1: far above the range of a scene file, far below overflow
+  demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
+  if (description.is_static != 0) return;
+  demand("mass", description.mass, description.mass > 0 && description.mass <= kMost,
+         "above 0 and at most 1e9 kg if the object can move");
+  for (const double inertia : description.inertia)
+    demand("inertia", inertia, inertia > 0 && inertia <= kMost,
+           "above 0 and at most 1e9 kg m^2 if the object can move");
+}
+
+bool is_same(const Shape& a, const Shape& b) {
+  const auto is_same_file = [](const ShapeFile& x, const ShapeFile& y) {
+    return get_text(x.name) == get_text(y.name) && get_text(x.sha256) == get_text(y.sha256) && x.link == y.link &&
+           x.position == y.position && x.orientation == y.orientation;
+  };
+  return a.kind == b.kind && a.size == b.size &&
+         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end()) &&
+         std::equal(a.file.begin(), a.file.end(), b.file.begin(), b.file.end(), is_same_file);
+}
+
+Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
+  return increment(pose, seconds * velocity.linear, seconds * velocity.angular);
+}
+
+Twist twist_of(const ObjectState& object) {
+  return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)};
+}
+
+constexpr double kForgetDistance = 1.5;    // times `near`; an object loses its slot at this distance
+constexpr double kSkinDistance = 0.02;     // m, assumed distance of the skin from the bones
+constexpr double kSlotPreference = 0.005;  // m; an object takes another's slot only if nearer by more than this
+
+// The bones as line segments from joint to joint, stored in arrays: up to a hundred objects query distances in each
+// step.
+class BoneSegments {
+ public:
+  void set(std::size_t bone, const Vector3& start, const Vector3& end) {
+    const Vector3 along = end - start;
+    const double square = along.squaredNorm();
+    // An even number of rows fills the SIMD vectors. The last row repeats the last bone.
+    for (auto row = static_cast<Eigen::Index>(bone);
+         row < (bone + 1 < kBodyCount ? static_cast<Eigen::Index>(bone) + 1 : kRows); ++row) {
+      start_.row(row) = start.transpose().array();
+      along_.row(row) = along.transpose().array();
+      inverse_square_[row] = square > 0 ? 1 / square : 0;
+    }
+  }
+  double distance(const Vector3& p) const {
+    const Coordinates x = p.x() - start_.col(0), y = p.y() - start_.col(1), z = p.z() - start_.col(2);
+    const Coordinates part =
+        ((x * along_.col(0) + y * along_.col(1) + z * along_.col(2)) * inverse_square_).max(0.0).min(1.0);
+    return std::sqrt(((x - part * along_.col(0)).square() + (y - part * along_.col(1)).square() +
+                      (z - part * along_.col(2)).square())
+                         .minCoeff());
+  }
+  /// Smallest distance between a shape and the ends of the segments.
+  double distance(const Pose& pose, const ShapeGeometry& shape) const {
+    const Pose back = pose.inverse();
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      nearest = std::min({nearest, shape.signed_distance(back * start(b)), shape.signed_distance(back * end(b))});
+    return nearest;
+  }
+  /// Largest distance between `middle` and an end of a segment.
+  double reach(const Vector3& middle) const {
+    double farthest = 0;
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      farthest = std::max({farthest, (start(b) - middle).squaredNorm(), (end(b) - middle).squaredNorm()});
+    return std::sqrt(farthest);
+  }
+
+ private:
+  static constexpr int kRows = static_cast<int>(kBodyCount + kBodyCount % 2);
+  using Coordinates = Eigen::Array<double, kRows, 1>;
+
+  Vector3 start(std::size_t b) const { return start_.row(static_cast<Eigen::Index>(b)).transpose(); }
+  Vector3 end(std::size_t b) const { return start(b) + Vector3(along_.row(static_cast<Eigen::Index>(b)).transpose()); }
+
+  Eigen::Array<double, kRows, 3> start_, along_;
+  Coordinates inverse_square_;
+};
+
+}  // namespace
+
+ObjectMirror::ObjectMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric)
+    : simulation_(simulation),
+      options_(options),
+      symmetric_(symmetric),
+      time_step_(1.0 / options.rate_hz),
+      slot_object_(static_cast<std::size_t>(simulation.slot_count()), -1) {
+  objects_.reserve(kMaxObjects);
+  joints_.reserve(kMaxObjectJoints);
+  waiting_.reserve(kMaxObjects);
+}
+
+void ObjectMirror::describe_object(const ObjectDescription& description,
+                                   std::shared_ptr<const ShapeGeometry> file_shape) {
+  auto known = std::find_if(objects_.begin(), objects_.end(),
+                            [&description](const KnownObject& o) { return o.id == description.object; });
+  if (known != objects_.end()) release(known->assembly);
+  if (description.removed != 0) {
+    if (known == objects_.end()) return;
+    objects_.erase(known);
+    find_assemblies();
+    // The indices of the objects after the erased one have changed.
+    for (std::size_t o = 0; o < objects_.size(); ++o) {
+      if (objects_[o].slot >= 0) slot_object_[static_cast<std::size_t>(objects_[o].slot)] = static_cast<int>(o);
+    }
+    return;
+  }
+  check(description);
+  // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
+  const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
+  if (!has_shape && file_shape == nullptr && load_shape_ && !description.shape.file.empty())
+    file_shape = load_shape_(description.shape.file[0]);
+  auto shape = has_shape               ? known->shape
+               : file_shape != nullptr ? std::move(file_shape)
+                                       : std::make_shared<const ShapeGeometry>(description.shape);
+  if (known == objects_.end()) {
+    if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
+    known = objects_.emplace(objects_.end());
+  }
+  known->id = description.object;
+  known->description = description;
+  known->shape = std::move(shape);
+  known->bounding_radius = known->shape->bounding_radius();
+  // A world that moves an object to another place describes it again. The earlier state says nothing about the new
+  // place.
+  known->owned = known->seen = false;
+  known->last_touch = 0;
+  known->mirrored = {
+      description.object, known->shape.get(), description.is_static != 0 ? 1.0 : description.mass,
+      description.is_static != 0 ? Matrix3(Matrix3::Identity()) : Matrix3(to_vector(description.inertia).asDiagonal()),
+      description.friction};
+  find_assemblies();
+}
+
+void ObjectMirror::describe_joint(const ObjectJointDescription& description) {
+  auto known = std::find_if(joints_.begin(), joints_.end(),
+                            [&description](const KnownJoint& j) { return j.id == description.joint; });
+  KnownJoint joint;
+  joint.id = description.joint;
+  joint.parent = description.parent;
+  joint.child = description.child;
+  joint.law = to_law(description);
+  joint.parent_from_joint = to_pose(description.parent_position, description.parent_orientation);
+  joint.child_from_joint = to_pose(description.child_position, description.child_orientation);
+  if (description.removed == 0) {
+    check_joint_law(joint.law);
+    const auto is_frame = [](const Vec3& position, const Vec4& orientation) {
+      return moderate(position) && is_unit(to_quaternion(orientation).norm());
+    };
+    if (!is_frame(description.parent_position, description.parent_orientation) ||
+        !is_frame(description.child_position, description.child_orientation))
+      throw std::invalid_argument("a frame of the joint is not a pose, expected finite metres and unit quaternions");
+    if (description.parent == description.child)
+      throw std::invalid_argument("parent and child are object " + std::to_string(description.child) +
+                                  ", expected two objects");
+    joint.parent_from_joint.orientation.normalize();
+    joint.child_from_joint.orientation.normalize();
+    if (known == joints_.end() && joints_.size() == kMaxObjectJoints)
+      throw std::invalid_argument("joints: at most " + std::to_string(kMaxObjectJoints));
+  }
+  if (known != joints_.end()) {
+    for (const std::uint32_t id : {known->parent, known->child})
+      if (const KnownObject* object = find_object(id)) release(object->assembly);
+    joints_.erase(known);
+  }
+  if (description.removed == 0) {
+    for (const std::uint32_t id : {joint.parent, joint.child})
+      if (const KnownObject* object = find_object(id)) release(object->assembly);
+    joints_.push_back(joint);
+  }
+  find_assemblies();
+}
+
+void ObjectMirror::take_world(const WorldObjects& world) {
+  for (KnownObject& object : objects_) object.listed = false;
+  auto next = objects_.begin();  // worlds list their objects in the order in which they announced them
+  for (const ObjectState& state : world.objects) {
+    const auto is_it = [&state](const KnownObject& o) { return o.id == state.object; };
+    const auto known =
+        next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
+    if (known == objects_.end()) continue;
+    known->listed = true;
+    if (world.stamp.sample_time < known->description.stamp.sample_time) continue;
+    if (!usable(state)) {
+      ++counters_.refused_nonfinite;
+      continue;
+    }
+    known->state = state;
+    known->seen = true;
+    next = std::next(known);
+  }
+  // Another world may have taken over with fewer objects. The previous world did not announce their removal.
+  for (KnownObject& object : objects_) {
+    if (object.listed || !object.seen) continue;
+    release(object.assembly);
+    object.seen = object.owned = false;
+  }
+  world_time_ = world.stamp.sample_time;
+}
+
+void ObjectMirror::begin_step(Nanoseconds now, bool settles) {
+  if (objects_.empty()) return;
+  measure_distances();
+  give_slots(now);
+  // A touch of one object counts for all that joints connect to it.
+  for (const int o : slot_object_) {
+    if (o < 0 || !simulation_.touched(objects_[static_cast<std::size_t>(o)].slot)) continue;
+    const std::uint32_t assembly = objects_[static_cast<std::size_t>(o)].assembly;
+    for (KnownObject& object : objects_)
+      if (object.assembly == assembly && object.slot >= 0) object.last_touch = now;
+  }
+  for (const int o : slot_object_) {
+    if (o >= 0) follow_or_own(objects_[static_cast<std::size_t>(o)], now, settles);
+  }
+  for (const KnownObject& object : objects_) {
+    if (!object.jointed || !object.is_free) continue;
+    for (KnownObject& other : objects_) other.is_free |= other.assembly == object.assembly && other.slot >= 0;
+  }
+  for (const int o : slot_object_) {
+    if (o >= 0) set_body(objects_[static_cast<std::size_t>(o)], now);
+  }
+  if (!joints_.empty() && !symmetric_) move_joints();
+}
+
+void ObjectMirror::clear_slot(KnownObject& object) {
+  if (object.slot < 0) return;
+  simulation_.clear_slot(object.slot);
+  slot_object_[static_cast<std::size_t>(object.slot)] = -1;
+  object.slot = -1;
+}
+
+/// Ends the joints of an assembly and gives up its slots. The world moves its objects again.
+void ObjectMirror::release(std::uint32_t assembly) {
+  for (KnownObject& object : objects_) {
+    if (object.assembly != assembly) continue;
+    for (KnownJoint& joint : joints_) {
+      if (joint.place < 0 || (joint.parent != object.id && joint.child != object.id)) continue;
+      simulation_.clear_joint(joint.place);
+      joint.place = -1;
+    }
+    clear_slot(object);
+    object.owned = false;
+    object.last_touch = 0;
+  }
+}
+
+void ObjectMirror::find_assemblies() {
+  for (KnownObject& object : objects_) {
+    object.assembly = object.id;
+    object.jointed = false;
+  }
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const KnownJoint& joint : joints_) {
+      KnownObject* parent = find_object(joint.parent);
+      KnownObject* child = find_object(joint.child);
+      if (parent == nullptr || child == nullptr || child->description.is_static != 0) continue;
+      child->jointed = true;
+      if (parent->description.is_static != 0) continue;
+      parent->jointed = true;
+      if (parent->assembly == child->assembly) continue;
+      parent->assembly = child->assembly = std::min(parent->assembly, child->assembly);
+      changed = true;
+    }
+  }
+}
+
+ObjectMirror::KnownObject* ObjectMirror::find_object(std::uint32_t id) {
+  const auto known = std::find_if(objects_.begin(), objects_.end(), [id](const KnownObject& o) { return o.id == id; });
+  return known == objects_.end() ? nullptr : &*known;
+}
+
+double ObjectMirror::extrapolation_of_world(Nanoseconds time) const {
+  const double limit = options_.extrapolation_limit;
+  return std::clamp(static_cast<double>(time - world_time_) * 1e-9, -limit, limit);
+}
+
+ObjectMirror::WorldStep ObjectMirror::world_step(Nanoseconds now) const {
+  const double to_start = extrapolation_of_world(now - static_cast<Nanoseconds>(time_step_ * 1e9));
+  return {to_start, (extrapolation_of_world(now) - to_start) / time_step_};
+}
+
+// Moves the twin in this step like the world's copy: from the copy's pose at the start of the step to its pose now.
+void ObjectMirror::follow_world(const KnownObject& object, Nanoseconds now) {
+  const WorldStep step = world_step(now);
+  const Pose pose = to_pose(object.state.position, object.state.orientation);
+  const Twist velocity = twist_of(object.state);
+  simulation_.set_slot_motion(object.slot, extrapolated(pose, velocity, step.to_start),
+                              {step.moving_part * velocity.linear, step.moving_part * velocity.angular});
+}
+
+void ObjectMirror::measure_distances() {
+  BoneSegments bones;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const Vector3 start = simulation_.joint_pose(joint_of(body)).position;
+    bones.set(b, start, body == Body::forearm ? start : simulation_.joint_pose(end_joint_of(body)).position);
+  }
+  const Vector3 middle = simulation_.joint_pose(Joint::palm).position;
+  const double reach = bones.reach(middle);
+  double fastest = 0;  // m/s, of a bone
+  for (std::size_t b = 0; b < kBodyCount; ++b)
+    fastest = std::max(fastest, simulation_.joint_velocity(joint_of(static_cast<Body>(b))).linear.norm());
+  for (KnownObject& object : objects_) {
+    if (!object.seen) continue;
+    const Vector3 position = to_vector(object.state.position);
+    // Contact detection sweeps an object from its previous pose in the slot. Therefore an object needs a slot one step
+    // before it can touch the skin.
+    const double spin = to_vector(object.state.angular_velocity).norm();
+    const double speed = fastest + to_vector(object.state.linear_velocity).norm() +
+                         (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
+    object.near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
+    // This cheap lower bound already excludes most objects.
+    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * object.near) {
+      object.distance = std::numeric_limits<double>::infinity();
+    } else if (object.bounding_radius < 0.5) {
+      object.distance = bones.distance(position) - object.bounding_radius;
+    } else {  // the bounding sphere of a table would be near everything
+      object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
+    }
+  }
+  // All objects of an assembly are as near as its nearest one.
+  for (const KnownObject& object : objects_) {
+    if (!object.jointed || !object.seen) continue;
+    for (KnownObject& other : objects_) {
+      if (other.assembly != object.assembly) continue;
+      other.distance = std::min(other.distance, object.distance);
+      other.near = std::max(other.near, object.near);
+    }
+  }
+}
+
+// The nearest objects get the slots. An object gives up its slot to another one only if that one is nearer by more than
+// kSlotPreference. Objects that the hand owns or touches keep their slots.
+void ObjectMirror::give_slots(Nanoseconds now) {
+  waiting_.clear();
+  for (std::size_t o = 0; o < objects_.size(); ++o) {
+    KnownObject& object = objects_[o];
+    if (!object.seen) continue;
+    if (object.slot >= 0 && object.distance > kForgetDistance * object.near && !object.owned) clear_slot(object);
+    if (object.slot < 0 && object.distance <= object.near) waiting_.push_back(static_cast<int>(o));
+  }
+  const auto at = [this](int o) -> KnownObject& { return objects_[static_cast<std::size_t>(o)]; };
+  std::sort(waiting_.begin(), waiting_.end(),
+            [&at](int a, int b) { return at(a).distance != at(b).distance ? at(a).distance < at(b).distance : a < b; });
+  for (const int o : waiting_) {
+    KnownObject& object = at(o);
+    if (object.slot >= 0) continue;  // it got its slot with its assembly
+    if (object.jointed && !symmetric_) {
+      if (!get_slots_for_assembly(object, now)) ++counters_.without_slot;
+      continue;
+    }
+    const bool is_static = object.description.is_static != 0;
+    int farthest = -1;
+    for (int slot = 0; slot < simulation_.slot_count() && object.slot < 0; ++slot) {
+      if (simulation_.slot_is_static(slot) != is_static) continue;
+      const int holder = slot_object_[static_cast<std::size_t>(slot)];
+      if (holder < 0) {
+        object.slot = slot;
+      } else if (!at(holder).owned && !simulation_.touched(slot) &&
+                 (farthest < 0 || at(holder).distance > at(farthest).distance)) {
+        farthest = holder;
+      }
+    }
+    if (object.slot < 0 && farthest >= 0 && at(farthest).distance > object.distance + kSlotPreference) {
+      object.slot = at(farthest).slot;
+      if (at(farthest).jointed) {
+        release(at(farthest).assembly);
+      } else {
+        clear_slot(at(farthest));
+      }
+    }
+    if (object.slot < 0) {
+      ++counters_.without_slot;
+      continue;
+    }
+    give_slot(static_cast<std::size_t>(o), object.slot, now);
+  }
+}
+
+void ObjectMirror::give_slot(std::size_t o, int slot, Nanoseconds now) {
+  KnownObject& object = objects_[o];
+  object.slot = slot;
+  slot_object_[static_cast<std::size_t>(slot)] = static_cast<int>(o);
+  simulation_.set_slot(slot, object.mirrored);
+  follow_world(object, now);
+  object.owned = false;
+  if (symmetric_ && object.description.is_static == 0) simulation_.make_dynamic(slot, Vector3::Zero());
+}
+
+/// All objects of an assembly get slots, or none does. Farther objects make room if that is enough for all.
+bool ObjectMirror::get_slots_for_assembly(KnownObject& object, Nanoseconds now) {
+  const std::uint32_t assembly = object.assembly;
+  int needed = 0, joints = 0, free = 0;
+  for (const KnownObject& each : objects_) {
+    if (each.assembly != assembly) continue;
+    if (!each.seen) return false;
+    ++needed;
+  }
+  int places = simulation_.joint_count();
+  for (const KnownJoint& joint : joints_) {
+    const KnownObject* child = find_object(joint.child);
+    const KnownObject* parent = find_object(joint.parent);
+    if (child == nullptr || parent == nullptr) continue;
+    if (child->assembly == assembly) ++joints;
+    if (child->assembly != assembly && child->slot >= 0) --places;  // reserved for another assembly
+  }
+  if (joints > places) return false;
+  const auto holder_of = [this](int slot) -> KnownObject* {
+    const int holder = slot_object_[static_cast<std::size_t>(slot)];
+    return holder < 0 ? nullptr : &objects_[static_cast<std::size_t>(holder)];
+  };
+  const auto is_held = [&](const KnownObject& holder) {  // by a touch of any object of its assembly
+    return std::any_of(objects_.begin(), objects_.end(), [&](const KnownObject& each) {
+      return each.assembly == holder.assembly && each.slot >= 0 && (each.owned || simulation_.touched(each.slot));
+    });
+  };
+  const auto gives_way = [&](const KnownObject& holder) {
+    return !is_held(holder) && holder.distance > object.distance + kSlotPreference;
+  };
+  int possible = 0;
+  for (int slot = 0; slot < simulation_.slot_count(); ++slot) {
+    if (simulation_.slot_is_static(slot)) continue;
+    const KnownObject* holder = holder_of(slot);
+    if (holder == nullptr) ++free;
+    if (holder == nullptr || gives_way(*holder)) ++possible;
+  }
+  if (possible < needed) return false;
+  while (free < needed) {
+    KnownObject* farthest = nullptr;
+    for (int slot = 0; slot < simulation_.slot_count(); ++slot) {
+      KnownObject* holder = simulation_.slot_is_static(slot) ? nullptr : holder_of(slot);
+      if (holder != nullptr && gives_way(*holder) && (farthest == nullptr || holder->distance > farthest->distance))
+        farthest = holder;
+    }
+    const std::uint32_t leaving = farthest->assembly;
+    for (const KnownObject& each : objects_)
+      if (each.assembly == leaving && each.slot >= 0) ++free;
+    release(leaving);
+  }
+  int slot = 0;
+  for (std::size_t o = 0; o < objects_.size(); ++o) {
+    if (objects_[o].assembly != assembly) continue;
+    while (simulation_.slot_is_static(slot) || holder_of(slot) != nullptr) ++slot;
+    give_slot(o, slot, now);
+  }
+  return true;
+}
+
+/// A joint acts while the hand owns its objects.
+void ObjectMirror::move_joints() {
+  for (KnownJoint& joint : joints_) {
+    const KnownObject* child = find_object(joint.child);
+    const KnownObject* parent = find_object(joint.parent);
+    const bool acts = child != nullptr && child->is_free && parent != nullptr &&
+                      (parent->description.is_static != 0 ? parent->seen : parent->is_free);
+    if (!acts && joint.place >= 0) {
+      simulation_.clear_joint(joint.place);
+      joint.place = -1;
+    }
+    if (!acts || joint.place >= 0) continue;
+    for (int place = 0; place < simulation_.joint_count() && joint.place < 0; ++place) {
+      if (std::none_of(joints_.begin(), joints_.end(), [place](const KnownJoint& j) { return j.place == place; }))
+        joint.place = place;
+    }
+    if (joint.place < 0) continue;
+    set_joint(joint, *parent, *child);
+  }
+}
+
+void ObjectMirror::set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child) {
+  MirroredJoint mirrored;
+  mirrored.law = joint.law;
+  mirrored.child_slot = child.slot;
+  mirrored.parent_slot = parent.description.is_static != 0 ? -1 : parent.slot;
+  mirrored.parent_pose = to_pose(parent.state.position, parent.state.orientation);
+  mirrored.parent_from_joint = joint.parent_from_joint;
+  mirrored.child_from_joint = joint.child_from_joint;
+  simulation_.set_joint(joint.place, mirrored);
+}
+
+// Decides who owns the object. An object that the hand does not own follows the world.
+void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool settles) {
+  const bool was_free = object.is_free;
+  object.is_free = false;
+  if (object.description.is_static != 0) {
+    follow_world(object, now);
+    return;
+  }
+  if (symmetric_) {
+    const Pose pose = to_pose(object.state.position, object.state.orientation);
+    const Twist velocity = twist_of(object.state);
+    simulation_.set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
+    return;
+  }
+  const bool touched_lately =
+      object.last_touch != 0 && static_cast<double>(now - object.last_touch) * 1e-9 <= options_.release_time;
+  // The world does not know of the impulse of a first touch.
+  if (!touched_lately || !(object.owned || was_free)) follow_world(object, now);
+  object.owned = touched_lately;
+  object.is_free = object.owned || (!settles && simulation_.may_touch(object.slot, time_step_));
+}
+
+// A free body has mass, inertia and gravity, and planes stop it. Otherwise its motion is prescribed. An object that the
+// hand may touch is free already in the step of the first touch. So it takes up the impulse of the touch.
+void ObjectMirror::set_body(KnownObject& object, Nanoseconds now) {
+  if (object.description.is_static != 0 || symmetric_) return;
+  if (!object.is_free) {
+    if (simulation_.slot_mode(object.slot) == SlotMode::dynamic) simulation_.make_kinematic(object.slot);
+    return;
+  }
+  simulation_.make_dynamic(object.slot, to_vector(object.state.gravity));
+  // The planes are extrapolated to the start of the step, like the copies: one sample may be used in several steps.
+  const WorldStep step = world_step(now);
+  auto planes = object.state.planes;
+  for (NeighbourPlane& plane : planes) {
+    const Vector3 velocity = to_vector(plane.velocity);
+    plane.point = to_wire(Vector3(to_vector(plane.point) + step.to_start * velocity));
+    plane.velocity = to_wire(Vector3(step.moving_part * velocity));
+  }
+  simulation_.set_planes(object.slot, std::span(planes.items.data(), planes.size()));
+}
+
+void ObjectMirror::release_all() {
+  for (KnownObject& object : objects_) {
+    release(object.assembly);
+    object.seen = false;
+  }
+}
+
+void ObjectMirror::write_twins(ObjectCoupling& out) const {
+  out.twins.clear();
+  for (const KnownObject& object : objects_) {
+    if (object.slot < 0 || object.description.is_static != 0) continue;
+    const Pose pose = simulation_.slot_pose(object.slot);
+    const Twist velocity = simulation_.slot_velocity(object.slot);
+    const Wrench contact = simulation_.contact_wrench(object.slot);
+    const Wrench spring =
+        symmetric_ ? simulation_.object_coupling_wrench(object.slot) : simulation_.joint_wrench(object.slot);
+    out.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation),
+                         to_wire(velocity.linear), to_wire(velocity.angular), to_wire(contact.force),
+                         to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
+  }
+}
+
+void ObjectMirror::take_state(const ObjectMirror& other) {
+  objects_ = other.objects_;
+  joints_ = other.joints_;
+  slot_object_ = other.slot_object_;
+  world_time_ = other.world_time_;
+  counters_ = other.counters_;
+}
+
+template <typename Object, typename Visit>
+void ObjectMirror::visit_state(Object& object, Visit&& visit) {
+  visit(object.state);
+  visit(object.seen);
+  visit(object.listed);
+  visit(object.distance);
+  visit(object.near);
+  visit(object.slot);
+  visit(object.owned);
+  visit(object.is_free);
+  visit(object.last_touch);
+}
+
+void ObjectMirror::save(ByteWriter& out) const {
+  out.write(static_cast<std::uint32_t>(objects_.size()));
+  for (const KnownObject& object : objects_) {
+    out.write(object.description);
+    visit_state(object, [&out](const auto& value) { out.write(value); });
+  }
+  out.write(joints_);
+  out.write(slot_object_);
+  out.write(world_time_);
+  out.write(counters_);
+}
+
+void ObjectMirror::load(ByteReader& in) {
+  if (!objects_.empty() || !joints_.empty()) throw std::logic_error("ObjectMirror: `load` is for a new mirror");
+  const auto count = in.take<std::uint32_t>();
+  for (std::uint32_t n = 0; n < count; ++n) {
+    describe_object(in.take<ObjectDescription>(), nullptr);
+    KnownObject& object = objects_.back();
+    visit_state(object, [&in](auto& value) { in.read(value); });
+    if (object.slot >= simulation_.slot_count()) throw std::runtime_error("the saved state has more slots");
+  }
+  in.read(joints_);
+  in.read(slot_object_);
+  in.read(world_time_);
+  in.read(counters_);
+  find_assemblies();
+  for (const KnownObject& object : objects_) {
+    if (object.slot < 0) continue;
+    simulation_.set_slot(object.slot, object.mirrored);
+    if (object.is_free || (symmetric_ && object.description.is_static == 0))
+      simulation_.make_dynamic(object.slot, symmetric_ ? Vector3(Vector3::Zero()) : to_vector(object.state.gravity));
+  }
+  for (const KnownJoint& joint : joints_) {
+    const KnownObject* parent = find_object(joint.parent);
+    const KnownObject* child = find_object(joint.child);
+    if (joint.place >= 0 && parent != nullptr && child != nullptr) set_joint(joint, *parent, *child);
+  }
+}
+
+}  // namespace softhand
