@@ -6,7 +6,7 @@
 namespace softhand::anchor_law {
 namespace {
 
-constexpr double kExitSpeed = 1.0;      // m/s, of the anchor of a point that started inside
+constexpr double kExitSpeed = 0.8;      // m/s, of the anchor of a point that started inside
 constexpr double kLittleMotion = 1e-6;  // m per step; less than the stretch of the friction springs
 
 Vector3 tangential(const ContactAnchor& anchor, const Vector3& v) { return v - anchor.normal.dot(v) * anchor.normal; }

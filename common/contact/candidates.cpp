@@ -1,19 +1,28 @@
 #include "contact/candidates.hpp"
 
+#include <cmath>
+#include <utility>
+
+#include "geometry/triangle.hpp"
+
 namespace softhand {
 namespace {
 
-PointGroups groups_of(const ContactPoints& points) {
+constexpr double kDeepest = 4e-3;  // m; a sharp point that starts deeper in the skin stays unseen
+
+// Groups of the points first ... last - 1.
+PointGroups groups_of(const ContactPoints& points, int first, int last) {
   std::vector<std::uint8_t> bodies;
-  for (int i = 0; i < points.count(); ++i) bodies.push_back(points[i].body);
-  return PointGroups(bodies, [&points](std::int32_t point) { return points.nodes(point); });
+  for (int i = first; i < last; ++i) bodies.push_back(points[i].body);
+  return PointGroups(bodies, [&points, first](std::int32_t point) { return points.nodes(first + point); });
 }
 
 }  // namespace
 
 Candidates::Candidates(const ContactPoints& points, int slots)
     : points_(&points),
-      groups_(groups_of(points)),
+      groups_(groups_of(points, 0, points.count())),
+      triangles_(groups_of(points, points.count(), points.size())),
       clearances_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points.count()), 0.0) {
   starts_ = velocities_ = ends_ = displacements_ = Eigen::Matrix3Xd::Zero(3, points.node_count());
 }
@@ -23,12 +32,22 @@ void Candidates::begin_step(const State& state, double time_step) {
   starts_ = state.node_positions;
   velocities_ = state.node_velocities;
   groups_.update(starts_, velocities_, time_step);
+  displacements_ = time_step * velocities_;
+  ends_ = starts_ + displacements_;
+  triangles_are_old_ = true;
 }
 
 void Candidates::set_ends(const State& state) {
   ends_ = state.node_positions;
   displacements_ = ends_ - starts_;
   groups_.update(starts_, displacements_, 1.0);
+  triangles_are_old_ = true;
+}
+
+void Candidates::update_triangles() {
+  if (!std::exchange(triangles_are_old_, false)) return;
+  triangles_.update(starts_, displacements_, 1.0);
+  longest_path_ = displacements_.cols() > 0 ? std::sqrt(displacements_.colwise().squaredNorm().maxCoeff()) : 0.0;
 }
 
 bool Candidates::may_reach(const Collider& collider, const State& state, double seconds, double margin) {
@@ -105,6 +124,46 @@ bool Candidates::crossed(const Collider& collider, int point, Meeting& meeting) 
   meeting.point = point;
   meeting.place = met->point;
   meeting.normal = met->normal;
+  return true;
+}
+
+Candidates::SkinPlace Candidates::nearest_on_skin(const Vector3& place, double distance,
+                                                  const Eigen::Matrix3Xd& node_positions) const {
+  SkinPlace best;
+  triangles_.for_each_near(place, distance, [&](std::int32_t triangle) {
+    const int point = points_->count() + triangle;
+    const auto nodes = points_->nodes(point);
+    const auto corner = [&](std::size_t k) { return Vector3(node_positions.col(nodes[k])); };
+    const Vector3 a = corner(0), b = corner(1), c = corner(2);
+    const double edge = std::sqrt(std::max((b - a).squaredNorm(), (c - a).squaredNorm()));
+    if ((place - a).squaredNorm() > (distance + edge) * (distance + edge)) return;
+    const TrianglePoint nearest = nearest_on_triangle(place, a, b, c);
+    const double away = (place - nearest.point).norm();
+    if (away >= distance) return;
+    distance = away;
+    best = {point, nearest.weights, nearest.point, (b - a).cross(c - a).normalized()};
+  });
+  return best;
+}
+
+// The ball `sharp` must be outside at the step's start, or at most kDeepest inside, and inside at its end.
+bool Candidates::pricks(const Collider& collider, const RestingPoint& sharp, bool predicted, Meeting& meeting) const {
+  const Vector3 from = (collider.jumped() ? collider.last_pose() : collider.start_pose()) * sharp.centre;
+  const Vector3 to = collider.end_pose() * sharp.centre;
+  const SkinPlace end = nearest_on_skin(to, sharp.radius + (to - from).norm() + longest_path_ + kDeepest, ends_);
+  if (end.point < 0 || end.normal.dot(to - end.position) >= sharp.radius) return false;
+  const auto nodes = points_->nodes(end.point);
+  const auto corner = [&](std::size_t k) { return Vector3(starts_.col(nodes[k])); };
+  const Vector3 place = end.weights[0] * corner(0) + end.weights[1] * corner(1) + end.weights[2] * corner(2);
+  const Vector3 outward = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+  const double height = outward.dot(from - place) - sharp.radius;
+  if (height < -kDeepest) return false;
+  meeting.point = end.point;
+  meeting.weights = end.weights;
+  meeting.normal = collider.end_pose().orientation.conjugate() * -end.normal;
+  meeting.recess = std::max(0.0, -height);
+  meeting.place = sharp.centre + (sharp.radius - meeting.recess) * meeting.normal;
+  meeting.predicted = predicted && height >= 0;
   return true;
 }
 

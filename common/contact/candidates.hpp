@@ -20,6 +20,8 @@ struct Meeting {
   Vector3 normal = Vector3::UnitY();  ///< outward
   double recess = 0;                  ///< > 0: the point starts inside, this far below the surface, m
   bool predicted = false;             ///< the point is outside and will reach the surface in this step
+  int sharp = -1;                     ///< sharp point of the object that enters the skin at `point`, a roving point
+  Vector3 weights = Vector3::Zero();  ///< of the triangle's corners, if `sharp` >= 0
 };
 
 /// Holds the positions of all nodes within a step. Allocates only at construction.
@@ -65,6 +67,27 @@ class Candidates {
       if (!taken(point) && crossed(collider, point, meeting)) found(meeting);
     });
   }
+  /// Calls found(Meeting) for the sharp points of the collider that enter the skin in the step: by the predicted paths,
+  /// or on the paths to the state of `set_ends`.
+  template <typename Found>
+  void for_each_pricking(const Collider& collider, bool predicted, Found&& found) {
+    const auto sharp = collider.geometry()->sharp_points();
+    if (!sharp.empty()) update_triangles();
+    for (std::size_t i = 0; i < sharp.size(); ++i) {
+      Meeting meeting;
+      if (pricks(collider, sharp[i], predicted, meeting)) {
+        meeting.sharp = static_cast<int>(i);
+        found(meeting);
+      }
+    }
+  }
+  /// The place of the skin that is nearest to `place` (world), at most `distance` m away.
+  struct SkinPlace {
+    int point = -1;  ///< the roving point of the triangle; -1: none
+    Vector3 weights = Vector3::Zero(), position = Vector3::Zero();
+    Vector3 normal = Vector3::UnitY();  ///< outward of the hand, world
+  };
+  SkinPlace nearest_on_skin(const Vector3& place, double distance, const Eigen::Matrix3Xd& node_positions) const;
   /// Whether a point may come within `margin` m of the object in the next `seconds`, if both keep their velocities.
   /// Call this between steps.
   bool may_reach(const Collider& collider, const State& state, double seconds, double margin);
@@ -78,10 +101,15 @@ class Candidates {
   }
   bool predicted(const Collider& collider, int point, double margin, double& clearance, Meeting& meeting);
   bool crossed(const Collider& collider, int point, Meeting& meeting);
+  void update_triangles();
+  bool pricks(const Collider& collider, const RestingPoint& sharp, bool predicted, Meeting& meeting) const;
 
   const ContactPoints* points_;
   PointGroups groups_;
-  Eigen::Matrix3Xd starts_, velocities_, ends_, displacements_;  // by node
+  PointGroups triangles_;    // of the roving points
+  double longest_path_ = 0;  // of a node between start and end, m
+  bool triangles_are_old_ = true;
+  Eigen::Matrix3Xd starts_, velocities_, ends_, displacements_;  // by node; the ends are predicted until `set_ends`
   std::vector<double> clearances_;  // by (slot, point): lower bound of the distance at the step's start, m; 0: unknown
   double time_step_ = 0;
   std::uint64_t queries_ = 0;

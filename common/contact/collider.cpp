@@ -20,7 +20,7 @@ constexpr double kSweptHalfTurn = 0.999;  // cosine of half that angle
 
 PointBlocks::PointBlocks(const ContactPoints& points) : points_(&points), first_node_{0} {
   std::size_t blocks = 0;
-  for (int i = 0; i < points.count(); ++i) {
+  for (int i = 0; i < points.size(); ++i) {
     const std::size_t count = points.nodes(i).size();
     first_node_.push_back(first_node_.back() + count);
     first_block_.push_back(blocks);
@@ -30,7 +30,7 @@ PointBlocks::PointBlocks(const ContactPoints& points) : points_(&points), first_
 }
 
 void PointBlocks::add_pattern(BlockPattern& pattern) const {
-  for (int i = 0; i < points_->count(); ++i) {
+  for (int i = 0; i < points_->size(); ++i) {
     const auto nodes = points_->nodes(i);
     for (std::size_t a = 1; a < nodes.size(); ++a) {
       for (std::size_t b = 0; b < a; ++b) pattern.add(nodes[a], nodes[b]);
@@ -40,7 +40,7 @@ void PointBlocks::add_pattern(BlockPattern& pattern) const {
 
 void PointBlocks::bind(const BlockMatrix& matrix) {
   auto block = blocks_.begin();
-  for (int i = 0; i < points_->count(); ++i) {
+  for (int i = 0; i < points_->size(); ++i) {
     const auto nodes = points_->nodes(i);
     for (std::size_t a = 0; a < nodes.size(); ++a) {
       for (std::size_t b = 0; b <= a; ++b) *block++ = matrix.find(nodes[a], nodes[b]);
@@ -158,7 +158,7 @@ bool Collider::only_turns_past(const ShapeGeometry& geometry, const Pose& from, 
 void Collider::add_pattern(const ContactPoints& points, BlockPattern& pattern) const {
   if (!can_move_) return;
   pattern.add(block_ + 1, block_);
-  for (int i = 0; i < points.count(); ++i) {
+  for (int i = 0; i < points.size(); ++i) {
     for (const std::int32_t node : points.nodes(i)) {
       pattern.add(block_, node);
       pattern.add(block_ + 1, node);
@@ -173,7 +173,7 @@ void Collider::bind(const ContactPoints& points, const PointBlocks& blocks, cons
   rotation_ = matrix.find(block_ + 1, block_ + 1);
   node_blocks_.clear();
   node_blocks_.reserve(blocks.node_count());
-  for (int i = 0; i < points.count(); ++i) {
+  for (int i = 0; i < points.size(); ++i) {
     for (const std::int32_t node : points.nodes(i))
       node_blocks_.push_back({matrix.find(block_, node), matrix.find(block_ + 1, node)});
   }

@@ -12,14 +12,11 @@ namespace {
 constexpr double kWeightError = 1e-9;  // of the sum of a point's weights
 
 ContactPoint contact_point(const HandModel& hand, const SkinPoint& from) {
-  std::array<std::size_t, ContactPoint::most_nodes> order{0, 1, 2, 3};
-  std::stable_sort(order.begin(), order.end(),
-                   [&from](std::size_t a, std::size_t b) { return from.weights[a] > from.weights[b]; });
   ContactPoint point;
   point.body = from.body;
   point.area = from.area;
   point.node_count = 0;
-  for (const std::size_t k : order) {
+  for (std::size_t k = 0; k < ContactPoint::most_nodes; ++k) {
     if (from.weights[k] == 0) continue;
     const auto i = static_cast<std::size_t>(point.node_count++);
     point.nodes[i] = hand.tetrahedra[static_cast<std::size_t>(from.tetrahedron)][k];
@@ -35,20 +32,51 @@ ContactPoints::ContactPoints(const HandModel& hand, const std::vector<double>& n
     throw std::invalid_argument("contact: " + std::to_string(node_masses.size()) + " node masses for " +
                                 std::to_string(hand.nodes.size()) + " nodes");
   }
-  points_.reserve(hand.contact_points.size());
+  node_masses_ = node_masses;
+  points_.reserve(hand.contact_points.size() + hand.surface.size());
   for (const SkinPoint& point : hand.contact_points) points_.push_back(contact_point(hand, point));
-  finish(node_masses);
+  count_ = static_cast<int>(points_.size());
+  for (const auto& triangle : hand.surface) {
+    ContactPoint roving;
+    roving.node_count = 3;
+    for (std::size_t k = 0; k < 3; ++k) {
+      roving.nodes[k] = triangle[k];
+      roving.weights[k] = 1.0 / 3;
+    }
+    roving.body = hand.node_body[static_cast<std::size_t>(triangle[0])];
+    roving.area = roving_area;
+    points_.push_back(roving);
+  }
+  finish();
 }
 
 ContactPoints::ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses)
-    : points_(std::move(points)) {
-  finish(node_masses);
+    : points_(std::move(points)), count_(static_cast<int>(points_.size())), node_masses_(node_masses) {
+  finish();
 }
 
-// Computes the masses. A force f on a point gives node k the acceleration w_k f/m_k. So the point has the acceleration
-// f sum w_k^2/m_k.
-void ContactPoints::finish(const std::vector<double>& node_masses) {
-  is_skin_.assign(node_masses.size(), 0);
+std::int32_t ContactPoints::main_node(int point) const {
+  const ContactPoint& p = (*this)[point];
+  return p.nodes[static_cast<std::size_t>(std::max_element(p.weights.begin(), p.weights.begin() + p.node_count) -
+                                          p.weights.begin())];
+}
+
+void ContactPoints::place(int point, const Vector3& weights) {
+  ContactPoint& p = points_[static_cast<std::size_t>(point)];
+  for (std::size_t k = 0; k < 3; ++k) p.weights[k] = weights[static_cast<Eigen::Index>(k)];
+  masses_[static_cast<std::size_t>(point)] = 1 / mobility(p);
+}
+
+// A force f on a point gives node k the acceleration w_k f/m_k. So the point has the acceleration f sum w_k^2/m_k.
+double ContactPoints::mobility(const ContactPoint& point) const {
+  double sum = 0;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(point.node_count); ++k)
+    sum += point.weights[k] * point.weights[k] / node_masses_[static_cast<std::size_t>(point.nodes[k])];
+  return sum;
+}
+
+void ContactPoints::finish() {
+  is_skin_.assign(node_masses_.size(), 0);
   for (std::size_t i = 0; i < points_.size(); ++i) {
     const ContactPoint& p = points_[i];
     const auto refuse = [i](const std::string& reason) {
@@ -57,19 +85,16 @@ void ContactPoints::finish(const std::vector<double>& node_masses) {
     if (p.node_count < 1 || p.node_count > static_cast<std::int32_t>(ContactPoint::most_nodes))
       refuse(std::to_string(p.node_count) + " nodes, expected 1 to 4");
     if (!(p.area > 0)) refuse("area is " + std::to_string(p.area) + " m^2, expected a number > 0");
-    double sum = 0, mobility = 0;
+    double sum = 0;
     for (std::size_t k = 0; k < static_cast<std::size_t>(p.node_count); ++k) {
-      if (p.nodes[k] < 0 || p.nodes[k] >= static_cast<std::int32_t>(node_masses.size()))
+      if (p.nodes[k] < 0 || p.nodes[k] >= static_cast<std::int32_t>(node_masses_.size()))
         refuse("node " + std::to_string(p.nodes[k]) + " does not exist");
-      if (!(p.weights[k] >= 0) || p.weights[k] > p.weights[0])
-        refuse("expected weights >= 0 with the largest one first");
-      const auto node = static_cast<std::size_t>(p.nodes[k]);
+      if (!(p.weights[k] >= 0)) refuse("expected weights >= 0");
       sum += p.weights[k];
-      mobility += p.weights[k] * p.weights[k] / node_masses[node];
-      is_skin_[node] = 1;
+      is_skin_[static_cast<std::size_t>(p.nodes[k])] = 1;
     }
     if (!(std::abs(sum - 1) < kWeightError)) refuse("its weights sum to " + std::to_string(sum) + ", expected 1");
-    masses_.push_back(p.node_count == 1 ? node_masses[static_cast<std::size_t>(p.nodes[0])] : 1 / mobility);
+    masses_.push_back(p.node_count == 1 ? node_masses_[static_cast<std::size_t>(p.nodes[0])] : 1 / mobility(p));
   }
 }
 

@@ -13,30 +13,39 @@ namespace softhand {
 
 struct ContactPoint {
   static constexpr std::size_t most_nodes = 4;
-  std::array<std::int32_t, most_nodes> nodes{};  ///< the first `node_count` are valid; the largest weight comes first
+  std::array<std::int32_t, most_nodes> nodes{};  ///< the first `node_count` are valid
   std::array<double, most_nodes> weights{};      ///< >= 0, sum 1
   std::int32_t node_count = 1;
   std::uint8_t body = 0;  ///< nearest bone, `Body`
   double area = 0;        ///< A, m^2: the point's contact stiffness is A k_c
 };
 
-/// The constant table of the contact points of one hand.
+/// The table of the contact points of one hand. The first `count()` points never change. After them comes one roving
+/// point for each triangle of the mesh's surface. Its place in the triangle is given when a sharp point of an object
+/// touches the triangle.
 class ContactPoints {
  public:
+  /// Area of a roving point in reports, m^2: a disc of 1 mm.
+  static constexpr double roving_area = 0.785e-6;
+
   /// The hand's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
   /// their number differs from that of the nodes.
   ContactPoints(const HandModel& hand, const std::vector<double>& node_masses);
   /// Throws std::invalid_argument if a point names a wrong node, its area is not > 0, or its weights do not sum to 1.
   ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses);
 
-  int count() const { return static_cast<int>(points_.size()); }
+  int count() const { return count_; }
+  /// With the roving points.
+  int size() const { return static_cast<int>(points_.size()); }
+  /// Puts a roving point at the mean of its triangle's corners. `weights` >= 0, sum 1.
+  void place(int point, const Vector3& weights);
   const ContactPoint& operator[](int point) const { return points_[static_cast<std::size_t>(point)]; }
   std::span<const std::int32_t> nodes(int point) const {
     const ContactPoint& p = (*this)[point];
     return {p.nodes.data(), static_cast<std::size_t>(p.node_count)};
   }
   /// The node with the largest weight.
-  std::int32_t main_node(int point) const { return (*this)[point].nodes[0]; }
+  std::int32_t main_node(int point) const;
   /// Mass of the point if its nodes move freely, kg.
   double mass(int point) const { return masses_[static_cast<std::size_t>(point)]; }
   /// Number of nodes of the mesh.
@@ -69,9 +78,12 @@ class ContactPoints {
   }
 
  private:
-  void finish(const std::vector<double>& node_masses);
+  void finish();
+  double mobility(const ContactPoint& point) const;
 
   std::vector<ContactPoint> points_;
+  int count_ = 0;
+  std::vector<double> node_masses_;
   std::vector<double> masses_;         // by point
   std::vector<std::uint8_t> is_skin_;  // by node
 };

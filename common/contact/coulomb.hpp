@@ -43,7 +43,7 @@ struct CoulombSpring {
   }
 };
 
-/// k_c w min(mu, 1). The source's mu k_c w (eq. 33) would vanish for small mu and be too stiff for large mu.
+/// k_c A min(mu, 1). The source's mu k_c A (eq. 33) would vanish for small mu and be too stiff for large mu.
 inline double friction_stiffness(double contact_stiffness, double friction) {
   return contact_stiffness * std::min(friction, 1.0);
 }

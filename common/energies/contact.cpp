@@ -12,10 +12,12 @@
 namespace softhand {
 namespace {
 
-constexpr double kSmoothTurn = 0.94;   // cosine of 20 degrees; a normal that turns more in a step has met an edge
-constexpr double kLookAhead = 2;       // steps
-constexpr double kTouchMargin = 5e-4;  // m
-constexpr double kOffSurface = 1e-12;  // m; an anchor nearer to the surface than this lies on it
+constexpr double kSmoothTurn = 0.94;     // cosine of 20 degrees; a normal that turns more in a step has met an edge
+constexpr std::size_t kMostSharp = 256;  // contacts of sharp points
+constexpr double kSharpReach = 5e-3;     // m; a sharp point farther than this from the skin does not touch it
+constexpr double kLookAhead = 2;         // steps
+constexpr double kTouchMargin = 5e-4;    // m
+constexpr double kOffSurface = 1e-12;    // m; an anchor nearer to the surface than this lies on it
 // Cosine. A contact hooks if it pushes a point away from its bone at a smaller angle than this. At an edge, the
 // contacts of a finger push sideways.
 constexpr double kAwayFromBone = 0.8;
@@ -34,8 +36,8 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
       points_(std::move(points)),
       blocks_(points_),
       candidates_(points_, slots),
-      report_(points_, slots, 2 * static_cast<std::size_t>(points_.count())),
-      has_anchor_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points_.count()), 0) {
+      report_(points_, slots, 2 * static_cast<std::size_t>(points_.count()) + kMostSharp),
+      has_anchor_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points_.size()), 0) {
   if (!std::isfinite(stiffness) || !(stiffness > 0)) {
     throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) +
                                 " N/m^3, expected a finite number > 0");
@@ -45,7 +47,7 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
     const int body = first_body + slot;
     slots_.emplace_back(Collider(body, node_count + 2 * body, slot < moving_slots));
   }
-  anchors_.reserve(2 * static_cast<std::size_t>(points_.count()));
+  anchors_.reserve(2 * static_cast<std::size_t>(points_.count()) + kMostSharp);
   anchors_before_.reserve(anchors_.capacity());
   saved_.anchors.reserve(anchors_.capacity());
   saved_.slots.reserve(slots_.size());
@@ -67,7 +69,21 @@ void ContactSet::remove_if(Ends&& ends) {
 
 void ContactSet::mark_anchors() {
   std::fill(has_anchor_.begin(), has_anchor_.end(), std::uint8_t{0});
-  for (const Anchor& anchor : anchors_) has_anchor(anchor.slot, anchor.point) = 1;
+  for (const Anchor& anchor : anchors_) {
+    has_anchor(anchor.slot, anchor.point) = 1;
+    if (anchor.sharp >= 0) points_.place(anchor.point, anchor.weights);
+  }
+}
+
+// A triangle of the skin has one roving point.
+bool ContactSet::is_taken(int roving_point) const {
+  return std::any_of(anchors_.begin(), anchors_.end(),
+                     [roving_point](const Anchor& anchor) { return anchor.point == roving_point; });
+}
+
+bool ContactSet::is_pricked(int slot, int sharp) const {
+  return std::any_of(anchors_.begin(), anchors_.end(),
+                     [slot, sharp](const Anchor& anchor) { return anchor.slot == slot && anchor.sharp == sharp; });
 }
 
 void ContactSet::set_object(int slot, const ShapeGeometry* geometry, double friction, std::uint32_t id,
@@ -140,9 +156,12 @@ void ContactSet::load(const Memory& memory) {
       refuse("slot " + std::to_string(i) + " cannot move");
   }
   for (const AnchorMemory& from : memory.anchors) {
-    if (from.point < 0 || from.point >= points_.count()) refuse("no point " + std::to_string(from.point));
+    if (from.point < 0 || from.point >= points_.size()) refuse("no point " + std::to_string(from.point));
     if (from.slot < 0 || from.slot >= static_cast<std::int32_t>(slots_.size()) || !at(from.slot).collider.is_set())
       refuse("no object in slot " + std::to_string(from.slot));
+    const auto sharp_points = static_cast<int>(at(from.slot).collider.geometry()->sharp_points().size());
+    if ((from.sharp >= 0) != (from.point >= points_.count()) || from.sharp >= sharp_points)
+      refuse("no sharp point " + std::to_string(from.sharp));
   }
   in_step_ = false;
   for (std::size_t i = 0; i < slots_.size(); ++i) {
@@ -157,7 +176,7 @@ void ContactSet::load(const Memory& memory) {
   for (const AnchorMemory& from : memory.anchors) {
     Anchor anchor{from};
     anchor.known = true;
-    anchor.stiffness = stiffness_ * points_[from.point].area;
+    anchor.stiffness = stiffness_of(from.point);
     anchor.set_friction(at(from.slot).friction);
     anchors_.push_back(anchor);
   }
@@ -248,14 +267,20 @@ ContactSet::Anchor* ContactSet::create(int slot, const Meeting& meeting) {
     ++dropped_;
     return nullptr;
   }
+  if (meeting.sharp >= 0) {
+    if (is_pricked(slot, meeting.sharp) || is_taken(meeting.point)) return nullptr;
+    points_.place(meeting.point, meeting.weights);
+  }
   Anchor anchor;
   anchor.point = meeting.point;
+  anchor.sharp = meeting.sharp;
+  anchor.weights = meeting.weights;
   anchor.slot = slot;
   anchor.anchor = meeting.place;
   anchor.normal = meeting.normal;
   anchor.recess = meeting.recess;
   anchor.fresh = anchor.two_sided = meeting.predicted;
-  anchor.stiffness = stiffness_ * points_[meeting.point].area;
+  anchor.stiffness = stiffness_of(meeting.point);
   anchor.set_friction(at(slot).friction);
   has_anchor(slot, meeting.point) = 1;
   anchors_.push_back(anchor);
@@ -288,6 +313,7 @@ void ContactSet::begin_step(const State& state, double time_step) {
     candidates_.for_each_predicted(
         slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
         [this, slot](const Meeting& meeting) { create(slot, meeting); });
+    candidates_.for_each_pricking(collider, true, [this, slot](const Meeting& meeting) { create(slot, meeting); });
   }
   for (Anchor& anchor : anchors_)
     begin_anchor(anchor, candidates_.start(anchor.point), candidates_.predicted_end(anchor.point));
@@ -320,11 +346,12 @@ void ContactSet::find_crossed(const State& state, Found&& found) {
     if (!collider.is_set()) continue;
     if (!std::exchange(any, true)) candidates_.set_ends(state);
     collider.set_end(state);
+    const auto begin = [&](const Meeting& meeting) {
+      if (Anchor* anchor = create(slot, meeting)) found(*anchor);
+    };
     candidates_.for_each_crossed(
-        slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
-        [&](const Meeting& meeting) {
-          if (Anchor* anchor = create(slot, meeting)) found(*anchor);
-        });
+        slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; }, begin);
+    candidates_.for_each_pricking(collider, false, begin);
   }
 }
 
@@ -347,7 +374,7 @@ void ContactSet::begin_anchor(Anchor& anchor, const Vector3& start, const Vector
   const bool swept = sweep(anchor, path, anchor.friction * pressure_before);
   anchor_law::Ahead ahead =
       anchor_law::begin(anchor, path, pressure_before, swept, points_.mass(anchor.point), time_step_);
-  if (anchor.sliding && !(anchor.recess > 0)) {
+  if (anchor.sliding && !(anchor.recess > 0) && anchor.sharp < 0) {
     ++queries_;
     const SurfacePoint there = collider.closest(anchor.anchor + ahead.movement);
     if (std::abs(there.distance) > kOffSurface && there.normal.dot(anchor.normal) > kSmoothTurn)
@@ -361,7 +388,8 @@ void ContactSet::begin_anchor(Anchor& anchor, const Vector3& start, const Vector
 // position. `limit`: mu f_n, N. Returns false if the contact sticks or keeps its plane.
 bool ContactSet::sweep(Anchor& anchor, const AnchorPath& path, double limit) {
   const Collider& collider = at(anchor.slot).collider;
-  if (!(collider.jumped() || collider.is_turned()) || anchor.fresh || anchor.recess > 0) return false;
+  if (!(collider.jumped() || collider.is_turned()) || anchor.fresh || anchor.recess > 0 || anchor.sharp >= 0)
+    return false;
   ++queries_;
   const SurfacePoint nearest = collider.closest(path.end);
   if (!Collider::needs_new_plane(anchor.normal, nearest.normal)) return false;
@@ -394,7 +422,7 @@ void ContactSet::end_step(const State& state) {
   remove_if([this, &state](Anchor& anchor) {
     const Offset o = offset(anchor, state);
     settle(anchor, o);
-    return anchor_law::ends(anchor, o.depth);
+    return anchor_law::ends(anchor, o.depth) || (anchor.sharp >= 0 && has_left(anchor, state));
   });
   find_crossed(state, [&](Anchor& anchor) {
     anchor.missed = true;
@@ -409,6 +437,19 @@ void ContactSet::end_step(const State& state) {
     friction_flow_.stored += anchor.friction_energy;
     ++at(anchor.slot).count;
   }
+}
+
+// Whether the skin is no longer above a sharp point, although the contact's point is still behind its plane. Example: a
+// finger that leaves an edge sideways. Counts the energy that such a contact loses.
+bool ContactSet::has_left(const Anchor& anchor, const State& state) {
+  const Collider& collider = at(anchor.slot).collider;
+  const RestingPoint& sharp = collider.geometry()->sharp_points()[static_cast<std::size_t>(anchor.sharp)];
+  const Vector3 centre = collider.pose(state) * sharp.centre;
+  const Candidates::SkinPlace skin = candidates_.nearest_on_skin(centre, kSharpReach, state.node_positions);
+  if (skin.point >= 0 && skin.normal.dot(centre - skin.position) < sharp.radius) return false;
+  normal_flow_.anchoring -= anchor.normal_energy;
+  friction_flow_.anchoring -= anchor.friction_energy;
+  return true;
 }
 
 // Counts the energy of a contact that is removed. Always returns true.
@@ -460,6 +501,10 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   friction_flow_.integrator -= anchor.friction_energy + slide.heat;
   dissipated_ += slide.heat;
   if (!slide.moves) return;
+  if (anchor.sharp >= 0) {
+    slide_on_skin(anchor, slide.movement, state);
+    return;
+  }
   ++queries_;
   const SurfacePoint nearest = collider.slid(anchor_law::surface_point(anchor), anchor.normal, slide.movement);
   if (std::abs(nearest.distance) > kOffSurface) {  // curved, or past an edge
@@ -467,6 +512,24 @@ void ContactSet::slide(Anchor& anchor, double drag, const State& state) {
   } else {
     anchor.anchor += slide.movement;
   }
+}
+
+// The anchor stays at its sharp point, and the skin slides below it. `movement` is that of an anchor on the surface.
+void ContactSet::slide_on_skin(Anchor& anchor, const Vector3& movement, const State& state) {
+  constexpr double kAround = 1e-3;  // m
+  const Collider& collider = at(anchor.slot).collider;
+  const Quaternion& turn = collider.pose(state).orientation;
+  const Candidates::SkinPlace there = candidates_.nearest_on_skin(position(anchor, state) - turn * movement,
+                                                                  movement.norm() + kAround, state.node_positions);
+  if (there.point < 0 || (there.point != anchor.point && is_taken(there.point))) return;
+  has_anchor(anchor.slot, anchor.point) = 0;
+  anchor.point = there.point;
+  anchor.weights = there.weights;
+  has_anchor(anchor.slot, anchor.point) = 1;
+  points_.place(anchor.point, anchor.weights);
+  const RestingPoint& sharp = collider.geometry()->sharp_points()[static_cast<std::size_t>(anchor.sharp)];
+  anchor.normal = turn.conjugate() * -there.normal;
+  anchor.anchor = sharp.centre + (sharp.radius - anchor.recess) * anchor.normal;
 }
 
 void ContactSet::add_pattern(BlockPattern& pattern) const {

@@ -18,14 +18,16 @@
 //   surface within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration
 //   has moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing.
 //   Then a tip at 1 m/s would sink 11 mm.
-// - Contact is revised after iterations: a point that crossed a surface without being predicted to gets an anchor at
-// the
-//   crossing, and no anchor is two-sided any more.
+// - Contact is revised after iterations. A point that crossed a surface without being predicted to gets an anchor at
+//   the crossing. Then no anchor is two-sided any more.
 // - A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
-//   at 1 m/s at most.
+//   at 0.8 m/s at most.
 // - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
 //   position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick
 //   cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
+// - A corner or needle of an object (ShapeGeometry::sharp_points) can pass between two contact points. If it enters the
+//   skin, it gets an anchor of its own. The contact point is then the place of the skin that it entered, the normal is
+//   that of the skin, and the skin slides below the anchor.
 // - An anchor that slides moves to the nearest surface, but never to the far side of a thin wall.
 // - A fixed object moves within the step by its velocity. The energy uses the pose at the step's end, because it is a
 //   function of the positions at the step's end. Paths and the friction bound use the pose at the step's start. So only
@@ -53,6 +55,8 @@ namespace softhand {
 /// bound, nothing allocates.
 class ContactSet {
  public:
+  /// A sharp point is as stiff as a contact point with this area, m^2: 3 N press it in by 0.5 mm with the default k_c.
+  static constexpr double sharp_area = 8.5e-6;
   using Anchor = ContactAnchor;
   using Offset = AnchorOffset;
 
@@ -176,10 +180,16 @@ class ContactSet {
   Slot& at(int slot) { return slots_[static_cast<std::size_t>(slot)]; }
   const Slot& at(int slot) const { return slots_[static_cast<std::size_t>(slot)]; }
   std::uint8_t& has_anchor(int slot, int point) {
-    return has_anchor_[static_cast<std::size_t>(slot) * static_cast<std::size_t>(points_.count()) +
+    return has_anchor_[static_cast<std::size_t>(slot) * static_cast<std::size_t>(points_.size()) +
                        static_cast<std::size_t>(point)];
   }
   void mark_anchors();
+  double stiffness_of(int point) const {
+    return stiffness_ * (point < points_.count() ? points_[point].area : sharp_area);
+  }
+  bool is_taken(int roving_point) const;
+  bool has_left(const Anchor& anchor, const State& state);
+  bool is_pricked(int slot, int sharp) const;
   Anchor* create(int slot, const Meeting& meeting);
   template <typename Ends>
   void remove_if(Ends&& ends);
@@ -189,6 +199,7 @@ class ContactSet {
   template <typename Found>
   void find_crossed(const State& state, Found&& found);
   void slide(Anchor& anchor, double drag, const State& state);
+  void slide_on_skin(Anchor& anchor, const Vector3& movement, const State& state);
   bool hooks(const Anchor& anchor, const State& state, const Eigen::Matrix3Xd& bones) const;
   bool clear(const Anchor& anchor);
   void account(Anchor& anchor, const Offset& end, const Vector3& push, const Vector3& drag, const State& state);

@@ -1,6 +1,6 @@
-// Friction of skin nodes on objects (ES2725128A1 eq. 33, figure 4).
+// Friction of the skin on objects (ES2725128A1 eq. 33, figure 4).
 //
-//   U_f = sum over anchors of CoulombSpring(k_c w min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
+//   U_f = sum over anchors of CoulombSpring(k_c A min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
 //
 // e and n are those of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
 //

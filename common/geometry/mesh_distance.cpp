@@ -5,29 +5,12 @@
 #include <limits>
 #include <map>
 
+#include "geometry/triangle.hpp"
+
 namespace softhand {
 namespace {
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-// The nearest part of a triangle to a point: 0-2 = a corner, 3-5 = the edge that starts there, 6 = the inside.
-struct TrianglePoint {
-  Vector3 point;
-  int feature;
-};
-// Ericson, Real-Time Collision Detection, 5.1.5.
-TrianglePoint nearest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c) {
-  const Vector3 ab = b - a, ac = c - a, ap = p - a, bp = p - b, cp = p - c;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap), d3 = ab.dot(bp), d4 = ac.dot(bp), d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d1 <= 0 && d2 <= 0) return {a, 0};
-  if (d3 >= 0 && d4 <= d3) return {b, 1};
-  if (d6 >= 0 && d5 <= d6) return {c, 2};
-  const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return {a + d1 / (d1 - d3) * ab, 3};
-  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return {a + d2 / (d2 - d6) * ac, 5};
-  return {a + (vb * ab + vc * ac) / (va + vb + vc), 6};
-}
 
 }  // namespace
 

@@ -40,6 +40,16 @@ class PointGroups {
     }
   }
 
+  /// The same for the groups whose ball comes within `margin` metres of a place.
+  template <typename Visit>
+  void for_each_near(const Vector3& place, double margin, Visit&& visit) const {
+    if (groups_.empty() || !is_near(whole_, place, margin)) return;
+    for (const Group& group : groups_) {
+      if (!is_near(group, place, margin)) continue;
+      for (const std::int32_t point : group.points) visit(point);
+    }
+  }
+
  private:
   struct Ball {
     Vector3 centre = Vector3::Zero();
@@ -48,6 +58,10 @@ class PointGroups {
   struct Group : Ball {
     std::vector<std::int32_t> points, nodes;
   };
+  static bool is_near(const Ball& ball, const Vector3& place, double margin) {
+    const double reach = ball.radius + margin;
+    return (ball.centre - place).squaredNorm() <= reach * reach;
+  }
   static bool is_near(const Ball& ball, const ShapeGeometry& shape, const Pose& pose, double margin);
 
   std::vector<Group> groups_;

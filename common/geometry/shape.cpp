@@ -1,6 +1,9 @@
 #include "geometry/shape.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 #include <string>
 
@@ -9,6 +12,8 @@
 
 namespace softhand {
 namespace {
+
+constexpr double kSharpRadius = 1.5e-3;  // m
 
 void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
   if (std::isfinite(value) && (value > 0 || (zero_allowed && value == 0))) return;
@@ -53,9 +58,12 @@ std::unique_ptr<const ShapeQueries> load(const Shape& shape) {
 }  // namespace
 
 ShapeGeometry::ShapeGeometry(std::unique_ptr<const ShapeQueries> queries)
-    : queries_(std::move(queries)),
-      bounding_radius_(queries_->bounding_radius()),
-      properties_(queries_->properties()) {}
+    : queries_(std::move(queries)), bounding_radius_(queries_->bounding_radius()), properties_(queries_->properties()) {
+  std::array<RestingPoint, most_resting_points> points;
+  const std::size_t count = resting_points(Vector3::UnitY(), points);
+  std::copy_if(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(count), std::back_inserter(sharp_points_),
+               [](const RestingPoint& point) { return point.radius <= kSharpRadius; });
+}
 ShapeGeometry::ShapeGeometry(const Shape& shape) : ShapeGeometry(load(shape)) {}
 ShapeGeometry::ShapeGeometry(const TriangleMesh& mesh, double spacing) : ShapeGeometry(make_grid(mesh, spacing)) {}
 ShapeGeometry::ShapeGeometry(std::vector<PosedShape> parts) : ShapeGeometry(make_compound(std::move(parts))) {}

@@ -86,6 +86,9 @@ class ShapeGeometry {
   /// Grid: at most 64 corners of the mesh's convex hull. Compound: the points of all parts.
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const;
   static constexpr std::size_t most_resting_points = kMaxHullVertices;
+  /// Corners and small balls on the surface that can pass between two contact points of the skin: the resting points of
+  /// at most 1.5 mm radius.
+  std::span<const RestingPoint> sharp_points() const { return sharp_points_; }
   const SolidProperties& solid() const { return properties_; }
 
  private:
@@ -93,6 +96,7 @@ class ShapeGeometry {
 
   std::unique_ptr<const ShapeQueries> queries_;
   double bounding_radius_ = 0;
+  std::vector<RestingPoint> sharp_points_;
   SolidProperties properties_;
 };
 

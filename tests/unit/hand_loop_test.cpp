@@ -34,6 +34,8 @@ HandOptions loop_options() {
   o.simulation.solver.max_iterations = 4;
   o.mirrored_objects = 1;
   o.static_objects = 0;
+  // A node of the block hand has 50 times the area of a shipped hand's contact point.
+  o.simulation.contact_stiffness = testing::contact_stiffness(hand(), 12000);
   return o;
 }
 
@@ -343,7 +345,6 @@ class MovingTogether {
   static HandOptions options() {
     HandOptions o = loop_options();
     o.static_objects = 1;
-    o.simulation.contact_stiffness = 1e7;  // the block hand's nodes have 30 times the area of a shipped hand's points
     o.simulation.solver.max_iterations = 60;
     return o;
   }
