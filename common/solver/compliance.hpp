@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "math/instruction_set.hpp"
+#include "solver/block_cholesky_kernel.hpp"
 #include "solver/linear_solver.hpp"
 
 namespace softhand {
@@ -23,7 +25,7 @@ class Compliance {
 
   /// For at most `most_blocks` blocks of a core of `core_count` blocks. No other method allocates, unless V needs more
   /// rows than ever before.
-  Compliance(int core_count, int most_blocks);
+  Compliance(int core_count, int most_blocks, InstructionSet set = widest_instruction_set());
 
   /// Forgets all blocks. Call it when the factor changes.
   void clear();
@@ -44,22 +46,37 @@ class Compliance {
   double take_operations() { return std::exchange(operations_, 0.0); }
 
  private:
-  // The columns of V of a block: `ranges` of rows, one after another in `values_`, three numbers a row.
-  struct Columns {
-    std::size_t first_range = 0, last_range = 0, values = 0;
+  // Kernels work on tiles: kCholeskyTile rows of the three columns of a block. A tile of the matrices below has three
+  // rows of a block and kCholeskyTile columns.
+  struct alignas(64) Tile {
+    double values[3][kCholeskyTile];
   };
+  // The columns of V of a block: `ranges_` of tiles of rows, one after another in `tiles_`.
+  struct Columns {
+    std::size_t first_range = 0, last_range = 0, tiles = 0;
+  };
+  Matrix3 product(const Tile* a, const Tile* b, Eigen::Index tiles);
   Matrix3 product(const Columns& a, const Columns& b);
+  template <typename Visit>
+  void for_each_tile(const Columns& columns, Visit&& visit) const;
+  Tile* row(std::vector<Tile>& matrix, std::size_t place) const { return matrix.data() + place * tiles_per_row_; }
+  void extend_stiffness();
+  void append_columns(Eigen::Index first_column);
   bool extend();
 
   int most_blocks_;
+  CholeskyKernel<double> kernel_;
+  Eigen::Index rows_;  // of V
+  std::size_t tiles_per_row_;
   std::vector<std::int32_t> blocks_;
   std::vector<std::uint8_t> is_known_;  // by block of the core
   std::vector<Columns> columns_;        // by place
   std::vector<std::pair<std::int32_t, std::int32_t>> ranges_;
-  std::vector<double> values_;
-  std::size_t rows_of_stiffness_ = 0;  // so many rows of S are computed
-  Dense factor_;                       // of G, lower triangle
-  Dense inverse_;                      // its inverse, transposed: upper triangle
+  std::vector<Tile> tiles_;
+  std::size_t known_ = 0;     // so many block rows of S are computed
+  std::vector<Tile> factor_;  // L of G = L L', by rows
+  std::vector<Matrix3> inverse_diagonal_;
+  std::vector<Tile> inverse_;  // of L, by columns
   Dense stiffness_;
   std::vector<ColumnsRow> selection_;
   HalfColumns half_columns_;

@@ -16,8 +16,12 @@ constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 
 // Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
 // nonlinearity leaves more.
 constexpr double kDenseOperation = 4;  // time of an operation, relative to a sparse factorisation in float
-constexpr double kSmallForce = 1e-6;
-constexpr double kConverged = 1e-3;
+constexpr double kSmallForce = 1e-5;
+constexpr double kConverged = 1e-2;
+// The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
+// the trials cost no more than their energies.
+constexpr int kMaxTrials = 8;
+constexpr double kLevel = 0.5, kShort = 0.05, kInside = 0.05;
 
 constexpr int kMaxRows = 3 * LocalNewton::kMaxBlocks + LocalNewton::kMaxModes;
 
@@ -237,6 +241,7 @@ void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
 
 double LocalNewton::kinked_energy(std::span<Energy* const> kinked, const State& state) {
   kinked_gradient_.setZero();
+  ++evaluations_;
   double energy = 0;
   for (const Energy* term : kinked) energy += term->add_gradient(state, kinked_gradient_);
   return energy;
@@ -421,6 +426,54 @@ double LocalNewton::smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::
   return energy;
 }
 
+void LocalNewton::add_kinked_gradient(Eigen::Ref<VectorX> gradient) const {
+  for (std::size_t i = 0; i < blocks_.size(); ++i)
+    gradient.segment<3>(3 * static_cast<Eigen::Index>(i)) += kinked_gradient_.segment<3>(3 * blocks_[i]);
+}
+
+// Adds to `total_` as much of `step_` as lowers the model's energy. `local_gradient_` is the gradient at `total_`. It
+// ends at a kink or beyond it, so that the next iteration knows what changes there. Returns false, and changes nothing,
+// if the energy does not fall.
+bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, double& energy) {
+  auto gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
+       trial_total = trial_total_.head(size_);
+  const double slope = gradient.dot(step);
+  double trial_energy = 0, there = 0;
+  const auto evaluate = [&](double scale) {
+    trial_total = total + scale * step;
+    move_to(state, trial_total);
+    trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, gradient);
+    add_kinked_gradient(gradient);
+    there = gradient.dot(step);
+    return trial_energy <= energy + kArmijo * scale * slope;
+  };
+  double low = 0, low_slope = slope, high = 0, high_slope = 0, scale = 1;
+  int side = 0;
+  for (int trial = 0; trial < kMaxTrials; ++trial) {
+    const bool falls = evaluate(scale);
+    const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || high == 0);
+    if (accepts) break;
+    // Regula falsi with the Illinois rule.
+    if (falls && there < 0) {
+      low = scale;
+      low_slope = there;
+      if (side < 0) high_slope *= 0.5;
+      side = -1;
+    } else {
+      high = scale;
+      high_slope = there;
+      if (side > 0) low_slope *= 0.5;
+      side = 1;
+    }
+    const double root = high_slope > 0 ? low_slope / (low_slope - high_slope) : 0.5;
+    scale = trial + 2 == kMaxTrials && low > 0 ? low : low + std::clamp(root, kInside, 1 - kInside) * (high - low);
+  }
+  if (!(trial_energy < energy)) return false;
+  energy = trial_energy;
+  total = trial_total;
+  return true;
+}
+
 bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
                                      const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
                                      Compliance& compliance, VectorX& direction) {
@@ -428,7 +481,7 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
   blocks_.clear();
   compliance_place_.clear();
   first_new_ = 0;
-  mode_count_ = 0;
+  mode_count_ = evaluations_ = 0;
   trial_.node_positions = state.node_positions;
   trial_.body_poses = state.body_poses;
   double energy = kinked_energy(kinked, state);
@@ -436,6 +489,7 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
   factor.forward(force_, half_);
   const auto renew_kinked = [&] {
     hessian.take_back();
+    ++evaluations_;
     for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
   };
   // Includes what `trial_` touches. Returns false if the model cannot hold it.
@@ -462,13 +516,11 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
   bool succeeds = touch();
   double first_residual = 0;
   for (int iteration = 0; succeeds && iteration < kMaxIterations; ++iteration) {
-    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
-         trial_total = trial_total_.head(size_);
+    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_);
     gather(hessian, factor_);
     factor_.topLeftCorner(size_, size_) += smooth_.topLeftCorner(size_, size_) - base_.topLeftCorner(size_, size_);
     smooth_energy(total, local_gradient);
-    for (std::size_t i = 0; i < blocks_.size(); ++i)
-      local_gradient.segment<3>(3 * static_cast<Eigen::Index>(i)) += kinked_gradient_.segment<3>(3 * blocks_[i]);
+    add_kinked_gradient(local_gradient);
     const double residual = local_gradient.lpNorm<Eigen::Infinity>();
     if (iteration == 0) first_residual = residual;
     if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
@@ -479,18 +531,7 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
     dense_.solve(step);
     succeeds = step.allFinite();
     if (!succeeds) break;
-    const double slope = local_gradient.dot(step);
-    bool falls = false;
-    double scale = 1;
-    for (int halving = 0; halving <= kMaxHalvings && !falls; ++halving, scale *= 0.5) {
-      trial_total = total + scale * step;
-      move_to(state, trial_total);
-      const double trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, local_gradient);
-      falls = trial_energy <= energy + kArmijo * scale * slope;
-      if (falls) energy = trial_energy;
-    }
-    if (!falls) break;
-    total = trial_total;
+    if (!search(state, kinked, energy)) break;
     find_forces();
     succeeds = touch();
   }

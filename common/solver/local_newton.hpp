@@ -59,6 +59,8 @@ class LocalNewton {
                           VectorX& direction);
   /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
   double take_operations() { return std::exchange(condensed_operations_, 0.0); }
+  /// How often the last `minimise_condensed` evaluated the terms with kinks.
+  int evaluations() const { return evaluations_; }
   /// Whether the last minimisation moved the block itself, because a term in `kinked` acts on it.
   bool moves(int block) const { return place_[static_cast<std::size_t>(block)] >= 0; }
 
@@ -78,6 +80,8 @@ class LocalNewton {
   bool include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance);
   void condense(const BlockMatrix& hessian, const Compliance& compliance);
   double smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const;
+  void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;
+  bool search(const State& state, std::span<Energy* const> kinked, double& energy);
   double kinked_energy(std::span<Energy* const> kinked, const State& state);
   void move_to(const State& state, const Eigen::Ref<const VectorX>& move);
 
@@ -96,6 +100,7 @@ class LocalNewton {
   std::size_t first_new_ = 0;                             // so many blocks of the compliance are included
   std::vector<std::int32_t> added_;                       // scratch
   double condensed_operations_ = 0;
+  int evaluations_ = 0;
   VectorX half_;  // half a solve, in elimination order
   Dense smooth_, factor_, base_;
   DenseCholesky dense_;

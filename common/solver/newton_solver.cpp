@@ -269,7 +269,7 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
   const bool found =
       local_newton_.minimise_condensed(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
                                        potential_.change_hessian(), factor_.linear_solver(), compliance_, direction_);
-  meter.report.work += meter.prices.solve + meter.prices.contact_blocks +
+  meter.report.work += meter.prices.solve + meter.prices.contact_blocks * local_newton_.evaluations() +
                        meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
   return found;
 }
