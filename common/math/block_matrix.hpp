@@ -88,6 +88,11 @@ class BlockMatrix {
   void begin_journal();
   /// Indices of the stored blocks that `add` changed since then.
   std::span<const std::int32_t> journal() const { return journal_; }
+  /// What was added to the k-th block of the journal.
+  Matrix3 added(std::size_t k) const {
+    return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k])) -
+           Eigen::Map<const Matrix3>(before_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+  }
   /// Restores the previous values of these blocks, equal to the bit, and starts a new journal.
   void take_back();
   /// Relative change of the added part in the core. Let A be the sum of the blocks added since the last `take_back`,

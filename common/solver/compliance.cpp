@@ -10,7 +10,7 @@ namespace {
 constexpr std::size_t kGroupBlocks = kColumns / 3;  // blocks in one pass over the factor
 constexpr std::int32_t kTile = kCholeskyTile;
 // Time of the product of two tiles, in operations of a factorisation in float; and that of its sums, in tiles.
-constexpr double kTileOperations = 300;
+constexpr double kTileOperations = 120;
 constexpr double kSumTiles = 8;
 
 using TileMatrix = Eigen::Matrix<double, kTile, 3>;

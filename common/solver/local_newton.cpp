@@ -15,9 +15,12 @@ constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 
 
 // Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
 // nonlinearity leaves more.
-constexpr double kDenseOperation = 4;  // time of an operation, relative to a sparse factorisation in float
 constexpr double kSmallForce = 1e-5;
 constexpr double kConverged = 1e-2;
+// Time of an operation of the dense factorisation, and of all else that an iteration does with an entry of the dense
+// matrix, in operations of a sparse factorisation in float.
+constexpr double kDenseOperation = 0.6;
+constexpr double kDenseEntry = 20;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
 constexpr int kMaxTrials = 8;
@@ -39,10 +42,11 @@ LocalNewton::LocalNewton(DofLayout layout)
       half_(layout.dof_count()),
       smooth_(kMaxRows, kMaxRows),
       factor_(kMaxRows, kMaxRows),
-      base_(kMaxRows, kMaxRows),
       dense_(kMaxBlocks),
       forces_(kMaxRows),
       smooth_gradient_(kMaxRows),
+      smooth_slope_(kMaxRows),
+      smooth_change_(kMaxRows),
       local_gradient_(kMaxRows),
       step_(kMaxRows),
       total_(kMaxRows),
@@ -395,35 +399,62 @@ bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& fa
   return true;
 }
 
-// `smooth_` and `smooth_gradient_` of the condensed model. `hessian` is without the terms with kinks.
+// `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. `hessian` is without the terms with kinks.
 void LocalNewton::condense(const BlockMatrix& hessian, const Compliance& compliance) {
   size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
-  gather(hessian, base_);
-  smooth_.topLeftCorner(size_, size_) = base_.topLeftCorner(size_, size_);
+  gather(hessian, smooth_);
   const auto count = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
   // The displacement of the touched blocks without terms with kinks.
   for (Eigen::Index k = 0; k < count / 3; ++k)
     trial_total_.segment<3>(3 * k) = compliance.displacement(static_cast<std::size_t>(k), half_);
   step_.head(count).noalias() = -compliance.stiffness().topLeftCorner(count, count) * trial_total_.head(count);
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    const auto row = 3 * static_cast<Eigen::Index>(i);
     const Eigen::Index k = 3 * static_cast<Eigen::Index>(compliance_place_[i]);
-    smooth_gradient_.segment<3>(row) =
+    smooth_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) =
         k < 0 ? Vector3(-force_.segment<3>(3 * blocks_[i])) : Vector3(step_.segment<3>(k));
-    if (k < 0) continue;
-    for (std::size_t j = 0; j < blocks_.size(); ++j) {
-      const Eigen::Index l = 3 * static_cast<Eigen::Index>(compliance_place_[j]);
-      if (l >= 0) smooth_.block<3, 3>(row, 3 * static_cast<Eigen::Index>(j)) = compliance.stiffness().block<3, 3>(k, l);
+  }
+  // Blocks that are adjacent here and in the compliance are copied together.
+  const auto for_each_run = [this](auto&& visit) {
+    for (std::size_t begin = 0, end = 0; begin < blocks_.size(); begin = end) {
+      const std::int32_t first = compliance_place_[begin];
+      for (end = begin + 1;
+           first >= 0 && end < blocks_.size() && compliance_place_[end] == compliance_place_[end - 1] + 1;)
+        ++end;
+      if (first >= 0)
+        visit(3 * static_cast<Eigen::Index>(begin), 3 * static_cast<Eigen::Index>(first),
+              3 * static_cast<Eigen::Index>(end - begin));
+    }
+  };
+  for_each_run([&](Eigen::Index row, Eigen::Index k, Eigen::Index rows) {
+    for_each_run([&](Eigen::Index column, Eigen::Index l, Eigen::Index columns) {
+      smooth_.block(row, column, rows, columns) = compliance.stiffness().block(k, l, rows, columns);
+    });
+  });
+  smooth_slope_.head(size_) = smooth_gradient_.head(size_);
+  smooth_slope_.head(size_).noalias() += smooth_.topLeftCorner(size_, size_) * total_.head(size_);
+}
+
+// The lower triangle of the Hessian of the condensed model. The journal of `hessian` holds the terms with kinks.
+void LocalNewton::gather_condensed(const BlockMatrix& hessian) {
+  for (Eigen::Index row = 0; row < size_; row += 3)
+    factor_.block(row, 0, 3, row + 3) = smooth_.block(row, 0, 3, row + 3);
+  for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
+    const auto [row, column] = hessian.position(hessian.journal()[k]);
+    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
+                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
+    const Matrix3 added = hessian.added(k);
+    if (j >= i) {
+      factor_.block<3, 3>(j, i) += added;
+    } else {
+      factor_.block<3, 3>(i, j) += added.transpose();
     }
   }
 }
 
-// The model's energy without the terms with kinks, after the blocks have moved by `move`. `slope` becomes its gradient.
-double LocalNewton::smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const {
-  slope.noalias() = smooth_.topLeftCorner(size_, size_) * move;
-  const double energy = smooth_gradient_.head(size_).dot(move) + 0.5 * move.dot(slope);
-  slope += smooth_gradient_.head(size_);
-  return energy;
+// The condensed model's energy of the smooth terms after the blocks have moved by `move`, where its gradient is
+// `slope`.
+double LocalNewton::smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const {
+  return 0.5 * move.dot(smooth_gradient_.head(size_) + slope);
 }
 
 void LocalNewton::add_kinked_gradient(Eigen::Ref<VectorX> gradient) const {
@@ -436,21 +467,24 @@ void LocalNewton::add_kinked_gradient(Eigen::Ref<VectorX> gradient) const {
 // if the energy does not fall.
 bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, double& energy) {
   auto gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
-       trial_total = trial_total_.head(size_);
+       trial_total = trial_total_.head(size_), smooth_slope = smooth_slope_.head(size_),
+       change = smooth_change_.head(size_);
   const double slope = gradient.dot(step);
+  change.noalias() = smooth_.topLeftCorner(size_, size_) * step;
   double trial_energy = 0, there = 0;
   const auto evaluate = [&](double scale) {
     trial_total = total + scale * step;
+    gradient = smooth_slope + scale * change;
     move_to(state, trial_total);
     trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, gradient);
     add_kinked_gradient(gradient);
     there = gradient.dot(step);
     return trial_energy <= energy + kArmijo * scale * slope;
   };
-  double low = 0, low_slope = slope, high = 0, high_slope = 0, scale = 1;
+  double low = 0, low_slope = slope, high = 0, high_slope = 0, scale = 1, last = 1;
   int side = 0;
   for (int trial = 0; trial < kMaxTrials; ++trial) {
-    const bool falls = evaluate(scale);
+    const bool falls = evaluate(last = scale);
     const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || high == 0);
     if (accepts) break;
     // Regula falsi with the Illinois rule.
@@ -471,6 +505,7 @@ bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, do
   if (!(trial_energy < energy)) return false;
   energy = trial_energy;
   total = trial_total;
+  smooth_slope += last * change;
   return true;
 }
 
@@ -501,32 +536,31 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
     hessian.take_back();
     condense(hessian, compliance);
     move_to(state, total_.head(size_));
-    energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), local_gradient_.head(size_));
+    energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
     renew_kinked();
     return true;
   };
   // Forces of the model's kinked terms on the blocks of `compliance`, in its order.
   const auto find_forces = [&] {
-    smooth_energy(total_.head(size_), local_gradient_.head(size_));
     for (std::size_t i = 0; i < blocks_.size(); ++i) {
       if (compliance_place_[i] >= 0)
-        forces_.segment<3>(3 * compliance_place_[i]) = local_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i));
+        forces_.segment<3>(3 * compliance_place_[i]) = smooth_slope_.segment<3>(3 * static_cast<Eigen::Index>(i));
     }
   };
   bool succeeds = touch();
   double first_residual = 0;
   for (int iteration = 0; succeeds && iteration < kMaxIterations; ++iteration) {
-    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_);
-    gather(hessian, factor_);
-    factor_.topLeftCorner(size_, size_) += smooth_.topLeftCorner(size_, size_) - base_.topLeftCorner(size_, size_);
-    smooth_energy(total, local_gradient);
+    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
+    gather_condensed(hessian);
+    local_gradient = smooth_slope_.head(size_);
     add_kinked_gradient(local_gradient);
     const double residual = local_gradient.lpNorm<Eigen::Infinity>();
     if (iteration == 0) first_residual = residual;
     if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
     step = -local_gradient;
     succeeds = dense_.factorize(factor_, size_);
-    condensed_operations_ += kDenseOperation * dense_.operations();
+    condensed_operations_ +=
+        kDenseOperation * dense_.operations() + kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
     if (!succeeds) break;
     dense_.solve(step);
     succeeds = step.allFinite();

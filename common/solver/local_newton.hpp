@@ -79,7 +79,8 @@ class LocalNewton {
   void solve(Eigen::Ref<VectorX> step) const;
   bool include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance);
   void condense(const BlockMatrix& hessian, const Compliance& compliance);
-  double smooth_energy(const Eigen::Ref<const VectorX>& move, Eigen::Ref<VectorX> slope) const;
+  void gather_condensed(const BlockMatrix& hessian);
+  double smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const;
   void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;
   bool search(const State& state, std::span<Energy* const> kinked, double& energy);
   double kinked_energy(std::span<Energy* const> kinked, const State& state);
@@ -102,10 +103,12 @@ class LocalNewton {
   double condensed_operations_ = 0;
   int evaluations_ = 0;
   VectorX half_;  // half a solve, in elimination order
-  Dense smooth_, factor_, base_;
+  Dense smooth_, factor_;
   DenseCholesky dense_;
   VectorX forces_;
-  VectorX smooth_gradient_, local_gradient_, step_, total_, trial_total_;
+  VectorX smooth_gradient_;
+  VectorX smooth_slope_, smooth_change_;  // gradient of the smooth model at `total_`, and its change along `step_`
+  VectorX local_gradient_, step_, total_, trial_total_;
   VectorX kinked_gradient_;  // of all blocks
   State trial_;
 };
