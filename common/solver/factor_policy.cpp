@@ -106,7 +106,7 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
             std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
                      iterations_until(remaining_move_, 1, contraction_)) <= equivalent_iterations_;
   consecutive_kinks_ = decision.renewal == Renewal::kinks ? consecutive_kinks_ + 1 : 0;
-  if (decision.renewal == Renewal::whole && is_full && iteration.measured &&
+  if (decision.renewal == Renewal::whole && is_full && iteration.measured && !iteration.condenses &&
       report.residual > kStalled * iteration.residual_before) {
     double_helps_ = double_helps_ && !in_double_;
     in_double_ = needs_double_ || double_helps_;
