@@ -66,8 +66,6 @@ class IncrementalPotential {
   /// If the last Hessian was exact, evaluates it again at `state` with projected terms, and takes projected Hessians
   /// for the rest of the step. Returns false if it was not exact.
   bool project_hessian(const State& state, StepMeter& meter);
-  /// Removes the terms with kinks from the last Hessian.
-  void take_back_kinks() { change_hessian().take_back(); }
   /// Renews the part of the terms with kinks in the Hessian. The version must not have changed since the last
   /// `evaluate` with a Hessian or the last `renew_kinks`. Returns false if that part hardly changed. Then the rest of
   /// the Hessian is what is stale.

@@ -345,8 +345,9 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
 }
 
 // Adds the blocks in the journal to those that move, and what else moves with them: blocks of the border that are
-// coupled with each other. `half_` is half of the free solve. Returns false if there are too many blocks.
-bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance) {
+// coupled with each other. `half_` is half of the free solve.
+LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor,
+                                                    std::span<const KeptBlock> kept, Compliance& compliance) {
   const std::int32_t core = hessian.core_count();
   added_.clear();
   const auto include = [this](std::int32_t block, std::int32_t compliance_place) {
@@ -363,11 +364,13 @@ bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& fa
       added_.push_back(block);
     }
   };
-  for (const std::int32_t stored : hessian.journal()) {
+  const auto touch_both = [&](std::int32_t stored) {
     const auto [row, column] = hessian.position(stored);
     touch(column);
     touch(row);
-  }
+  };
+  for (const KeptBlock& block : kept) touch_both(block.stored);
+  for (const std::int32_t stored : hessian.journal()) touch_both(stored);
   for (std::size_t before = 0; before != blocks_.size();) {
     before = blocks_.size();
     for (const std::int32_t stored : hessian.border_in_use()) {
@@ -379,9 +382,9 @@ bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& fa
   }
   // Neighbours are in one pass over the factor.
   std::sort(added_.begin(), added_.end());
-  if (!added_.empty() && !compliance.include(added_, factor.core())) return false;
-  const std::size_t known = first_new_;
-  if (blocks_.size() + compliance.blocks().size() - known > static_cast<std::size_t>(kMaxBlocks)) return false;
+  const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxBlocks);
+  if (blocks_.size() + compliance.blocks().size() + added_.size() - known > room) return Condensed::no_room;
+  if (!compliance.include(added_, factor.core())) return Condensed::not_positive;
   if (known < compliance.blocks().size()) {
     // At first no block moves. A block that is added later moves as the forces so far move it.
     const bool moves = known > 0;
@@ -396,11 +399,36 @@ bool LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& fa
     }
     first_new_ = compliance.blocks().size();
   }
-  return true;
+  return Condensed::found;
+}
+
+// Calls visit(row, column, block) for both triangles of the symmetric matrix of `kept`.
+template <typename Visit>
+void LocalNewton::for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const {
+  for (const KeptBlock& block : kept) {
+    const auto [row, column] = hessian.position(block.stored);
+    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
+                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
+    visit(j, i, block.value);
+    if (i != j) visit(i, j, block.value.transpose());
+  }
+}
+
+// The forces of the model's terms with kinks on the blocks of the compliance, in its order, with those of `kept`, which
+// the factor has in addition.
+void LocalNewton::find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept) {
+  step_.head(size_) = smooth_slope_.head(size_);
+  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
+    step_.segment<3>(row) += block * total_.segment<3>(column);
+  });
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    if (compliance_place_[i] >= 0)
+      forces_.segment<3>(3 * compliance_place_[i]) = step_.segment<3>(3 * static_cast<Eigen::Index>(i));
+  }
 }
 
 // `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. `hessian` is without the terms with kinks.
-void LocalNewton::condense(const BlockMatrix& hessian, const Compliance& compliance) {
+void LocalNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance) {
   size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
   gather(hessian, smooth_);
   const auto count = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
@@ -429,6 +457,9 @@ void LocalNewton::condense(const BlockMatrix& hessian, const Compliance& complia
     for_each_run([&](Eigen::Index column, Eigen::Index l, Eigen::Index columns) {
       smooth_.block(row, column, rows, columns) = compliance.stiffness().block(k, l, rows, columns);
     });
+  });
+  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
+    smooth_.block<3, 3>(row, column) -= block;
   });
   smooth_slope_.head(size_) = smooth_gradient_.head(size_);
   smooth_slope_.head(size_).noalias() += smooth_.topLeftCorner(size_, size_) * total_.head(size_);
@@ -509,9 +540,11 @@ bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, do
   return true;
 }
 
-bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
-                                     const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
-                                     Compliance& compliance, VectorX& direction) {
+LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked,
+                                                       Curvature curvature, const VectorX& gradient,
+                                                       BlockMatrix& hessian, BorderedSolver& factor,
+                                                       std::span<const KeptBlock> kept, Compliance& compliance,
+                                                       VectorX& direction) {
   for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
   blocks_.clear();
   compliance_place_.clear();
@@ -527,29 +560,22 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
     ++evaluations_;
     for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
   };
-  // Includes what `trial_` touches. Returns false if the model cannot hold it.
+  // Includes what `trial_` touches.
   const auto touch = [&] {
     renew_kinked();
     const std::size_t before = blocks_.size();
-    if (!include_touched(hessian, factor, compliance)) return false;
-    if (before == blocks_.size() && before > 0) return true;
+    const Condensed included = include_touched(hessian, factor, kept, compliance);
+    if (included != Condensed::found || (before == blocks_.size() && before > 0)) return included;
     hessian.take_back();
-    condense(hessian, compliance);
+    condense(hessian, kept, compliance);
     move_to(state, total_.head(size_));
     energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
     renew_kinked();
-    return true;
+    return Condensed::found;
   };
-  // Forces of the model's kinked terms on the blocks of `compliance`, in its order.
-  const auto find_forces = [&] {
-    for (std::size_t i = 0; i < blocks_.size(); ++i) {
-      if (compliance_place_[i] >= 0)
-        forces_.segment<3>(3 * compliance_place_[i]) = smooth_slope_.segment<3>(3 * static_cast<Eigen::Index>(i));
-    }
-  };
-  bool succeeds = touch();
+  Condensed result = touch();
   double first_residual = 0;
-  for (int iteration = 0; succeeds && iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; result == Condensed::found && iteration < kMaxIterations; ++iteration) {
     auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
     gather_condensed(hessian);
     local_gradient = smooth_slope_.head(size_);
@@ -558,25 +584,26 @@ bool LocalNewton::minimise_condensed(const State& state, std::span<Energy* const
     if (iteration == 0) first_residual = residual;
     if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
     step = -local_gradient;
-    succeeds = dense_.factorize(factor_, size_);
+    const bool positive = dense_.factorize(factor_, size_);
     condensed_operations_ +=
         kDenseOperation * dense_.operations() + kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
-    if (!succeeds) break;
-    dense_.solve(step);
-    succeeds = step.allFinite();
-    if (!succeeds) break;
+    if (positive) dense_.solve(step);
+    if (!positive || !step.allFinite()) {
+      result = Condensed::not_positive;
+      break;
+    }
     if (!search(state, kinked, energy)) break;
-    find_forces();
-    succeeds = touch();
+    find_forces(hessian, kept);
+    result = touch();
   }
   hessian.take_back();
-  if (!succeeds) return false;
-  find_forces();
+  if (result != Condensed::found) return result;
+  find_forces(hessian, kept);
   compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(compliance.blocks().size())), half_);
   factor.backward(half_, direction);
   for (std::size_t i = 0; i < blocks_.size(); ++i)
     direction.segment<3>(3 * blocks_[i]) = total_.segment<3>(3 * static_cast<Eigen::Index>(i));
-  return true;
+  return Condensed::found;
 }
 
 }  // namespace softhand

@@ -27,6 +27,12 @@
 
 namespace softhand {
 
+/// A block of terms with kinks that a factor holds: the index among the stored blocks of the Hessian, and the values.
+struct KeptBlock {
+  std::int32_t stored = 0;
+  Matrix3 value;
+};
+
 class LocalNewton {
  public:
   /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
@@ -50,13 +56,15 @@ class LocalNewton {
                   BlockMatrix& hessian, int most_modes, double most_operations, LinearSolver& factor,
                   VectorX& direction);
 
+  enum class Condensed : std::uint8_t { found, no_room, not_positive };
   /// Minimises over all blocks: the terms `kinked` are exact, and the rest is the quadratic model of `hessian`, which
-  /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, without
-  /// coupling between core and border. `compliance` belongs to it. Returns false if more blocks are touched than
-  /// `compliance` has room for, or if a matrix is not positive definite. Does not allocate.
-  bool minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
-                          const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance,
-                          VectorX& direction);
+  /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, with
+  /// `kept` added. Core and border must not be coupled. `compliance` belongs to it. `direction` is valid if it is
+  /// `found`. `no_room`: more blocks are touched than `compliance` can hold. `not_positive`: a matrix is not positive
+  /// definite. Does not allocate.
+  Condensed minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
+                               const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
+                               std::span<const KeptBlock> kept, Compliance& compliance, VectorX& direction);
   /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
   double take_operations() { return std::exchange(condensed_operations_, 0.0); }
   /// How often the last `minimise_condensed` evaluated the terms with kinks.
@@ -77,8 +85,12 @@ class LocalNewton {
   Eigen::Index first_column(Eigen::Index row) const;
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
-  bool include_touched(const BlockMatrix& hessian, BorderedSolver& factor, Compliance& compliance);
-  void condense(const BlockMatrix& hessian, const Compliance& compliance);
+  Condensed include_touched(const BlockMatrix& hessian, BorderedSolver& factor, std::span<const KeptBlock> kept,
+                            Compliance& compliance);
+  void condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
+  template <typename Visit>
+  void for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const;
+  void find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept);
   void gather_condensed(const BlockMatrix& hessian);
   double smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const;
   void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;

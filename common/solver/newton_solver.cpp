@@ -180,7 +180,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       has_direction = find_direction(state, condenses, meter);
       if (!has_direction) {
         // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
-        policy_.set_touches_much(true);
         condenses = linearised = false;
         decision.renewal = FactorPolicy::Renewal::whole;
         continue;
@@ -266,12 +265,13 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
     return true;
   }
   if (!factor_.is_without_kinks()) return false;
-  const bool found =
-      local_newton_.minimise_condensed(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
-                                       potential_.change_hessian(), factor_.linear_solver(), compliance_, direction_);
+  const LocalNewton::Condensed result = local_newton_.minimise_condensed(
+      state, potential_.kinked(), potential_.curvature(), potential_.gradient(), potential_.change_hessian(),
+      factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
+  if (result == LocalNewton::Condensed::no_room) policy_.set_touches_much(true);
   meter.report.work += meter.prices.solve + meter.prices.contact_blocks * local_newton_.evaluations() +
                        meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
-  return found;
+  return result == LocalNewton::Condensed::found;
 }
 
 // Lets the terms change after an iteration. Returns whether the energy has changed.

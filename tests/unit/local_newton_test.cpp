@@ -116,8 +116,8 @@ struct Scene {
     smooth.load(hessian);
     EXPECT_TRUE(smooth.factorize());
     Compliance compliance(4, most_blocks);
-    return solver.minimise_condensed(state, walls(), Curvature::projected, gradient_at(state), hessian, smooth,
-                                     compliance, direction);
+    return solver.minimise_condensed(state, walls(), Curvature::projected, gradient_at(state), hessian, smooth, {},
+                                     compliance, direction) == LocalNewton::Condensed::found;
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
   Wall near{2, 0.005, 1e4}, far{3, 0.02, 1e4};
