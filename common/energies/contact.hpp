@@ -56,7 +56,7 @@ namespace softhand {
 class ContactSet {
  public:
   /// A sharp point is as stiff as a contact point with this area, m^2: 3 N press it in by 0.5 mm with the default k_c.
-  static constexpr double sharp_area = 8.5e-6;
+  static constexpr double sharp_area = 6.7e-6;
   using Anchor = ContactAnchor;
   using Offset = AnchorOffset;
 

@@ -16,7 +16,7 @@ constexpr double kMinimumDihedralDegrees = 1.0;
 constexpr double kMaximumEdgeRatio = 50.0;
 constexpr double kMaximumFingerCap = 20.0;  // N, largest pull on a finger
 constexpr double kMaximumHandCap = 100.0;   // N, largest pull on a hand
-constexpr double kMaximumExtent = 1.0;  // m, so that hand files in millimetres or centimetres are refused
+constexpr double kMaximumExtent = 1.0;      // m, so that hand files in millimetres or centimetres are refused
 
 class Checker {
  public:

@@ -8,7 +8,7 @@ namespace softhand {
 
 struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
-  double contact_stiffness = 7e8;
+  double contact_stiffness = 9e8;
   bool gravity = false;
   double untangle_patience = 0.1;
   std::int64_t threads = 1;

@@ -52,7 +52,7 @@ Forces slide(const ShapeGeometry& ball) {
 
 TEST(GridContact, SphereAsAGridIsFeltAsTheSphere) {
   const Forces exact = slide(ShapeGeometry(softhand::testing::sphere_shape(kRadius)));
-  const Forces grid = slide(ShapeGeometry(softhand::testing::sphere_mesh(kRadius, 0.0006), 0.001));
+  const Forces grid = slide(ShapeGeometry(softhand::testing::sphere_mesh(kRadius, 0.0004), 0.001));
   double worst = 0, roughness = 0, exact_roughness = 0;
   for (std::size_t i = 0; i < exact.of_step.size(); ++i) {
     worst = std::max(worst, (grid.of_step[i] - exact.of_step[i]).norm());
