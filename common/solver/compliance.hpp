@@ -33,6 +33,8 @@ class Compliance {
   /// if there are too many blocks, or if S is not finite and positive definite.
   bool include(std::span<const std::int32_t> blocks, LinearSolver& factor);
 
+  /// How many more blocks it can hold.
+  std::size_t room() const { return static_cast<std::size_t>(most_blocks_) - blocks_.size(); }
   /// In the order in which they were added. Rows and columns of S and the parts of forces have this order.
   std::span<const std::int32_t> blocks() const { return blocks_; }
   bool has(std::int32_t block) const { return is_known_[static_cast<std::size_t>(block)] != 0; }

@@ -26,7 +26,8 @@ constexpr double kDenseEntry = 20;
 constexpr int kMaxTrials = 8;
 constexpr double kLevel = 0.5, kShort = 0.05, kInside = 0.05;
 
-constexpr int kMaxRows = 3 * LocalNewton::kMaxBlocks + LocalNewton::kMaxModes;
+constexpr int kMaxRows =
+    3 * std::max(LocalNewton::kMaxBlocks, LocalNewton::kMaxCondensedBlocks) + LocalNewton::kMaxModes;
 
 }  // namespace
 
@@ -42,7 +43,7 @@ LocalNewton::LocalNewton(DofLayout layout)
       half_(layout.dof_count()),
       smooth_(kMaxRows, kMaxRows),
       factor_(kMaxRows, kMaxRows),
-      dense_(kMaxBlocks),
+      dense_(kMaxCondensedBlocks),
       forces_(kMaxRows),
       smooth_gradient_(kMaxRows),
       smooth_slope_(kMaxRows),
@@ -359,7 +360,7 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
   const auto touch = [&](std::int32_t block) {
     if (place_[static_cast<std::size_t>(block)] >= 0) return;
     if (block >= core) {
-      if (blocks_.size() < static_cast<std::size_t>(kMaxBlocks)) include(block, -1);
+      if (blocks_.size() < static_cast<std::size_t>(kMaxCondensedBlocks)) include(block, -1);
     } else if (!compliance.has(block) && std::find(added_.begin(), added_.end(), block) == added_.end()) {
       added_.push_back(block);
     }
@@ -382,8 +383,10 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
   }
   // Neighbours are in one pass over the factor.
   std::sort(added_.begin(), added_.end());
-  const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxBlocks);
-  if (blocks_.size() + compliance.blocks().size() + added_.size() - known > room) return Condensed::no_room;
+  const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxCondensedBlocks);
+  if (added_.size() > compliance.room() || blocks_.size() + compliance.blocks().size() + added_.size() - known > room) {
+    return Condensed::no_room;
+  }
   if (!compliance.include(added_, factor.core())) return Condensed::not_positive;
   if (known < compliance.blocks().size()) {
     // At first no block moves. A block that is added later moves as the forces so far move it.

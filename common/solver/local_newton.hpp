@@ -37,6 +37,8 @@ class LocalNewton {
  public:
   /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
   static constexpr int kMaxBlocks = 128;
+  /// The same for the condensed solve, whose matrix is dense.
+  static constexpr int kMaxCondensedBlocks = 256;
   static constexpr int kMaxModes = 6;
 
   explicit LocalNewton(DofLayout layout);

@@ -52,7 +52,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       predictor_(options, layout),
       linkage_(layout),
       local_newton_(layout),
-      compliance_(potential_.hessian().core_count(), LocalNewton::kMaxBlocks),
+      compliance_(potential_.hessian().core_count(), LocalNewton::kMaxCondensedBlocks),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
