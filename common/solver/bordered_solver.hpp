@@ -18,6 +18,12 @@
 
 namespace softhand {
 
+/// A stored block that a factor holds in addition to its matrix: the index, and the values.
+struct KeptBlock {
+  std::int32_t stored = 0;
+  Matrix3 value;
+};
+
 class BorderedSolver final : public LinearSolver {
  public:
   /// `core` needs half solves if the matrix has a border.

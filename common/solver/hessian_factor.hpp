@@ -8,7 +8,6 @@
 
 #include "solver/bordered_solver.hpp"
 #include "solver/incremental_potential.hpp"
-#include "solver/local_newton.hpp"
 
 namespace softhand {
 

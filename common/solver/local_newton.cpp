@@ -21,6 +21,8 @@ constexpr double kConverged = 1e-2;
 // matrix, in operations of a sparse factorisation in float.
 constexpr double kDenseOperation = 0.6;
 constexpr double kDenseEntry = 20;
+// The same for an evaluation of the terms with kinks, per block that moves.
+constexpr double kBlockOperations = 12'000;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
 constexpr int kMaxTrials = 8;
@@ -246,7 +248,7 @@ void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
 
 double LocalNewton::kinked_energy(std::span<Energy* const> kinked, const State& state) {
   kinked_gradient_.setZero();
-  ++evaluations_;
+  condensed_operations_ += kBlockOperations * static_cast<double>(blocks_.size());
   double energy = 0;
   for (const Energy* term : kinked) energy += term->add_gradient(state, kinked_gradient_);
   return energy;
@@ -551,8 +553,9 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
   for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
   blocks_.clear();
   compliance_place_.clear();
+  condensed_operations_ = 0;
   first_new_ = 0;
-  mode_count_ = evaluations_ = 0;
+  mode_count_ = 0;
   trial_.node_positions = state.node_positions;
   trial_.body_poses = state.body_poses;
   double energy = kinked_energy(kinked, state);
@@ -560,7 +563,7 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
   factor.forward(force_, half_);
   const auto renew_kinked = [&] {
     hessian.take_back();
-    ++evaluations_;
+    condensed_operations_ += kBlockOperations * static_cast<double>(blocks_.size());
     for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
   };
   // Includes what `trial_` touches.

@@ -27,12 +27,6 @@
 
 namespace softhand {
 
-/// A block of terms with kinks that a factor holds: the index among the stored blocks of the Hessian, and the values.
-struct KeptBlock {
-  std::int32_t stored = 0;
-  Matrix3 value;
-};
-
 class LocalNewton {
  public:
   /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
@@ -69,8 +63,6 @@ class LocalNewton {
                                std::span<const KeptBlock> kept, Compliance& compliance, VectorX& direction);
   /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
   double take_operations() { return std::exchange(condensed_operations_, 0.0); }
-  /// How often the last `minimise_condensed` evaluated the terms with kinks.
-  int evaluations() const { return evaluations_; }
   /// Whether the last minimisation moved the block itself, because a term in `kinked` acts on it.
   bool moves(int block) const { return place_[static_cast<std::size_t>(block)] >= 0; }
 
@@ -115,7 +107,6 @@ class LocalNewton {
   std::size_t first_new_ = 0;                             // so many blocks of the compliance are included
   std::vector<std::int32_t> added_;                       // scratch
   double condensed_operations_ = 0;
-  int evaluations_ = 0;
   VectorX half_;  // half a solve, in elimination order
   Dense smooth_, factor_;
   DenseCholesky dense_;

@@ -269,7 +269,7 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
       state, potential_.kinked(), potential_.curvature(), potential_.gradient(), potential_.change_hessian(),
       factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
   if (result == LocalNewton::Condensed::no_room) policy_.set_touches_much(true);
-  meter.report.work += meter.prices.solve + meter.prices.contact_blocks * local_newton_.evaluations() +
+  meter.report.work += meter.prices.solve +
                        meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
   return result == LocalNewton::Condensed::found;
 }
