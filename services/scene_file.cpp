@@ -26,9 +26,19 @@ std::string find_file(const Scene& scene, const std::string& name, const char* f
                     " or in the working directory");
 }
 
+// A file that the scene names belongs to the configuration.
+template <typename Load>
+auto checked(Load&& load) {
+  try {
+    return load();
+  } catch (const std::runtime_error& problem) {
+    throw ConfigError(problem.what());
+  }
+}
+
 std::optional<Recording> load_recording(const Scene& scene) {
   if (scene.options.motion.empty()) return std::nullopt;
-  return Recording::load(find_file(scene, scene.options.motion, "motions"));
+  return checked([&] { return Recording::load(find_file(scene, scene.options.motion, "motions")); });
 }
 
 // In a wrist frame with -Z forward and +Y dorsal, the thumb of a right hand lies at -X.
@@ -208,7 +218,7 @@ std::vector<HandModel> load_possible_hands(const Scene& scene) {
 }
 
 HandModel load_scene_hand(const Scene& scene, const std::string& file) {
-  HandModel hand = load_hand(find_file(scene, file, "hands"));
+  HandModel hand = checked([&] { return load_hand(find_file(scene, file, "hands")); });
   const auto recording = load_recording(scene);
   const Side side = scene_side(scene, recording);
   if (hand.side != side) hand = mirrored(hand);

@@ -20,11 +20,18 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/ContentFilteredTopic.hpp>
+#include <fastdds/dds/topic/IContentFilter.hpp>
+#include <fastdds/dds/topic/IContentFilterFactory.hpp>
 #include <fastdds/dds/topic/TopicDataType.hpp>
 #include <mutex>
+#include <optional>
+#include <random>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace softhand::bus {
 namespace {
@@ -47,6 +54,13 @@ constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topi
 /// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
 /// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
+
+/// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
+/// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
+/// out of reach. `Door` bounds what comes in.
+constexpr int kHistoryInstances = 100000;
+/// An instance without a sample for this time makes room for another.
+constexpr std::chrono::seconds kInstanceRest{1};
 
 Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
 
@@ -116,6 +130,144 @@ class PlainType final : public dds::TopicDataType {
  private:
   const TypeCodec& codec_;
 };
+
+// The interfaces of Fast DDS have no virtual destructors. Nobody deletes through them.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wnon-virtual-dtor"
+
+/// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Samples about other
+/// hands stay outside if the reader is about one hand. Anybody on the domain can invent instances (users, module
+/// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
+/// many. A new instance takes the place of one that rests. Fast DDS 2.9 does not tell a filter who wrote a sample. So
+/// the epoch in the sample stands for the writer.
+class Door final : public dds::IContentFilter {
+ public:
+  using Clock = std::chrono::steady_clock;
+  Door(const TypeCodec& codec, int share, const std::optional<HandKey>& only)
+      : codec_(codec), received_(codec.create_received()), share_(static_cast<std::size_t>(share)) {
+    guests_.reserve(2 * share_);
+    if (only) {
+      EncodeKey key;
+      key(*only);
+      only_ = hash_of(std::span(key.bytes).first(key.size));
+    }
+  }
+  ~Door() { codec_.destroy_received(received_); }
+  Door(const Door&) = delete;
+  Door& operator=(const Door&) = delete;
+
+  /// DDS calls it under the lock of the reader.
+  bool evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const override {
+    codec_.decode({reinterpret_cast<const std::byte*>(payload.data), payload.length}, received_);
+    if (!codec_.is_well_formed(received_)) return true;  // `take_next` counts it
+    std::array<std::byte, 80> bytes{};
+    const std::size_t size = codec_.key(received_, bytes);
+    const Key key = hash_of(std::span(bytes).first(size));
+    if (only_) return key == *only_;
+    if (has_room(key, codec_.epoch(received_), Clock::now())) return true;
+    crowded_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  std::uint64_t crowded() const { return crowded_.load(std::memory_order_relaxed); }
+
+ private:
+  using EncodeKey = detail::EncodeKey;
+  using Key = std::array<std::uint8_t, 16>;  // the key itself, or its MD5 if it is longer
+  struct Guest {
+    Key key;
+    std::uint64_t writer;
+    Clock::time_point last;
+  };
+
+  static Key hash_of(std::span<const std::byte> bytes) {
+    Key key{};
+    if (bytes.size() <= key.size()) {
+      std::memcpy(key.data(), bytes.data(), bytes.size());
+      return key;
+    }
+    std::array<std::byte, 80> copy{};
+    std::memcpy(copy.data(), bytes.data(), bytes.size());
+    MD5 md5;
+    md5.init();
+    md5.update(reinterpret_cast<unsigned char*>(copy.data()), static_cast<unsigned int>(bytes.size()));
+    md5.finalize();
+    std::memcpy(key.data(), md5.digest, key.size());
+    return key;
+  }
+
+  bool has_room(const Key& key, std::uint64_t writer, Clock::time_point now) const {
+    std::size_t of_writer = 0;
+    Guest* oldest = nullptr;
+    Guest* oldest_of_writer = nullptr;
+    for (Guest& guest : guests_) {
+      if (guest.key == key) {
+        guest.writer = writer;
+        guest.last = now;
+        return true;
+      }
+      if (oldest == nullptr || guest.last < oldest->last) oldest = &guest;
+      if (guest.writer != writer) continue;
+      ++of_writer;
+      if (oldest_of_writer == nullptr || guest.last < oldest_of_writer->last) oldest_of_writer = &guest;
+    }
+    const Guest guest{key, writer, now};
+    Guest* place = of_writer >= share_ ? oldest_of_writer : guests_.size() >= 2 * share_ ? oldest : nullptr;
+    if (place == nullptr) {
+      guests_.push_back(guest);
+    } else if (now - place->last > kInstanceRest) {
+      *place = guest;
+    } else {
+      return false;
+    }
+    return true;
+  }
+
+  const TypeCodec& codec_;
+  void* received_;
+  std::size_t share_;
+  std::optional<Key> only_;
+  mutable std::vector<Guest> guests_;
+  mutable std::atomic<std::uint64_t> crowded_ = 0;
+};
+
+/// Makes the doors of a participant known to Fast DDS, which calls them content filters.
+class Doors final : public dds::IContentFilterFactory {
+ public:
+  /// Other participants would use a filter of a name that they know already when they send.
+  Doors() : name_("softhand-door-" + std::to_string(std::random_device()())) {}
+  const char* name() const { return name_.c_str(); }
+
+  dds::ContentFilteredTopic* topic(dds::DomainParticipant& participant, dds::Topic* topic, Door& door) {
+    const std::lock_guard lock(mutex_);
+    entering_ = &door;
+    entering_thread_ = std::this_thread::get_id();
+    auto* filtered = participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic,
+                                                             "door", {}, name());
+    entering_thread_ = std::thread::id();
+    return filtered;
+  }
+  /// A writer of the same participant asks for a filter, too. It sends everything.
+  ReturnCode_t create_content_filter(const char*, const char*, const dds::TopicDataType*, const char*,
+                                     const ParameterSeq&, dds::IContentFilter*& filter) override {
+    filter = entering_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(entering_)
+                                                                   : &everything_;
+    return ReturnCode_t::RETCODE_OK;
+  }
+  ReturnCode_t delete_content_filter(const char*, dds::IContentFilter*) override { return ReturnCode_t::RETCODE_OK; }
+
+ private:
+  struct Everything final : dds::IContentFilter {
+    bool evaluate(const SerializedPayload&, const FilterSampleInfo&, const GUID_t&) const override { return true; }
+  };
+  std::string name_;
+  std::mutex mutex_;
+  Door* entering_ = nullptr;
+  std::atomic<std::thread::id> entering_thread_{};
+  std::uint64_t count_ = 0;
+  Everything everything_;
+};
+
+#pragma GCC diagnostic pop
 
 template <typename Qos>
 void apply(Qos& qos, const TopicRow& row) {
@@ -202,6 +354,7 @@ class ParticipantImpl {
         dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
     if (participant_ == nullptr)
       fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
+    participant_->register_content_filter_factory(doors_.name(), &doors_);
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
     if (publisher_ == nullptr || subscriber_ == nullptr) {
@@ -224,6 +377,13 @@ class ParticipantImpl {
     if (created == nullptr) fail("cannot create topic " + name);
     return created;
   }
+  /// The topic behind a door. Delete it with `remove`.
+  dds::ContentFilteredTopic* topic(const TopicRow& row, const TypeCodec& codec, Door& door) {
+    auto* filtered = doors_.topic(*participant_, topic(row, codec), door);
+    if (filtered == nullptr) fail("cannot create the filter of " + std::string(row.name));
+    return filtered;
+  }
+  void remove(dds::ContentFilteredTopic* topic) { participant_->delete_contentfilteredtopic(topic); }
   dds::Publisher& publisher() { return *publisher_; }
   dds::Subscriber& subscriber() { return *subscriber_; }
 
@@ -234,6 +394,7 @@ class ParticipantImpl {
   }
 
   std::mutex mutex_;
+  Doors doors_;
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;
@@ -291,13 +452,18 @@ class WriterImpl final : public dds::DataWriterListener {
 
 class ReaderImpl final : public dds::DataReaderListener {
  public:
-  ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec)
-      : participant_(std::move(participant)), has_lease_(row.liveliness_ms > 0) {
+  ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec,
+             const std::optional<HandKey>& only)
+      : participant_(std::move(participant)),
+        has_lease_(row.liveliness_ms > 0),
+        most_samples_(2 * row.max_instances * row.depth) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
     // Fast DDS 2.9 first puts a sample into the history and then checks the owner. It then removes the sample of a
     // weaker writer. Without extra depth, the weaker sample would push out an unread sample of the owner.
     TopicRow adjusted = row;
     if (row.exclusive) adjusted.depth = std::max(row.depth, kOwnersDepth);
+    const bool has_key = codec.max_key_size() > 0;
+    if (has_key) adjusted.max_instances = kHistoryInstances;
     apply(qos, adjusted);
     // The buffers may grow. Then a payload that is too long reaches our decoder, which refuses and counts it.
     const auto policy = memory_policy(codec);
@@ -306,18 +472,26 @@ class ReaderImpl final : public dds::DataReaderListener {
     dds::StatusMask mask = dds::StatusMask::subscription_matched();
     mask << dds::StatusMask::liveliness_changed() << dds::StatusMask::requested_deadline_missed()
          << dds::StatusMask::sample_lost();
-    reader_ = participant_->subscriber().create_datareader(participant_->topic(row, codec), qos, this, mask);
+    dds::TopicDescription* topic = participant_->topic(row, codec);
+    if (has_key) {
+      door_.emplace(codec, row.max_instances, only);
+      topic = filtered_ = participant_->topic(row, codec, *door_);
+    }
+    reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
+    if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
     if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));
   }
   ~ReaderImpl() override {
     reader_->set_listener(nullptr);
     participant_->subscriber().delete_datareader(reader_);
+    if (filtered_ != nullptr) participant_->remove(filtered_);
   }
 
-  bool take_next(void* received, std::int64_t& source_time, const bool& well_formed) noexcept {
+  bool take_next(void* received, std::int64_t& source_time, const bool& well_formed, int& left) noexcept {
     try {
       dds::SampleInfo info;
-      while (reader_->take_next_sample(received, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
+      while (left-- > 0 &&
+             reader_->take_next_sample(received, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
         if (!info.valid_data) continue;  // state change of an instance, without content
         if (!well_formed) {
           refused_.fetch_add(1, std::memory_order_relaxed);
@@ -351,13 +525,19 @@ class ReaderImpl final : public dds::DataReaderListener {
     lost_.store(static_cast<std::uint64_t>(status.total_count));
   }
 
+  int most_samples() const { return most_samples_; }
   int writers() const { return writers_.load(); }
   int live_writers() const { return has_lease_ ? live_.load() : writers_.load(); }
-  ReaderCounters counters() const { return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load()}; }
+  ReaderCounters counters() const {
+    return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load(), door_ ? door_->crowded() : 0};
+  }
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
   bool has_lease_;
+  int most_samples_;
+  std::optional<Door> door_;  // outlives the reader
+  dds::ContentFilteredTopic* filtered_ = nullptr;
   dds::DataReader* reader_ = nullptr;
   std::atomic<int> writers_ = 0;
   std::atomic<int> live_ = 0;
@@ -377,14 +557,16 @@ void WriterEndpoint::write(const void* message) noexcept { impl_->write(message)
 int WriterEndpoint::reader_count() const noexcept { return impl_->readers(); }
 WriterCounters WriterEndpoint::counters() const noexcept { return impl_->counters(); }
 
-ReaderEndpoint::ReaderEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec)
-    : impl_(std::make_unique<ReaderImpl>(participant.impl(), topic, codec)) {}
+ReaderEndpoint::ReaderEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec,
+                               const std::optional<HandKey>& only)
+    : impl_(std::make_unique<ReaderImpl>(participant.impl(), topic, codec, only)) {}
 ReaderEndpoint::~ReaderEndpoint() = default;
 ReaderEndpoint::ReaderEndpoint(ReaderEndpoint&&) noexcept = default;
 ReaderEndpoint& ReaderEndpoint::operator=(ReaderEndpoint&&) noexcept = default;
-bool ReaderEndpoint::take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept {
-  return impl_->take_next(received, source_time, well_formed);
+bool ReaderEndpoint::take_next(void* received, const bool& well_formed, std::int64_t& source_time, int& left) noexcept {
+  return impl_->take_next(received, source_time, well_formed, left);
 }
+int ReaderEndpoint::most_samples() const noexcept { return impl_->most_samples(); }
 bool ReaderEndpoint::wait(std::chrono::nanoseconds timeout) noexcept { return impl_->wait(timeout); }
 int ReaderEndpoint::writer_count() const noexcept { return impl_->writers(); }
 int ReaderEndpoint::live_writer_count() const noexcept { return impl_->live_writers(); }

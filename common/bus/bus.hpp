@@ -6,8 +6,8 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. Raise the
-// priority before you create it. One thread at a time may use a Reader. Writers are thread-safe.
+// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be
+// ordinary: see runtime/scheduling.hpp. One thread at a time may use a Reader. Writers are thread-safe.
 // Errors: constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other
 // members of Participant, Writer and Reader do not throw and do not allocate in our code.
 // Lifetime: writers and readers keep their participant alive.
@@ -55,6 +55,7 @@ struct ReaderCounters {
   std::uint64_t refused = 0;          ///< malformed: wrong size or encoding, sequence or text beyond its bound
   std::uint64_t lost = 0;             ///< lost samples, as far as DDS knows
   std::uint64_t deadline_missed = 0;  ///< continues to count after the writer is gone
+  std::uint64_t crowded = 0;          ///< about an instance for which there was no room
 };
 
 namespace detail {
@@ -75,14 +76,18 @@ class WriterEndpoint {
 
 class ReaderEndpoint {
  public:
-  ReaderEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec);
+  ReaderEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec,
+                 const std::optional<HandKey>& only);
   ~ReaderEndpoint();
   ReaderEndpoint(ReaderEndpoint&&) noexcept;
   ReaderEndpoint& operator=(ReaderEndpoint&&) noexcept;
   /// Takes the next well-formed sample into `received`. `well_formed` must be a member of `received`: it says whether
   /// the last sample was valid. Malformed samples are counted and skipped. Returns false if no well-formed sample is
-  /// available. `source_time` orders samples of several instances.
-  bool take_next(void* received, const bool& well_formed, std::int64_t& source_time) noexcept;
+  /// available, or if `left` samples were taken; `left` is reduced by their number. `source_time` orders samples of
+  /// several instances.
+  bool take_next(void* received, const bool& well_formed, std::int64_t& source_time, int& left) noexcept;
+  /// Largest number of samples that one step takes. A flood must not hold it.
+  int most_samples() const noexcept;
   bool wait(std::chrono::nanoseconds timeout) noexcept;
   int writer_count() const noexcept;
   int live_writer_count() const noexcept;
@@ -122,21 +127,25 @@ class Writer {
 template <typename T>
 class Reader {
  public:
-  /// If `only` is given, samples about other hands are ignored.
+  /// If `only` is given, samples about other hands are ignored. Otherwise the reader follows at most
+  /// `TopicRow::max_instances` instances of one writer, and twice as many of all. A new instance takes the place of one
+  /// that was silent for a second.
   Reader(const Participant& participant, const Topic<T>& topic,
          std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
-      : endpoint_(participant, topic, codec_of<T>(topic.type)), only_(only) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), only) {}
   Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
-      : endpoint_(participant, topic, codec_of<T>(topic.type)) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), std::nullopt) {}
 
   /// Copies the newest sample into `out` and drops the older ones. If no new sample has arrived, returns false and does
-  /// not change `out`. Never waits.
+  /// not change `out`. Never waits. Takes at most 2 * max_instances * depth samples, so that a flood does not hold a
+  /// loop.
   bool take_latest(T& out) noexcept {
     bool found = false;
     std::int64_t newest = 0;
     std::int64_t time = 0;
-    while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time)) {
-      if (!passes_filter(scratch_->value) || (found && time < newest)) continue;
+    int left = endpoint_.most_samples();
+    while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time, left)) {
+      if (found && time < newest) continue;
       newest = time;
       found = true;
       scratch_.swap(newest_);
@@ -146,13 +155,13 @@ class Reader {
   }
 
   /// Calls f(const T&) for each new sample and returns the number of calls. Samples of one instance come oldest first.
-  /// Meant for topics with many instances and for messages.
+  /// Meant for topics with many instances and for messages. Takes at most as many as `take_latest`.
   template <typename F>
   std::size_t take_all(F&& f) {
     std::size_t count = 0;
     std::int64_t time = 0;
-    while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time)) {
-      if (!passes_filter(scratch_->value)) continue;
+    int left = endpoint_.most_samples();
+    while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time, left)) {
       ++count;
       f(std::as_const(scratch_->value));
     }
@@ -169,13 +178,7 @@ class Reader {
   ReaderCounters counters() const noexcept { return endpoint_.counters(); }
 
  private:
-  bool passes_filter(const T& message) const {
-    if constexpr (detail::AboutAHand<T>) return !only_ || message.hand == *only_;
-    return true;
-  }
-
   detail::ReaderEndpoint endpoint_;
-  std::optional<HandKey> only_;
   std::unique_ptr<detail::Received<T>> scratch_ = std::make_unique<detail::Received<T>>();
   std::unique_ptr<detail::Received<T>> newest_ = std::make_unique<detail::Received<T>>();
 };

@@ -286,6 +286,8 @@ struct TypeCodec {
   void* (*create_received)();
   void (*destroy_received)(void* received);
   void (*decode)(std::span<const std::byte> bytes, void* received);
+  bool (*is_well_formed)(const void* received);
+  std::uint64_t (*epoch)(const void* received);  ///< `Stamp::epoch`, which differs from writer to writer
   std::size_t (*max_key_size)();
   /// Writes the big-endian key. `message` points to a T, or to a Received<T>, which has the T as its first member.
   std::size_t (*key)(const void* message, std::span<std::byte, 80> out);
@@ -306,6 +308,8 @@ inline const TypeCodec& codec_of(const char* type_name) {
         // A refused message must not leave a count or elements in the struct for the next message.
         if (!sample.well_formed) sample.value = T{};
       },
+      [](const void* received) { return static_cast<const detail::Received<T>*>(received)->well_formed; },
+      [](const void* received) { return static_cast<const detail::Received<T>*>(received)->value.stamp.epoch; },
       [] {
         detail::MeasureKey measure;
         visit_fields(measure, *std::make_unique<T>());

@@ -18,7 +18,7 @@ struct TopicRow {
   Reliability reliability;
   Durability durability;
   int depth;          ///< samples kept per instance (history: keep last)
-  int max_instances;  ///< largest number of instances (different keys)
+  int max_instances;  ///< largest number of instances (different keys) of a writer
   int deadline_ms;    ///< per instance; 0 = none
   int liveliness_ms;  ///< lease, asserted by the process; 0 = the lease of the process (10 s)
   int lifespan_ms;    ///< older samples are no longer delivered; 0 = samples stay as long as the history keeps them

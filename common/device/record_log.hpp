@@ -12,6 +12,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "runtime/scheduling.hpp"
+
 namespace softhand {
 
 /// Single producer. `push` never blocks. If the writer thread is too slow, records are dropped and counted.
@@ -24,10 +26,17 @@ class RecordLog {
   /// first. Throws std::runtime_error if the file cannot be opened.
   RecordLog(const std::string& path, std::size_t capacity, const std::string& header,
             std::function<void(const Record&, std::string&)> format)
-      : slots_(capacity), format_(std::move(format)), file_(std::fopen(path.c_str(), "w")) {
-    if (file_ == nullptr) throw std::runtime_error(path + ": cannot be opened for writing");
+      : RecordLog(path, std::fopen(path.c_str(), "w"), capacity, header, std::move(format)) {}
+  /// The same for an open file, which this log closes. `name` is for the error if `file` is null.
+  RecordLog(const std::string& name, std::FILE* file, std::size_t capacity, const std::string& header,
+            std::function<void(const Record&, std::string&)> format)
+      : slots_(capacity), format_(std::move(format)), file_(file) {
+    if (file_ == nullptr) throw std::runtime_error(name + ": cannot be opened for writing");
     std::fputs(header.c_str(), file_);
-    thread_ = std::thread([this] { run(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      run();
+    });
   }
   ~RecordLog() {
     stop_.store(true, std::memory_order_release);

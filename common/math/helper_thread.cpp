@@ -69,7 +69,15 @@ HelperThread::HelperThread() : caller_(pthread_self()) {
     callers_claim_ = {};
     return;
   }
-  thread_ = std::thread([this] { serve(); });
+  // A real-time loop may be set to start only ordinary threads.
+  const int policy = sched_getscheduler(0);
+  sched_param parameters{};
+  sched_getparam(0, &parameters);
+  thread_ = std::thread([this, policy, parameters] {
+    sched_setscheduler(0, policy, &parameters);
+    serve();
+  });
+  pthread_setname_np(thread_.native_handle(), "helper");
   CPU_ZERO(&its);
   CPU_SET(cores.helper, &its);
   pthread_setaffinity_np(thread_.native_handle(), sizeof(its), &its);

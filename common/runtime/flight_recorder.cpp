@@ -1,8 +1,5 @@
 #include "runtime/flight_recorder.hpp"
 
-#include <sched.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -12,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "runtime/record_file.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand {
 namespace {
@@ -20,17 +18,6 @@ constexpr std::uint64_t kMostReports = 5;              // files for faults, per 
 constexpr Nanoseconds kReportPeriod = 60'000'000'000;  // between two such files
 constexpr Nanoseconds kRetry = 1'000'000'000;          // from a segment that was full to the next one
 constexpr auto kPoll = std::chrono::milliseconds(20);  // of the writing thread
-
-// The thread that starts the writer has a raised priority and may be pinned to a core.
-void become_ordinary() {
-  const sched_param ordinary{};
-  sched_setscheduler(0, SCHED_OTHER, &ordinary);
-  cpu_set_t all;
-  CPU_ZERO(&all);
-  for (int core = 0; core < std::min<int>(CPU_SETSIZE, static_cast<int>(sysconf(_SC_NPROCESSORS_CONF))); ++core)
-    CPU_SET(core, &all);
-  sched_setaffinity(0, sizeof(all), &all);
-}
 
 }  // namespace
 

@@ -1,20 +1,14 @@
 #include "runtime/periodic_loop.hpp"
 
-#include <pthread.h>
-#include <sched.h>
-#include <sys/mman.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cmath>
-#include <cstring>
 #include <ctime>
 #include <stdexcept>
 
 namespace softhand {
 namespace {
-
-constexpr std::size_t kThreadStack = std::size_t{1} << 20;
 
 Nanoseconds period_of(double rate_hz) {
   if (!(rate_hz >= 0.1 && rate_hz <= 100'000))
@@ -43,30 +37,6 @@ void PeriodicLoop::fill(LoopStatus& status) const {
   status.step_ms_p999 = static_cast<double>(step_times_.quantile(0.999)) * 1e-6;
   status.steps = steps_;
   status.deadline_misses = schedule_.misses();
-}
-
-std::vector<std::string> request_real_time(int priority) {
-  std::vector<std::string> warnings;
-#if defined(__GLIBC__)
-  // Locked memory is resident, and this includes stacks. With glibc's default of 8 MB per thread, the stacks of a DDS
-  // participant's threads would be half of a service's memory.
-  pthread_attr_t attributes;
-  pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, kThreadStack);
-  if (const int error = pthread_setattr_default_np(&attributes); error != 0) {
-    warnings.push_back(std::string("stacks stay large (") + std::strerror(error) + ")");
-  }
-  pthread_attr_destroy(&attributes);
-#endif
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
-    warnings.push_back(std::string("memory is not locked (") + std::strerror(errno) + "): steps may wait for pages");
-  }
-  sched_param parameters{};
-  parameters.sched_priority = priority;
-  if (const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters); error != 0) {
-    warnings.push_back(std::string("real-time priority refused (") + std::strerror(error) + "): steps may be late");
-  }
-  return warnings;
 }
 
 }  // namespace softhand

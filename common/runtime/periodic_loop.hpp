@@ -95,9 +95,4 @@ class PeriodicLoop {
   std::uint64_t steps_ = 0;
 };
 
-/// Locks the memory of the process and sets the calling thread to SCHED_FIFO with `priority` (1..99). Returns one
-/// warning with the reason for each request that the system refused. The loop still runs then, with less exact timing.
-/// Threads started later inherit the priority and get stacks of 1 MiB.
-std::vector<std::string> request_real_time(int priority);
-
 }  // namespace softhand

@@ -14,6 +14,8 @@ struct RigProcess {
   std::string program;    ///< a file in the folder of `softhand`, or a path
   std::string arguments;  ///< separated by spaces; {scene} is replaced by the scene file of the rig
   double ready_timeout = 5;
+  double longest_silence = 3;  ///< s
+  std::string stop = "in turn";
   bool optional = false;  ///< if the program was not built: skip the process and print a line
 };
 inline void describe(OptionVisitor& v, RigProcess& o) {
@@ -27,6 +29,13 @@ inline void describe(OptionVisitor& v, RigProcess& o) {
   v.flag("optional", o.optional, "Skip the process if its program was not built.");
   v.number("ready_timeout", o.ready_timeout, "s", {0, 60},
            "Time to wait for the first loop_status. After it the next process is started anyway.");
+  v.number(
+      "longest_silence", o.longest_silence, "s", {0, 600},
+      "A process without loop_status for this time hangs: it is ended and started again. The first loop_status may "
+      "take 30 s. 0 = the process may be silent.");
+  v.choice("stop", o.stop, {"first", "in turn", "last"},
+           "When `softhand up` stops the process. first: before all others (devices). in turn: alone, the last started "
+           "first. last: after all others (displays).");
 }
 
 struct RigOptions {

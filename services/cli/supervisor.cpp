@@ -9,9 +9,12 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <stdexcept>
 #include <utility>
+
+#include "runtime/exit_codes.hpp"
 
 namespace softhand {
 namespace {
@@ -20,6 +23,10 @@ using std::chrono::milliseconds;
 constexpr milliseconds kFirstBackoff{250};
 constexpr milliseconds kLongestBackoff{8000};
 constexpr std::chrono::seconds kCleanSlate{10};
+constexpr std::chrono::seconds kFirstSign{30};  // a process may compute for a while before its loop starts
+constexpr milliseconds kMercy{500};             // from SIGTERM to SIGKILL for a silent child
+constexpr milliseconds kLongestPoll{100};       // a longer pause is the caller's, and no silence of the children
+constexpr unsigned kGuardGrace = 3;             // s, from the end of the supervisor to the end of a group
 
 std::string how_it_ended(int status) {
   if (WIFSIGNALED(status)) return "killed by signal " + std::to_string(WTERMSIG(status));
@@ -31,13 +38,65 @@ std::string how_it_ended(int status) {
 struct Supervisor::Child {
   ChildSpec spec;
   pid_t pid = -1;
+  pid_t group = -1;  // and process id of the guard
   int output = -1;
   std::string partial_line;
   Clock::time_point started;
   Clock::time_point restart_at;
   milliseconds backoff{0};
+  Clock::time_point silent_since;
+  bool has_reported = false;
+  bool is_ending = false;  // got SIGTERM because of its silence
+  bool gave_up = false;
   std::uint64_t restarts = 0;
+
+  Clock::time_point longest_wait() const {
+    if (is_ending) return silent_since + kMercy;
+    return silent_since +
+           (has_reported ? spec.longest_silence : std::max<milliseconds>(kFirstSign, spec.longest_silence));
+  }
 };
+
+namespace {
+
+// Between fork and exec only functions that are safe in a signal handler may be called, because other threads may hold
+// locks.
+
+// Keeps the group alive, so that its number belongs to nobody else. Kills the group some time after the supervisor.
+[[noreturn]] void guard(pid_t supervisor) {
+  setpgid(0, 0);
+  prctl(PR_SET_NAME, "softhand-guard");
+  prctl(PR_SET_PDEATHSIG, SIGUSR1);
+  close_range(0, ~0U, 0);
+  sigset_t end;
+  sigemptyset(&end);
+  sigaddset(&end, SIGUSR1);
+  if (getppid() == supervisor) sigwaitinfo(&end, nullptr);
+  for (unsigned rest = kGuardGrace; rest > 0;) rest = sleep(rest);
+  kill(0, SIGKILL);
+  _exit(1);
+}
+
+[[noreturn]] void become(char* const* command, pid_t group, pid_t supervisor, int output, const sigset_t& signals) {
+  signal(SIGINT, SIG_DFL);
+  signal(SIGTERM, SIG_DFL);
+  pthread_sigmask(SIG_SETMASK, &signals, nullptr);
+  // The child dies when its supervisor dies for any reason. It is in its own process group, so that Ctrl-C reaches only
+  // the supervisor, which stops the children in order.
+  prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (getppid() != supervisor || setpgid(0, group) != 0) _exit(1);
+  dup2(output, STDOUT_FILENO);
+  dup2(output, STDERR_FILENO);
+  // Without this, the children would inherit sockets and lock files of DDS. If the supervisor dies, the children
+  // would then keep its ports busy.
+  close_range(STDERR_FILENO + 1, ~0U, 0);
+  execv(command[0], command);
+  constexpr char kWhy[] = "the program cannot be executed\n";
+  [[maybe_unused]] const ssize_t ignored = write(STDERR_FILENO, kWhy, sizeof kWhy - 1);
+  _exit(kExitConfiguration);
+}
+
+}  // namespace
 
 Supervisor::Supervisor(LogLine log) : log_(std::move(log)) {}
 
@@ -59,39 +118,31 @@ void Supervisor::launch(Child& child) {
   std::vector<char*> arguments;
   for (const std::string& word : child.spec.command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
-  const pid_t parent = getpid();
-  // Between fork and exec the child still runs our signal handlers, so a SIGINT or SIGTERM in that window would be
-  // lost. Both signals stay blocked until the child has the default handlers.
-  sigset_t stops, before;
-  sigemptyset(&stops);
-  sigaddset(&stops, SIGINT);
-  sigaddset(&stops, SIGTERM);
-  pthread_sigmask(SIG_BLOCK, &stops, &before);
-  const pid_t pid = fork();
-  if (pid != 0) pthread_sigmask(SIG_SETMASK, &before, nullptr);
-  if (pid < 0) throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(errno));
-  if (pid == 0) {
-    signal(SIGINT, SIG_DFL);
-    signal(SIGTERM, SIG_DFL);
-    pthread_sigmask(SIG_SETMASK, &before, nullptr);
-    // The child dies when its supervisor dies for any reason. The child gets its own process group, so that Ctrl-C
-    // reaches only the supervisor, which stops the children in order.
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (getppid() != parent) _exit(1);
-    setpgid(0, 0);
-    dup2(ends[1], STDOUT_FILENO);
-    dup2(ends[1], STDERR_FILENO);
-    // Without this, the children would inherit sockets and lock files of DDS. If the supervisor dies, the children
-    // would then keep its ports busy.
-    close_range(STDERR_FILENO + 1, ~0U, 0);
-    execv(arguments[0], arguments.data());
-    _exit(127);
-  }
+  const pid_t supervisor = getpid();
+  // Between fork and exec a process still has our signal handlers, so a SIGINT or SIGTERM in that window would be lost.
+  // All signals stay blocked until the child has the default handlers. The guard keeps them blocked.
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
+  const pid_t group = fork();
+  if (group == 0) guard(supervisor);
+  if (group > 0) setpgid(group, group);  // the guard does this, too; whoever is first
+  const pid_t pid = group > 0 ? fork() : -1;
+  if (pid == 0) become(arguments.data(), group, supervisor, ends[1], before);
+  const int error = errno;
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(ends[1]);
+  if (pid < 0) {
+    close(ends[0]);
+    if (group > 0) kill(group, SIGKILL), waitpid(group, nullptr, 0);
+    throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(error));
+  }
   fcntl(ends[0], F_SETFL, O_NONBLOCK);
   child.pid = pid;
+  child.group = group;
   child.output = ends[0];
-  child.started = Clock::now();
+  child.started = child.silent_since = Clock::now();
+  child.has_reported = child.is_ending = false;
 }
 
 void Supervisor::read_output(Child& child) {
@@ -113,19 +164,31 @@ void Supervisor::read_output(Child& child) {
   }
 }
 
+// The child has ended. Ends what it left behind.
+void Supervisor::bury(Child& child) {
+  kill(-child.group, SIGKILL);
+  waitpid(child.group, nullptr, 0);
+  child.pid = child.group = -1;
+  if (child.output >= 0) read_output(child);
+  if (child.output >= 0) close(child.output);
+  child.output = -1;
+  if (!child.partial_line.empty()) log_(child.spec.name, std::exchange(child.partial_line, {}));
+}
+
 void Supervisor::reap() {
   const auto now = Clock::now();
   for (auto& child : children_) {
     if (child->pid < 0) continue;
     int status = 0;
     if (waitpid(child->pid, &status, WNOHANG) != child->pid) continue;
-    if (child->output >= 0) read_output(*child);
-    if (child->output >= 0) close(child->output);
-    child->output = -1;
-    if (!child->partial_line.empty()) log_(child->spec.name, std::exchange(child->partial_line, {}));
-    child->pid = -1;
+    bury(*child);
     if (stopping_) {
       if (status != 0) log_(child->spec.name, "stopped, " + how_it_ended(status));
+      continue;
+    }
+    if (WIFEXITED(status) && WEXITSTATUS(status) == kExitConfiguration) {
+      child->gave_up = true;
+      log_(child->spec.name, "its configuration is wrong (" + how_it_ended(status) + "); not restarted");
       continue;
     }
     child->backoff = now - child->started >= kCleanSlate ? milliseconds(0)
@@ -137,6 +200,36 @@ void Supervisor::reap() {
   }
 }
 
+void Supervisor::heard(const std::string& name, pid_t id) {
+  for (auto& child : children_) {
+    // The program may be a script that runs the process with this id.
+    if (child->spec.name != name || child->pid < 0 || getpgid(id) != child->group || child->is_ending) continue;
+    child->silent_since = Clock::now();
+    child->has_reported = true;
+  }
+}
+
+void Supervisor::end_silent_children() {
+  const auto now = Clock::now();
+  // The caller was late, for example because it was stopped. It could not pass on what it did not receive.
+  const auto pause = std::exchange(last_poll_, now);
+  const auto late = now - pause > kLongestPoll ? now - pause : Clock::duration(0);
+  for (auto& child : children_) {
+    if (child->pid < 0 || stopping_ || child->spec.longest_silence.count() == 0) continue;
+    child->silent_since += late;
+    if (now < child->longest_wait()) continue;
+    if (!child->is_ending) {
+      const auto silence = std::chrono::duration<double>(now - child->silent_since).count();
+      char text[64];
+      std::snprintf(text, sizeof text, "no status for %.1f s; ending it", silence);
+      log_(child->spec.name, text);
+    }
+    kill(child->pid, child->is_ending ? SIGKILL : SIGTERM);
+    child->silent_since = now;
+    child->is_ending = true;
+  }
+}
+
 void Supervisor::poll(std::chrono::milliseconds timeout) {
   std::vector<pollfd> waits;
   std::vector<Child*> owners;
@@ -145,7 +238,7 @@ void Supervisor::poll(std::chrono::milliseconds timeout) {
     if (child->output >= 0) {
       waits.push_back({child->output, POLLIN, 0});
       owners.push_back(child.get());
-    } else if (child->pid < 0 && !stopping_) {
+    } else if (child->pid < 0 && !stopping_ && !child->gave_up) {
       wake = std::min(wake, child->restart_at);
     }
   }
@@ -155,8 +248,9 @@ void Supervisor::poll(std::chrono::milliseconds timeout) {
     if (waits[i].revents != 0) read_output(*owners[i]);
   }
   reap();
+  end_silent_children();
   for (auto& child : children_) {
-    if (child->pid < 0 && !stopping_ && Clock::now() >= child->restart_at) {
+    if (child->pid < 0 && !stopping_ && !child->gave_up && Clock::now() >= child->restart_at) {
       ++child->restarts;
       launch(*child);
     }
@@ -165,38 +259,69 @@ void Supervisor::poll(std::chrono::milliseconds timeout) {
 
 bool Supervisor::stop(std::chrono::milliseconds grace) {
   stopping_ = true;
-  bool clean = true;
+  std::vector<std::vector<Child*>> turns(1);
+  std::vector<Child*> last;
   for (auto child = children_.rbegin(); child != children_.rend(); ++child) {
-    if ((*child)->pid > 0) kill((*child)->pid, SIGTERM);
+    switch ((*child)->spec.stop) {
+      case StopTurn::first:
+        turns[0].push_back(child->get());
+        break;
+      case StopTurn::in_turn:
+        turns.push_back({child->get()});
+        break;
+      case StopTurn::last:
+        last.push_back(child->get());
+        break;
+    }
+  }
+  turns.push_back(last);
+  bool clean = true;
+  for (const std::vector<Child*>& turn : turns) clean = stop_together(turn, grace) && clean;
+  return clean;
+}
+
+bool Supervisor::stop_together(const std::vector<Child*>& children, std::chrono::milliseconds grace) {
+  const auto runs = [](const Child* child) { return child->pid > 0; };
+  for (Child* child : children) {
+    if (runs(child)) kill(child->pid, SIGTERM);
   }
   const auto deadline = Clock::now() + grace;
-  const auto anyone = [this] {
-    return std::any_of(children_.begin(), children_.end(), [](const auto& child) { return child->pid > 0; });
-  };
-  while (anyone() && Clock::now() < deadline) poll(milliseconds(20));
-  for (auto& child : children_) {
-    if (child->pid <= 0) continue;
+  while (std::any_of(children.begin(), children.end(), runs) && Clock::now() < deadline) poll(milliseconds(20));
+  bool clean = true;
+  for (Child* child : children) {
+    if (!runs(child)) continue;
     clean = false;
     log_(child->spec.name, "did not stop in time; killing it");
     kill(child->pid, SIGKILL);
     waitpid(child->pid, nullptr, 0);
-    child->pid = -1;
+    bury(*child);
   }
   return clean;
 }
 
+const Supervisor::Child* Supervisor::find(const std::string& name) const {
+  const auto child =
+      std::find_if(children_.begin(), children_.end(), [&name](const auto& each) { return each->spec.name == name; });
+  return child == children_.end() ? nullptr : child->get();
+}
+
 std::uint64_t Supervisor::restarts(const std::string& name) const {
-  for (const auto& child : children_) {
-    if (child->spec.name == name) return child->restarts;
-  }
-  return 0;
+  const Child* child = find(name);
+  return child == nullptr ? 0 : child->restarts;
 }
 
 pid_t Supervisor::process_id(const std::string& name) const {
-  for (const auto& child : children_) {
-    if (child->spec.name == name) return child->pid;
-  }
-  return -1;
+  const Child* child = find(name);
+  return child == nullptr ? -1 : child->pid;
+}
+
+bool Supervisor::gave_up(const std::string& name) const {
+  const Child* child = find(name);
+  return child != nullptr && child->gave_up;
+}
+
+bool Supervisor::gave_up() const {
+  return std::any_of(children_.begin(), children_.end(), [](const auto& child) { return child->gave_up; });
 }
 
 }  // namespace softhand

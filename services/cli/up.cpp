@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -43,9 +44,13 @@ class Listener {
     if (everything) streams_.emplace(participant);
   }
 
-  void poll() {
-    status_.take_all([this](const LoopStatus& status) {
-      if (get_text(status.module) != kRigModule) modules_[std::string(get_text(status.module))] = status;
+  /// `watched` gets the signs of life of its children.
+  void poll(Supervisor* watched = nullptr) {
+    status_.take_all([&](const LoopStatus& status) {
+      const std::string module(get_text(status.module));
+      if (module == kRigModule) return;
+      modules_[module] = status;
+      if (watched != nullptr) watched->heard(module, static_cast<pid_t>(status.process_id));
     });
     if (!streams_) return;
     streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
@@ -221,6 +226,13 @@ std::vector<std::string> command_of(const RigProcess& process, const std::string
   return command;
 }
 
+ChildSpec child_of(const RigProcess& process, std::vector<std::string> command) {
+  const StopTurn turn = process.stop == "first"  ? StopTurn::first
+                        : process.stop == "last" ? StopTurn::last
+                                                 : StopTurn::in_turn;
+  return {process.name, std::move(command), turn, milliseconds(std::llround(1e3 * process.longest_silence))};
+}
+
 void say(std::string_view name, std::string_view text) {
   fmt::print("{:>14} | {}\n", name, text);
   std::fflush(stdout);
@@ -236,18 +248,19 @@ void start_processes(Supervisor& supervisor, Listener& listener, RigControl& con
       say(process.name, "skipped: " + process.program + " was not built");
       continue;
     }
-    supervisor.start({process.name, command});
+    supervisor.start(child_of(process, command));
     ++started;
     const auto give_up = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                             std::chrono::duration<double>(process.ready_timeout));
     const auto is_ready = [&] { return listener.modules().count(process.name) > 0; };
-    while (!stop.requested() && !control.changed() && !is_ready() && Clock::now() < give_up) {
+    while (!stop.requested() && !control.changed() && !is_ready() && !supervisor.gave_up(process.name) &&
+           Clock::now() < give_up) {
       supervisor.poll(milliseconds(20));
-      listener.poll();
+      listener.poll(&supervisor);
       control.poll();
     }
     if (stop.requested() || control.changed()) return;
-    if (!is_ready())
+    if (!is_ready() && !supervisor.gave_up(process.name))
       say(process.name, fmt::format("not ready after {:g} s; starting the next process", process.ready_timeout));
   }
   say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.",
@@ -287,13 +300,13 @@ int run_up(const UpArguments& arguments) {
     const std::chrono::duration<double> run_time(arguments.seconds);
     while (!stop.requested() && !control.changed() && (arguments.seconds <= 0 || Clock::now() - started < run_time)) {
       supervisor.poll(milliseconds(5));
-      listener.poll();
+      listener.poll(&supervisor);
       control.poll();
     }
     if (!arguments.json.empty())
       summary = summary_of(arguments, control, listener, supervisor,
                            std::chrono::duration<double>(Clock::now() - started).count());
-    clean = supervisor.stop() && clean;
+    clean = supervisor.stop() && !supervisor.gave_up() && clean;
     listener.forget_modules();
   } while (control.take_changed() && !stop.requested());
   if (!arguments.json.empty()) {

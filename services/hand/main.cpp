@@ -12,6 +12,7 @@
 #include "hand/object_shapes.hpp"
 #include "messages/convert.hpp"
 #include "scene_file.hpp"
+#include "service/loop_log.hpp"
 #include "service/service.hpp"
 #include "world/solid.hpp"
 
@@ -85,10 +86,10 @@ void run(int argc, char** argv) {
   log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),
            1e3 * fast_step, work_budget);
 
-  // The shapes of the scene are ready before the loop starts. Others are loaded beside the loop.
+  // The shapes of the scene are ready before the loop starts. Others are built beside the loop.
   ObjectShapes shapes(object_folders(scene));
   for (const ObjectOptions& object : scene.options.objects) {
-    if (object.model != nullptr) shapes.prepare(make_solid(object).shape.file[0]);
+    shapes.prepare(make_solid(object).shape);
   }
 
   // A repeated run takes what was measured here.
@@ -111,6 +112,7 @@ void run(int argc, char** argv) {
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
   std::uint64_t refused_objects = 0;
+  LoopLog log("softhand-hand");
   const auto publish = [&service](auto& writer, auto& message) {
     if (!writer.has_readers()) return;
     service.stamp(message.stamp);
@@ -123,7 +125,7 @@ void run(int argc, char** argv) {
     descriptions.take_all([&](const ObjectDescription& d) { shapes.request(d); });
     const auto refuse = [&](const ObjectDescription& d, const std::string& problem) {
       ++refused_objects;
-      if (!problem.empty()) log_line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
+      if (!problem.empty()) log.line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
     };
     shapes.deliver(
         [&](const ObjectDescription& d, std::shared_ptr<const ShapeGeometry> shape) {
@@ -139,7 +141,7 @@ void run(int argc, char** argv) {
         flight.describe(kFlightJoint, d, [&] { loop.describe_joint(d); });
       } catch (const std::exception& error) {
         ++refused_objects;
-        log_line("joint {} ('{}') refused: {}", d.joint, get_text(d.name), error.what());
+        log.line("joint {} ('{}') refused: {}", d.joint, get_text(d.name), error.what());
       }
     });
     HandInput input;

@@ -46,16 +46,6 @@ void check(const ObjectDescription& description) {
            "above 0 and at most 1e9 kg m^2 if the object can move");
 }
 
-bool is_same(const Shape& a, const Shape& b) {
-  const auto is_same_file = [](const ShapeFile& x, const ShapeFile& y) {
-    return get_text(x.name) == get_text(y.name) && get_text(x.sha256) == get_text(y.sha256) && x.link == y.link &&
-           x.position == y.position && x.orientation == y.orientation;
-  };
-  return a.kind == b.kind && a.size == b.size &&
-         std::equal(a.vertices.begin(), a.vertices.end(), b.vertices.begin(), b.vertices.end()) &&
-         std::equal(a.file.begin(), a.file.end(), b.file.begin(), b.file.end(), is_same_file);
-}
-
 Pose extrapolated(const Pose& pose, const Twist& velocity, double seconds) {
   return increment(pose, seconds * velocity.linear, seconds * velocity.angular);
 }

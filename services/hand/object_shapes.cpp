@@ -5,14 +5,15 @@
 
 #include "messages/convert.hpp"
 #include "runtime/object_store.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand {
 namespace {
 
-bool is_same(const ShapeFile& a, const ShapeFile& b) {
-  return get_text(a.name) == get_text(b.name) && get_text(a.sha256) == get_text(b.sha256) && a.link == b.link &&
-         a.position == b.position && a.orientation == b.orientation;
-}
+// Anybody on the domain can describe objects. The shape that was built first makes room.
+constexpr std::size_t kMostKnown = 512;
+
+bool takes_long(const Shape& shape) { return !shape.file.empty() || !shape.vertices.empty(); }
 
 }  // namespace
 
@@ -40,31 +41,45 @@ std::shared_ptr<const ShapeGeometry> load_shape(const ShapeFile& file, const std
 ObjectShapes::ObjectShapes(std::vector<std::string> folders) : folders_(std::move(folders)) {}
 ObjectShapes::~ObjectShapes() = default;
 
-ObjectShapes::Known* ObjectShapes::find(const ShapeFile& file) {
+std::shared_ptr<const ShapeGeometry> ObjectShapes::build(const Shape& shape) const {
+  return shape.file.empty() ? std::make_shared<const ShapeGeometry>(shape) : load_shape(shape.file[0], folders_);
+}
+
+ObjectShapes::Known* ObjectShapes::find(const Shape& shape) {
   const auto known =
-      std::find_if(known_.begin(), known_.end(), [&file](const Known& each) { return is_same(each.file, file); });
+      std::find_if(known_.begin(), known_.end(), [&shape](const Known& each) { return is_same(each.shape, shape); });
   return known == known_.end() ? nullptr : &*known;
 }
 
-void ObjectShapes::prepare(const ShapeFile& file) {
+void ObjectShapes::add(Known known) {
+  if (known_.size() >= kMostKnown) known_.erase(known_.begin());
+  known_.push_back(std::move(known));
+}
+
+void ObjectShapes::prepare(const Shape& shape) {
   const std::lock_guard lock(mutex_);
-  if (find(file) == nullptr) known_.push_back({file, load_shape(file, folders_), "", false});
+  if (takes_long(shape) && find(shape) == nullptr) add({shape, build(shape), "", false});
 }
 
 void ObjectShapes::request(const ObjectDescription& description) {
   std::erase_if(waiting_, [&](const ObjectDescription& each) { return each.object == description.object; });
   waiting_.push_back(description);
-  if (description.removed != 0 || description.shape.file.empty()) return;
-  const ShapeFile& file = description.shape.file[0];
+  if (description.removed != 0 || !takes_long(description.shape)) return;
   {
     const std::lock_guard lock(mutex_);
-    if (find(file) != nullptr) return;
-    if (std::any_of(ordered_.begin(), ordered_.end(), [&](const ShapeFile& each) { return is_same(each, file); }))
-      return;
-    ordered_.push_back(file);
+    if (find(description.shape) == nullptr) order(description.shape);
   }
-  if (!thread_.joinable()) thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
   wake_.notify_one();
+}
+
+void ObjectShapes::order(const Shape& shape) {
+  if (std::any_of(ordered_.begin(), ordered_.end(), [&](const Shape& each) { return is_same(each, shape); })) return;
+  ordered_.push_back(shape);
+  if (thread_.joinable()) return;
+  thread_ = std::jthread([this](const std::stop_token& stop) {
+    become_ordinary();
+    work(stop);
+  });
 }
 
 void ObjectShapes::work(const std::stop_token& stop) {
@@ -73,12 +88,12 @@ void ObjectShapes::work(const std::stop_token& stop) {
     Known known{ordered_.front(), nullptr, "", false};
     lock.unlock();
     try {
-      known.shape = load_shape(known.file, folders_);
+      known.geometry = build(known.shape);
     } catch (const std::exception& problem) {
       known.problem = problem.what();
     }
     lock.lock();
-    known_.push_back(std::move(known));
+    add(std::move(known));
     ordered_.erase(ordered_.begin());
   }
 }
@@ -88,14 +103,17 @@ void ObjectShapes::deliver(const Taker& take, const Complaint& complain) {
   const std::unique_lock lock(mutex_, std::try_to_lock);
   if (!lock) return;
   std::erase_if(waiting_, [&](const ObjectDescription& description) {
-    if (description.removed != 0 || description.shape.file.empty()) {
+    if (description.removed != 0 || !takes_long(description.shape)) {
       take(description, nullptr);
       return true;
     }
-    Known* known = find(description.shape.file[0]);
-    if (known == nullptr) return false;
-    if (known->shape != nullptr) {
-      take(description, known->shape);
+    Known* known = find(description.shape);
+    if (known == nullptr) {
+      order(description.shape);  // it is already ordered, unless it made room for another
+      return false;
+    }
+    if (known->geometry != nullptr) {
+      take(description, known->geometry);
     } else {
       complain(description, known->told ? "" : known->problem);
       known->told = true;

@@ -1,5 +1,5 @@
-// Shapes of object files for the hand. Sampling a distance grid takes up to a second, so it happens before the loop
-// starts, or on a thread beside the loop.
+// Shapes for the hand. Sampling the distance grid of an object file takes up to a second, and a convex hull with many
+// vertices takes longer than a step may take. So both are built before the loop starts, or on a thread beside the loop.
 #pragma once
 
 #include <condition_variable>
@@ -21,7 +21,7 @@ namespace softhand {
 /// fit the description.
 std::shared_ptr<const ShapeGeometry> load_shape(const ShapeFile& file, const std::vector<std::string>& folders);
 
-/// Delivers descriptions together with their shapes, without waiting for files.
+/// Delivers descriptions together with their shapes, without waiting for them.
 class ObjectShapes {
  public:
   using Taker = std::function<void(const ObjectDescription&, std::shared_ptr<const ShapeGeometry>)>;
@@ -30,31 +30,35 @@ class ObjectShapes {
   explicit ObjectShapes(std::vector<std::string> folders);
   ~ObjectShapes();
 
-  /// Loads a shape at once. Call before the loop starts. Throws as `load_shape` does.
-  void prepare(const ShapeFile& file);
-  /// Takes a description. Its shape is loaded beside the loop if it is not known.
+  /// Builds a shape at once. Call before the loop starts. Throws as `load_shape` does.
+  void prepare(const Shape& shape);
+  /// Takes a description. Its shape is built beside the loop if it is not known.
   void request(const ObjectDescription& description);
-  /// Calls `take` for each requested description whose shape is known, with null for a shape without a file. Calls
-  /// `complain` for each one that cannot be loaded, with an empty text if the same file failed before.
+  /// Calls `take` for each requested description whose shape is known, with null for a shape that is quickly built: a
+  /// sphere, a box and the like. Calls `complain` for each one that cannot be built, with an empty text if the same
+  /// shape failed before.
   void deliver(const Taker& take, const Complaint& complain);
 
  private:
   struct Known {
-    ShapeFile file;
-    std::shared_ptr<const ShapeGeometry> shape;  // null: it could not be loaded
+    Shape shape;
+    std::shared_ptr<const ShapeGeometry> geometry;  // null: it could not be built
     std::string problem;
     bool told = false;
   };
-  Known* find(const ShapeFile& file);
+  std::shared_ptr<const ShapeGeometry> build(const Shape& shape) const;
+  Known* find(const Shape& shape);
+  void add(Known known);
+  void order(const Shape& shape);
   void work(const std::stop_token& stop);
 
   std::vector<std::string> folders_;
   std::vector<ObjectDescription> waiting_;  // newest of each object
   std::mutex mutex_;
   std::condition_variable_any wake_;
-  std::vector<Known> known_;        // guarded
-  std::vector<ShapeFile> ordered_;  // guarded
-  std::jthread thread_;             // starts with the first order
+  std::vector<Known> known_;    // guarded
+  std::vector<Shape> ordered_;  // guarded
+  std::jthread thread_;         // starts with the first order
 };
 
 }  // namespace softhand

@@ -2,13 +2,18 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
 
 #include "device/answer.hpp"
 #include "messages/convert.hpp"
+#include "runtime/config.hpp"
+#include "runtime/exit_codes.hpp"
 #include "runtime/periodic_loop.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand {
 namespace {
@@ -18,12 +23,14 @@ constexpr Nanoseconds kStatusPeriod = 100'000'000;
 // Rate-monotonic priorities: a loop at 1 kHz must not wait for the end of a step of the hand.
 int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 25 : 20; }
 
-// The member module_ is initialised before participant_, because the DDS threads inherit the priority that is set here.
-std::string with_urgency(const std::string& module, double rate_hz, Urgency urgency) {
-  if (urgency == Urgency::ordinary) return module;
-  for (const std::string& warning : request_real_time(priority_of(rate_hz)))
-    std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
-  return module;
+// The member module_ is initialised before participant_, because the stacks of the DDS threads have the size that is
+// set here.
+std::string with_urgency(const ServiceArguments& arguments, double rate_hz, Urgency urgency) {
+  if (urgency == Urgency::ordinary) return arguments.module;
+  const int priority = arguments.priority ? *arguments.priority : priority_of(rate_hz);
+  for (const std::string& warning : request_real_time(priority))
+    std::fprintf(stderr, "%s: %s\n", arguments.module.c_str(), warning.c_str());
+  return arguments.module;
 }
 
 // `extend` adds options to those that every service has.
@@ -45,11 +52,26 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
       ->type_name("DIR");
   app.add_option("--module", arguments.module, "Module name of this process for messages and status")
       ->capture_default_str();
+  app.add_option(
+         "--priority", arguments.priority,
+         "Real-time priority of the loop; 0 = ordinary. Default: 30, 25 or 20 by its rate. All other threads are "
+         "ordinary")
+      ->check(CLI::Range(0, 99));
+  app.add_option("--cores", arguments.cores, "Cores for the loop, e.g. 2 or 0-1,3; default: all")
+      ->type_name("LIST")
+      ->check([](const std::string& text) {
+        try {
+          parse_cores(text);
+        } catch (const std::invalid_argument& problem) {
+          return std::string(problem.what());
+        }
+        return std::string();
+      });
   extend(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    std::exit(app.exit(error));
+    std::exit(app.exit(error) == 0 ? 0 : kExitConfiguration);
   }
   return arguments;
 }
@@ -83,7 +105,7 @@ DeviceArguments parse_device_arguments(int argc, char** argv, const std::string&
 }
 
 Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency)
-    : module_(with_urgency(arguments.module, rate_hz, urgency)),
+    : module_(with_urgency(arguments, rate_hz, urgency)),
       rate_hz_(rate_hz),
       pacing_(pacing),
       participant_(module_),
@@ -91,7 +113,13 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
       replies_(participant_, bus::topics::message_reply),
       status_writer_(participant_, bus::topics::loop_status),
       epoch_(make_epoch()),
-      clock_id_(clock_id()) {}
+      clock_id_(clock_id()) {
+  // After the threads of DDS have started, because these are for the loop.
+  if (arguments.cores.empty()) return;
+  const cpu_set_t cores = parse_cores(arguments.cores);
+  if (sched_setaffinity(0, sizeof cores, &cores) != 0)
+    std::fprintf(stderr, "%s: cores %s refused (%s)\n", module_.c_str(), arguments.cores.c_str(), std::strerror(errno));
+}
 
 void Service::stamp(Stamp& out) const {
   out.epoch = epoch_;
@@ -155,6 +183,9 @@ int guarded_main(const std::string& module, const std::function<void()>& body) {
   try {
     body();
     return 0;
+  } catch (const ConfigError& error) {
+    std::fprintf(stderr, "%s: %s\n", module.c_str(), error.what());
+    return kExitConfiguration;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s\n", module.c_str(), error.what());
     return 1;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,8 @@ struct ServiceArguments {
   std::string config;                  ///< scene file; all services of a rig read the same file, each its own sections
   std::vector<std::string> overrides;  ///< values of `--set`
   std::string flight;                  ///< folder of `--flight`; empty: no file at the end of the process
+  std::optional<int> priority;         ///< of the loop; 0: ordinary
+  std::string cores;                   ///< for the loop; empty: all
 };
 
 /// Reads `--config`, `--set` and `--module`. Prints the help and exits on `--help`. Prints the error and exits on a
@@ -38,7 +41,7 @@ struct DeviceArguments : ServiceArguments {
 DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module);
 
 enum class Urgency {
-  real_time,  ///< memory locked and priority raised (higher for faster loops); prints a warning if this is refused
+  real_time,  ///< memory locked and priority raised (`--priority`); prints a warning if this is refused
   ordinary,   ///< lower priority than the other processes; for displays
 };
 
@@ -49,7 +52,8 @@ enum class Pacing {
 
 class Service {
  public:
-  /// Sets the urgency before DDS creates its threads. From here on SIGTERM and SIGINT request a clean stop.
+  /// Sets the urgency and the cores of the calling thread, which will run the loop. Threads that it starts later are
+  /// ordinary. From here on SIGTERM and SIGINT request a clean stop.
   Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }
 
@@ -86,14 +90,17 @@ class Service {
   std::uint32_t clock_id_;
 };
 
-/// Number of samples that these readers lost or refused as malformed: `LoopStatus::input_drops`.
+/// Number of samples that these readers lost or refused (malformed, or no room): `LoopStatus::input_drops`.
 template <typename... Readers>
 std::uint64_t dropped_before(const Readers&... readers) {
-  const auto of = [](const bus::ReaderCounters& counters) { return counters.lost + counters.refused; };
+  const auto of = [](const bus::ReaderCounters& counters) {
+    return counters.lost + counters.refused + counters.crowded;
+  };
   return (of(readers.counters()) + ...);
 }
 
-/// main() of a service: an exception from `body` becomes one line on stderr and exit code 1.
+/// main() of a service: an exception from `body` becomes one line on stderr and exit code 1. For a ConfigError the exit
+/// code is kExitConfiguration, as for a wrong command line.
 int guarded_main(const std::string& module, const std::function<void()>& body);
 
 }  // namespace softhand

@@ -75,9 +75,9 @@ Frame encode(const MessageReply& reply, std::uint32_t slot);
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling);
 
 /// Reason why a frame from a page was refused.
-enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood };
-inline constexpr std::array<std::string_view, 8> kRefusalNames{"none", "size",    "magic",  "version",
-                                                               "type", "content", "origin", "flood"};
+enum class Refusal : std::uint8_t { none, size, magic, version, type, content, origin, flood, token };
+inline constexpr std::array<std::string_view, 9> kRefusalNames{"none",    "size",   "magic", "version", "type",
+                                                               "content", "origin", "flood", "token"};
 using RefusalCounts = std::array<std::uint64_t, kRefusalNames.size()>;
 
 /// State of the gateway, sent every half second.

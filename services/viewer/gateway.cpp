@@ -1,5 +1,6 @@
 #include "viewer/gateway.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <map>
@@ -44,18 +45,23 @@ class Feed {
   std::optional<bus::Reader<T>> reader_;
 };
 
-// Numbers for names, in the order of their first appearance.
-class Slots {
- public:
-  std::uint32_t of(std::string_view name) {
-    return slots_.try_emplace(std::string(name), static_cast<std::uint32_t>(slots_.size())).first->second;
-  }
-
- private:
-  std::map<std::string, std::uint32_t> slots_;
-};
+constexpr Nanoseconds kForgetHeld = 1'000'000'000;  // a hand that does not report its coupling holds nothing
+constexpr std::size_t kMostFiles = 256;             // object files that are known; more than a world has objects
 
 }  // namespace
+
+std::uint32_t Slots::of(std::string_view name) {
+  auto slot = std::find_if(slots_.begin(), slots_.end(), [name](const Slot& each) { return each.name == name; });
+  if (slot == slots_.end()) {
+    if (slots_.size() < kMost) slots_.emplace_back();
+    slot = slots_.size() < kMost
+               ? slots_.end() - 1
+               : std::min_element(slots_.begin(), slots_.end(), [](auto& a, auto& b) { return a.used < b.used; });
+    slot->name = name;
+  }
+  slot->used = ++uses_;
+  return static_cast<std::uint32_t>(slot - slots_.begin());
+}
 
 class Gateway::Impl {
  public:
@@ -84,10 +90,11 @@ class Gateway::Impl {
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
       pass(*feed, shown, Retain::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
     pass(contacts_, shown, Retain::no, [](const Contacts& each) { return encode(each); });
-    couplings_.take(shown, [this](const ObjectCoupling& each) { held_[instance_of(each.hand)] = each; });
+    couplings_.take(shown, [this, at](const ObjectCoupling& each) { held_[instance_of(each.hand)] = {each, at}; });
+    std::erase_if(held_, [at](const auto& each) { return at - each.second.at > kForgetHeld; });
     pass(objects_, shown, Retain::no, [this](const WorldObjects& each) {
       *drawn_ = each;
-      for (const auto& [hand, coupling] : held_) draw_held(*drawn_, coupling);
+      for (const auto& [hand, held] : held_) draw_held(*drawn_, held.coupling);
       return encode(*drawn_);
     });
     pass(wrenches_, shown, Retain::no, [](const BoneWrench& each) { return encode(each); });
@@ -150,6 +157,7 @@ class Gateway::Impl {
     if (description.shape.file.empty() || description.removed != 0) return nullptr;
     const ShapeFile& file = description.shape.file[0];
     const std::string name(get_text(file.name)), sha256(get_text(file.sha256));
+    if (files_.size() >= kMostFiles) files_.clear();  // anybody on the domain can invent names
     const auto [known, is_new] = files_.try_emplace(name + " " + sha256);
     if (is_new) {
       try {
@@ -193,7 +201,11 @@ class Gateway::Impl {
   Feed<LoopStatus> statuses_{participant_, bus::topics::loop_status, FrameType::loop_status};
   Feed<MessageReply> replies_{participant_, bus::topics::message_reply, FrameType::message_reply};
   bus::Writer<Message> messages_;
-  std::map<std::uint32_t, ObjectCoupling> held_;  // newest coupling of each hand
+  struct Held {
+    ObjectCoupling coupling;
+    Nanoseconds at = 0;
+  };
+  std::map<std::uint32_t, Held> held_;  // newest coupling of each hand
   std::unique_ptr<WorldObjects> drawn_ = std::make_unique<WorldObjects>();
   Slots modules_;
   TypeSet described_ = 0;

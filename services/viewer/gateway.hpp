@@ -4,6 +4,7 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "bus/bus.hpp"
@@ -11,6 +12,22 @@
 #include "viewer/server.hpp"
 
 namespace softhand::viewer {
+
+/// Numbers for the names of modules. Anybody on the domain can invent names, so there are few numbers: a new name may
+/// take the number of the name that was used the longest time ago.
+class Slots {
+ public:
+  static constexpr std::size_t kMost = 64;
+  std::uint32_t of(std::string_view name);
+
+ private:
+  struct Slot {
+    std::string name;
+    std::uint64_t used = 0;
+  };
+  std::vector<Slot> slots_;
+  std::uint64_t uses_ = 0;
+};
 
 class Gateway {
  public:

@@ -10,6 +10,7 @@
 #include <sstream>
 #include <utility>
 
+#include "device/answer.hpp"
 #include "runtime/clock.hpp"
 #include "web/web_server.hpp"
 
@@ -18,6 +19,9 @@ namespace {
 
 constexpr std::size_t kLargestRequest = 4096;      // bytes, message from a page
 constexpr std::size_t kWaitingMessages = 64;       // limit of messages that the gateway's loop has not taken yet
+constexpr std::size_t kMostConnections = 64;       // besides the pages' streams: a browser opens six for the files
+constexpr std::size_t kMostRetained = 512;         // descriptions; more than the topics have instances
+constexpr std::size_t kMostStreams = 1024;         // of a page
 constexpr std::uint64_t kRefusalsOfOnePage = 100;  // then the page is closed
 constexpr double kSlowest = 0.01;                  // Hz, lowest rate that a page may request
 constexpr int kPorts = 11;                         // number of ports that are tried
@@ -59,7 +63,12 @@ std::map<std::string, File> read_files(const std::string& folder) {
 // State that all pages share. Only the server's thread uses it, except the atomics and the members behind the mutex.
 struct Shared {
   std::map<std::string, File> files;
-  std::map<std::pair<FrameType, std::uint32_t>, Frame> retained;
+  struct Retained {
+    Frame frame;
+    std::uint64_t order = 0;  // grows with each frame
+  };
+  std::map<std::pair<FrameType, std::uint32_t>, Retained> retained;
+  std::uint64_t retained_frames = 0;
 
   std::atomic<TypeSet> shown{0};
   std::atomic<std::uint32_t> pages{0};
@@ -70,13 +79,21 @@ struct Shared {
   std::mutex mutex;
   std::vector<Message> messages;
 
+  // Anybody on the domain can invent instances. The one that was silent for the longest time makes room.
+  void retain(const Outgoing& each) {
+    retained[{each.type, each.instance}] = {each.frame, ++retained_frames};
+    if (retained.size() <= kMostRetained) return;
+    retained.erase(std::min_element(retained.begin(), retained.end(),
+                                    [](const auto& a, const auto& b) { return a.second.order < b.second.order; }));
+  }
+
   void refuse(Refusal why) { refused[static_cast<std::size_t>(why)].fetch_add(1, std::memory_order_relaxed); }
 };
 
 class Page : public web::Session {
  public:
-  Page(Shared& shared, double rate_hz, std::function<void()> show_changed)
-      : shared_(shared), rate_hz_(rate_hz), show_changed_(std::move(show_changed)) {}
+  Page(Shared& shared, double rate_hz, bool may_control, std::function<void()> show_changed)
+      : shared_(shared), rate_hz_(rate_hz), may_control_(may_control), show_changed_(std::move(show_changed)) {}
 
   TypeSet types() const { return socket_ != nullptr ? show_.types : 0; }
   bool gone() const { return gone_; }
@@ -109,6 +126,10 @@ class Page : public web::Session {
       // sample although its times are uneven.
       stream.due = std::max(stream.due, at - period) + period;
     }
+    // Anybody on the domain can invent instances. A stream that rests is forgotten.
+    if (streams_.size() > kMostStreams)
+      std::erase_if(streams_,
+                    [at](const auto& each) { return each.second.waiting == nullptr && at >= each.second.due; });
     frames.insert(frames.end(), replies_.begin(), replies_.end());
     replies_.clear();
     if (frames.empty()) return;
@@ -129,6 +150,9 @@ class Page : public web::Session {
     if (refusal == Refusal::none) {
       if (const auto* show = std::get_if<ShowRequest>(&request)) {
         change_show(*show);
+      } else if (!may_control_) {
+        refusal = Refusal::token;
+        answer_without_token(std::get<Message>(request));
       } else {
         const std::lock_guard lock(shared_.mutex);
         if (shared_.messages.size() < kWaitingMessages) {
@@ -160,10 +184,17 @@ class Page : public web::Session {
       const FrameType type = stream.first.first;
       return type != FrameType::gateway && (show_.types & set_of(type)) == 0;
     });
-    for (const auto& [key, frame] : shared_.retained) {
-      if ((fresh & set_of(key.first)) != 0) offer({key.first, key.second, frame});
+    for (const auto& [key, retained] : shared_.retained) {
+      if ((fresh & set_of(key.first)) != 0) offer({key.first, key.second, retained.frame});
     }
     show_changed_();
+    flush(now());
+  }
+
+  void answer_without_token(const Message& message) {
+    const MessageReply reply = reply_to(message, "viewer", kReplyRefused,
+                                        "other machines need the token: open the address that the viewer printed");
+    offer({FrameType::message_reply, 0, encode(reply, 0)});
     flush(now());
   }
 
@@ -174,6 +205,7 @@ class Page : public web::Session {
 
   Shared& shared_;
   double rate_hz_;
+  bool may_control_;
   std::function<void()> show_changed_;
   web::Socket* socket_ = nullptr;  // null unless it is open
   ShowRequest show_;
@@ -195,7 +227,7 @@ class Server::Impl {
   void publish(std::vector<Outgoing>&& frames) {
     web_.post([this, frames = std::move(frames)] {
       for (const Outgoing& each : frames) {
-        if (each.retain == Retain::yes) shared_.retained[{each.type, each.instance}] = each.frame;
+        if (each.retain == Retain::yes) shared_.retain(each);
         for (const auto& page : pages_) page->offer(each);
       }
       const Nanoseconds at = now();
@@ -220,9 +252,11 @@ class Server::Impl {
     };
     site.socket_path = "/stream";
     site.largest_message = kLargestRequest;
-    site.connect = [this]() -> std::shared_ptr<web::Session> {
+    site.most_connections = kMostConnections + max_pages_;
+    site.controls = true;
+    site.connect = [this](bool trusted) -> std::shared_ptr<web::Session> {
       if (pages_.size() >= max_pages_) return nullptr;
-      pages_.push_back(std::make_shared<Page>(shared_, rate_hz_, [this] { count_pages(); }));
+      pages_.push_back(std::make_shared<Page>(shared_, rate_hz_, trusted, [this] { count_pages(); }));
       count_pages();
       return pages_.back();
     };

@@ -15,6 +15,7 @@ struct Listening {
   std::string hosts{};
   std::string certificate{};
   std::string key{};
+  std::string token{};
 };
 
 inline void describe(OptionVisitor& v, Listening& o,
@@ -29,6 +30,10 @@ inline void describe(OptionVisitor& v, Listening& o,
            "PEM file of a certificate (deploy/certificate makes one). With it all machines use https and wss, and "
            "this machine may also use http and ws. Empty = only http and ws.");
   v.string("key", o.key, "PEM file of the private key of the certificate.");
+  v.string(
+      "token", o.token,
+      "Viewer only. Programs of other machines may send messages only with this token in their address "
+      "(`?token=...`): letters, digits, - and _. Empty = a new random one at each start, printed with the address.");
 }
 
 }  // namespace softhand::web

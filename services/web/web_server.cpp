@@ -7,17 +7,22 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <boost/beast/http/span_body.hpp>
 #include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
 #include <boost/beast/websocket/ssl.hpp>
 #include <cctype>
 #include <chrono>
 #include <optional>
+#include <random>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 #include <type_traits>
+
+#include "runtime/config.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand::web {
 namespace {
@@ -63,12 +68,68 @@ std::string in_url(const std::string& host) {
   return error ? lower_case(host) : "[" + address.to_string() + "]";
 }
 
-bool is_local(const std::string& host) { return host == "localhost" || host == "127.0.0.1" || host == "[::1]"; }
+bool is_local_name(const std::string& host) { return host == "localhost" || host == "127.0.0.1" || host == "[::1]"; }
+
+bool is_loopback(const asio::ip::address& address) {
+  if (address.is_v6() && address.to_v6().is_v4_mapped())
+    return asio::ip::make_address_v4(asio::ip::v4_mapped, address.to_v6()).is_loopback();
+  return address.is_loopback();
+}
+
+// 50 random bits, short enough to type on a headset. Letters that look like digits are left out.
+std::string random_token() {
+  constexpr std::string_view kLetters = "23456789abcdefghijkmnpqrstuvwxyz";
+  std::random_device random;
+  std::string token;
+  for (int i = 0; i < 10; ++i) token += kLetters[random() % kLetters.size()];
+  return token;
+}
+
+// Takes the same time wherever the texts differ.
+bool is_equal(std::string_view a, std::string_view b) {
+  unsigned difference = a.size() == b.size() ? 0 : 1;
+  for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i)
+    difference |= static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b[i]);
+  return difference == 0;
+}
+
+// Value of `token` in the part of a target after the question mark.
+std::string_view token_in(std::string_view target) {
+  constexpr std::string_view kKey = "token=";
+  for (std::size_t at = target.find('?'); at != std::string_view::npos; at = target.find('&', at + 1)) {
+    const std::string_view rest = target.substr(at + 1);
+    if (rest.substr(0, kKey.size()) == kKey) return rest.substr(kKey.size(), rest.find('&') - kKey.size());
+  }
+  return {};
+}
+
+// One of the limited number of connections. Own programs and those of other machines are counted apart, so that others
+// cannot lock out the user.
+class Place {
+ public:
+  Place(std::size_t& taken, bool is_local) : taken_(&taken), is_local_(is_local) { ++taken; }
+  Place(Place&& other) noexcept : taken_(std::exchange(other.taken_, nullptr)), is_local_(other.is_local_) {}
+  ~Place() {
+    if (taken_ != nullptr) --*taken_;
+  }
+  /// The other end is a program of this machine, by its address.
+  bool is_local() const { return is_local_; }
+
+ private:
+  std::size_t* taken_;
+  bool is_local_;
+};
 
 struct Shared {
   Site site;
   std::set<std::string> hosts;
   std::optional<ssl::context> tls;
+  std::string token;                           // empty: nobody else can connect
+  std::size_t taken_here = 0, taken_away = 0;  // places
+
+  bool is_trusted(const Place& place, std::string_view target) const {
+    return place.is_local() || (!token.empty() && is_equal(token_in(target), token));
+  }
 
   bool has_allowed_host(const Request& request) const {
     return hosts.count(host_name(view(request[http::field::host]))) != 0;
@@ -90,8 +151,8 @@ struct Shared {
 template <typename Stream>
 class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Stream>> {
  public:
-  SocketOf(Stream&& stream, std::shared_ptr<Session> session)
-      : stream_(std::move(stream)), session_(std::move(session)) {}
+  SocketOf(Stream&& stream, Place place, std::shared_ptr<Session> session)
+      : stream_(std::move(stream)), place_(std::move(place)), session_(std::move(session)) {}
 
   void accept(const Request& request, std::size_t largest) {
     beast::get_lowest_layer(stream_).expires_never();
@@ -148,6 +209,7 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
   }
 
   websocket::stream<Stream> stream_;
+  Place place_;
   std::shared_ptr<Session> session_;
   beast::flat_buffer buffer_;
   std::vector<Bytes> parts_;
@@ -160,8 +222,8 @@ class SocketOf : public Socket, public std::enable_shared_from_this<SocketOf<Str
 template <typename Stream>
 class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream>> {
  public:
-  HttpConnection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared)
-      : stream_(std::move(stream)), shared_(shared), buffer_(std::move(buffer)) {}
+  HttpConnection(Stream&& stream, Place place, beast::flat_buffer&& buffer, Shared& shared)
+      : stream_(std::move(stream)), place_(std::move(place)), shared_(shared), buffer_(std::move(buffer)) {}
 
   void start() {
     if constexpr (std::is_same_v<Stream, Encrypted>) {
@@ -194,7 +256,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream
       return respond({403, "text/plain", "This server does not accept this host name (option `hosts`).\n"});
     }
     const std::string target(view(request_.target()));
-    if (std::is_same_v<Stream, Plain> && shared_.tls && !is_local(host_name(host)))
+    const bool is_local = place_.is_local() && is_local_name(host_name(host));
+    if (std::is_same_v<Stream, Plain> && shared_.tls && !is_local)
       return respond({301, "text/plain", "Use https.\n"}, "https://" + host + target);
     const std::string path = target.substr(0, target.find('?'));
     if (upgrade) return connect(path);
@@ -210,15 +273,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream
     }
     if (!shared_.site.socket_path.empty() && path != shared_.site.socket_path)
       return respond({404, "text/plain", "There is no WebSocket at this path.\n"});
-    std::shared_ptr<Session> session = shared_.site.connect();
+    std::shared_ptr<Session> session = shared_.site.connect(shared_.is_trusted(place_, view(request_.target())));
     if (!session) return respond({503, "text/plain", "Too many connections.\n"});
-    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(session))
+    std::make_shared<SocketOf<Stream>>(std::move(stream_), std::move(place_), std::move(session))
         ->accept(request_, shared_.site.largest_message);
   }
 
   void respond(const Answer& answer, const std::string& elsewhere = "") {
-    auto response = std::make_shared<http::response<http::string_body>>(static_cast<http::status>(answer.status),
-                                                                        request_.version());
+    using Body = http::span_body<const char>;  // the text outlives the server, so it is not copied
+    auto response =
+        std::make_shared<http::response<Body>>(static_cast<http::status>(answer.status), request_.version());
     response->set(http::field::content_type, beast::string_view(answer.type.data(), answer.type.size()));
     response->set(http::field::cache_control, "no-cache");
     response->set("X-Content-Type-Options", "nosniff");
@@ -228,12 +292,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream
                   "frame-ancestors 'self'");
     if (!elsewhere.empty()) response->set(http::field::location, elsewhere);
     response->keep_alive(request_.keep_alive() && elsewhere.empty());
-    if (request_.method() == http::verb::head) {
-      response->content_length(answer.body.size());
-    } else {
-      response->body() = answer.body;
-      response->prepare_payload();
-    }
+    response->content_length(answer.body.size());
+    if (request_.method() != http::verb::head) response->body() = {answer.body.data(), answer.body.size()};
     // Start a new timeout for the answer. The timeout of the request began at the previous answer and may be almost
     // over.
     beast::get_lowest_layer(stream_).expires_after(kTimeout);
@@ -246,35 +306,38 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection<Stream
   }
 
   Stream stream_;
+  Place place_;
   Shared& shared_;
   beast::flat_buffer buffer_;
   Request request_;
 };
 
 template <typename Stream>
-void start_connection(Stream&& stream, beast::flat_buffer&& buffer, Shared& shared) {
-  std::make_shared<HttpConnection<Stream>>(std::move(stream), std::move(buffer), shared)->start();
+void start_connection(Stream&& stream, Place place, beast::flat_buffer&& buffer, Shared& shared) {
+  std::make_shared<HttpConnection<Stream>>(std::move(stream), std::move(place), std::move(buffer), shared)->start();
 }
 
 // Detects whether a connection uses TLS.
 class TlsDetector : public std::enable_shared_from_this<TlsDetector> {
  public:
-  TlsDetector(Plain&& stream, Shared& shared) : stream_(std::move(stream)), shared_(shared) {}
+  TlsDetector(Plain&& stream, Place place, Shared& shared)
+      : stream_(std::move(stream)), place_(std::move(place)), shared_(shared) {}
   void start() {
     stream_.expires_after(kTimeout);
     beast::async_detect_ssl(stream_, buffer_, [self = shared_from_this()](beast::error_code error, bool encrypted) {
       if (error) return;
       if (encrypted) {
-        start_connection(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->buffer_),
-                         self->shared_);
+        start_connection(Encrypted(std::move(self->stream_), *self->shared_.tls), std::move(self->place_),
+                         std::move(self->buffer_), self->shared_);
       } else {
-        start_connection(std::move(self->stream_), std::move(self->buffer_), self->shared_);
+        start_connection(std::move(self->stream_), std::move(self->place_), std::move(self->buffer_), self->shared_);
       }
     });
   }
 
  private:
   Plain stream_;
+  Place place_;
   Shared& shared_;
   beast::flat_buffer buffer_{kLargestRequest};
 };
@@ -284,9 +347,9 @@ ssl::context tls_of(const Listening& listening) {
   context.set_options(ssl::context::default_workarounds | ssl::context::no_tlsv1 | ssl::context::no_tlsv1_1);
   beast::error_code error;
   context.use_certificate_chain_file(listening.certificate, error);
-  if (error) throw std::runtime_error("certificate " + listening.certificate + ": " + error.message());
+  if (error) throw ConfigError("certificate " + listening.certificate + ": " + error.message());
   context.use_private_key_file(listening.key, ssl::context::pem, error);
-  if (error) throw std::runtime_error("key " + listening.key + ": " + error.message());
+  if (error) throw ConfigError("key " + listening.key + ": " + error.message());
   return context;
 }
 
@@ -298,19 +361,25 @@ class WebServer::Impl {
     shared_.site = std::move(site);
     if (!listening.certificate.empty()) shared_.tls = tls_of(listening);
     listen(listening, ports);
+    if (shared_.site.controls && !is_loopback(acceptor_.local_endpoint().address()))
+      shared_.token = listening.token.empty() ? random_token() : listening.token;
     const auto url_of = [this](const std::string& host) {
       return (shared_.tls ? "https://" : "http://") + host + ":" + std::to_string(port());
     };
+    const std::string query = shared_.token.empty() ? "" : "/?token=" + shared_.token;
     const bool everywhere = acceptor_.local_endpoint().address().is_unspecified();
-    url_ = url_of(everywhere ? "localhost" : in_url(listening.address));
+    url_ = everywhere ? url_of("localhost") : url_of(in_url(listening.address)) + query;
     shared_.hosts = {"localhost", "127.0.0.1", "[::1]", in_url(listening.address)};
     std::istringstream hosts(listening.hosts);
     for (std::string host; hosts >> host;) {
       shared_.hosts.insert(in_url(host));
-      if (everywhere) urls_elsewhere_.push_back(url_of(in_url(host)));
+      if (everywhere) urls_elsewhere_.push_back(url_of(in_url(host)) + query);
     }
     accept();
-    thread_ = std::thread([this] { context_.run(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      context_.run();
+    });
   }
 
   ~Impl() {
@@ -327,7 +396,10 @@ class WebServer::Impl {
   void listen(const Listening& listening, int ports) {
     beast::error_code error;
     const auto address = asio::ip::make_address(listening.address, error);
-    if (error) throw std::runtime_error("address: expected an IP address, not '" + listening.address + "'");
+    if (listening.token.find_first_not_of("0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_") !=
+        std::string::npos)
+      throw ConfigError("token: expected letters, digits, - and _");
+    if (error) throw ConfigError("address: expected an IP address, not '" + listening.address + "'");
     const std::int64_t last = listening.port == 0 ? 0 : std::min<std::int64_t>(65535, listening.port + ports - 1);
     for (std::int64_t port = listening.port; port <= last; ++port) {
       const tcp::endpoint endpoint(address, static_cast<std::uint16_t>(port));
@@ -352,16 +424,26 @@ class WebServer::Impl {
         pause_.expires_after(kAcceptPause);
         return pause_.async_wait([this](beast::error_code) { accept(); });
       }
-      beast::error_code ignored;
-      socket.set_option(tcp::no_delay(true), ignored);
-      socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
-      if (shared_.tls) {
-        std::make_shared<TlsDetector>(Plain(std::move(socket)), shared_)->start();
-      } else {
-        start_connection(Plain(std::move(socket)), beast::flat_buffer(kLargestRequest), shared_);
-      }
+      start(std::move(socket));
       accept();
     });
+  }
+
+  // Closes the connection if there is no place for it.
+  void start(tcp::socket socket) {
+    beast::error_code error;
+    const bool is_local = is_loopback(socket.remote_endpoint(error).address());
+    if (error) return;
+    std::size_t& taken = is_local ? shared_.taken_here : shared_.taken_away;
+    if (taken >= shared_.site.most_connections) return;
+    Place place(taken, is_local);
+    socket.set_option(tcp::no_delay(true), error);
+    socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), error);
+    if (shared_.tls) {
+      std::make_shared<TlsDetector>(Plain(std::move(socket)), std::move(place), shared_)->start();
+    } else {
+      start_connection(Plain(std::move(socket)), std::move(place), beast::flat_buffer(kLargestRequest), shared_);
+    }
   }
 
   Shared shared_;  // outlives the connections, which end with the context

@@ -55,15 +55,22 @@ struct Site {
   std::function<Answer(const std::string& path)> get;  ///< the texts behind the views must outlive the server
   std::string socket_path;                             ///< path of the WebSocket; empty = any path
   Origin origin = Origin::here;
-  std::size_t largest_message = 4096;                 ///< bytes
-  std::function<std::shared_ptr<Session>()> connect;  ///< null = too many connections
-  std::function<void()> refused;                      ///< called for a request with an unknown host, or a WebSocket of
-                                                      ///< a refused origin
+  std::size_t largest_message = 4096;  ///< bytes
+  /// Largest number of connections from programs of this machine, and of connections from other machines. More are
+  /// closed at once.
+  std::size_t most_connections = 64;
+  /// Sessions can control something. Then programs of other machines need a token for it (`Listening::token`).
+  bool controls = false;
+  /// Null = too many WebSockets. `trusted`: the other end is a program of this machine, or it knows the token.
+  std::function<std::shared_ptr<Session>(bool trusted)> connect;
+  std::function<void()> refused;  ///< called for a request with an unknown host, or a WebSocket of
+                                  ///< a refused origin
 };
 
 /// Accepts a request only if its Host is localhost, the address or one of `hosts`. Accepts a WebSocket only if its
 /// Origin fits, too. This keeps out other sites, and other names that resolve to this machine. With a certificate the
-/// same port serves https to all and http to localhost. An http request under another name is redirected to https.
+/// same port serves https to all, and http to programs of this machine under the name localhost. Other http requests
+/// are redirected to https. Whether a program is of this machine follows from its address: it is a loopback address.
 class WebServer {
  public:
   /// Starts listening. `ports`: number of ports to try, one after another, while they are in use. Throws
@@ -75,6 +82,7 @@ class WebServer {
   /// URL for this machine, e.g. http://127.0.0.1:8080
   const std::string& url() const;
   /// URLs for other machines: one for each name of `hosts` if the server listens on 0.0.0.0 or ::. Otherwise empty.
+  /// They end with the token if there is one.
   const std::vector<std::string>& urls_elsewhere() const;
   /// Runs `work` in the server's thread.
   void post(std::function<void()> work);

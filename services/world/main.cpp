@@ -2,11 +2,11 @@
 #include <cstdint>
 #include <memory>
 #include <utility>
-#include <vector>
 
 #include "flight/world_flight.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
+#include "world/newest_couplings.hpp"
 #include "world/world_loop.hpp"
 
 namespace {
@@ -47,22 +47,16 @@ void run(int argc, char** argv) {
   };
   describe_objects(0);
 
-  std::vector<ObjectCoupling> newest;
-  newest.reserve(bus::topics::kHands);
+  NewestCouplings newest(2 * bus::topics::kHands);  // as many as a reader follows
   auto out = std::make_unique<WorldObjects>();
   const auto step = [&](Nanoseconds now) {
     describe_objects(now);
     bool is_new = false;
     couplings.take_all([&](const ObjectCoupling& each) {
       is_new = true;
-      for (ObjectCoupling& known : newest) {
-        if (known.hand != each.hand) continue;
-        known = each;
-        return;
-      }
-      if (newest.size() < newest.capacity()) newest.push_back(each);
+      newest.put(each);
     });
-    const WorldInput input{newest};
+    const WorldInput input{newest.all()};
     const WorldOutput& result =
         flight.step(now, {input, is_new}, [&]() -> const WorldOutput& { return loop.step(now, input); });
     const WorldCounters before = std::exchange(counters, loop.counters());

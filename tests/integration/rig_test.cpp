@@ -117,6 +117,125 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
   }));
 }
 
+// A stopped process is alive for the kernel, but it does not report. Its status ends, so it is replaced.
+TEST_F(Rig, AProcessThatHangsIsReplaced) {
+  RigListener listener;
+  Up up(kDemo, {});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  for (const char* module : {"haptic", "hand"}) {
+    const std::int64_t hung = listener.process_id(module);
+    const Nanoseconds since = now();
+    ASSERT_EQ(kill(static_cast<pid_t>(hung), SIGSTOP), 0);
+    EXPECT_TRUE(listener.wait(15s, [&] { return listener.process_id(module) != hung; })) << module << up.output();
+    EXPECT_FALSE(is_alive(static_cast<std::uint32_t>(hung))) << module;
+    std::printf("%s replaced after %.1f s\n", module, 1e-3 * milliseconds_between(since, now()));
+  }
+  const Nanoseconds replaced = now();
+  EXPECT_TRUE(listener.wait(10s, [&] { return follows(listener, replaced); }));
+  EXPECT_NE(up.output().find("hand | no status for"), std::string::npos) << up.output();
+}
+
+struct Thread {
+  pid_t id;
+  std::string name;
+  int policy;
+  int priority;
+};
+std::vector<Thread> threads_of(std::int64_t process) {
+  std::vector<Thread> threads;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
+    Thread thread{std::stoi(task.path().filename().string()), "", 0, 0};
+    std::ifstream(task.path() / "comm") >> thread.name;
+    thread.policy = sched_getscheduler(thread.id) & ~SCHED_RESET_ON_FORK;
+    sched_param parameters{};
+    sched_getparam(thread.id, &parameters);
+    thread.priority = parameters.sched_priority;
+    threads.push_back(thread);
+  }
+  return threads;
+}
+bool may_raise_priority() {
+  sched_param before{};
+  const int policy = sched_getscheduler(0);
+  sched_getparam(0, &before);
+  const sched_param raised{.sched_priority = 1};
+  if (sched_setscheduler(0, SCHED_FIFO, &raised) != 0) return false;
+  sched_setscheduler(0, policy, &before);
+  return true;
+}
+
+// Network and files must never hold up a step of any process.
+TEST_F(Rig, OnlyLoopsRunAtARaisedPriority) {
+  if (!may_raise_priority()) GTEST_SKIP() << "no permission for real-time priority";
+  const std::string log = "/tmp/softhand_rig_glove_" + std::to_string(getpid()) + ".jsonl";
+  RigListener listener;
+  // With a web server, datagrams, a log file and flight recorders.
+  Up up("config/rigs/landmarks.toml",
+        {"--set", "tracker_landmarks.port=0", "--set", "viewer.port=0", "--set", "haptic.log.file=" + log});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  listener.listen(1s);
+  const std::map<std::string, int> priorities{{"haptic", 30},   {"tactile", 30}, {"tracker", 30},
+                                              {"tracking", 30}, {"world", 25},   {"hand", 20}};
+  for (const auto& [module, priority] : priorities) {
+    const std::int64_t process = listener.process_id(module);
+    const std::vector<Thread> threads = threads_of(process);
+    EXPECT_GT(threads.size(), 3u) << module << ": DDS has threads of its own";
+    for (const Thread& thread : threads) {
+      const bool computes = thread.id == process || thread.name == "helper";
+      EXPECT_EQ(thread.policy, computes ? SCHED_FIFO : SCHED_OTHER) << module << " thread " << thread.name;
+      EXPECT_EQ(thread.priority, computes ? priority : 0) << module << " thread " << thread.name;
+    }
+  }
+  unlink(log.c_str());
+}
+
+TEST_F(Rig, PriorityAndCoresOfALoopAreOptions) {
+  if (!may_raise_priority()) GTEST_SKIP() << "no permission for real-time priority";
+  cpu_set_t allowed;
+  sched_getaffinity(0, sizeof allowed, &allowed);
+  if (CPU_COUNT(&allowed) < 2 || !CPU_ISSET(0, &allowed)) GTEST_SKIP() << "one core";
+  RigListener listener;
+  Up up("tests/integration/rig_cores.toml", {});
+  ASSERT_TRUE(listener.wait(20s, [&] { return listener.process_id("world") > 0; })) << up.output();
+  const std::int64_t process = listener.process_id("world");
+  int elsewhere = 0;
+  for (const Thread& thread : threads_of(process)) {
+    cpu_set_t cores;
+    sched_getaffinity(thread.id, sizeof cores, &cores);
+    if (thread.id != process) {
+      elsewhere += CPU_COUNT(&cores) > 1 ? 1 : 0;
+      continue;
+    }
+    EXPECT_EQ(thread.policy, SCHED_FIFO);
+    EXPECT_EQ(thread.priority, 7);
+    EXPECT_TRUE(CPU_COUNT(&cores) == 1 && CPU_ISSET(0, &cores));
+  }
+  EXPECT_GT(elsewhere, 3) << "input and output may use all cores";
+}
+
+// A configuration error does not go away by itself.
+TEST_F(Rig, AProcessWithAWrongConfigurationIsNotRestarted) {
+  const std::string path = "/tmp/softhand_rig_wrong_" + std::to_string(getpid()) + ".toml";
+  std::ofstream(path) << "name = \"wrong\"\nscene = \"" SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml\"\n"
+                      << "[[process]]\nname = \"world\"\nprogram = \"softhand-world\"\n"
+                      << "arguments = \"--config {scene} --module world\"\n"
+                      << "[[process]]\nname = \"tracking\"\nprogram = \"softhand-tracking\"\n"
+                      << "arguments = \"--config {scene} --set tracking.rate=5\"\n"
+                      << "[[process]]\nname = \"hand\"\nprogram = \"softhand-hand\"\n"
+                      << "arguments = \"--config {scene} --no-such-option\"\n";
+  const auto started = std::chrono::steady_clock::now();
+  const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", path, "--seconds", "2"});
+  const auto took = std::chrono::steady_clock::now() - started;
+  unlink(path.c_str());
+  EXPECT_NE(up.exit_code, 0);
+  EXPECT_EQ(up.output.find("restarts in"), std::string::npos) << up.output;
+  EXPECT_NE(up.output.find("tracking | its configuration is wrong (exit code 78); not restarted"), std::string::npos)
+      << up.output;
+  EXPECT_NE(up.output.find("hand | its configuration is wrong (exit code 78); not restarted"), std::string::npos)
+      << up.output;
+  EXPECT_LT(took, 10s) << "nobody waits for the status of a process that will not come";
+}
+
 TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
   const std::string path = "/tmp/softhand_rig_summary_" + std::to_string(getpid()) + ".json";
   const Finished up = run_program({SOFTHAND_PROGRAMS "/softhand", "up", std::string(SOFTHAND_SOURCE_DIR "/") + kDemo,

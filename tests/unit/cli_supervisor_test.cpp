@@ -1,12 +1,14 @@
 // The supervisor with real children: shell scripts that live, die, or ignore SIGTERM.
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <fstream>
 #include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -51,6 +53,19 @@ class SupervisorTest : public ::testing::Test {
 };
 
 bool alive(pid_t pid) { return kill(pid, 0) == 0; }
+
+// If nobody reaps orphans, they may stay zombies. So a zombie counts as dead.
+bool runs(pid_t pid) {
+  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
+  std::string id, name, state;
+  return static_cast<bool>(stat >> id >> name >> state) && state != "Z" && state != "X";
+}
+
+bool ends(pid_t pid) {
+  const auto until = Clock::now() + std::chrono::seconds(10);
+  while (runs(pid) && Clock::now() < until) usleep(10000);
+  return !runs(pid);
+}
 
 TEST_F(SupervisorTest, ForwardsEveryLineOfBothStreamsUnderTheChildsName) {
   supervisor_.start(shell("one", "echo first; echo second >&2; printf 'cut '; sleep 0.05; echo short; exec sleep 60"));
@@ -128,6 +143,104 @@ TEST_F(SupervisorTest, KillsAndReportsAChildThatDoesNotStopInTime) {
   EXPECT_FALSE(alive(stubborn));
 }
 
+TEST_F(SupervisorTest, StopsInTurns) {
+  const auto slow = [](const std::string& name, StopTurn turn) {
+    ChildSpec child =
+        shell(name, "trap 'echo asked; sleep 0.1; echo ends; exit 0' TERM; echo ready; while :; do sleep 0.01; done");
+    child.stop = turn;
+    return child;
+  };
+  supervisor_.start(slow("display", StopTurn::last));
+  supervisor_.start(slow("world", StopTurn::in_turn));
+  supervisor_.start(slow("glove", StopTurn::first));
+  supervisor_.start(slow("tracker", StopTurn::in_turn));
+  supervisor_.start(slow("vest", StopTurn::first));
+  ASSERT_TRUE(poll_until([this] { return lines_with("ready").size() == 5; }));
+  EXPECT_TRUE(supervisor_.stop());
+  const auto names = [this](const std::string& text) {
+    std::vector<std::string> found;
+    for (const Line& line : lines_with(text)) found.push_back(line.name);
+    return found;
+  };
+  const auto asked = names("asked"), ended = names("ends");
+  ASSERT_EQ(asked.size(), 5u);
+  EXPECT_EQ(std::set<std::string>(asked.begin(), asked.begin() + 2), (std::set<std::string>{"glove", "vest"}));
+  EXPECT_EQ(std::vector<std::string>(asked.begin() + 2, asked.end()),
+            (std::vector<std::string>{"tracker", "world", "display"}));
+  const auto at = [this](const std::string& name, const std::string& text) {
+    for (const Line& line : lines_with(text))
+      if (line.name == name) return line.at;
+    return Clock::time_point();
+  };
+  EXPECT_LE(at("glove", "ends"), at("tracker", "asked"));
+  EXPECT_LE(at("tracker", "ends"), at("world", "asked"));
+  EXPECT_LE(at("world", "ends"), at("display", "asked"));
+}
+
+TEST_F(SupervisorTest, AChildThatFallsSilentIsReplaced) {
+  ChildSpec child = shell("sleepy", "echo up; exec sleep 600");
+  child.longest_silence = milliseconds(300);
+  supervisor_.start(child);
+  supervisor_.start(shell("silent", "echo up; exec sleep 600"));
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 2; }));
+  const pid_t first = supervisor_.process_id("sleepy");
+  for (const auto until = Clock::now() + milliseconds(600); Clock::now() < until;) {
+    supervisor_.heard("sleepy", first);
+    supervisor_.poll(milliseconds(20));
+  }
+  EXPECT_EQ(supervisor_.process_id("sleepy"), first) << "it reported all the time";
+  // Signs of life from others do not count: another process of this name, and another child.
+  EXPECT_TRUE(poll_until([&] {
+    supervisor_.heard("sleepy", getpid());
+    supervisor_.heard("silent", first);
+    return supervisor_.restarts("sleepy") == 1;
+  }));
+  EXPECT_EQ(lines_with("no status for").size(), 1u);
+  EXPECT_EQ(supervisor_.restarts("silent"), 0u) << "it may be silent";
+}
+
+TEST_F(SupervisorTest, ASilentChildThatIgnoresSigtermIsKilled) {
+  ChildSpec child = shell("stuck", "trap '' TERM; echo up; while :; do sleep 0.01; done");
+  child.longest_silence = milliseconds(100);
+  supervisor_.start(child);
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
+  supervisor_.heard("stuck", supervisor_.process_id("stuck"));
+  EXPECT_TRUE(poll_until([this] { return supervisor_.restarts("stuck") == 1; }));
+  EXPECT_EQ(lines_with("killed by signal 9").size(), 1u);
+}
+
+// After a pause of the whole machine, or of the supervisor, its children have not been silent.
+TEST_F(SupervisorTest, APauseOfTheSupervisorIsNoSilence) {
+  ChildSpec child = shell("healthy", "echo up; exec sleep 600");
+  child.longest_silence = milliseconds(500);
+  supervisor_.start(child);
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
+  supervisor_.heard("healthy", supervisor_.process_id("healthy"));
+  usleep(1000000);
+  supervisor_.poll(milliseconds(0));
+  supervisor_.heard("healthy", supervisor_.process_id("healthy"));
+  supervisor_.poll(milliseconds(20));
+  EXPECT_TRUE(lines_with("no status").empty());
+}
+
+TEST_F(SupervisorTest, AConfigurationErrorIsFinal) {
+  const std::string file = "/tmp/softhand_supervisor_" + std::to_string(getpid());
+  std::ofstream(file) << "no program";
+  chmod(file.c_str(), 0755);
+  supervisor_.start(shell("wrong", "echo reason; exit 78"));
+  supervisor_.start({"broken", {file}});
+  supervisor_.start(shell("other", "exec sleep 600"));
+  ASSERT_TRUE(poll_until([this] { return supervisor_.gave_up("wrong") && supervisor_.gave_up("broken"); }));
+  unlink(file.c_str());
+  EXPECT_EQ(lines_with("its configuration is wrong (exit code 78); not restarted").size(), 2u);
+  EXPECT_EQ(lines_with("the program cannot be executed").size(), 1u);
+  EXPECT_FALSE(supervisor_.gave_up("other"));
+  EXPECT_TRUE(supervisor_.gave_up());
+  poll_until([] { return false; }, milliseconds(500));
+  EXPECT_EQ(lines_with("reason").size(), 1u);
+  EXPECT_EQ(supervisor_.restarts("wrong"), 0u);
+}
+
 TEST_F(SupervisorTest, ReportsAChildThatFailsWhileStopping) {
   supervisor_.start(shell("sore", "trap 'exit 7' TERM; echo ready; while :; do sleep 0.01; done"));
   ASSERT_TRUE(poll_until([this] { return !lines_with("ready").empty(); }));
@@ -157,35 +270,66 @@ TEST_F(SupervisorTest, ChildrenDoNotInheritOpenFiles) {
   close(ends[1]);
 }
 
+// A process may start programs of its own. They must not hold its device or port when it is gone.
+TEST_F(SupervisorTest, AChildsHelpersEndWithIt) {
+  supervisor_.start(shell("parent", "sleep 600 & echo $!; exec sleep 600"));
+  ASSERT_TRUE(poll_until([this] { return lines_.size() == 1; }));
+  const pid_t helper = std::stoi(lines_[0].text);
+  EXPECT_TRUE(runs(helper));
+  kill(supervisor_.process_id("parent"), SIGKILL);
+  ASSERT_TRUE(poll_until([this] { return supervisor_.restarts("parent") == 1; }));
+  EXPECT_TRUE(ends(helper));
+  ASSERT_TRUE(poll_until([this] { return lines_with("killed").size() == 1 && lines_.size() == 3; }));
+  const pid_t next = std::stoi(lines_[2].text);
+  EXPECT_TRUE(runs(next));
+  EXPECT_TRUE(supervisor_.stop());
+  EXPECT_TRUE(ends(next));
+}
+
 // A killed supervisor cannot stop its children. The kernel does it.
 TEST(SupervisorDeath, ChildrenDieWithTheirSupervisor) {
-  int ends[2];
-  ASSERT_EQ(pipe(ends), 0);
+  int ends_of_pipe[2];
+  ASSERT_EQ(pipe(ends_of_pipe), 0);
   const pid_t middle = fork();
   ASSERT_GE(middle, 0);
   if (middle == 0) {
     Supervisor supervisor([](const std::string&, const std::string&) {});
     supervisor.start({"child", {"/bin/sleep", "60"}});
     const pid_t child = supervisor.process_id("child");
-    if (::write(ends[1], &child, sizeof child) != sizeof child) _exit(1);
+    if (::write(ends_of_pipe[1], &child, sizeof child) != sizeof child) _exit(1);
     for (;;) supervisor.poll(milliseconds(100));
   }
   pid_t child = -1;
-  ASSERT_EQ(read(ends[0], &child, sizeof child), static_cast<ssize_t>(sizeof child));
+  ASSERT_EQ(read(ends_of_pipe[0], &child, sizeof child), static_cast<ssize_t>(sizeof child));
   EXPECT_TRUE(alive(child));
   kill(middle, SIGKILL);
   waitpid(middle, nullptr, 0);
-  // If nobody reaps orphans, they may stay zombies. So a zombie counts as dead.
-  const auto running = [child] {
-    std::ifstream stat("/proc/" + std::to_string(child) + "/stat");
-    std::string pid, name, state;
-    return static_cast<bool>(stat >> pid >> name >> state) && state != "Z" && state != "X";
-  };
-  const auto until = Clock::now() + std::chrono::seconds(10);
-  while (running() && Clock::now() < until) usleep(10000);
-  EXPECT_FALSE(running());
-  close(ends[0]);
-  close(ends[1]);
+  EXPECT_TRUE(ends(child));
+  close(ends_of_pipe[0]);
+  close(ends_of_pipe[1]);
+}
+
+TEST(SupervisorDeath, HelpersOfChildrenDieWithTheirSupervisor) {
+  int ends_of_pipe[2];
+  ASSERT_EQ(pipe(ends_of_pipe), 0);
+  const pid_t middle = fork();
+  ASSERT_GE(middle, 0);
+  if (middle == 0) {
+    pid_t helper = -1;
+    Supervisor supervisor([&helper](const std::string&, const std::string& line) { helper = std::stoi(line); });
+    supervisor.start({"child", {"/bin/sh", "-c", "sleep 600 & echo $!; exec sleep 600"}});
+    while (helper < 0) supervisor.poll(milliseconds(100));
+    if (::write(ends_of_pipe[1], &helper, sizeof helper) != sizeof helper) _exit(1);
+    for (;;) supervisor.poll(milliseconds(100));
+  }
+  pid_t helper = -1;
+  ASSERT_EQ(read(ends_of_pipe[0], &helper, sizeof helper), static_cast<ssize_t>(sizeof helper));
+  EXPECT_TRUE(runs(helper));
+  kill(middle, SIGKILL);
+  waitpid(middle, nullptr, 0);
+  EXPECT_TRUE(ends(helper));
+  close(ends_of_pipe[0]);
+  close(ends_of_pipe[1]);
 }
 
 }  // namespace

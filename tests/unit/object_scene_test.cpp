@@ -158,12 +158,44 @@ TEST_F(ObjectScene, ShapesAreLoadedBesideTheLoop) {
   EXPECT_GT(shape->signed_distance(to_body * Vector3(0.054, 0.05, 0)), 0.01) << "the loop of the handle is open";
 }
 
+// A hull with many vertices takes longer than a step may take.
+TEST(ObjectShapes, HullsAreBuiltBesideTheLoop) {
+  ObjectDescription ball, flat, box;
+  ball.object = 1, flat.object = 2, box.object = 3;
+  ball.shape.kind = flat.shape.kind = static_cast<std::uint32_t>(ShapeKind::convex_hull);
+  box.shape.kind = static_cast<std::uint32_t>(ShapeKind::box);
+  box.shape.size = {0.1, 0.1, 0.1};
+  for (int i = 0; i < 200; ++i) {
+    const double y = -1 + (2 * i + 1) / 200.0, r = std::sqrt(1 - y * y), turn = 2.4 * i;
+    ball.shape.vertices.push_back({0.05 * r * std::cos(turn), 0.05 * y, 0.05 * r * std::sin(turn)});
+  }
+  for (int i = 0; i < 4; ++i) flat.shape.vertices.push_back({0.1 * i, 0, 0});
+  ObjectShapes shapes({});
+  std::map<std::uint32_t, std::shared_ptr<const ShapeGeometry>> taken;
+  std::map<std::uint32_t, std::string> refused;
+  const auto deliver = [&] {
+    shapes.deliver([&](const ObjectDescription& d, auto shape) { taken[d.object] = std::move(shape); },
+                   [&](const ObjectDescription& d, const std::string& problem) { refused[d.object] += problem; });
+  };
+  for (const ObjectDescription* each : {&ball, &flat, &box}) shapes.request(*each);
+  for (int i = 0; i < 3000 && taken.size() + refused.size() < 3; ++i) {
+    deliver();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  ASSERT_TRUE(taken.count(1) == 1 && taken[1] != nullptr);
+  EXPECT_NEAR(taken[1]->signed_distance(Vector3(0.1, 0, 0)), 0.05, 0.003);
+  ASSERT_EQ(refused.count(2), 1u) << "four points on a line are no hull";
+  EXPECT_FALSE(refused[2].empty());
+  ASSERT_EQ(taken.count(3), 1u);
+  EXPECT_EQ(taken[3], nullptr) << "a box is quickly built";
+}
+
 TEST_F(ObjectScene, AWrongHashIsRefusedAndNamedOnce) {
   const Scene scene = read_scene(write(kMug));
   ObjectDescription mug = described_mug(scene);
   mug.shape.file[0].sha256[0] = mug.shape.file[0].sha256[0] == '0' ? '1' : '0';
   ObjectShapes shapes(object_folders(scene));
-  EXPECT_THROW(shapes.prepare(mug.shape.file[0]), std::runtime_error);
+  EXPECT_THROW(shapes.prepare(mug.shape), std::runtime_error);
   int refused = 0;
   std::string text;
   for (int round = 0; round < 2; ++round) {

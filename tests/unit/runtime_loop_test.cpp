@@ -1,5 +1,6 @@
 // Statistics, schedule, loop and simulated clock.
 #include <gtest/gtest.h>
+#include <sys/mman.h>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "runtime/periodic_loop.hpp"
+#include "runtime/scheduling.hpp"
 #include "runtime/simulated_clock.hpp"
 #include "runtime/statistics.hpp"
 
@@ -252,6 +254,32 @@ TEST(PeriodicLoop, ReportsZeroRateWhileTheClockStands) {
   EXPECT_GT(rate, 300);
   EXPECT_EQ(status.rate_hz, 0);
   EXPECT_EQ(status.step_ms_p99, 0);
+}
+
+TEST(Scheduling, CoresAreAListOfNumbersAndRanges) {
+  const auto numbers = [](const std::string& text) {
+    const cpu_set_t cores = parse_cores(text);
+    std::vector<int> found;
+    for (int core = 0; core < CPU_SETSIZE; ++core)
+      if (CPU_ISSET(core, &cores)) found.push_back(core);
+    return found;
+  };
+  EXPECT_EQ(numbers("2"), (std::vector{2}));
+  EXPECT_EQ(numbers("0-2,5"), (std::vector{0, 1, 2, 5}));
+  EXPECT_EQ(numbers("7,3-3"), (std::vector{3, 7}));
+  for (const char* wrong : {"", "a", "1,", ",1", "3-1", "1-", "-1", "1 2", "99999", "1;2"})
+    EXPECT_THROW(parse_cores(wrong), std::invalid_argument) << wrong;
+}
+
+// A thread that a loop starts at any time is ordinary. This test needs permission for real-time priority.
+TEST(Scheduling, ThreadsOfALoopAreOrdinary) {
+  std::thread([] {
+    const auto warnings = request_real_time(3);
+    munlockall();
+    if (sched_getscheduler(0) == SCHED_OTHER) GTEST_SKIP() << warnings.back();
+    EXPECT_EQ(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_FIFO);
+    std::thread([] { EXPECT_EQ(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_OTHER); }).join();
+  }).join();
 }
 
 }  // namespace

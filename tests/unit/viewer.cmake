@@ -1,3 +1,6 @@
 if(TARGET softhand_viewer_frames)
   softhand_test(viewer_frames ${CMAKE_CURRENT_LIST_DIR}/viewer_frames_test.cpp LINK softhand_viewer_frames)
 endif()
+if(TARGET softhand_viewer)
+  softhand_test(viewer_slots ${CMAKE_CURRENT_LIST_DIR}/viewer_slots_test.cpp LINK softhand_viewer)
+endif()

@@ -1,14 +1,18 @@
-// The web server over real sockets: the host names under which it answers, and its behaviour without free file
-// descriptors.
+// The web server over real sockets: the host names under which it answers, whom it trusts, the number of connections,
+// its memory, and its behaviour without free file descriptors.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <ifaddrs.h>
+#include <malloc.h>
+#include <net/if.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <chrono>
 #include <ctime>
+#include <list>
 #include <string>
 #include <thread>
 #include <vector>
@@ -23,7 +27,7 @@ using namespace std::chrono_literals;
 Site site() {
   Site site;
   site.get = [](const std::string&) { return Answer{200, "text/plain", "here"}; };
-  site.connect = [] { return nullptr; };
+  site.connect = [](auto&&...) { return nullptr; };
   site.refused = [] {};
   return site;
 }
@@ -38,20 +42,35 @@ class HttpClient {
   ~HttpClient() { close(socket_); }
   HttpClient(const HttpClient&) = delete;
   HttpClient& operator=(const HttpClient&) = delete;
-  void connect(const WebServer& server) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(server.port());
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  /// `address` is in network byte order.
+  void connect(const WebServer& server, in_addr_t address = htonl(INADDR_LOOPBACK)) {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(server.port());
+    to.sin_addr.s_addr = address;
+    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
   }
+  void write(const std::string& text) { send(socket_, text.data(), text.size(), MSG_NOSIGNAL); }
   /// The answer's first line.
   std::string ask(const std::string& host) {
-    const std::string request = "GET / HTTP/1.1\r\nHost: " + host + "\r\nConnection: close\r\n\r\n";
-    send(socket_, request.data(), request.size(), MSG_NOSIGNAL);
+    write("GET / HTTP/1.1\r\nHost: " + host + "\r\nConnection: close\r\n\r\n");
+    return line();
+  }
+  std::string open_socket(const std::string& target, const std::string& host) {
+    write("GET " + target + " HTTP/1.1\r\nHost: " + host +
+          "\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+          "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
+    return line();
+  }
+  std::string line() {
     std::string line;
     for (char c = 0; recv(socket_, &c, 1, 0) == 1 && c != '\r';) line += c;
     return line;
+  }
+  /// True if the server has closed the connection without an answer.
+  bool is_closed() {
+    char c = 0;
+    return recv(socket_, &c, 1, 0) == 0;
   }
 
  private:
@@ -62,6 +81,101 @@ std::string ask(const WebServer& server, const std::string& host) {
   HttpClient client;
   client.connect(server);
   return client.ask(host);
+}
+
+// An address of this machine that is not a loopback address, or 0. A connection to it comes from it.
+in_addr_t lan_address() {
+  ifaddrs* all = nullptr;
+  in_addr_t found = 0;
+  if (getifaddrs(&all) != 0) return 0;
+  for (const ifaddrs* each = all; each != nullptr; each = each->ifa_next) {
+    if (each->ifa_addr != nullptr && each->ifa_addr->sa_family == AF_INET && (each->ifa_flags & IFF_LOOPBACK) == 0)
+      found = reinterpret_cast<const sockaddr_in*>(each->ifa_addr)->sin_addr.s_addr;
+  }
+  freeifaddrs(all);
+  return found;
+}
+
+TEST(WebServer, ClosesConnectionsAboveItsLimit) {
+  const WebServer server({.address = "0.0.0.0"}, site());
+  std::list<HttpClient> idle(64);
+  for (HttpClient& each : idle) each.connect(server);
+  {
+    HttpClient one;
+    one.connect(server);
+    EXPECT_TRUE(one.is_closed());
+  }
+  if (const in_addr_t lan = lan_address(); lan != 0) {
+    HttpClient other;
+    other.connect(server, lan);
+    EXPECT_EQ(other.ask("localhost"), "HTTP/1.1 200 OK") << "other machines are counted apart";
+  }
+  idle.pop_back();
+  std::string answer;
+  for (const auto until = std::chrono::steady_clock::now() + 10s;
+       answer.empty() && std::chrono::steady_clock::now() < until;)
+    answer = ask(server, "localhost");
+  EXPECT_EQ(answer, "HTTP/1.1 200 OK") << "a closed connection makes room";
+}
+
+// Many clients that ask for a large file and read slowly.
+TEST(WebServer, DoesNotCopyTheFileForEachRequest) {
+  const std::string large(std::size_t{16} << 20, 'x');
+  Site big = site();
+  big.get = [&large](const std::string&) { return Answer{200, "text/plain", large}; };
+  const WebServer server({}, std::move(big));
+  const auto used = [] {
+    const auto memory = mallinfo2();
+    return memory.uordblks + memory.hblkhd;
+  };
+  const std::size_t before = used();
+  std::list<HttpClient> clients(8);
+  for (HttpClient& each : clients) {
+    each.connect(server);
+    EXPECT_EQ(each.ask("localhost"), "HTTP/1.1 200 OK");
+  }
+  EXPECT_LT(used() - before, large.size() / 4);
+}
+
+TEST(WebServer, TrustsByAddressAndTokenAndNotByName) {
+  std::vector<bool> trusted;
+  Site controlling = site();
+  controlling.controls = true;
+  controlling.connect = [&trusted](bool is_trusted) {
+    trusted.push_back(is_trusted);
+    return nullptr;
+  };
+  const WebServer server({.address = "0.0.0.0", .hosts = "quest-pc.local"}, std::move(controlling));
+  const std::string url = server.urls_elsewhere().at(0);
+  const std::string token = url.substr(url.find("?token=") + 7);
+  EXPECT_EQ(token.size(), 10u) << url;
+  EXPECT_EQ(server.url().find("token"), std::string::npos) << "programs of this machine need no token";
+  const auto is_trusted = [&](in_addr_t address, const std::string& target, const std::string& host) {
+    HttpClient client;
+    client.connect(server, address);
+    EXPECT_EQ(client.open_socket(target, host), "HTTP/1.1 503 Service Unavailable");
+    return trusted.back();
+  };
+  EXPECT_TRUE(is_trusted(htonl(INADDR_LOOPBACK), "/stream", "quest-pc.local")) << "a tunnel";
+  const in_addr_t lan = lan_address();
+  if (lan == 0) GTEST_SKIP() << "no address but loopback addresses";
+  EXPECT_FALSE(is_trusted(lan, "/stream", "quest-pc.local"));
+  EXPECT_FALSE(is_trusted(lan, "/stream", "localhost")) << "anybody can write this name";
+  EXPECT_FALSE(is_trusted(lan, "/stream?token=", "quest-pc.local"));
+  EXPECT_FALSE(is_trusted(lan, "/stream?token=" + token + "x", "quest-pc.local"));
+  EXPECT_FALSE(is_trusted(lan, "/stream?other=" + token, "quest-pc.local"));
+  EXPECT_TRUE(is_trusted(lan, "/stream?token=" + token, "quest-pc.local"));
+  EXPECT_TRUE(is_trusted(lan, "/stream?plain&token=" + token + "&x=1", "quest-pc.local"));
+}
+
+TEST(WebServer, TheTokenCanBeChosen) {
+  Site controlling = site();
+  controlling.controls = true;
+  const WebServer server({.address = "0.0.0.0", .hosts = "quest-pc.local", .token = "My-own_1"}, controlling);
+  EXPECT_TRUE(server.urls_elsewhere().at(0).ends_with("/?token=My-own_1"));
+  EXPECT_THROW(WebServer({.token = "a b"}, controlling), std::runtime_error);
+  const WebServer closed({.token = "unused"}, controlling);
+  EXPECT_EQ(closed.url().find("token"), std::string::npos) << "only this machine can connect";
 }
 
 TEST(WebServer, AnswersUnderItsNamesInAnyNotation) {

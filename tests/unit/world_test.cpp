@@ -5,12 +5,14 @@
 #include <cstdio>
 #include <cstring>
 #include <functional>
+#include <map>
 #include <random>
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "unit/world_objects.hpp"
 #include "world/follow.hpp"
+#include "world/newest_couplings.hpp"
 #include "world/world_loop.hpp"
 
 namespace softhand {
@@ -346,6 +348,23 @@ TEST(WorldMessages, TeleportPositionMeansTheSameAsInTheScene) {
     ASSERT_EQ(world.answer(message).result, kReplyApplied);
     EXPECT_LT((position(object(world.step(8000000, {}), 1)) - before - moved).norm(), 1e-6) << place;
   }
+}
+
+// Foreign users must not keep a hand out for ever.
+TEST(NewestCouplings, ANewHandTakesThePlaceOfTheOneHeardLongestAgo) {
+  NewestCouplings newest(3);
+  const auto put = [&newest](std::uint32_t user, double step_period) {
+    ObjectCoupling coupling;
+    coupling.hand = {user, 1};
+    coupling.step_period = step_period;
+    newest.put(coupling);
+  };
+  for (const std::uint32_t user : {10u, 11u, 12u}) put(user, 1);
+  put(10, 2);
+  put(0, 3);
+  std::map<std::uint32_t, double> found;
+  for (const ObjectCoupling& each : newest.all()) found[each.hand.user] = each.step_period;
+  EXPECT_EQ(found, (std::map<std::uint32_t, double>{{0, 3}, {10, 2}, {12, 1}}));
 }
 
 }  // namespace

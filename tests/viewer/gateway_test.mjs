@@ -1,8 +1,9 @@
 // Tests of the gateway with plain WebSocket clients.
 import assert from "node:assert/strict";
 import { connect } from "node:net";
+import { networkInterfaces } from "node:os";
 import { after, before, test } from "node:test";
-import { Client, MESSAGE, Process, SHOW, frame, gateway, pause, publisher, show, until } from "./harness.mjs";
+import { Client, MESSAGE, Process, SHOW, frame, gateway, message, pause, publisher, show, until } from "./harness.mjs";
 
 const NODES = 1 << 2;
 const DESCRIPTION = 1 << 1;
@@ -236,4 +237,38 @@ test("other origins and other names for this host are refused", async () => {
   await same.opened;
   assert.ok((await same.state()).refused.origin >= 3);
   await leave(same);
+});
+
+// An address other than localhost. A connection to it comes from it.
+const lan = Object.values(networkInterfaces())
+  .flat()
+  .find(({ family, internal }) => family === "IPv4" && !internal)?.address;
+test("programs of other machines need the token to send messages", { skip: !lan && "no other address" }, async () => {
+  const open = await gateway(0, "viewer.address=0.0.0.0", `viewer.hosts=${lan}`, "viewer.token=sesame");
+  await open.process.line(new RegExp(`elsewhere at http://${lan}:${open.port}/\\?token=sesame`));
+  const answers = async (url, options, query) => {
+    const one = new Client(url, options, query);
+    await one.opened;
+    one.socket.send(show(STATUS | (1 << 11)));
+    await one.state();
+    const id = BigInt(Math.floor(1e9 * Math.random()));
+    one.socket.send(message("viewer", "no such key", "1", id));
+    const isIt = ([key, payload]) => key.startsWith("11 ") && payload.readBigUInt64LE(0) === id;
+    const [, payload] = await until("a reply", () => [...one.newest].find(isIt));
+    const { refused } = await one.state();
+    await leave(one);
+    return { result: payload.readUInt32LE(8), text: payload.subarray(80).toString(), refused: refused.token };
+  };
+  const away = `http://${lan}:${open.port}`;
+  const named = { headers: { host: `localhost:${open.port}` } };
+  for (const [options, query] of [[{}, ""], [named, ""], [{}, "?token=guess"]]) {
+    const { result, text } = await answers(away, options, query);
+    assert.equal(result, 2);
+    assert.match(text, /need the token/);
+  }
+  assert.equal((await answers(away, {}, "?token=sesame")).result, 0, "the module ignores an unknown key");
+  const here = await answers(open.url, {}, "");
+  assert.equal(here.result, 0, "programs of this machine need no token");
+  assert.equal(here.refused, 3);
+  await open.process.end();
 });

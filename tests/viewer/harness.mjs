@@ -99,6 +99,14 @@ export function show(types, rate = 0) {
   return frame(SHOW, payload);
 }
 
+/** A message to a module, such as motors on. */
+export function message(module, key, value, id = 1n) {
+  const payload = Buffer.alloc(8 + 3 * 64);
+  payload.writeBigUInt64LE(id, 0);
+  [module, key, value].forEach((text, i) => payload.write(text, 8 + 64 * i));
+  return frame(MESSAGE, payload);
+}
+
 /**
  * The samples published on `topic` in the next `seconds`, recorded by `softhand record`. A sample is little-endian CDR
  * without the four bytes of encapsulation.
@@ -130,8 +138,8 @@ export class Client {
   newest = new Map();
   count = new Map();
   bytes = 0;
-  constructor(url, options = {}) {
-    this.socket = new WebSocket(`${url.replace("http", "ws")}/stream`, options);
+  constructor(url, options = {}, query = "") {
+    this.socket = new WebSocket(`${url.replace("http", "ws")}/stream${query}`, options);
     this.opened = new Promise((done, failed) => {
       this.socket.on("open", done);
       this.socket.on("error", failed);
@@ -153,7 +161,7 @@ export class Client {
     const before = this.count.get(12) ?? 0;
     await until("the gateway's state", () => (this.count.get(12) ?? 0) > before);
     const payload = this.frames.get(12);
-    const names = ["none", "size", "magic", "version", "type", "content", "origin", "flood"];
+    const names = ["none", "size", "magic", "version", "type", "content", "origin", "flood", "token"];
     return {
       pages: payload.readUInt32LE(8),
       passedOver: payload.readDoubleLE(32),

@@ -1,5 +1,6 @@
 // Tests of the page in a browser, with data from a gateway over real DDS.
 import assert from "node:assert/strict";
+import { networkInterfaces } from "node:os";
 import { after, before, test } from "node:test";
 import { Process, browser, frame, gateway, pause, publisher, until } from "./harness.mjs";
 
@@ -189,6 +190,28 @@ test("a message is sent and its reply is shown", async () => {
   await page.click("#reset");
   await source.line(/message \* reset now/);
   await until("the answer", async () => /hand: done as asked/.test(await page.locator("#replies").textContent()));
+});
+
+// An address other than localhost. A connection to it comes from it.
+const lan = Object.values(networkInterfaces())
+  .flat()
+  .find(({ family, internal }) => family === "IPv4" && !internal)?.address;
+const skip = !lan && "no address";
+test("a page on another machine sends messages with the token of its address", { skip }, async () => {
+  const open = await gateway(0, "viewer.address=0.0.0.0", `viewer.hosts=${lan}`);
+  const [, address] = await open.process.line(/elsewhere at (\S+)/);
+  const answer = async (url) => {
+    const away = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+    await away.goto(url);
+    await away.click("#reset");
+    const replies = () => away.locator("#replies").textContent();
+    const text = await until("an answer", replies);
+    await away.close();
+    return text;
+  };
+  assert.match(await answer(address.replace(/\?.*/, "")), /viewer: refused, other machines need the token/);
+  assert.match(await answer(address), /hand: done as asked/);
+  await open.process.end();
 });
 
 const badge = () => page.locator("#pace-badge").textContent();

@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "runtime/clock.hpp"
+#include "runtime/scheduling.hpp"
 #include "web/web_server.hpp"
 
 namespace softhand {
@@ -81,7 +82,10 @@ class Datagrams {
       close_all();
       throw std::runtime_error("cannot listen on UDP " + address + ":" + std::to_string(port) + ": " + why);
     }
-    thread_ = std::thread([this] { receive(); });
+    thread_ = std::thread([this] {
+      become_ordinary();
+      receive();
+    });
   }
   ~Datagrams() {
     const std::uint64_t one = 1;
@@ -138,7 +142,7 @@ class Inbox::Impl {
     };
     site.origin = web::Origin::this_host;
     site.largest_message = largest;
-    site.connect = [this] {
+    site.connect = [this](bool) {
       return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr;
     };
     site.refused = [this] { ++shared_.refused_origin; };

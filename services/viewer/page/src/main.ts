@@ -124,7 +124,9 @@ function bad(why: string): void {
 const timeline = new Timeline(applyFrame, passFrame, () => stage.clear());
 // A page from https may open only wss sockets.
 const socketScheme = location.protocol === "https:" ? "wss" : "ws";
-const connection = new Connection(`${socketScheme}://${location.host}/stream`, {
+// The gateway takes messages from other machines only with its token.
+const token = query.has("token") ? `?token=${encodeURIComponent(query.get("token") ?? "")}` : "";
+const connection = new Connection(`${socketScheme}://${location.host}/stream${token}`, {
   frame: (frame) => {
     ++counts.frames;
     timeline.add(performance.now(), frame);

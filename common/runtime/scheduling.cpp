@@ -1,0 +1,82 @@
+#include "runtime/scheduling.hpp"
+
+#include <pthread.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cstring>
+#include <sstream>
+#include <stdexcept>
+
+namespace softhand {
+namespace {
+
+constexpr std::size_t kThreadStack = std::size_t{1} << 20;
+
+}  // namespace
+
+std::vector<std::string> request_real_time(int priority) {
+  std::vector<std::string> warnings;
+#if defined(__GLIBC__)
+  // Locked memory is resident, and this includes stacks. With glibc's default of 8 MB per thread, the stacks of a DDS
+  // participant's threads would be half of a service's memory.
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, kThreadStack);
+  if (const int error = pthread_setattr_default_np(&attributes); error != 0) {
+    warnings.push_back(std::string("stacks stay large (") + std::strerror(error) + ")");
+  }
+  pthread_attr_destroy(&attributes);
+#endif
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
+    warnings.push_back(std::string("memory is not locked (") + std::strerror(errno) + "): steps may wait for pages");
+  }
+  if (priority == 0) return warnings;
+  const sched_param parameters{.sched_priority = priority};
+  // The threads of DDS, web servers and logs must not inherit the priority, whenever they start.
+  if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) != 0) {
+    warnings.push_back(std::string("real-time priority refused (") + std::strerror(errno) + "): steps may be late");
+  }
+  return warnings;
+}
+
+void become_ordinary() {
+  const sched_param ordinary{};
+  sched_setscheduler(0, SCHED_OTHER, &ordinary);
+  cpu_set_t all;
+  CPU_ZERO(&all);
+  for (int core = 0; core < std::min<int>(CPU_SETSIZE, static_cast<int>(sysconf(_SC_NPROCESSORS_CONF))); ++core)
+    CPU_SET(core, &all);
+  sched_setaffinity(0, sizeof(all), &all);
+}
+
+cpu_set_t parse_cores(const std::string& text) {
+  cpu_set_t cores;
+  CPU_ZERO(&cores);
+  std::istringstream in(text);
+  const auto core = [&in] {
+    int number = -1;
+    if (!std::isdigit(in.peek()) || !(in >> number) || number >= CPU_SETSIZE) number = -1;
+    return number;
+  };
+  char separator = ',';
+  while (separator == ',') {
+    const int first = core();
+    int last = first;
+    separator = 0;
+    if (in.get(separator) && separator == '-') {
+      last = core();
+      separator = 0;
+      in.get(separator);
+    }
+    if (first < 0 || last < first || (in && separator != ','))
+      throw std::invalid_argument("expected cores such as 2 or 0-1,3, got '" + text + "'");
+    for (int each = first; each <= last; ++each) CPU_SET(each, &cores);
+  }
+  return cores;
+}
+
+}  // namespace softhand

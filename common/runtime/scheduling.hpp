@@ -1,0 +1,25 @@
+// Priorities and cores of threads. Only loops run at a raised priority. Input and output never do, because they would
+// stand above the loops of other processes.
+#pragma once
+
+#include <sched.h>
+
+#include <string>
+#include <vector>
+
+namespace softhand {
+
+/// Locks the memory of the process and sets the calling thread to SCHED_FIFO with `priority` (1..99; 0: it stays
+/// ordinary). Returns one warning with the reason for each request that the system refused. The loop still runs then,
+/// with less exact timing. Threads that it starts later are ordinary, because only loops may have a raised priority.
+/// They get stacks of 1 MiB.
+std::vector<std::string> request_real_time(int priority);
+
+/// For a thread that does input or output: ordinary priority, and all cores of the machine. The thread that started it
+/// may be pinned to a core.
+void become_ordinary();
+
+/// A list of cores such as "2", "0-1,3". Throws std::invalid_argument for another text, and for an empty list.
+cpu_set_t parse_cores(const std::string& text);
+
+}  // namespace softhand
