@@ -11,7 +11,7 @@
 namespace softhand {
 namespace {
 
-// Width of the ramp over which a limit's stiffness grows, rad.
+// Width of the ramp over which a limit's stiffness grows, rad. Beyond it the moment is stiffness times excess.
 constexpr double kRamp = 0.02;
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
@@ -92,13 +92,12 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
 JointEnergy::Response JointEnergy::AxisLaw::at(double angle) const {
   const double outside = angle > maximum ? angle - maximum : angle < minimum ? angle - minimum : 0.0;
   if (minimum == maximum) return {0.5 * stiffness * outside * outside, stiffness * outside, stiffness};
-  const double depth = std::abs(outside);
-  if (depth < kRamp) {
-    const double slope = stiffness / kRamp;
-    return {slope / 6 * depth * depth * depth, 0.5 * slope * depth * outside, slope * depth};
+  const double depth = std::abs(outside), x = depth / kRamp;
+  if (x < 1) {
+    return {stiffness * depth * depth * (2.0 / 3 - x / 4) * x, stiffness * outside * (2 - x) * x,
+            stiffness * (4 - 3 * x) * x};
   }
-  const double rest = outside - std::copysign(0.5 * kRamp, outside);
-  return {0.5 * stiffness * rest * rest + stiffness * kRamp * kRamp / 24, stiffness * rest, stiffness};
+  return {stiffness * (0.5 * depth * depth - kRamp * kRamp / 12), stiffness * outside, stiffness};
 }
 
 Vector3 JointEnergy::angles(int joint, const State& state) const { return geometry_of(site(joint), state).angles; }

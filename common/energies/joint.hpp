@@ -3,7 +3,8 @@
 //
 //   U = 1/2 k |x_a + r_a - x_b - r_b|^2 + sum over the held axes 1/2 k_o phi_i^2
 //       + sum over the limited axes U_lim(e_i),   phi = log(Q_a^T Q_b)
-//   U_lim = k_lim e^3/(6 w) for e < w, else 1/2 k_lim (e - w/2)^2 + k_lim w^2/24;   e_i: how far phi_i is out of range
+//   U_lim = k_lim (2 e^3/(3 w) - e^4/(4 w^2)) for e < w, else k_lim (e^2/2 - w^2/12);   e_i: how far phi_i is out of
+//   range
 //
 // Q_a is the parent's rest-aligned joint frame and Q_b the child's joint frame. phi is zero at rest. Its components are
 // the flexion, abduction and twist of `JointModel`, in the parent's joint frame.
@@ -11,8 +12,8 @@
 // Departure from the source: the source gives no formula for axes and ranges. We use the components of the rotation
 // vector, because they treat all three axes alike and have no gimbal lock. They equal the textbook joint angles while
 // only one of them is large. The stiffness of a limit grows over w = 0.02 rad, where the source gives none: a jump
-// costs the solver a new factor each time a joint at its limit trembles. At a rotation of pi, phi is finite and jumps
-// to the other arc.
+// costs the solver a new factor each time a joint at its limit trembles. Beyond w the moment is k_lim e, as without a
+// ramp. At a rotation of pi, phi is finite and jumps to the other arc.
 //
 // Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent, six of the child. Units: J; m, rad.
 #pragma once
