@@ -23,6 +23,9 @@ constexpr double kDenseOperation = 0.6;
 constexpr double kDenseEntry = 20;
 // The same for an evaluation of the terms with kinks, per block that moves.
 constexpr double kBlockOperations = 12'000;
+// A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
+constexpr double kMostCompliance = 2.5;
+constexpr double kPairOperations = 15'000;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
 constexpr int kMaxTrials = 8;
@@ -60,6 +63,11 @@ LocalNewton::LocalNewton(DofLayout layout)
   added_.reserve(static_cast<std::size_t>(layout.block_count()));
   compliance_place_.reserve(static_cast<std::size_t>(layout.block_count()));
   trial_ = empty_state(layout);
+}
+
+int LocalNewton::condensed_room(double per_operation) {
+  const double pairs = kMostCompliance / (kPairOperations * per_operation);
+  return static_cast<int>(std::min<double>(kMaxCondensedBlocks, std::sqrt(pairs)));
 }
 
 // Adds the rows and columns of the blocks in the journal to those that move.

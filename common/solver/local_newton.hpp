@@ -34,6 +34,10 @@ class LocalNewton {
   /// The same for the condensed solve, whose matrix is dense.
   static constexpr int kMaxCondensedBlocks = 256;
   static constexpr int kMaxModes = 6;
+  /// Most blocks of the core with which the condensed solve is cheaper than factors with contact, at most
+  /// `kMaxCondensedBlocks`. `per_operation`: work of an operation of a float factorisation, in fast steps. The factors
+  /// of a large mesh are expensive, so its limit is high.
+  static int condensed_room(double per_operation);
 
   explicit LocalNewton(DofLayout layout);
 

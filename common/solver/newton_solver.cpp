@@ -52,7 +52,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       predictor_(options, layout),
       linkage_(layout),
       local_newton_(layout),
-      compliance_(potential_.hessian().core_count(), LocalNewton::kMaxCondensedBlocks),
+      compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
