@@ -57,7 +57,7 @@ constexpr int kProcessLeaseMs = 10000;
 
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
-/// out of reach. `Door` bounds what comes in.
+/// out of reach. `AdmissionFilter` bounds what comes in.
 constexpr int kHistoryInstances = 100000;
 /// An instance without a sample for this time makes room for another.
 constexpr std::chrono::seconds kInstanceRest{1};
@@ -140,21 +140,21 @@ class PlainType final : public dds::TopicDataType {
 /// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
 /// many. A new instance takes the place of one that rests. Fast DDS 2.9 does not tell a filter who wrote a sample. So
 /// the epoch in the sample stands for the writer.
-class Door final : public dds::IContentFilter {
+class AdmissionFilter final : public dds::IContentFilter {
  public:
   using Clock = std::chrono::steady_clock;
-  Door(const TypeCodec& codec, int share, const std::optional<HandKey>& only)
+  AdmissionFilter(const TypeCodec& codec, int share, const std::optional<HandKey>& only)
       : codec_(codec), received_(codec.create_received()), share_(static_cast<std::size_t>(share)) {
-    guests_.reserve(2 * share_);
+    admitted_.reserve(2 * share_);
     if (only) {
       EncodeKey key;
       key(*only);
       only_ = hash_of(std::span(key.bytes).first(key.size));
     }
   }
-  ~Door() { codec_.destroy_received(received_); }
-  Door(const Door&) = delete;
-  Door& operator=(const Door&) = delete;
+  ~AdmissionFilter() { codec_.destroy_received(received_); }
+  AdmissionFilter(const AdmissionFilter&) = delete;
+  AdmissionFilter& operator=(const AdmissionFilter&) = delete;
 
   /// DDS calls it under the lock of the reader.
   bool evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const override {
@@ -173,7 +173,7 @@ class Door final : public dds::IContentFilter {
  private:
   using EncodeKey = detail::EncodeKey;
   using Key = std::array<std::uint8_t, 16>;  // the key itself, or its MD5 if it is longer
-  struct Guest {
+  struct Admitted {
     Key key;
     std::uint64_t writer;
     Clock::time_point last;
@@ -197,25 +197,25 @@ class Door final : public dds::IContentFilter {
 
   bool has_room(const Key& key, std::uint64_t writer, Clock::time_point now) const {
     std::size_t of_writer = 0;
-    Guest* oldest = nullptr;
-    Guest* oldest_of_writer = nullptr;
-    for (Guest& guest : guests_) {
-      if (guest.key == key) {
-        guest.writer = writer;
-        guest.last = now;
+    Admitted* oldest = nullptr;
+    Admitted* oldest_of_writer = nullptr;
+    for (Admitted& entry : admitted_) {
+      if (entry.key == key) {
+        entry.writer = writer;
+        entry.last = now;
         return true;
       }
-      if (oldest == nullptr || guest.last < oldest->last) oldest = &guest;
-      if (guest.writer != writer) continue;
+      if (oldest == nullptr || entry.last < oldest->last) oldest = &entry;
+      if (entry.writer != writer) continue;
       ++of_writer;
-      if (oldest_of_writer == nullptr || guest.last < oldest_of_writer->last) oldest_of_writer = &guest;
+      if (oldest_of_writer == nullptr || entry.last < oldest_of_writer->last) oldest_of_writer = &entry;
     }
-    const Guest guest{key, writer, now};
-    Guest* place = of_writer >= share_ ? oldest_of_writer : guests_.size() >= 2 * share_ ? oldest : nullptr;
+    const Admitted entry{key, writer, now};
+    Admitted* place = of_writer >= share_ ? oldest_of_writer : admitted_.size() >= 2 * share_ ? oldest : nullptr;
     if (place == nullptr) {
-      guests_.push_back(guest);
+      admitted_.push_back(entry);
     } else if (now - place->last > kInstanceRest) {
-      *place = guest;
+      *place = entry;
     } else {
       return false;
     }
@@ -226,31 +226,31 @@ class Door final : public dds::IContentFilter {
   void* received_;
   std::size_t share_;
   std::optional<Key> only_;
-  mutable std::vector<Guest> guests_;
+  mutable std::vector<Admitted> admitted_;
   mutable std::atomic<std::uint64_t> crowded_ = 0;
 };
 
-/// Makes the doors of a participant known to Fast DDS, which calls them content filters.
-class Doors final : public dds::IContentFilterFactory {
+/// Makes the filters of a participant known to Fast DDS.
+class AdmissionFilters final : public dds::IContentFilterFactory {
  public:
   /// Other participants would use a filter of a name that they know already when they send.
-  Doors() : name_("softhand-door-" + std::to_string(std::random_device()())) {}
+  AdmissionFilters() : name_("softhand-filter-" + std::to_string(std::random_device()())) {}
   const char* name() const { return name_.c_str(); }
 
-  dds::ContentFilteredTopic* topic(dds::DomainParticipant& participant, dds::Topic* topic, Door& door) {
+  dds::ContentFilteredTopic* topic(dds::DomainParticipant& participant, dds::Topic* topic, AdmissionFilter& filter) {
     const std::lock_guard lock(mutex_);
-    entering_ = &door;
-    entering_thread_ = std::this_thread::get_id();
+    requested_ = &filter;
+    requesting_thread_ = std::this_thread::get_id();
     auto* filtered = participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic,
-                                                             "door", {}, name());
-    entering_thread_ = std::thread::id();
+                                                             "filter", {}, name());
+    requesting_thread_ = std::thread::id();
     return filtered;
   }
   /// A writer of the same participant asks for a filter, too. It sends everything.
   ReturnCode_t create_content_filter(const char*, const char*, const dds::TopicDataType*, const char*,
                                      const ParameterSeq&, dds::IContentFilter*& filter) override {
-    filter = entering_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(entering_)
-                                                                   : &everything_;
+    filter = requesting_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(requested_)
+                                                                     : &everything_;
     return ReturnCode_t::RETCODE_OK;
   }
   ReturnCode_t delete_content_filter(const char*, dds::IContentFilter*) override { return ReturnCode_t::RETCODE_OK; }
@@ -261,8 +261,8 @@ class Doors final : public dds::IContentFilterFactory {
   };
   std::string name_;
   std::mutex mutex_;
-  Door* entering_ = nullptr;
-  std::atomic<std::thread::id> entering_thread_{};
+  AdmissionFilter* requested_ = nullptr;
+  std::atomic<std::thread::id> requesting_thread_{};
   std::uint64_t count_ = 0;
   Everything everything_;
 };
@@ -354,7 +354,7 @@ class ParticipantImpl {
         dds::DomainParticipantFactory::get_instance()->create_participant(static_cast<std::uint32_t>(domain), qos);
     if (participant_ == nullptr)
       fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
-    participant_->register_content_filter_factory(doors_.name(), &doors_);
+    participant_->register_content_filter_factory(filters_.name(), &filters_);
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
     if (publisher_ == nullptr || subscriber_ == nullptr) {
@@ -377,9 +377,9 @@ class ParticipantImpl {
     if (created == nullptr) fail("cannot create topic " + name);
     return created;
   }
-  /// The topic behind a door. Delete it with `remove`.
-  dds::ContentFilteredTopic* topic(const TopicRow& row, const TypeCodec& codec, Door& door) {
-    auto* filtered = doors_.topic(*participant_, topic(row, codec), door);
+  /// The topic behind a filter. Delete it with `remove`.
+  dds::ContentFilteredTopic* topic(const TopicRow& row, const TypeCodec& codec, AdmissionFilter& filter) {
+    auto* filtered = filters_.topic(*participant_, topic(row, codec), filter);
     if (filtered == nullptr) fail("cannot create the filter of " + std::string(row.name));
     return filtered;
   }
@@ -394,7 +394,7 @@ class ParticipantImpl {
   }
 
   std::mutex mutex_;
-  Doors doors_;
+  AdmissionFilters filters_;
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;
@@ -474,8 +474,8 @@ class ReaderImpl final : public dds::DataReaderListener {
          << dds::StatusMask::sample_lost();
     dds::TopicDescription* topic = participant_->topic(row, codec);
     if (has_key) {
-      door_.emplace(codec, row.max_instances, only);
-      topic = filtered_ = participant_->topic(row, codec, *door_);
+      filter_.emplace(codec, row.max_instances, only);
+      topic = filtered_ = participant_->topic(row, codec, *filter_);
     }
     reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
     if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
@@ -529,14 +529,14 @@ class ReaderImpl final : public dds::DataReaderListener {
   int writers() const { return writers_.load(); }
   int live_writers() const { return has_lease_ ? live_.load() : writers_.load(); }
   ReaderCounters counters() const {
-    return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load(), door_ ? door_->crowded() : 0};
+    return {received_.load(), refused_.load(), lost_.load(), deadline_missed_.load(), filter_ ? filter_->crowded() : 0};
   }
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
   bool has_lease_;
   int most_samples_;
-  std::optional<Door> door_;  // outlives the reader
+  std::optional<AdmissionFilter> filter_;  // outlives the reader
   dds::ContentFilteredTopic* filtered_ = nullptr;
   dds::DataReader* reader_ = nullptr;
   std::atomic<int> writers_ = 0;

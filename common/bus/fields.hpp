@@ -170,6 +170,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("lower_limit", m.lower_limit);
   v.field("upper_limit", m.upper_limit);
   v.field("friction", m.friction);
+  v.field("load_friction", m.load_friction);
   v.field("damping", m.damping);
   v.field("stiffness", m.stiffness);
   v.field("rest", m.rest);

@@ -232,6 +232,25 @@ double ObjectJointEnergy::friction_stretch(const Joint& joint, const JointPose& 
   return joint_row(joint.model.law, pose, joint.start).value - joint.anchor;
 }
 
+void ObjectJointEnergy::set_friction(Joint& joint, const Memory::Joint& memory, const JointPose& pose,
+                                     double least_stiffness) const {
+  const JointLaw& law = joint.model.law;
+  CoulombSpring& friction = joint.friction;
+  friction.bound = law.friction_at(memory.reaction);
+  friction.stiffness =
+      std::max(least_stiffness, friction.bound / (law.kind == ObjectJointKind::slider ? kPreSlide : kPreTurn));
+  joint.anchor = memory.anchored ? memory.anchor : joint.start;
+  joint.anchor_turn = memory.anchored ? memory.anchor_turn : pose.relative;
+  // The coordinate of a hinge has no memory of turns.
+  if (law.kind == ObjectJointKind::hinge)
+    joint.anchor = joint.start - std::remainder(joint.start - joint.anchor, 2 * std::numbers::pi);
+  if (!memory.anchored || law.load_friction == 0 || friction.stiffness == memory.friction_stiffness) return;
+  const double kept = memory.friction_stiffness / friction.stiffness;  // of the stretch
+  joint.anchor = joint.start - kept * (joint.start - joint.anchor);
+  joint.anchor_turn =
+      (rotation_exp(-kept * rotation_log(pose.relative * joint.anchor_turn.conjugate())) * pose.relative).normalized();
+}
+
 void ObjectJointEnergy::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
   before_ = memory_.stored;
@@ -260,9 +279,6 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     joint.offset_stiffness = ratio * mass / square;
     joint.axis_stiffness = ratio * inertia / square;
     joint.limit_stiffness = slides ? joint.offset_stiffness : joint.axis_stiffness;
-    joint.friction.bound = law.friction;
-    joint.friction.stiffness =
-        std::max(kStickRatio * (slides ? mass : inertia) / square, law.friction / (slides ? kPreSlide : kPreTurn));
     joint.damping = law.damping / time_step;
 
     const JointPose pose = pose_of(joint, state, memory.parent);
@@ -275,8 +291,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
       rate = joint_row(law, pose, joint.start)
                  .rate(of_parent, state.body_velocities[static_cast<std::size_t>(model.child)]);
     }
-    joint.anchor = memory.anchored ? memory.anchor : joint.start;
-    joint.anchor_turn = memory.anchored ? memory.anchor_turn : pose.relative;
+    set_friction(joint, memory, pose, kStickRatio * (slides ? mass : inertia) / square);
     joint.slides_on = memory.direction * rate > 0;
     joint.parent = memory.parent;
     start_energy_ += evaluate(joint, state, nullptr, nullptr, Curvature::exact);
@@ -332,7 +347,7 @@ double ObjectJointEnergy::evaluate(const Joint& joint, const State& state, Vecto
         add_chord(sink, distance, joint.limit_stiffness * outside / chord, joint.limit_stiffness);
       }
     }
-    if (law.friction > 0) {
+    if (joint.friction.bound > 0) {
       const AxisDistance distance =
           axis_distance(pose.parent_frame, pose.child_frame * joint.anchor_turn.conjugate(), false);
       const double chord = std::sqrt(2 * distance.f), secant = joint.friction.secant(chord);
@@ -347,7 +362,7 @@ double ObjectJointEnergy::evaluate(const Joint& joint, const State& state, Vecto
   energy += potential.energy + 0.5 * joint.limit_stiffness * outside * outside;
   double slope = potential.slope + joint.limit_stiffness * outside;
   double bend = potential.curvature + (outside != 0 ? joint.limit_stiffness : 0.0);
-  if (law.friction > 0) {
+  if (joint.friction.bound > 0) {
     const double stretch = q.value - joint.anchor, length = std::abs(stretch);
     energy += joint.friction.energy(length);
     slope += joint.friction.secant(length) * stretch;
@@ -440,12 +455,14 @@ void ObjectJointEnergy::end_step(State& state) {
     memory.direction = 0;
     memory.anchor = joint.anchor;
     memory.anchor_turn = joint.anchor_turn;
-    memory.anchored = law.friction > 0;
+    memory.anchored = joint.friction.bound > 0;
+    memory.friction_stiffness = law.load_friction > 0 ? joint.friction.stiffness : 0;
+    if (law.load_friction > 0) memory.reaction = joint.offset_stiffness * held_gap(law, pose);
     if (law.has_coordinate()) {
       const double moved = joint_row(law, pose, joint.start).value - joint.start;
       damper = 0.5 * joint.damping * moved * moved;
     }
-    if (law.friction > 0) {
+    if (joint.friction.bound > 0) {
       const double stretch = friction_stretch(joint, pose);
       const double slide = joint.friction.slide(std::abs(stretch), joint.friction.bound);
       heat = joint.friction.bound * slide;

@@ -11,7 +11,8 @@
 //   screw hold the axis +y. A slider and a fixed joint hold all three.
 // - A ball joint has the coordinate 2 sin(angle/2) of its two axes for the limit. Its friction uses the same distance
 //   for the whole relative rotation since the anchor. Its spring is k (1 - cos(angle of the whole relative rotation)).
-// - B is the friction of the law. The anchor slides at the end of a step, as in coulomb.hpp.
+// - B is the friction of the law at the reaction force of the last step, k |held offsets|. The anchor slides at the end
+//   of a step, as in coulomb.hpp. If k_f changes with B, the anchor moves so that the force stays.
 //
 // Stiffness. A backward-Euler step moves the free bodies by F dt^2/m under a force F. With k = s m/dt^2 the joint opens
 // by 1/s of that, and the largest eigenvalue of the matrix grows by 1 + s relative to inertia alone. s = 1000 keeps the
@@ -79,6 +80,8 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
       double anchor = 0;                                // of the friction, a value of q
       Quaternion anchor_turn = Quaternion::Identity();  // ball: relative rotation at the anchor
       double direction = 0;                             // of the last slide, -1 or 1; 0: it sticks
+      double reaction = 0;                              // N, force with which the joint held its bodies together
+      double friction_stiffness = 0;                    // k_f, if the friction depends on the reaction
       Pose parent;                                      // prescribed parent at the start of the next step
       Twist parent_velocity;
     };
@@ -125,6 +128,7 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   double evaluate(const Joint& joint, const State& state, Vector12* gradient, Matrix12* hessian,
                   Curvature curvature) const;
   JointPose pose_of(const Joint& joint, const State& state, const Pose& prescribed) const;
+  void set_friction(Joint& joint, const Memory::Joint& memory, const JointPose& pose, double least_stiffness) const;
   double friction_stretch(const Joint& joint, const JointPose& pose) const;
 
   Joint& at(int place) { return joints_[static_cast<std::size_t>(place)]; }

@@ -30,6 +30,7 @@ inline JointLaw to_law(const ObjectJointDescription& joint) {
     law.maximum = joint.upper_limit;
   }
   law.friction = joint.friction;
+  law.load_friction = joint.load_friction;
   law.damping = joint.damping;
   law.stiffness = joint.stiffness;
   law.rest = joint.rest;
@@ -45,6 +46,7 @@ inline void set_law(ObjectJointDescription& joint, const JointLaw& law) {
   joint.lower_limit = law.limited() ? law.minimum : 0;
   joint.upper_limit = law.limited() ? law.maximum : 0;
   joint.friction = law.friction;
+  joint.load_friction = law.load_friction;
   joint.damping = law.damping;
   joint.stiffness = law.stiffness;
   joint.rest = law.rest;

@@ -217,6 +217,7 @@ struct ObjectJointDescription {
   double lower_limit = 0;
   double upper_limit = 0;
   double friction = 0;
+  double load_friction = 0;
   double damping = 0;
   double stiffness = 0;
   double rest = 0;

@@ -64,6 +64,7 @@ void check_joint_law(const JointLaw& law) {
     demand(std::abs(law.pitch) >= 1e-5 && std::abs(law.pitch) <= 1, "pitch", law.pitch,
            "0.00001 to 1 m per turn, or the negative of it for a left-handed screw");
   demand(not_negative(law.friction), "friction", law.friction, "0 to 1e9");
+  demand(law.load_friction >= 0 && law.load_friction <= 10, "load_friction", law.load_friction, "0 to 10");
   demand(not_negative(law.damping), "damping", law.damping, "0 to 1e9");
   demand(not_negative(law.stiffness), "stiffness", law.stiffness, "0 to 1e9");
   demand(std::abs(law.rest) <= kMost, "rest", law.rest, "a finite number");
@@ -71,7 +72,8 @@ void check_joint_law(const JointLaw& law) {
   demand(!(law.minimum > law.maximum) && !std::isnan(law.minimum) && !std::isnan(law.maximum), "limits", law.minimum,
          "a lower limit that is not above the upper limit");
   if (fixed)
-    demand(!law.limited() && law.friction == 0 && law.stiffness == 0 && law.damping == 0 && law.detent_count == 0,
+    demand(!law.limited() && law.friction == 0 && law.load_friction == 0 && law.stiffness == 0 && law.damping == 0 &&
+               law.detent_count == 0,
            "kind", 0, "no limits, friction, damping, spring or detents, because a fixed joint has no free coordinate");
   if (ball) {
     demand(law.detent_count == 0, "detents", static_cast<double>(law.detent_count), "none on a ball joint");

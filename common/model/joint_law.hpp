@@ -48,7 +48,10 @@ struct JointLaw {
   double pitch = 0;  ///< m per turn; screw only, not 0
   double minimum = -std::numeric_limits<double>::infinity();
   double maximum = std::numeric_limits<double>::infinity();  ///< ball: largest angle between the axes, rad
-  double friction = 0;   ///< largest force of dry friction; ball: torque about the axis of the relative rotation
+  double friction = 0;  ///< largest force of dry friction; ball: torque about the axis of the relative rotation
+  /// Dry friction per newton of the reaction force with which the joint holds its bodies together. Slider: Coulomb's
+  /// coefficient, 1. Other kinds: coefficient times effective radius of the bearing, m. It adds to `friction`.
+  double load_friction = 0;
   double damping = 0;    ///< N s/m or N m s/rad; hinge, slider, screw
   double stiffness = 0;  ///< of a spring about `rest`; ball: about the orientation of the scene
   double rest = 0;
@@ -61,6 +64,8 @@ struct JointLaw {
   bool limited() const {
     return minimum > -std::numeric_limits<double>::infinity() || maximum < std::numeric_limits<double>::infinity();
   }
+  /// Largest force or torque of dry friction at this reaction force (N) across the free direction.
+  double friction_at(double reaction) const { return friction + load_friction * reaction; }
   std::span<const Detent> wells() const { return {detents.data(), detent_count}; }
 
   /// Potential of spring and detents at q, its slope and its curvature: U, dU/dq, d2U/dq2.

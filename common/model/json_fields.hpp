@@ -118,8 +118,8 @@ class FieldReader {
   std::string path_;
 };
 
-/// Reads the fields of a joint's law: kind, pitch, minimum, maximum, friction, damping, stiffness, rest, detents. The
-/// caller checks the names of the fields, and the law with `check_joint_law`. (object_file.cpp)
+/// Reads the fields of a joint's law: kind, pitch, minimum, maximum, friction, load_friction, damping, stiffness, rest,
+/// detents. The caller checks the names of the fields, and the law with `check_joint_law`. (object_file.cpp)
 JointLaw read_joint_law(const FieldReader& reader);
 
 }  // namespace softhand

@@ -96,6 +96,7 @@ Json joint_json(const ObjectModel& object, const LinkJoint& joint) {
   if (std::isfinite(law.minimum)) out["minimum"] = quantity(law.minimum);
   if (std::isfinite(law.maximum)) out["maximum"] = quantity(law.maximum);
   if (law.friction != 0) out["friction"] = quantity(law.friction);
+  if (law.load_friction != 0) out["load_friction"] = quantity(law.load_friction);
   if (law.damping != 0) out["damping"] = quantity(law.damping);
   if (law.stiffness != 0) {
     out["stiffness"] = quantity(law.stiffness);
@@ -112,7 +113,7 @@ Json joint_json(const ObjectModel& object, const LinkJoint& joint) {
 
 LinkJoint read_joint(const FieldReader& reader, const ObjectModel& object) {
   reader.expect_keys({"kind", "parent", "child", "parent_from_joint", "child_from_joint", "pitch", "minimum", "maximum",
-                      "friction", "damping", "stiffness", "rest", "detents"});
+                      "friction", "load_friction", "damping", "stiffness", "rest", "detents"});
   LinkJoint joint;
   const auto link = [&](const char* key) {
     const std::string name = reader[key].string();
@@ -220,6 +221,7 @@ JointLaw read_joint_law(const FieldReader& reader) {
   optional("minimum", law.minimum);
   optional("maximum", law.maximum);
   optional("friction", law.friction);
+  optional("load_friction", law.load_friction);
   optional("damping", law.damping);
   optional("stiffness", law.stiffness);
   optional("rest", law.rest);

@@ -118,7 +118,11 @@ class Flight {
         out.write(module);
       });
     }
-    return loop_.answer(message, module);
+    MessageReply reply = loop_.answer(message, module);
+    // The loop does not know the key of the recorder beside it.
+    const bool is_unknown_key = reply.result == kReplyIgnored && is_addressed(message, module);
+    if (is_unknown_key) set_text(reply.text, std::string(get_text(reply.text)) + ", flight.write");
+    return reply;
   }
   void reset(Nanoseconds time) {
     if (recorder_ != nullptr) recorder_->add(kFlightReset, now_, [&](ByteWriter& out) { out.write(time); });

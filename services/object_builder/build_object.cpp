@@ -26,8 +26,8 @@ Pose read_frame(const FieldReader& reader) {
 }
 
 LinkJoint read_joint(const FieldReader& reader, const std::vector<LinkSource>& links) {
-  reader.expect_keys({"kind", "parent", "child", "origin", "axis", "pitch", "minimum", "maximum", "friction", "damping",
-                      "stiffness", "rest", "detents"});
+  reader.expect_keys({"kind", "parent", "child", "origin", "axis", "pitch", "minimum", "maximum", "friction",
+                      "load_friction", "damping", "stiffness", "rest", "detents"});
   LinkJoint joint;
   const auto link = [&](const char* key) {
     const std::string name = reader[key].string();

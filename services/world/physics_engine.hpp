@@ -32,6 +32,7 @@ struct EngineJoint {
   std::size_t child = 0;   ///< slot
   Pose parent_from_joint;  ///< the joint's frame in the parent's body frame
   Pose child_from_joint;
+  double reaction = 0;  ///< N, `reaction` of an earlier step, if the joint continues from one
 };
 
 /// Uniform solid of unit density: the convex hull of some points.
@@ -59,8 +60,15 @@ class PhysicsEngine {
   virtual void remove_joint(std::size_t number) = 0;
   /// A passive joint holds its bodies together and keeps its limits, but has no friction, spring, damping and detents.
   virtual void set_passive(std::size_t number, bool passive) = 0;
+  /// Force (N) with which the joint held its bodies together in the last step, across a slider's axis.
+  virtual double reaction(std::size_t number) const = 0;
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;
+  /// Forgets everything that it carries from step to step: contacts, impulses but the reactions of
+  /// joints, sleep, and the order in which objects
+  /// came. Then it equals a new engine with these objects and joints, in the order of slots and numbers, at rest.
+  /// Allocates nothing.
+  virtual void forget() = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at

@@ -153,6 +153,7 @@ void WorldLoop::detach(std::size_t slot) {
     if (!joint.present || (joint.engine.parent != slot && joint.engine.child != slot)) continue;
     engine_->remove_joint(j);
     joint.present = false;
+    joint.engine.reaction = 0;
   }
 }
 
@@ -408,6 +409,8 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       engine_->set_passive(j, objects_[joints_[j].engine.parent].owned || objects_[joints_[j].engine.child].owned);
   }
   engine_->step(step_);
+  for (std::size_t j = 0; j < joints_.size(); ++j)
+    if (joints_[j].present) joints_[j].engine.reaction = engine_->reaction(j);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     Object& object = objects_[slot];
     if (!object.present || !object.dynamic) continue;

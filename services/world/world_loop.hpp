@@ -54,8 +54,8 @@ class WorldLoop {
   void save(ByteWriter& out) const;
   /// Throws std::runtime_error if the bytes do not fit.
   void load(ByteReader& in);
-  /// Makes the engine anew from the poses and velocities of the objects. Its contacts start without impulses. Call
-  /// between steps. Allocates, as the engine's own steps do.
+  /// The engine keeps only the poses and velocities of the objects. Its contacts start without impulses. Call between
+  /// steps. Allocates nothing.
   void forget();
   /// Calls visit(name, value) for all parts of the state after a step.
   template <typename Visit>
@@ -135,7 +135,8 @@ class WorldLoop {
   bool are_jointed(std::size_t one, std::size_t other) const;
   JointPose pose_of(const Joint& joint) const;
   const Joint& find_joint(std::string_view name) const;
-  void make_engine();
+  void place_objects();
+  void set_engine(const std::array<bool, kMaxObjects>& asleep);
   void insert(std::size_t slot);
   void add_to_engine(std::size_t slot);
   void restore(std::size_t first);
@@ -164,7 +165,6 @@ class WorldLoop {
   Nanoseconds newest_input_ = 0;
   Nanoseconds reset_time_ = -1;
   std::unique_ptr<WorldOutput> output_;
-  std::array<bool, kMaxObjects> was_asleep_{};  // when the engine was made anew
 };
 
 }  // namespace softhand

@@ -1,5 +1,5 @@
 // The saved state of the world's loop. An engine keeps impulses of contacts, pairs and an order of bodies that cannot
-// be read. So at a snapshot the live run and the repeated run both make a new engine from what the loop knows.
+// be read. So at a snapshot the engine of the live run forgets them, and the repeated run makes a new engine.
 #include <stdexcept>
 
 #include "world/world_loop.hpp"
@@ -23,7 +23,10 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
     visit(object.previous_velocity);
     visit(object.planes);
   }
-  for (auto& joint : self.joints_) visit(joint.present);
+  for (auto& joint : self.joints_) {
+    visit(joint.present);
+    visit(joint.engine.reaction);
+  }
   for (auto& description : self.descriptions_) {
     visit(description.removed);
     visit(description.stamp.sequence);
@@ -50,28 +53,37 @@ void WorldLoop::load(ByteReader& in) {
   if (in.take<std::uint32_t>() != objects_.size())
     throw std::runtime_error("the saved state has another number of objects");
   visit_own(*this, [&in](auto& value) { in.read(value); });
-  for (std::size_t slot = 0; slot < objects_.size(); ++slot) was_asleep_[slot] = in.take<bool>();
-  make_engine();
+  std::array<bool, kMaxObjects> was_asleep{};
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) was_asleep[slot] = in.take<bool>();
+  engine_ = make_physics_engine(options_.engine);
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot)
+    if (objects_[slot].present) add_to_engine(slot);
+  for (std::size_t j = 0; j < joints_.size(); ++j)
+    if (joints_[j].present) engine_->add_joint(j, joints_[j].engine);
+  set_engine(was_asleep);
 }
 
 void WorldLoop::forget() {
+  std::array<bool, kMaxObjects> was_asleep{};
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
-    was_asleep_[slot] = objects_[slot].present && objects_[slot].dynamic && engine_->asleep(slot);
-  make_engine();
+    was_asleep[slot] = objects_[slot].present && objects_[slot].dynamic && engine_->asleep(slot);
+  // The order is that of `load`: an engine begins with bodies at their poses, and then gets their velocities.
+  place_objects();
+  engine_->forget();
+  set_engine(was_asleep);
 }
 
-void WorldLoop::make_engine() {
-  engine_ = make_physics_engine(options_.engine);
+void WorldLoop::place_objects() {
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     const Object& object = objects_[slot];
-    if (!object.present) continue;
-    add_to_engine(slot);
-    if (object.dynamic) engine_->place(slot, object.pose, object.velocity);
+    if (object.present && object.dynamic) engine_->place(slot, object.pose, object.velocity);
   }
-  for (std::size_t j = 0; j < joints_.size(); ++j)
-    if (joints_[j].present) engine_->add_joint(j, joints_[j].engine);
+}
+
+void WorldLoop::set_engine(const std::array<bool, kMaxObjects>& asleep) {
+  place_objects();
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
-    if (was_asleep_[slot]) engine_->put_to_sleep(slot);
+    if (asleep[slot]) engine_->put_to_sleep(slot);
 }
 
 }  // namespace softhand

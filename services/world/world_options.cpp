@@ -144,6 +144,7 @@ JointLaw joint_law(const JointOptions& joint) {
     law.maximum = joint.limits[1];
   }
   law.friction = joint.friction;
+  law.load_friction = joint.load_friction;
   law.damping = joint.damping;
   law.stiffness = joint.stiffness;
   law.rest = joint.rest;

@@ -67,6 +67,7 @@ struct JointOptions {
   double pitch = 0;
   std::array<double, 2> limits{0, 0};
   double friction = 0;
+  double load_friction = 0;
   double damping = 0;
   double stiffness = 0;
   double rest = 0;
@@ -152,6 +153,9 @@ inline void describe(OptionVisitor& v, JointOptions& o) {
   v.numbers("limits", o.limits.data(), 2, "m or rad", {-1000, 1000},
             "Lowest and highest coordinate. Ball: [0, largest angle between the axes]. [0, 0] = no limits.");
   v.number("friction", o.friction, "N or N m", {0, 1e4}, "Largest force or torque of dry friction.");
+  v.number("load_friction", o.load_friction, "1 or m", {0, 10},
+           "Dry friction per newton of the joint's reaction force. Slider: Coulomb's coefficient. Other kinds: "
+           "coefficient times effective radius of the bearing. It adds to `friction`.");
   v.number("damping", o.damping, "N s/m or N m s/rad", {0, 1e4}, "Force or torque per speed.");
   v.number("stiffness", o.stiffness, "N/m or N m/rad", {0, 1e6}, "Stiffness of a spring about `rest`.");
   v.number("rest", o.rest, "m or rad", {-1000, 1000}, "Coordinate at which the spring has no force.");

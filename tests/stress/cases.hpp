@@ -14,6 +14,8 @@ std::vector<Case> material_cases();
 std::vector<Case> solver_cases();
 std::vector<Case> tracker_cases();
 std::vector<Case> contact_cases();
+std::vector<Case> shape_cases();
+std::vector<Case> joint_cases();
 std::vector<Case> bone_cases();
 std::vector<Case> world_cases();
 std::vector<Case> process_cases();

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "geometry/shape.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "trackers/replay/motion.hpp"
@@ -141,7 +140,8 @@ Shape round_shape(ShapeKind kind, double radius, double half_length) {
 Findings run(const Event& event, const std::function<void(const EventStep&)>& after_step, double slow) {
   constexpr double kGravity = 9.81;  // m/s^2
   const EventObject& object = event.object;
-  const ShapeGeometry geometry(object.shape);
+  const auto shared = object.geometry ? object.geometry : std::make_shared<const ShapeGeometry>(object.shape);
+  const ShapeGeometry& geometry = *shared;
   const bool moving = object.mass > 0;
   HandSimulation simulation(event.hand, event.options, 1, 1);
   simulation.enable_ledger(true);

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <string>
 
+#include "geometry/shape.hpp"
 #include "model/hand_model.hpp"
 #include "scene/hand_simulation.hpp"
 #include "stress/stress.hpp"
@@ -42,6 +44,7 @@ struct Displacement {
 
 struct EventObject {
   Shape shape;
+  std::shared_ptr<const ShapeGeometry> geometry;  ///< instead of `shape`, for example a distance grid
   Pose pose;
   double mass = 0;  ///< kg; 0: the motion is given
   double friction = 0.8;

@@ -30,7 +30,7 @@ COLOURS = {
     "Diverged": "#5b0f1a",
     "Not built": "#e6e6e6",
 }
-SECTIONS = ["Material", "Solver", "Tracker", "Contact", "Bones", "World"]
+SECTIONS = ["Material", "Solver", "Tracker", "Contact", "Shapes", "Joints", "Bones", "World"]
 WIDEST = 28  # squares per line
 
 

@@ -67,8 +67,8 @@ Row run(const Case& which, const Setting& setting) {
 const std::vector<Case>& all_cases() {
   static const std::vector<Case> cases = [] {
     std::vector<Case> all;
-    for (auto part :
-         {material_cases, solver_cases, tracker_cases, contact_cases, bone_cases, world_cases, process_cases}) {
+    for (auto part : {material_cases, solver_cases, tracker_cases, contact_cases, shape_cases, joint_cases, bone_cases,
+                      world_cases, process_cases}) {
       std::vector<Case> more = part();
       all.insert(all.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
     }

@@ -324,6 +324,34 @@ TEST(WorldRestore, ObjectFilesAndTheirJointsContinueWithTheSameBits) {
   EXPECT_EQ(saved(one), saved(two));
 }
 
+// A scene with convex pieces, a joint, and contacts that begin and end.
+TEST(WorldRestore, ForgettingAllocatesNothing) {
+  const fs::path path = fs::path(::testing::TempDir()) / ("softhand_forget_" + std::to_string(getpid()) + ".toml");
+  const std::string entry = "[[objects]]\nshape = \"file\"\nfile = \"" SOFTHAND_SOURCE_DIR "/config/objects/";
+  std::ofstream(path) << entry << "button.object.json\"\nname = \"button\"\nfixed = true\n"
+                      << entry << "mug.object.json\"\nname = \"mug\"\nposition = [0, 0.06, 0]\n";
+  const SceneOptions scene = read_scene(path.string()).options;
+  fs::remove(path);
+  WorldLoop loop(scene.world, scene.objects, 1.0 / 90, scene.joints);
+  int i = 0;
+  const auto run = [&](int steps) {
+    for (const int end = i + steps; i < end; ++i) loop.step(kStart + Nanoseconds{i} * 4'000'000, {});
+  };
+  run(1);
+  counting = true;
+  run(100);
+  const long before = std::exchange(allocations, 0);
+  loop.forget();
+  const long by_forgetting = std::exchange(allocations, 0);
+  run(100);
+  loop.forget();
+  run(100);
+  counting = false;
+  EXPECT_EQ(before, 0) << "in the steps before it";
+  EXPECT_EQ(by_forgetting, 0);
+  EXPECT_EQ(std::exchange(allocations, 0), 0) << "in the steps after it";
+}
+
 TEST(WorldRestore, ASleepingObjectSleepsOn) {
   WorldLoop loop({}, {test::table(), test::cube(0.1, 0.01)});
   const auto asleep = [&loop] {
@@ -341,6 +369,24 @@ TEST(WorldRestore, ASleepingObjectSleepsOn) {
   for (int more = 0; more < 100; ++more) loop.step(kStart + Nanoseconds{++i} * 4'000'000, {});
   EXPECT_EQ(asleep(), 1);
   EXPECT_NEAR(loop.objects().objects[1].position[1], before[1], 1e-6);
+}
+
+TEST(FlightMessages, AnUnknownKeyIsAnsweredWithAllKnownKeys) {
+  WorldLoop world({}, {test::table()});
+  TrackingLoop tracking({}, 90, hand(), {});
+  HandLoop simulated(hand(), hand_options(), {});
+  const auto text_of = [](auto& loop, const char* to) {
+    Message message;
+    set_text(message.module, to);
+    set_text(message.key, "nonsense");
+    const MessageReply reply = Flight(loop, nullptr).answer(message, "module");
+    EXPECT_EQ(reply.result, kReplyIgnored);
+    return std::string(get_text(reply.text));
+  };
+  EXPECT_EQ(text_of(world, "module"), "unknown key; known: object.reset, object.remove, object.teleport, flight.write");
+  EXPECT_EQ(text_of(tracking, "*"), "unknown key; known: reposition, feedback_ratio, flight.write");
+  EXPECT_EQ(text_of(simulated, "module"), "unknown key; known: reposition, flight.write");
+  EXPECT_EQ(text_of(world, "other"), "not for this module");
 }
 
 // --- the recorder --------------------------------------------------------------------------------------

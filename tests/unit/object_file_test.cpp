@@ -62,6 +62,7 @@ ObjectModel two_boxes() {
   joint.law.minimum = -0.01;
   joint.law.maximum = 0.02;
   joint.law.friction = 1.5;
+  joint.law.load_friction = 0.004;
   joint.law.stiffness = 100;
   joint.law.rest = 0.005;
   joint.law.detents[0] = {0.01, 0.001, 0.002, 0};
@@ -92,6 +93,7 @@ TEST(ObjectFile, ReadingAndWritingGivesTheSameBytes) {
   EXPECT_EQ(joint.law.kind, ObjectJointKind::slider);
   EXPECT_EQ(joint.law.maximum, 0.02);
   EXPECT_EQ(joint.law.friction, 1.5);
+  EXPECT_EQ(joint.law.load_friction, 0.004);
   EXPECT_EQ(joint.law.rest, 0.005);
   EXPECT_EQ(joint.law.detent_count, 1u);
   EXPECT_EQ(joint.law.detents[0].depth, 0.001);
@@ -157,6 +159,8 @@ TEST(ObjectFile, BadFilesAreRefusedWithFileAndField) {
       {"parent", [](Json& j) { j["joints"][0]["parent"] = "x"; }, "joints[0].parent: expected the name of a link"},
       {"own child", [](Json& j) { j["joints"][0]["child"] = "lower"; }, "joints[0].child: expected a link that"},
       {"limits", [](Json& j) { j["joints"][0]["minimum"] = 1; }, "joints[0]: limits"},
+      {"load friction", [](Json& j) { j["joints"][0]["load_friction"] = 11; },
+       "joints[0]: load_friction is 11.000000, expected 0 to 10"},
       {"detent", [](Json& j) { j["joints"][0]["detents"][0]["width"] = 0; }, "joints[0]: detents.width"},
       {"detent field", [](Json& j) { j["joints"][0]["detents"][0].erase("at"); }, "joints[0].detents[0].at: missing"},
       {"no rotation",

@@ -580,6 +580,22 @@ TEST(Generator, RefusesObjectsThatTheHandCannotSpan) {
   EXPECT_THROW(make_motion(opposing_hand(), options), std::invalid_argument);
 }
 
+// These postures meet the distances between the pads. But the pads look past the cube, or touch above it.
+TEST(Generator, RefusesAPinchThatDoesNotGripAndNamesWhatIsMissing) {
+  const HandModel hand = load({"right_400", false});
+  const auto refusal = [&hand](double width) -> std::string {
+    try {
+      make_motion(hand, pinch_of(width));
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "none";
+  };
+  EXPECT_NE(refusal(0.08).find("the pad of the thumb is turned from its face by"), std::string::npos) << refusal(0.08);
+  EXPECT_NE(refusal(0.01).find("the pads touch at a height"), std::string::npos) << refusal(0.01);
+  EXPECT_EQ(refusal(0.07), "none");
+}
+
 std::shared_ptr<const Motion> free_motion() {
   GeneratorOptions options;
   options.motion = "free_motion";

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 #include "trackers/replay/grip.hpp"
 #include "trackers/replay/posture_solver.hpp"
@@ -235,20 +236,60 @@ Postures solve_postures(const GripHand& hand, const JointAngles& facing, const P
   return improved(hand, best, goals, {{30, 2}});
 }
 
-// Contact points of the pads, and whether they make a pinch.
+// Contact points of the pads, and the angles (rad) between the pads and the faces.
 struct Touches {
-  Vector3 thumb, index;
-  bool face;  // the pads look towards their faces within 60 degrees
+  Vector3 thumb, index, middle;  // of the middle finger: the centre of its pad
+  double thumb_turn, index_turn;
+  double middle_radius;
 
   Touches(const GripHand& hand, const Pose& wrist, const JointAngles& angles) {
     const JointFrames frames = forward_kinematics(hand.model(), wrist, angles);
     const auto thumb_pad = hand.pad(Finger::thumb, frames), index_pad = hand.pad(Finger::index, frames);
+    const auto middle_pad = hand.pad(Finger::middle, frames);
     thumb = thumb_pad.touch(-Vector3::UnitZ());
     index = index_pad.touch(Vector3::UnitZ());
-    face = thumb_pad.normal.z() < -0.5 && index_pad.normal.z() > 0.5;
+    thumb_turn = std::acos(std::clamp(-thumb_pad.normal.z(), -1.0, 1.0));
+    index_turn = std::acos(std::clamp(index_pad.normal.z(), -1.0, 1.0));
+    middle = middle_pad.centre;
+    middle_radius = middle_pad.radius;
   }
   double gap() const { return thumb.z() - index.z(); }
 };
+
+// Names the first requirement of a pinch that the postures do not meet. Empty if they grip.
+std::string unreached(const PinchGoals& goals, const Touches& shut, const Touches& wide) {
+  constexpr double kNear = 1e-3;                   // m
+  constexpr double kWidestTurn = 60 * M_PI / 180;  // rad
+  const auto text = [](const char* what, double found, const char* unit, const std::string& expected) {
+    return std::string(what) + " " + std::to_string(found) + " " + unit + "; expected " + expected;
+  };
+  const auto millimetres = [](double metres) { return std::to_string(metres * 1e3) + " mm"; };
+  for (const auto& [name, turn] : {std::pair{"thumb", shut.thumb_turn}, {"index finger", shut.index_turn}}) {
+    if (turn > kWidestTurn)
+      return text((std::string("the pad of the ") + name + " is turned from its face by").c_str(), turn * 180 / M_PI,
+                  "degrees", "at most 60");
+  }
+  if (std::max(std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed)) > kNear)
+    return text("the closed pads are apart by", shut.gap() * 1e3, "mm", millimetres(2 * goals.closed));
+  if (std::min(wide.thumb.z(), -wide.index.z()) < goals.half + kNear)
+    return text("the open pads are apart by", wide.gap() * 1e3, "mm",
+                "at least " + millimetres(2 * (goals.half + kNear)) + " around its middle");
+  if (std::max(std::abs(shut.thumb.x() - 0.5 * goals.stagger), std::abs(shut.index.x() + 0.5 * goals.stagger)) > kNear)
+    return text("along the bar the thumb is beyond the index finger by", (shut.thumb.x() - shut.index.x()) * 1e3, "mm",
+                millimetres(goals.stagger));
+  const double height = std::max(std::abs(shut.thumb.y()), std::abs(shut.index.y()));
+  if (height > goals.half)
+    return text("the pads touch at a height above or below the middle of", height * 1e3, "mm",
+                "at most " + millimetres(goals.half) + ", the end of the faces");
+  if (goals.brace_depth > 0) {
+    const double depth =
+        goals.body_radius + shut.middle_radius - std::hypot(shut.middle.y(), shut.middle.z() + goals.body_distance);
+    if (std::abs(depth - goals.brace_depth) > kNear)
+      return text("the back of the middle finger is in the vessel by", depth * 1e3, "mm",
+                  millimetres(goals.brace_depth));
+  }
+  return {};
+}
 
 }  // namespace
 
@@ -270,26 +311,21 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
                    o.body_radius,
                    o.brace_depth};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
-  const auto missed = [&](const Touches& shut, const Touches& wide) {
-    return std::max({std::abs(shut.thumb.z() - goals.closed), std::abs(shut.index.z() + goals.closed),
-                     half + 1e-3 - wide.thumb.z(), half + 1e-3 + wide.index.z()});
-  };
   // Only the opening may be smaller than requested. A smaller opening still grips, but an impossible one would spoil
   // the grip.
   Postures best;
+  std::string missing;
   for (const double share : {1.0, 0.75, 0.5, 0.25}) {
     goals.open = half + share * o.opening;
     best = solve_postures(hand, facing, goals);
-    const Touches shut(hand, best.wrist, best.shut);
-    if (shut.face && missed(shut, {hand, best.wrist, best.wide}) < 1e-3) break;
+    missing = unreached(goals, {hand, best.wrist, best.shut}, {hand, best.wrist, best.wide});
+    if (missing.empty()) break;
+  }
+  if (!missing.empty()) {
+    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: " + missing +
+                                ". Use an object_width that the hand can span, or change the place of the fingers");
   }
   const Touches shut(hand, best.wrist, best.shut), wide(hand, best.wrist, best.wide);
-  if (missed(shut, wide) > 1e-3) {
-    throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) +
-                                " mm: the pads reach from " + std::to_string(shut.gap() * 1e3) + " to " +
-                                std::to_string(wide.gap() * 1e3) +
-                                " mm; expected an object_width that the hand can span");
-  }
   Grip grip;
   grip.wrist = best.wrist;
   for (std::size_t k = 0; k < kApertures; ++k) {

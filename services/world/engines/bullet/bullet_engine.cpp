@@ -8,10 +8,12 @@
 
 #include <array>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 
 #include "messages/convert.hpp"
 #include "world/engines/bullet/bullet_joint.hpp"
+#include "world/engines/bullet/bullet_memory.hpp"
 
 namespace softhand {
 namespace {
@@ -24,6 +26,8 @@ constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
 // An object that is slower than this for two seconds (Bullet's time) sleeps. A creep of 0.1 mm/s must not sleep.
 constexpr double kSleepingSpeed = 2e-5;  // m/s
+
+const bool kHasMemory = (use_bullet_memory(), true);  // set before main
 
 btVector3 to_bullet(const Vector3& v, double scale) {
   return {static_cast<float>(v.x() * scale), static_cast<float>(v.y() * scale), static_cast<float>(v.z() * scale)};
@@ -77,12 +81,12 @@ std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
   return hull;
 }
 
-class BulletEngine final : public PhysicsEngine {
- public:
-  BulletEngine() {
+/// Bullet's world. It carries contacts, impulses, pairs and an order of bodies from step to step.
+struct BulletWorld {
+  BulletWorld() {
     // The gravity of Bullet's world stays zero, because each body has its own gravity (floating objects).
-    world_.setGravity(btVector3(0, 0, 0));
-    btContactSolverInfo& info = world_.getSolverInfo();
+    world.setGravity(btVector3(0, 0, 0));
+    btContactSolverInfo& info = world.getSolverInfo();
     info.m_numIterations = kSolverIterations;
     // Warm start with all impulses of the last step instead of Bullet's 85 %. Without the missing 15 % a resting load
     // would need more than kSolverIterations to build up through a stack. Meanwhile the boxes of the stack would slide,
@@ -91,10 +95,19 @@ class BulletEngine final : public PhysicsEngine {
     info.m_splitImpulse = 1;
     info.m_splitImpulsePenetrationThreshold = 0;  // correct penetration without adding velocity
     info.m_restitutionVelocityThreshold = 0;
-    world_.getDispatchInfo().m_deterministicOverlappingPairs = true;
-    solver_.setRandSeed(1);
+    world.getDispatchInfo().m_deterministicOverlappingPairs = true;
+    solver.setRandSeed(1);
   }
 
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher{&configuration};
+  btDbvtBroadphase broadphase;
+  BulletJointSolver solver;
+  btDiscreteDynamicsWorld world{&dispatcher, &broadphase, &solver, &configuration};
+};
+
+class BulletEngine final : public PhysicsEngine {
+ public:
   ~BulletEngine() override {
     for (std::size_t number = 0; number < joints_.size(); ++number) remove_joint(number);
     for (std::size_t slot = 0; slot < bodies_.size(); ++slot) remove(slot);
@@ -110,31 +123,38 @@ class BulletEngine final : public PhysicsEngine {
         compound->addChildShape(btTransform::getIdentity(), pieces_[slot].emplace_back(make_shape(piece)).get());
       shapes_[slot] = std::move(compound);
     }
-    btRigidBody::btRigidBodyConstructionInfo info(static_cast<float>(object.mass), nullptr, shapes_[slot].get(),
-                                                  to_bullet(object.inertia, kScale * kScale));
-    info.m_startWorldTransform = to_bullet(object.pose);
-    info.m_friction = static_cast<float>(std::sqrt(object.friction));  // Bullet multiplies the values of both bodies
-    info.m_restitution = 0;
-    auto body = std::make_unique<btRigidBody>(info);
-    body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
-    if (object.mass > 0) {
-      btVector3 low, high;
-      shapes_[slot]->getAabb(btTransform::getIdentity(), low, high);
-      // The speed of a rotating corner counts like the speed of the centre.
-      body->setSleepingThresholds(static_cast<float>(kSleepingSpeed * kScale),
-                                  static_cast<float>(kSleepingSpeed * kScale) / (0.5f * (high - low).length()));
-      const float thinnest = 0.5f * std::min({high.x() - low.x(), high.y() - low.y(), high.z() - low.z()});
-      body->setCcdMotionThreshold(thinnest);
-      body->setCcdSweptSphereRadius(0.5f * thinnest);
+    matter_[slot] = {object.mass, object.inertia, object.friction};
+    add_body(slot, to_bullet(object.pose));
+    wake_all();
+  }
+
+  void forget() override {
+    for (const auto& joint : joints_)
+      if (joint) bullet_->world.removeConstraint(joint.get());
+    for (const auto& body : bodies_)
+      if (body) bullet_->world.removeRigidBody(body.get());
+    bullet_.emplace();
+    for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
+      if (!bodies_[slot]) continue;
+      const btTransform pose = bodies_[slot]->getWorldTransform();
+      const btVector3 gravity = bodies_[slot]->getGravity();
+      bodies_[slot].reset();
+      add_body(slot, pose);
+      if (!bodies_[slot]->isStaticObject()) bodies_[slot]->setGravity(gravity);
     }
-    world_.addRigidBody(body.get());
-    bodies_[slot] = std::move(body);
+    for (std::size_t number = 0; number < joints_.size(); ++number) {
+      if (!joints_[number]) continue;
+      EngineJoint joint = joints_[number]->joint();
+      joint.reaction = joints_[number]->reaction();
+      joints_[number].reset();
+      add_joint(number, joint);
+    }
     wake_all();
   }
 
   void remove(std::size_t slot) override {
     if (!bodies_[slot]) return;
-    world_.removeRigidBody(bodies_[slot].get());
+    bullet_->world.removeRigidBody(bodies_[slot].get());
     bodies_[slot].reset();
     shapes_[slot].reset();
     pieces_[slot].clear();
@@ -148,8 +168,9 @@ class BulletEngine final : public PhysicsEngine {
     body.setLinearVelocity(to_bullet(velocity.linear, kScale));
     body.setAngularVelocity(to_bullet(velocity.angular, 1));
     body.updateInertiaTensor();
-    world_.updateSingleAabb(&body);
-    world_.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(), &dispatcher_);
+    bullet_->world.updateSingleAabb(&body);
+    bullet_->world.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(),
+                                                                                   &bullet_->dispatcher);
     wake_all();
   }
 
@@ -166,7 +187,7 @@ class BulletEngine final : public PhysicsEngine {
 
   void add_joint(std::size_t number, const EngineJoint& joint) override {
     joints_[number] = std::make_unique<BulletJoint>(joint, *bodies_[joint.parent], *bodies_[joint.child], kScale);
-    world_.addConstraint(joints_[number].get(), true);
+    bullet_->world.addConstraint(joints_[number].get(), true);
     forget_contacts(joint.parent);
     forget_contacts(joint.child);
     wake_all();
@@ -175,7 +196,7 @@ class BulletEngine final : public PhysicsEngine {
   void remove_joint(std::size_t number) override {
     if (!joints_[number]) return;
     const EngineJoint joint = joints_[number]->joint();
-    world_.removeConstraint(joints_[number].get());
+    bullet_->world.removeConstraint(joints_[number].get());
     joints_[number].reset();
     forget_contacts(joint.parent);
     forget_contacts(joint.child);
@@ -184,10 +205,12 @@ class BulletEngine final : public PhysicsEngine {
 
   void set_passive(std::size_t number, bool passive) override { joints_[number]->set_passive(passive); }
 
+  double reaction(std::size_t number) const override { return joints_[number]->reaction(); }
+
   void step(double dt) override {
     for (const auto& joint : joints_)
       if (joint) joint->prepare(dt);
-    world_.stepSimulation(static_cast<float>(dt), 0);
+    bullet_->world.stepSimulation(static_cast<float>(dt), 0);
   }
 
   Pose pose(std::size_t slot) const override {
@@ -247,6 +270,35 @@ class BulletEngine final : public PhysicsEngine {
   }
 
  private:
+  struct Matter {
+    double mass = 0;
+    Vector3 inertia = Vector3::Zero();
+    double friction = 0;
+  };
+
+  void add_body(std::size_t slot, const btTransform& pose) {
+    const Matter& matter = matter_[slot];
+    btRigidBody::btRigidBodyConstructionInfo info(static_cast<float>(matter.mass), nullptr, shapes_[slot].get(),
+                                                  to_bullet(matter.inertia, kScale * kScale));
+    info.m_startWorldTransform = pose;
+    info.m_friction = static_cast<float>(std::sqrt(matter.friction));  // Bullet multiplies the values of both bodies
+    info.m_restitution = 0;
+    auto body = std::make_unique<btRigidBody>(info);
+    body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
+    if (matter.mass > 0) {
+      btVector3 low, high;
+      shapes_[slot]->getAabb(btTransform::getIdentity(), low, high);
+      // The speed of a rotating corner counts like the speed of the centre.
+      body->setSleepingThresholds(static_cast<float>(kSleepingSpeed * kScale),
+                                  static_cast<float>(kSleepingSpeed * kScale) / (0.5f * (high - low).length()));
+      const float thinnest = 0.5f * std::min({high.x() - low.x(), high.y() - low.y(), high.z() - low.z()});
+      body->setCcdMotionThreshold(thinnest);
+      body->setCcdSweptSphereRadius(0.5f * thinnest);
+    }
+    bullet_->world.addRigidBody(body.get());
+    bodies_[slot] = std::move(body);
+  }
+
   const btCollisionShape* piece_of(std::size_t slot, std::size_t piece) const {
     return pieces_[slot].empty() ? shapes_[slot].get() : pieces_[slot][piece].get();
   }
@@ -254,8 +306,8 @@ class BulletEngine final : public PhysicsEngine {
   /// A pair of bodies that overlaps already is not filtered again when a joint begins or ends. So it is found anew.
   void forget_contacts(std::size_t slot) {
     if (bodies_[slot])
-      world_.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(bodies_[slot]->getBroadphaseHandle(),
-                                                                             &dispatcher_);
+      bullet_->world.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(
+          bodies_[slot]->getBroadphaseHandle(), &bullet_->dispatcher);
   }
 
   /// Bullet does not notice that the support of a sleeping body was removed or that a body was placed on it.
@@ -264,13 +316,10 @@ class BulletEngine final : public PhysicsEngine {
       if (body && !body->isStaticObject()) body->activate();
   }
 
-  btDefaultCollisionConfiguration configuration_;
-  btCollisionDispatcher dispatcher_{&configuration_};
-  btDbvtBroadphase broadphase_;
-  BulletJointSolver solver_;
-  btDiscreteDynamicsWorld world_{&dispatcher_, &broadphase_, &solver_, &configuration_};
+  std::optional<BulletWorld> bullet_{std::in_place};
   std::array<std::unique_ptr<btCollisionShape>, kMaxObjects> shapes_;
   std::array<std::vector<std::unique_ptr<btCollisionShape>>, kMaxObjects> pieces_;  // of compounds
+  std::array<Matter, kMaxObjects> matter_;
   std::array<std::unique_ptr<btRigidBody>, kMaxObjects> bodies_;
   std::array<std::unique_ptr<BulletJoint>, kMaxObjectJoints> joints_;
 };

@@ -9,8 +9,9 @@
 namespace softhand {
 namespace {
 
-constexpr double kCorrection = 0.5;  // part of an error that a step removes
-constexpr int kJointType = 0x736a;   // user constraint type of BulletJoint
+constexpr double kCorrection = 0.5;                    // part of an error that a step removes
+constexpr int kJointType = 0x736a;                     // user constraint type of BulletJoint
+constexpr double kMostTurn = 0.25 * std::numbers::pi;  // rad; Bullet turns a body by at most this in a step
 
 Pose pose_of(const btRigidBody& body, double scale) {
   const btTransform& transform = body.getWorldTransform();
@@ -23,22 +24,114 @@ btVector3 to_bullet(const Vector3& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
+Matrix3 to_eigen(const btMatrix3x3& m) {
+  Matrix3 out;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) out(i, j) = m[i][j];
+  return out;
+}
+
 void store(btScalar* out, const Vector3& v) {
   for (int k = 0; k < 3; ++k) out[k] = static_cast<float>(v[k]);
+}
+
+Twist twist_of(const btRigidBody& body, double scale) {
+  const btVector3 &v = body.getLinearVelocity(), &w = body.getAngularVelocity();
+  return {Vector3(v.x(), v.y(), v.z()) / scale, Vector3(w.x(), w.y(), w.z())};
+}
+
+// The pose after a step, as Bullet integrates it.
+Pose advanced_by_bullet(const Pose& pose, const Twist& twist, double dt) {
+  const double turn = twist.angular.norm() * dt;
+  return increment(pose, dt * twist.linear, (turn > kMostTurn ? kMostTurn / turn : 1.0) * dt * twist.angular);
+}
+
+// An offset in the engine's lengths: its value and its levers.
+JointRow scaled(JointRow row, double scale) {
+  row.value *= scale;
+  row.parent_angular *= scale;
+  row.child_angular *= scale;
+  return row;
+}
+
+JointRow turning(double value, const Vector3& axis) {
+  JointRow row;
+  row.value = value;
+  row.parent_angular = -axis;
+  row.child_angular = axis;
+  return row;
+}
+
+// What a joint holds at 0, in m and rad: first the offsets, then the rotations.
+struct HeldRows {
+  BoundedVector<JointRow, 6> rows;
+  std::size_t offsets = 0;
+};
+HeldRows held_rows(const JointLaw& law, const JointPose& pose) {
+  HeldRows held;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (axis == 1 && law.kind == ObjectJointKind::slider) continue;
+    JointRow offset = pose.offset(axis);
+    if (axis == 1 && law.kind == ObjectJointKind::screw) {
+      JointRow thread = joint_row(law, pose, joint_coordinate(law, pose));
+      offset += thread *= -law.pitch / (2 * std::numbers::pi);
+    }
+    held.rows.push_back(offset);
+  }
+  held.offsets = held.rows.size();
+  if (law.turns()) {
+    // The child's axis y turns towards the parent's about a x b.
+    const Vector3 a = pose.parent_frame * Vector3(Vector3::UnitY()), b = pose.child_frame * Vector3(Vector3::UnitY());
+    const Vector3 error = a.cross(b);
+    for (const int axis : {0, 2}) {
+      const Vector3 direction = pose.parent_frame * Vector3(Vector3::Unit(axis));
+      held.rows.push_back(turning(direction.dot(error), direction));
+    }
+  } else if (law.kind != ObjectJointKind::ball) {
+    const Vector3 turn = rotation_log(pose.relative);
+    for (int axis = 0; axis < 3; ++axis)
+      held.rows.push_back(turning(turn[axis], pose.parent_frame * Vector3(Vector3::Unit(axis))));
+  }
+  return held;
 }
 
 }  // namespace
 
 BulletJoint::BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale)
-    : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale) {
+    : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale), reaction_(joint.reaction) {
   setUserConstraintType(kJointType);
-  rows_.reserve(16);
 }
 
-// A row in metres or radians. An offset is converted to the engine's lengths.
-void BulletJoint::add_held(const JointRow& row, double dt) {
-  rows_.push_back(
-      {static_cast<int>(rows_.size()), row, -kCorrection * row.value / dt, -SIMD_INFINITY, SIMD_INFINITY, 0});
+double BulletJoint::inner(const JointRow& one, const JointRow& other) const {
+  const auto of_body = [](const btRigidBody& body, const Vector3& linear, const Vector3& angular,
+                          const Vector3& other_linear, const Vector3& other_angular) {
+    return static_cast<double>(body.getInvMass()) * linear.dot(other_linear) +
+           angular.dot(to_eigen(body.getInvInertiaTensorWorld()) * other_angular);
+  };
+  return of_body(m_rbA, one.parent_linear, one.parent_angular, other.parent_linear, other.parent_angular) +
+         of_body(m_rbB, one.child_linear, one.child_angular, other.child_linear, other.child_angular);
+}
+
+void BulletJoint::add(Row row) {
+  for (const Row& before : rows_) {
+    if (before.meaning >= lower_limit) break;
+    const double share = inner(row.jacobian, before.jacobian) / before.weight;
+    JointRow part = before.jacobian;
+    row.jacobian += part *= -share;
+    row.speed -= share * before.speed;
+  }
+  row.weight = inner(row.jacobian, row.jacobian);
+  rows_.push_back(row);
+}
+
+void BulletJoint::end_step(double dt) {
+  Vector3 impulse = Vector3::Zero();
+  for (const Row& row : rows_) impulse += impulses_[static_cast<std::size_t>(row.meaning)] * row.jacobian.child_linear;
+  if (joint_.law.kind == ObjectJointKind::slider) {
+    const Vector3 axis = pose_of(m_rbA, scale_).orientation * (joint_.parent_from_joint.orientation * Vector3::UnitY());
+    impulse -= axis.dot(impulse) * axis;
+  }
+  reaction_ = impulse.norm() / (scale_ * dt);
 }
 
 // Limits, friction, and the change of the other forces. `unit`: engine units of a force per N, or of a torque per N m.
@@ -49,16 +142,16 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
   const double q = row.value;
   const auto reach = [dt](double gap) { return gap > 0 ? gap / dt : kCorrection * gap / dt; };
   if (law.minimum > -std::numeric_limits<double>::infinity())
-    rows_.push_back({lower_limit, row, -length * reach(q - law.minimum), 0, SIMD_INFINITY, 0});
+    add({lower_limit, row, -length * reach(q - law.minimum), 0, SIMD_INFINITY, 0});
   if (law.maximum < std::numeric_limits<double>::infinity())
-    rows_.push_back({upper_limit, row, length * reach(law.maximum - q), -SIMD_INFINITY, 0, 0});
+    add({upper_limit, row, length * reach(law.maximum - q), -SIMD_INFINITY, 0, 0});
   if (passive_) return;
-  if (law.friction > 0) rows_.push_back({friction, row, 0, -law.friction * unit * dt, law.friction * unit * dt, 0});
+  const double bound = friction_bound_ * unit * dt;
+  if (bound > 0) add({friction, row, 0, -bound, bound, 0});
   const JointLaw::Potential potential = law.potential(q);
   const double resistance = dt * dt * std::max(0.0, potential.curvature) + dt * law.damping;
   // unit/length engine forces per engine speed.
-  if (resistance > 0)
-    rows_.push_back({BulletJoint::drag, row, 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (resistance * unit / length)});
+  if (resistance > 0) add({BulletJoint::drag, row, 0, -SIMD_INFINITY, SIMD_INFINITY, 1 / (resistance * unit / length)});
   if (potential.slope == 0 || (!m_rbA.isActive() && !m_rbB.isActive())) return;
   const double force = -potential.slope * unit;
   m_rbA.applyCentralForce(to_bullet(force * row.parent_linear));
@@ -68,52 +161,29 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
 }
 
 void BulletJoint::prepare(double dt) {
-  rows_.clear();
   const JointLaw& law = joint_.law;
-  const JointPose pose(pose_of(m_rbA, scale_), pose_of(m_rbB, scale_), joint_.parent_from_joint,
-                       joint_.child_from_joint);
-  // Engine units: levers and offsets times the scale.
-  const auto scaled = [this](JointRow row) {
-    row.value *= scale_;
-    row.parent_angular *= scale_;
-    row.child_angular *= scale_;
-    return row;
-  };
+  friction_bound_ = law.friction_at(reaction_);
+  rows_.clear();
+  const Pose parent = pose_of(m_rbA, scale_), child = pose_of(m_rbB, scale_);
+  const Twist parent_twist = twist_of(m_rbA, scale_), child_twist = twist_of(m_rbB, scale_);
+  const JointPose pose(parent, child, joint_.parent_from_joint, joint_.child_from_joint);
+  const JointPose next(advanced_by_bullet(parent, parent_twist, dt), advanced_by_bullet(child, child_twist, dt),
+                       joint_.parent_from_joint, joint_.child_from_joint);
+  const HeldRows now = held_rows(law, pose), ahead = held_rows(law, next);
+  for (std::size_t i = 0; i < now.rows.size(); ++i) {
+    const JointRow& row = now.rows[i];
+    const bool offset = i < now.offsets;
+    double change = -kCorrection * row.value;
+    if (m_rbA.isStaticObject()) change -= ahead.rows[i].value - row.value - dt * row.rate(parent_twist, child_twist);
+    add({static_cast<int>(i), offset ? scaled(row, scale_) : row, (offset ? scale_ : 1) * change / dt, -SIMD_INFINITY,
+         SIMD_INFINITY, 0});
+  }
   JointRow q;
   if (law.has_coordinate()) q = joint_row(law, pose, joint_coordinate(law, pose));
-  for (int axis = 0; axis < 3; ++axis) {
-    if (axis == 1 && law.kind == ObjectJointKind::slider) continue;
-    JointRow offset = pose.offset(axis);
-    if (axis == 1 && law.kind == ObjectJointKind::screw) {
-      JointRow thread = q;
-      offset += thread *= -law.pitch / (2 * std::numbers::pi);
-    }
-    add_held(scaled(offset), dt);
-  }
-  const auto turning = [](double value, const Vector3& axis) {
-    JointRow row;
-    row.value = value;
-    row.parent_angular = -axis;
-    row.child_angular = axis;
-    return row;
-  };
-  const Vector3 turn = rotation_log(pose.relative);
-  if (law.turns()) {
-    // The child's axis y turns towards the parent's about a x b.
-    const Vector3 a = pose.parent_frame * Vector3(Vector3::UnitY()), b = pose.child_frame * Vector3(Vector3::UnitY());
-    const Vector3 error = a.cross(b);
-    for (const int axis : {0, 2}) {
-      const Vector3 direction = pose.parent_frame * Vector3(Vector3::Unit(axis));
-      add_held(turning(direction.dot(error), direction), dt);
-    }
-  } else if (law.kind != ObjectJointKind::ball) {
-    for (int axis = 0; axis < 3; ++axis)
-      add_held(turning(turn[axis], pose.parent_frame * Vector3(Vector3::Unit(axis))), dt);
-  }
   if (law.turns()) add_law(q, scale_ * scale_, dt);
   if (law.kind == ObjectJointKind::slider) {
     const double value = q.value;
-    q = scaled(q);
+    q = scaled(q, scale_);
     q.value = value;
     add_law(q, scale_, dt);
   }
@@ -123,8 +193,8 @@ void BulletJoint::prepare(double dt) {
     const Vector3 normal = a.cross(b);
     if (normal.norm() > 1e-6) {
       const double gap = law.maximum - std::atan2(normal.norm(), a.dot(b));
-      rows_.push_back({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt,
-                       -SIMD_INFINITY, 0, 0});
+      add({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt, -SIMD_INFINITY, 0,
+           0});
     }
   }
   if (passive_) return;
@@ -139,15 +209,16 @@ void BulletJoint::prepare(double dt) {
   // Their directions change from step to step, so their impulses start at zero.
   for (int k = 0; k < 3; ++k) {
     const Vector3 axis = k == 0 ? first : k == 1 ? second : Vector3(first.cross(second));
-    const double bound = law.friction * torque * dt;
+    const double bound = friction_bound_ * torque * dt;
     impulses_[static_cast<std::size_t>(friction + k)] = impulses_[static_cast<std::size_t>(BulletJoint::drag + k)] = 0;
-    if (law.friction > 0) rows_.push_back({friction + k, turning(0, axis), 0, -bound, bound, 0});
+    if (bound > 0) add({friction + k, turning(0, axis), 0, -bound, bound, 0});
     if (law.stiffness > 0)
-      rows_.push_back({BulletJoint::drag + k, turning(0, axis), 0, -SIMD_INFINITY, SIMD_INFINITY,
-                       1 / (dt * dt * law.stiffness * torque)});
+      add({BulletJoint::drag + k, turning(0, axis), 0, -SIMD_INFINITY, SIMD_INFINITY,
+           1 / (dt * dt * law.stiffness * torque)});
   }
   if (law.stiffness > 0 && (m_rbA.isActive() || m_rbB.isActive())) {
     // The gradient of k (1 - cos) is k sin about the axis of the relative rotation.
+    const Vector3 turn = rotation_log(pose.relative);
     const double angle = turn.norm();
     const Vector3 pull = angle > 0
                              ? Vector3(-law.stiffness * torque * std::sin(angle) / angle * (pose.parent_frame * turn))
@@ -178,7 +249,7 @@ void BulletJoint::getInfo2(btConstraintInfo2* info) {
 
 void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) {
   btSequentialImpulseConstraintSolver::convertJoints(constraints, count, info);
-  converted_.clear();
+  converted_.resize(0);
   int row = 0;
   for (int i = 0; i < count; ++i) {
     const int rows = m_tmpConstraintSizesPool[i].m_numConstraintRows;
@@ -207,15 +278,103 @@ void BulletJointSolver::convertJoints(btTypedConstraint** constraints, int count
     }
     row += rows;
   }
+  factor_held_rows();
+}
+
+void BulletJointSolver::factor_held_rows() {
+  constexpr double kRegular = 1e-9;  // relative to the diagonal; loops of joints have dependent rows
+  held_.clear();
+  for (int i = 0; i < converted_.size(); ++i) {
+    const Converted& each = converted_[i];
+    for (int r = 0; r < each.joint->row_count(); ++r) {
+      if (!each.joint->is_held(r) || held_.push_back(each.row + r)) continue;
+      held_.clear();
+      return;
+    }
+  }
+  const auto count = static_cast<Eigen::Index>(held_.size());
+  matrix_.resize(count, count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const btSolverConstraint& one = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      const btSolverConstraint& other = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(j)]];
+      double sum = 0;
+      const auto add = [&](int body, const btVector3& linear, const btVector3& angular, int other_body,
+                           const btVector3& other_linear, const btVector3& other_angular) {
+        if (body != other_body) return;
+        sum += static_cast<double>(m_tmpSolverBodyPool[body].internalGetInvMass().x()) * linear.dot(other_linear) +
+               static_cast<double>(angular.dot(other_angular));
+      };
+      const auto add_all = [&](int body, const btVector3& linear, const btVector3& angular) {
+        add(body, linear, angular, other.m_solverBodyIdA, other.m_contactNormal1, other.m_angularComponentA);
+        add(body, linear, angular, other.m_solverBodyIdB, other.m_contactNormal2, other.m_angularComponentB);
+      };
+      add_all(one.m_solverBodyIdA, one.m_contactNormal1, one.m_relpos1CrossNormal);
+      add_all(one.m_solverBodyIdB, one.m_contactNormal2, one.m_relpos2CrossNormal);
+      matrix_(i, j) = matrix_(j, i) = i == j ? (1 + kRegular) * sum : sum;
+    }
+  }
+  factor_.compute(matrix_);
+  if (factor_.info() != Eigen::Success) held_.clear();
+}
+
+BulletJointSolver::HeldVector BulletJointSolver::missing_speeds() {
+  const auto count = static_cast<Eigen::Index>(held_.size());
+  HeldVector missing(count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const btSolverConstraint& row = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    btSolverBody& parent = m_tmpSolverBodyPool[row.m_solverBodyIdA];
+    btSolverBody& child = m_tmpSolverBodyPool[row.m_solverBodyIdB];
+    missing[i] = row.m_rhs / row.m_jacDiagABInv - row.m_contactNormal1.dot(parent.internalGetDeltaLinearVelocity()) -
+                 row.m_relpos1CrossNormal.dot(parent.internalGetDeltaAngularVelocity()) -
+                 row.m_contactNormal2.dot(child.internalGetDeltaLinearVelocity()) -
+                 row.m_relpos2CrossNormal.dot(child.internalGetDeltaAngularVelocity());
+  }
+  return missing;
+}
+
+void BulletJointSolver::apply(const HeldVector& impulses) {
+  for (Eigen::Index i = 0; i < impulses.size(); ++i) {
+    btSolverConstraint& row = m_tmpSolverNonContactConstraintPool[held_[static_cast<std::size_t>(i)]];
+    btSolverBody& parent = m_tmpSolverBodyPool[row.m_solverBodyIdA];
+    btSolverBody& child = m_tmpSolverBodyPool[row.m_solverBodyIdB];
+    const auto impulse = static_cast<float>(impulses[i]);
+    row.m_appliedImpulse = static_cast<btScalar>(row.m_appliedImpulse) + impulse;
+    parent.internalApplyImpulse(row.m_contactNormal1 * parent.internalGetInvMass(), row.m_angularComponentA, impulse);
+    child.internalApplyImpulse(row.m_contactNormal2 * child.internalGetInvMass(), row.m_angularComponentB, impulse);
+  }
+}
+
+void BulletJointSolver::solve_held_rows() {
+  const HeldVector before = missing_speeds();
+  const HeldVector impulses = factor_.solve(before);
+  const bool is_finite = impulses.allFinite();
+  if (is_finite) apply(impulses);
+  // In single precision the solution for a heavy body behind a very light one can be worse than none.
+  if (is_finite && missing_speeds().norm() < before.norm()) return;
+  if (is_finite) apply(-impulses);
+  held_.clear();
+}
+
+btScalar BulletJointSolver::solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
+                                                 btPersistentManifold** manifolds, int manifold_count,
+                                                 btTypedConstraint** constraints, int count,
+                                                 const btContactSolverInfo& info, btIDebugDraw* drawer) {
+  if (!held_.empty()) solve_held_rows();
+  return btSequentialImpulseConstraintSolver::solveSingleIteration(iteration, bodies, body_count, manifolds,
+                                                                   manifold_count, constraints, count, info, drawer);
 }
 
 btScalar BulletJointSolver::solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
                                                           const btContactSolverInfo& info) {
-  for (const Converted& each : converted_) {
+  for (int i = 0; i < converted_.size(); ++i) {
+    const Converted& each = converted_[i];
     for (int r = 0; r < each.joint->row_count(); ++r)
       each.joint->impulse(r) = m_tmpSolverNonContactConstraintPool[each.row + r].m_appliedImpulse;
+    each.joint->end_step(info.m_timeStep);
   }
-  converted_.clear();
+  converted_.resize(0);
+  held_.clear();
   return btSequentialImpulseConstraintSolver::solveGroupCacheFriendlyFinish(bodies, count, info);
 }
 

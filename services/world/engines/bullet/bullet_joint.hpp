@@ -2,19 +2,26 @@
 // friction that holds, and springs that are integrated explicitly. Only bullet_engine.cpp includes this header.
 //
 // Rows of a step, J v = c with an impulse between bounds:
-// - held offsets and axes: c removes half of the error, no bounds,
+// - held offsets and axes: c removes half of the error, no bounds. If the parent is static, c also removes what the row
+//   misses within the step, because J is that of the start: a turn by w dt moves the end of an arm l by l (w dt)^2/2
+//   off its tangent. Between two bodies that move, the speeds at the start predict this too badly: chains gain energy.
 // - limits: v may not carry q beyond its limit within the step, one-sided,
-// - dry friction: v = 0, impulse within +-B dt,
+// - dry friction: v = 0, impulse within +-B dt. B has the reaction force of the last step.
 // - spring, damping and detents: their force at the start of the step acts as an external force. A row with the
 //   compliance 1/(dt^2 U'' + dt b) adds the change over the step. So the sum is the force at the end of the step, for
 //   any stiffness.
+//
+// The solver visits row by row. Rows of the same joint would disturb each other: at the end of an arm a force turns the
+// body. So each row is replaced by its part that the held rows before it do not move (Gram-Schmidt, in the metric of
+// the inverse mass), with the same solutions. Then one visit solves the held rows of a joint.
 #pragma once
 
 #include <btBulletDynamicsCommon.h>
 
+#include <Eigen/Cholesky>
 #include <array>
-#include <vector>
 
+#include "messages/messages.hpp"
 #include "world/physics_engine.hpp"
 
 namespace softhand {
@@ -31,10 +38,17 @@ class BulletJoint final : public btTypedConstraint {
   /// Call it before each step.
   void prepare(double dt);
   /// Compliance of a row relative to 1, in the engine's units; 0: a hard row.
+  bool is_held(int row) const { return rows_[static_cast<std::size_t>(row)].meaning < lower_limit; }
   double compliance(int row) const { return rows_[static_cast<std::size_t>(row)].compliance; }
 
   /// Impulse of the row in the last step, as a start for the next step. Rows keep their meaning, not their place.
+  /// With the rows made orthogonal, it is the force along the row's own direction plus a share of the held rows.
   double& impulse(int row) { return impulses_[static_cast<std::size_t>(rows_[static_cast<std::size_t>(row)].meaning)]; }
+
+  /// Computes the reaction from the impulses of a step. Call it when they are known.
+  void end_step(double dt);
+  /// As PhysicsEngine::reaction.
+  double reaction() const { return reaction_; }
 
   void getInfo1(btConstraintInfo1* info) override;
   void getInfo2(btConstraintInfo2* info) override;
@@ -50,22 +64,32 @@ class BulletJoint final : public btTypedConstraint {
     double speed = 0;  // c
     double lower = 0, upper = 0;
     double compliance = 0;
+    double weight = 0;  // J M^-1 J^T
   };
-  void add_held(const JointRow& row, double dt);
+  /// Makes the row orthogonal to the held rows before it.
+  void add(Row row);
   void add_law(const JointRow& row, double unit, double dt);
+  double inner(const JointRow& one, const JointRow& other) const;
 
   EngineJoint joint_;
   double scale_;
   bool passive_ = false;
-  std::vector<Row> rows_;
+  BoundedVector<Row, 16> rows_;
   std::array<double, meanings> impulses_{};
+  double reaction_;            // N
+  double friction_bound_ = 0;  // N or N m, in this step
 };
 
-/// Bullet's solver with two additions for the rows of BulletJoint. Bullet itself leaves the compliance of a joint out
-/// of the row's diagonal, so that soft rows diverge. And it starts the impulses of joints at zero in each step, so that
-/// a load on a long arm opens the joint by 0.2 mm.
+/// Bullet's solver with three additions for the rows of BulletJoint.
+/// - Bullet leaves the compliance of a joint out of the row's diagonal, so that soft rows diverge.
+/// - It starts the impulses of joints at zero in each step, so that a load on a long arm opens the joint by 0.2 mm.
+/// - It visits row by row. A load behind light links, and a long chain, need thousands of visits: they explode. So each
+///   iteration first solves all held rows of the connected bodies together, with a dense factor.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
  protected:
+  btScalar solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
+                                btPersistentManifold** manifolds, int manifold_count, btTypedConstraint** constraints,
+                                int count, const btContactSolverInfo& info, btIDebugDraw* drawer) override;
   void convertJoints(btTypedConstraint** constraints, int count, const btContactSolverInfo& info) override;
   btScalar solveGroupCacheFriendlyFinish(btCollisionObject** bodies, int count,
                                          const btContactSolverInfo& info) override;
@@ -75,7 +99,19 @@ class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
     BulletJoint* joint = nullptr;
     int row = 0;
   };
-  std::vector<Converted> converted_;  // the joints of this group of bodies, with their first rows
+  // The rows of 18 hinges. The held rows of more connected joints are visited one by one.
+  static constexpr int kMostHeldRows = 90;
+  using HeldVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostHeldRows, 1>;
+  using HeldMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostHeldRows, kMostHeldRows>;
+  void factor_held_rows();
+  void solve_held_rows();
+  HeldVector missing_speeds();  // c - J v of the held rows
+  void apply(const HeldVector& impulses);
+
+  BoundedVector<int, kMostHeldRows> held_;  // numbers of rows; empty if they are visited one by one
+  HeldMatrix matrix_;                       // J M^-1 J^T of the held rows
+  Eigen::LDLT<HeldMatrix> factor_;
+  btAlignedObjectArray<Converted> converted_;  // the joints of this group of bodies, with their first rows
 };
 
 }  // namespace softhand
