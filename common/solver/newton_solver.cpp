@@ -18,8 +18,10 @@ constexpr double kLeastMove = 1e-5;
 // Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
 // with the next gradient.
 constexpr double kUsualReduction = 0.01;
-constexpr double kShortStep = 0.2;    // scale of an iteration: if it is shorter, all further moves are straight
-constexpr int kMaxRevisions = 4;      // of the terms in a step
+constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
+constexpr int kMaxRevisions = 4;    // of the terms in a step
+// A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
+constexpr std::int64_t kLateIteration = 15;
 constexpr int kContactSolves = 3;     // after a step that did not converge
 constexpr double kContactWork = 0.3;  // fast steps that each of them may take even if no budget remains
 
@@ -219,9 +221,9 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
                    .measured = evaluated},
                   report);
     ++report.iterations;
-    // A converged step is revised at its end only, so that its result does not depend on the way there.
-    const bool may_be_last =
-        is_truncated || policy_.has_converged(report) || report.increment <= options_.increment_tolerance;
+    // A step that converges soon is revised at its end only, so that its result does not depend on the way there.
+    const bool may_be_last = is_truncated || iteration >= kLateIteration || policy_.has_converged(report) ||
+                             report.increment <= options_.increment_tolerance;
     if (may_be_last && revisions < kMaxRevisions && revise(state)) {
       ++revisions;
       touches = linkage_.any_touching();
