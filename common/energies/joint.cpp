@@ -1,6 +1,7 @@
 #include "energies/joint.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -10,6 +11,8 @@
 namespace softhand {
 namespace {
 
+// Width of the ramp over which a limit's stiffness grows, rad. Beyond it the moment is stiffness times excess.
+constexpr double kRamp = 0.02;
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 // Geometry of a joint in the current poses of its two bodies.
@@ -30,11 +33,6 @@ JointGeometry geometry_of(const JointSite& site, const State& state) {
   g.parent_frame = parent.orientation * site.parent_from_joint.orientation;
   g.angles = rotation_log(g.parent_frame.conjugate() * (child.orientation * site.child_from_joint.orientation));
   return g;
-}
-
-// Signed distance of an angle outside its range; zero inside.
-double excess(double angle, double minimum, double maximum) {
-  return angle > maximum ? angle - maximum : angle < minimum ? angle - minimum : 0.0;
 }
 
 }  // namespace
@@ -91,6 +89,17 @@ JointEnergy::JointEnergy(const std::vector<JointSite>& sites, DofLayout layout) 
   }
 }
 
+JointEnergy::Response JointEnergy::AxisLaw::at(double angle) const {
+  const double outside = angle > maximum ? angle - maximum : angle < minimum ? angle - minimum : 0.0;
+  if (minimum == maximum) return {0.5 * stiffness * outside * outside, stiffness * outside, stiffness};
+  const double depth = std::abs(outside), x = depth / kRamp;
+  if (x < 1) {
+    return {stiffness * depth * depth * (2.0 / 3 - x / 4) * x, stiffness * outside * (2 - x) * x,
+            stiffness * (4 - 3 * x) * x};
+  }
+  return {stiffness * (0.5 * depth * depth - kRamp * kRamp / 12), stiffness * outside, stiffness};
+}
+
 Vector3 JointEnergy::angles(int joint, const State& state) const { return geometry_of(site(joint), state).angles; }
 
 int JointEnergy::needed_bodies() const {
@@ -113,34 +122,31 @@ double JointEnergy::value(const State& state) const {
     const JointGeometry g = geometry_of(joint.site, state);
     energy += 0.5 * joint.site.model.position_stiffness * g.gap.squaredNorm();
     for (int i = 0; i < 3; ++i) {
-      const AxisLaw& law = joint.axes[static_cast<std::size_t>(i)];
-      const double outside = excess(g.angles[i], law.minimum, law.maximum);
-      energy += 0.5 * law.stiffness * outside * outside;
+      energy += joint.axes[static_cast<std::size_t>(i)].at(g.angles[i]).energy;
     }
   }
   return energy;
 }
 
 double JointEnergy::add_gradient(const State& state, VectorX& gradient) const {
-  double twice_energy = 0;
+  double energy = 0;
   for (const JointData& joint : joints_) {
     const JointGeometry g = geometry_of(joint.site, state);
     Vector3 moment;  // dU/dphi
     for (int i = 0; i < 3; ++i) {
-      const AxisLaw& law = joint.axes[static_cast<std::size_t>(i)];
-      const double outside = excess(g.angles[i], law.minimum, law.maximum);
-      moment[i] = law.stiffness * outside;
-      twice_energy += moment[i] * outside;
+      const Response response = joint.axes[static_cast<std::size_t>(i)].at(g.angles[i]);
+      moment[i] = response.moment;
+      energy += response.energy;
     }
     // The derivative of phi is J^-1 Q_a^T (w_child - w_parent).
     const Vector3 torque = g.parent_frame * left_jacobian_inverse_transpose(g.angles, moment);
     const Vector3 pull = joint.site.model.position_stiffness * g.gap;
-    twice_energy += pull.dot(g.gap);
+    energy += 0.5 * pull.dot(g.gap);
     Clique<4>::Gradient local;
     local << pull, g.parent_arm.cross(pull) - torque, -pull, torque - g.child_arm.cross(pull);
     joint.blocks.add(gradient, local);
   }
-  return 0.5 * twice_energy;
+  return energy;
 }
 
 void JointEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
@@ -149,10 +155,9 @@ void JointEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvatur
     const double k = joint.site.model.position_stiffness;
     Vector3 moment, stiffness;
     for (int i = 0; i < 3; ++i) {
-      const AxisLaw& law = joint.axes[static_cast<std::size_t>(i)];
-      const double outside = excess(g.angles[i], law.minimum, law.maximum);
-      moment[i] = law.stiffness * outside;
-      stiffness[i] = outside != 0 || law.minimum == law.maximum ? law.stiffness : 0.0;
+      const Response response = joint.axes[static_cast<std::size_t>(i)].at(g.angles[i]);
+      moment[i] = response.moment;
+      stiffness[i] = response.stiffness;
     }
     const Matrix3 frame = g.parent_frame.toRotationMatrix();
     const Matrix3 jacobian = left_jacobian_inverse(g.angles);

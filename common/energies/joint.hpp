@@ -2,14 +2,18 @@
 // joint does not allow.
 //
 //   U = 1/2 k |x_a + r_a - x_b - r_b|^2 + sum over the held axes 1/2 k_o phi_i^2
-//       + sum over the limited axes 1/2 k_lim (max(0, phi_i - max)^2 + max(0, min - phi_i)^2),   phi = log(Q_a^T Q_b)
+//       + sum over the limited axes U_lim(e_i),   phi = log(Q_a^T Q_b)
+//   U_lim = k_lim (2 e^3/(3 w) - e^4/(4 w^2)) for e < w, else k_lim (e^2/2 - w^2/12);   e_i: how far phi_i is out of
+//   range
 //
 // Q_a is the parent's rest-aligned joint frame and Q_b the child's joint frame. phi is zero at rest. Its components are
 // the flexion, abduction and twist of `JointModel`, in the parent's joint frame.
 //
 // Departure from the source: the source gives no formula for axes and ranges. We use the components of the rotation
 // vector, because they treat all three axes alike and have no gimbal lock. They equal the textbook joint angles while
-// only one of them is large. At a rotation of pi, phi is finite and jumps to the other arc.
+// only one of them is large. The stiffness of a limit grows over w = 0.02 rad, where the source gives none: a jump
+// costs the solver a new factor each time a joint at its limit trembles. Beyond w the moment is k_lim e, as without a
+// ramp. At a rotation of pi, phi is finite and jumps to the other arc.
 //
 // Projected Hessian: Gauss-Newton. Degrees of freedom: six of the parent, six of the child. Units: J; m, rad.
 #pragma once
@@ -53,10 +57,14 @@ class JointEnergy final : public Energy {
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
+  struct Response {
+    double energy = 0, moment = 0, stiffness = 0;
+  };
   struct AxisLaw {
     double stiffness = 0;  // acts outside [minimum, maximum]
     double minimum = 0;
     double maximum = 0;
+    Response at(double angle) const;
   };
   struct JointData {
     JointSite site;

@@ -140,8 +140,12 @@ void BlockMatrix::take_back() {
 
 double BlockMatrix::change_since_taken_back() const {
   double removed = 0, added = 0, replaced = 0, change = 0;  // squared norms
-  for (const double entry : removed_parts_) removed += entry * entry;
+  for (std::size_t k = 0; k < removed_blocks_.size(); ++k) {
+    if (removed_blocks_[k] >= core_blocks()) continue;
+    for (std::size_t i = 0; i < 9; ++i) removed += removed_parts_[9 * k + i] * removed_parts_[9 * k + i];
+  }
   for (std::size_t k = 0; k < journal_.size(); ++k) {
+    if (journal_[k] >= core_blocks()) continue;
     const double* const value = values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k]);
     const std::int32_t place = removed_[static_cast<std::size_t>(journal_[k])];
     for (std::size_t i = 0; i < 9; ++i) {

@@ -88,10 +88,16 @@ class BlockMatrix {
   void begin_journal();
   /// Indices of the stored blocks that `add` changed since then.
   std::span<const std::int32_t> journal() const { return journal_; }
+  /// What was added to the k-th block of the journal.
+  Matrix3 added(std::size_t k) const {
+    return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k])) -
+           Eigen::Map<const Matrix3>(before_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+  }
   /// Restores the previous values of these blocks, equal to the bit, and starts a new journal.
   void take_back();
-  /// Relative change of the added part. Let A be the sum of the blocks added since the last `take_back`, and R the part
-  /// that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms.
+  /// Relative change of the added part in the core. Let A be the sum of the blocks added since the last `take_back`,
+  /// and R the part that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms. The border is
+  /// left out: an object's block sums all its contacts and would hide the change of one.
   double change_since_taken_back() const;
   /// y = A x with both triangles. The vectors have 3 * block_count() entries.
   void multiply(const VectorX& x, VectorX& y) const;

@@ -174,6 +174,8 @@ class HandSimulation {
     for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);
   }
   WorkCounters work() const;
+  /// Matrix of the last new linearisation in a step, for measurements. The hand is its core, the slots are its border.
+  const BlockMatrix& hessian() const { return solver_->hessian(); }
   double deepest_penetration() const;       ///< m; 0 without contact
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
 

@@ -19,7 +19,7 @@ CholeskyKernel<Scalar> cholesky_kernel(InstructionSet set) {
   if (set == InstructionSet::avx512) return cholesky_kernel_avx512(Scalar{});
 #endif
   static_cast<void>(set);
-  return {factorize<Scalar>, forward<Scalar>, backward<Scalar>, forward_columns<Scalar>};
+  return {factorize<Scalar>, forward<Scalar>, backward<Scalar>, forward_columns<Scalar>, add_products<Scalar>};
 }
 
 template CholeskyKernel<double> cholesky_kernel(InstructionSet set);

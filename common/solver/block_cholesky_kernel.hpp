@@ -74,6 +74,10 @@ struct CholeskyKernel {
   /// ancestors of an included front must be included. `scratch` has kCholeskyTile times the size above.
   void (*forward_columns)(const CholeskyPlan& plan, const std::uint8_t* included, const Scalar* panels,
                           const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch);
+  /// sums += the products of three columns of `a` with three of `b`, lane by lane: sums[(3 j + i) * kCholeskyTile + r]
+  /// is for row r of the tiles, column i of `a` and column j of `b`. A tile holds kCholeskyTile rows of its first
+  /// column, then those of the second and the third. Aligned to 64 bytes.
+  void (*add_products)(const Scalar* a, const Scalar* b, std::int32_t tiles, Scalar* sums);
 };
 
 /// Returns the baseline's kernel if this build has none for `set` (another architecture).

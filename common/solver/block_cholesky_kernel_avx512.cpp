@@ -7,10 +7,10 @@ namespace softhand {
 CholeskyKernel<double> cholesky_kernel_avx512(double);
 CholeskyKernel<float> cholesky_kernel_avx512(float);
 CholeskyKernel<double> cholesky_kernel_avx512(double) {
-  return {factorize<double>, forward<double>, backward<double>, forward_columns<double>};
+  return {factorize<double>, forward<double>, backward<double>, forward_columns<double>, add_products<double>};
 }
 CholeskyKernel<float> cholesky_kernel_avx512(float) {
-  return {factorize<float>, forward<float>, backward<float>, forward_columns<float>};
+  return {factorize<float>, forward<float>, backward<float>, forward_columns<float>, add_products<float>};
 }
 
 }  // namespace softhand

@@ -522,6 +522,33 @@ void backward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inve
   }
 }
 
+template <typename Scalar>
+void add_products(const Scalar* a, const Scalar* b, std::int32_t tiles, Scalar* sums) {
+  using S = Shape<Scalar>;
+  using Vector = typename S::Vector;
+  for (int k = 0; k < kTile; k += S::kWidth) {
+    Vector sum[3][3];
+#pragma GCC unroll 3
+    for (int j = 0; j < 3; ++j) {
+#pragma GCC unroll 3
+      for (int i = 0; i < 3; ++i) sum[j][i] = vector_at(sums + (3 * j + i) * kTile + k);
+    }
+    const Scalar *x = a + k, *y = b + k;
+    for (std::int32_t t = 0; t < tiles; ++t, x += 3 * kTile, y += 3 * kTile) {
+#pragma GCC unroll 3
+      for (int j = 0; j < 3; ++j) {
+#pragma GCC unroll 3
+        for (int i = 0; i < 3; ++i) sum[j][i] += vector_at(x + i * kTile) * vector_at(y + j * kTile);
+      }
+    }
+#pragma GCC unroll 3
+    for (int j = 0; j < 3; ++j) {
+#pragma GCC unroll 3
+      for (int i = 0; i < 3; ++i) vector_at(sums + (3 * j + i) * kTile + k) = sum[j][i];
+    }
+  }
+}
+
 #undef SOFTHAND_INLINE
 
 }  // namespace

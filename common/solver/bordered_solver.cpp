@@ -181,6 +181,31 @@ bool BorderedSolver::factorize_border() {
   return true;
 }
 
+// border_ := S^-1 border_, in the order of `order_`.
+void BorderedSolver::solve_border() {
+  Index begin = 0;
+  for (const Index end : component_end_) {
+    const auto factor = schur_.block(3 * begin, 3 * begin, 3 * (end - begin), 3 * (end - begin));
+    auto part = border_.segment(3 * begin, 3 * (end - begin));
+    factor.triangularView<Eigen::Lower>().solveInPlace(part);
+    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(part);
+    begin = end;
+  }
+}
+
+void BorderedSolver::forward(const VectorX& rhs, VectorX& half) {
+  core_->forward(rhs, half);
+  half.tail(3 * border_count_) = rhs.tail(3 * border_count_);
+}
+
+void BorderedSolver::backward(const VectorX& half, VectorX& x) {
+  core_->backward(half, x);
+  for (Index k = 0; k < border_count_; ++k)
+    border_.segment<3>(3 * k) = half.segment<3>(3 * (core_count_ + order_[at(k)]));
+  solve_border();
+  for (Index k = 0; k < border_count_; ++k) x.segment<3>(3 * (core_count_ + order_[at(k)])) = border_.segment<3>(3 * k);
+}
+
 void BorderedSolver::solve(const VectorX& rhs, VectorX& x) {
   if (coupled_count_ == 0) {
     core_->solve(rhs, x);
@@ -198,14 +223,7 @@ void BorderedSolver::solve(const VectorX& rhs, VectorX& x) {
     }
     border_.segment(kGroupColumns * g, width_of(g)) -= sum.head(width_of(g));
   }
-  Index begin = 0;
-  for (const Index end : component_end_) {
-    const auto factor = schur_.block(3 * begin, 3 * begin, 3 * (end - begin), 3 * (end - begin));
-    auto part = border_.segment(3 * begin, 3 * (end - begin));
-    factor.triangularView<Eigen::Lower>().solveInPlace(part);
-    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(part);
-    begin = end;
-  }
+  solve_border();
   for (int g = 0; g < groups; ++g) {
     const HalfColumns& columns = half_columns_[at(g)];
     Eigen::Matrix<double, kColumns, 1> factors = Eigen::Matrix<double, kColumns, 1>::Zero();

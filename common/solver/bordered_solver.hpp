@@ -18,6 +18,12 @@
 
 namespace softhand {
 
+/// A stored block that a factor holds in addition to its matrix: the index, and the values.
+struct KeptBlock {
+  std::int32_t stored = 0;
+  Matrix3 value;
+};
+
 class BorderedSolver final : public LinearSolver {
  public:
   /// `core` needs half solves if the matrix has a border.
@@ -28,6 +34,11 @@ class BorderedSolver final : public LinearSolver {
   bool factorize() override;
   bool refactorize(std::span<const std::int32_t> changed) override;
   void solve(const VectorX& rhs, VectorX& x) override;
+  /// Halves of a solve, if nothing in the core is coupled to the border. Of the border, `half` is `rhs`.
+  void forward(const VectorX& rhs, VectorX& half) override;
+  void backward(const VectorX& half, VectorX& x) override;
+  bool is_coupled() const { return coupled_count_ > 0; }
+  LinearSolver& core() { return *core_; }
   bool take_factor(const LinearSolver& other) override;
   double last_operations() const override { return core_->last_operations() + border_operations_; }
   double factor_operations() const override { return core_->factor_operations(); }
@@ -41,6 +52,7 @@ class BorderedSolver final : public LinearSolver {
   };
 
   bool factorize_border();
+  void solve_border();
   void find_components();
   void gather_rows(int group);
   int width_of(int group) const;

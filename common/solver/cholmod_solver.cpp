@@ -35,14 +35,14 @@ struct CholmodSolver::Workspace {
   }
 };
 
-CholmodSolver::CholmodSolver() : workspace_(std::make_unique<Workspace>()) {
+CholmodSolver::CholmodSolver(Order order) : workspace_(std::make_unique<Workspace>()) {
   if (openblas_set_num_threads != nullptr) openblas_set_num_threads(1);
   cholmod_common& c = workspace_->common;
   c.print = 0;
   c.supernodal = CHOLMOD_SUPERNODAL;
   c.final_ll = 1;
   c.nmethods = 1;
-  c.method[0].ordering = CHOLMOD_AMD;
+  c.method[0].ordering = order == Order::minimum_degree ? CHOLMOD_AMD : CHOLMOD_METIS;
   c.quick_return_if_not_posdef = 1;
 }
 

@@ -10,7 +10,8 @@ namespace softhand {
 
 class CholmodSolver final : public LinearSolver {
  public:
-  CholmodSolver();
+  enum class Order { minimum_degree, nested_dissection };
+  explicit CholmodSolver(Order order = Order::minimum_degree);
   ~CholmodSolver() override;
   CholmodSolver(const CholmodSolver&) = delete;
   CholmodSolver& operator=(const CholmodSolver&) = delete;

@@ -12,6 +12,9 @@ constexpr double kEquivalentIterationsExact = 4;  // the same if the new Hessian
 constexpr double kKinkFraction = 0.6;             // expected cost of renewing contact and friction, in whole factors
 constexpr int kMaxConsecutiveKinkFactors = 2;     // after this many, the rest of the Hessian may be stale
 constexpr double kSlowest = 0.9;  // cap on the ratio of two increments when the remaining movement is estimated
+// Scale of an iteration. The contacts of a condensed iteration are known. If it ends short nevertheless, friction has
+// changed, and a new factor would not help. A factor that is much too stiff or too soft does worse.
+constexpr double kShortest = 0.4;
 constexpr double kStalled = 0.5;  // ratio of two residuals
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
@@ -99,11 +102,11 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
   last_move_ = iteration.move;
   const bool is_full = iteration.scale == 1;
-  reuses_ = may_reuse_ && is_full &&
+  reuses_ = may_reuse_ && iteration.scale >= (iteration.condenses ? kShortest : 1.0) &&
             std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),
                      iterations_until(remaining_move_, 1, contraction_)) <= equivalent_iterations_;
   consecutive_kinks_ = decision.renewal == Renewal::kinks ? consecutive_kinks_ + 1 : 0;
-  if (decision.renewal == Renewal::whole && is_full && iteration.measured &&
+  if (decision.renewal == Renewal::whole && is_full && iteration.measured && !iteration.condenses &&
       report.residual > kStalled * iteration.residual_before) {
     double_helps_ = double_helps_ && !in_double_;
     in_double_ = needs_double_ || double_helps_;
@@ -113,9 +116,10 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
   is_revised_ = false;
 }
 
-void FactorPolicy::start_again() {
-  is_revised_ = true;
-  reuses_ = false;
+void FactorPolicy::start_again(bool keeps_factor) {
+  is_revised_ = !keeps_factor;
+  reuses_ = reuses_ && keeps_factor;
+  last_move_ = 0;
   remaining_move_ = std::numeric_limits<double>::infinity();
 }
 

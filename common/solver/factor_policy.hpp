@@ -42,27 +42,30 @@ class FactorPolicy {
 
   struct Iteration {
     double scale = 0;            ///< of the line search
+    bool condenses = false;      ///< terms with kinks were exact (LocalNewton::minimise_condensed)
     double move = 0;             ///< the largest, relative to its tolerance
     double residual_before = 0;  ///< N and N m
     bool measured = false;       ///< the report's residual is that of the result
   };
   /// Learns from an iteration with `decision`.
   void learn(const Decision& decision, const Iteration& iteration, const StepReport& report);
-  /// The energy has changed after an iteration (`Energy::revise`). The last factor lacks the new contacts, so the next
-  /// iteration renews it.
-  void start_again();
+  /// The energy has changed after an iteration (`Energy::revise`). Unless `keeps_factor`, the last factor lacks the new
+  /// contacts, so the next iteration renews it.
+  void start_again(bool keeps_factor);
   /// By the residual and by the estimated remaining movement.
   bool has_converged(const StepReport& report) const;
   bool affords_whole_factor(const StepReport& report) const { return remaining_work(report) >= whole_work_; }
 
   /// What one step leaves to the next.
   struct Carried {
-    double time_step = 0;      ///< of the factor to reuse, s; 0: none
-    bool was_cut_off = false;  ///< the budget stopped the last step
+    double time_step = 0;       ///< of the factor to reuse, s; 0: none
+    bool was_cut_off = false;   ///< the budget stopped the last step
+    bool touches_much = false;  ///< since this contact began: more blocks than the condensed model has room for
   };
   void end_step(double time_step, const StepReport& report);
   /// No later step reuses the factor that exists now.
   void drop_factor() { carried_.time_step = 0; }
+  void set_touches_much(bool touches_much) { carried_.touches_much = touches_much; }
   const Carried& carried() const { return carried_; }
   void set_carried(const Carried& carried) { carried_ = carried; }
 

@@ -13,7 +13,8 @@ constexpr double kFirstShift = 1e-4;  // fraction of the diagonal entry; each re
 
 }  // namespace
 
-HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& hessian) {
+HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& hessian)
+    : has_halves_(!options.linear_solver) {
   const auto bordered = [](std::unique_ptr<LinearSolver> core) {
     return std::make_unique<BorderedSolver>(std::move(core));
   };
@@ -31,16 +32,22 @@ HessianFactor::HessianFactor(const SolverOptions& options, const BlockMatrix& he
   }
   solver_->analyze(hessian);
   last_ = solver_.get();
+  kept_kinks_.reserve(static_cast<std::size_t>(hessian.stored_blocks()));
 }
 
-bool HessianFactor::renew(IncrementalPotential& potential, const State& state, bool in_double, StepMeter& meter) {
+bool HessianFactor::renew(IncrementalPotential& potential, const State& state, bool in_double, bool without_kinks,
+                          StepMeter& meter) {
   ++meter.report.factorisations;
   version_ = 0;
+  without_kinks_ = false;
   double shift = 0;
   last_ = in_double && precise_ ? precise_.get() : solver_.get();
+  kept_kinks_.clear();
+  bool has_kinks = true;  // the Hessian has all terms with kinks
   for (int attempt = 0; attempt <= kMaxShifts;) {
     {
       const auto timer = meter.time(&StepTiming::assembly);
+      if (without_kinks) keep_kinks(potential.change_hessian(), std::exchange(has_kinks, false));
       last_->load(potential.hessian());
     }
     bool positive = false;
@@ -49,12 +56,17 @@ bool HessianFactor::renew(IncrementalPotential& potential, const State& state, b
       positive = last_->factorize();
     }
     count_work(meter);
+    if (without_kinks) potential.change_hessian().take_back();
     if (positive) {
       if (is_fallback()) ++meter.report.double_factors;
-      if (shift == 0) version_ = potential.version();
+      without_kinks_ = without_kinks && shift == 0 && !last_->is_coupled();
+      if (shift == 0 && !without_kinks) version_ = potential.version();
       return true;
     }
-    if (potential.project_hessian(state, meter)) continue;
+    if (potential.project_hessian(state, meter)) {
+      has_kinks = true;
+      continue;
+    }
     if (!is_most_precise()) {
       // The matrix may still be positive definite in double.
       last_ = precise_.get();
@@ -67,6 +79,20 @@ bool HessianFactor::renew(IncrementalPotential& potential, const State& state, b
     ++meter.report.shifts;
   }
   return false;
+}
+
+// Replaces the terms with kinks by `kept_kinks_`, which becomes the part between blocks of the core if `is_new`. The
+// journal of `hessian` then holds this part.
+void HessianFactor::keep_kinks(BlockMatrix& hessian, bool is_new) {
+  if (is_new) {
+    kept_kinks_.clear();
+    for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
+      const std::int32_t stored = hessian.journal()[k];
+      if (hessian.position(stored).first < hessian.core_count()) kept_kinks_.push_back({stored, hessian.added(k)});
+    }
+    hessian.take_back();
+  }
+  for (const KeptBlock& kept : kept_kinks_) hessian.add({kept.stored, false}, kept.value);
 }
 
 bool HessianFactor::renew_kinks(IncrementalPotential& potential, const State& state, StepMeter& meter) {
@@ -92,10 +118,12 @@ void HessianFactor::count_work(StepMeter& meter) const {
 }
 
 bool HessianFactor::take_over(const HessianFactor& other) {
-  LinearSolver* const mine = other.is_fallback() ? precise_.get() : solver_.get();
+  BorderedSolver* const mine = other.is_fallback() ? precise_.get() : solver_.get();
   if (mine == nullptr || !mine->take_factor(*other.last_)) return false;
   last_ = mine;
   version_ = other.version_;
+  without_kinks_ = other.without_kinks_;
+  kept_kinks_ = other.kept_kinks_;
   return true;
 }
 

@@ -13,7 +13,26 @@ constexpr int kMaxHalvings = 5;
 constexpr double kArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
-constexpr int kMaxRows = 3 * LocalNewton::kMaxBlocks + LocalNewton::kMaxModes;
+// Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
+// nonlinearity leaves more.
+constexpr double kSmallForce = 1e-5;
+constexpr double kConverged = 1e-2;
+// Time of an operation of the dense factorisation, and of all else that an iteration does with an entry of the dense
+// matrix, in operations of a sparse factorisation in float.
+constexpr double kDenseOperation = 0.6;
+constexpr double kDenseEntry = 20;
+// The same for an evaluation of the terms with kinks, per block that moves.
+constexpr double kBlockOperations = 12'000;
+// A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
+constexpr double kMostCompliance = 2.5;
+constexpr double kPairOperations = 15'000;
+// The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
+// the trials cost no more than their energies.
+constexpr int kMaxTrials = 8;
+constexpr double kLevel = 0.5, kShort = 0.05, kInside = 0.05;
+
+constexpr int kMaxRows =
+    3 * std::max(LocalNewton::kMaxBlocks, LocalNewton::kMaxCondensedBlocks) + LocalNewton::kMaxModes;
 
 }  // namespace
 
@@ -26,9 +45,14 @@ LocalNewton::LocalNewton(DofLayout layout)
       modes_(kMaxModes, VectorX::Zero(layout.dof_count())),
       force_(layout.dof_count()),
       product_(layout.dof_count()),
+      half_(layout.dof_count()),
       smooth_(kMaxRows, kMaxRows),
       factor_(kMaxRows, kMaxRows),
+      dense_(kMaxCondensedBlocks),
+      forces_(kMaxRows),
       smooth_gradient_(kMaxRows),
+      smooth_slope_(kMaxRows),
+      smooth_change_(kMaxRows),
       local_gradient_(kMaxRows),
       step_(kMaxRows),
       total_(kMaxRows),
@@ -36,7 +60,14 @@ LocalNewton::LocalNewton(DofLayout layout)
       kinked_gradient_(layout.dof_count()) {
   blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
   patches_.reserve(kMaxBlocks + 1);
+  added_.reserve(static_cast<std::size_t>(layout.block_count()));
+  compliance_place_.reserve(static_cast<std::size_t>(layout.block_count()));
   trial_ = empty_state(layout);
+}
+
+int LocalNewton::condensed_room(double per_operation) {
+  const double pairs = kMostCompliance / (kPairOperations * per_operation);
+  return static_cast<int>(std::min<double>(kMaxCondensedBlocks, std::sqrt(pairs)));
 }
 
 // Adds the rows and columns of the blocks in the journal to those that move.
@@ -225,6 +256,7 @@ void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
 
 double LocalNewton::kinked_energy(std::span<Energy* const> kinked, const State& state) {
   kinked_gradient_.setZero();
+  condensed_operations_ += kBlockOperations * static_cast<double>(blocks_.size());
   double energy = 0;
   for (const Energy* term : kinked) energy += term->add_gradient(state, kinked_gradient_);
   return energy;
@@ -321,6 +353,271 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     direction.segment<3>(3 * blocks_[i]) = total.segment<3>(3 * static_cast<Eigen::Index>(i));
   result.found = direction.lpNorm<Eigen::Infinity>() > kSmallMove;
   return result;
+}
+
+// Adds the blocks in the journal to those that move, and what else moves with them: blocks of the border that are
+// coupled with each other. `half_` is half of the free solve.
+LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor,
+                                                    std::span<const KeptBlock> kept, Compliance& compliance) {
+  const std::int32_t core = hessian.core_count();
+  added_.clear();
+  const auto include = [this](std::int32_t block, std::int32_t compliance_place) {
+    place_[static_cast<std::size_t>(block)] = static_cast<std::int32_t>(blocks_.size());
+    blocks_.push_back(block);
+    compliance_place_.push_back(compliance_place);
+    total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3).setZero();
+  };
+  const auto touch = [&](std::int32_t block) {
+    if (place_[static_cast<std::size_t>(block)] >= 0) return;
+    if (block >= core) {
+      if (blocks_.size() < static_cast<std::size_t>(kMaxCondensedBlocks)) include(block, -1);
+    } else if (!compliance.has(block) && std::find(added_.begin(), added_.end(), block) == added_.end()) {
+      added_.push_back(block);
+    }
+  };
+  const auto touch_both = [&](std::int32_t stored) {
+    const auto [row, column] = hessian.position(stored);
+    touch(column);
+    touch(row);
+  };
+  for (const KeptBlock& block : kept) touch_both(block.stored);
+  for (const std::int32_t stored : hessian.journal()) touch_both(stored);
+  for (std::size_t before = 0; before != blocks_.size();) {
+    before = blocks_.size();
+    for (const std::int32_t stored : hessian.border_in_use()) {
+      const auto [row, column] = hessian.position(stored);
+      if (column < core || row == column) continue;
+      if (place_[static_cast<std::size_t>(row)] >= 0) touch(column);
+      if (place_[static_cast<std::size_t>(column)] >= 0) touch(row);
+    }
+  }
+  // Neighbours are in one pass over the factor.
+  std::sort(added_.begin(), added_.end());
+  const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxCondensedBlocks);
+  if (added_.size() > compliance.room() || blocks_.size() + compliance.blocks().size() + added_.size() - known > room) {
+    return Condensed::no_room;
+  }
+  if (!compliance.include(added_, factor.core())) return Condensed::not_positive;
+  if (known < compliance.blocks().size()) {
+    // At first no block moves. A block that is added later moves as the forces so far move it.
+    const bool moves = known > 0;
+    if (moves) {
+      product_ = half_;
+      compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(known)), product_);
+    }
+    for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
+      include(compliance.blocks()[k], static_cast<std::int32_t>(k));
+      if (moves)
+        total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3) = compliance.displacement(k, product_);
+    }
+    first_new_ = compliance.blocks().size();
+  }
+  return Condensed::found;
+}
+
+// Calls visit(row, column, block) for both triangles of the symmetric matrix of `kept`.
+template <typename Visit>
+void LocalNewton::for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const {
+  for (const KeptBlock& block : kept) {
+    const auto [row, column] = hessian.position(block.stored);
+    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
+                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
+    visit(j, i, block.value);
+    if (i != j) visit(i, j, block.value.transpose());
+  }
+}
+
+// The forces of the model's terms with kinks on the blocks of the compliance, in its order, with those of `kept`, which
+// the factor has in addition.
+void LocalNewton::find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept) {
+  step_.head(size_) = smooth_slope_.head(size_);
+  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
+    step_.segment<3>(row) += block * total_.segment<3>(column);
+  });
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    if (compliance_place_[i] >= 0)
+      forces_.segment<3>(3 * compliance_place_[i]) = step_.segment<3>(3 * static_cast<Eigen::Index>(i));
+  }
+}
+
+// `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. `hessian` is without the terms with kinks.
+void LocalNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance) {
+  size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
+  gather(hessian, smooth_);
+  const auto count = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
+  // The displacement of the touched blocks without terms with kinks.
+  for (Eigen::Index k = 0; k < count / 3; ++k)
+    trial_total_.segment<3>(3 * k) = compliance.displacement(static_cast<std::size_t>(k), half_);
+  step_.head(count).noalias() = -compliance.stiffness().topLeftCorner(count, count) * trial_total_.head(count);
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const Eigen::Index k = 3 * static_cast<Eigen::Index>(compliance_place_[i]);
+    smooth_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) =
+        k < 0 ? Vector3(-force_.segment<3>(3 * blocks_[i])) : Vector3(step_.segment<3>(k));
+  }
+  // Blocks that are adjacent here and in the compliance are copied together.
+  const auto for_each_run = [this](auto&& visit) {
+    for (std::size_t begin = 0, end = 0; begin < blocks_.size(); begin = end) {
+      const std::int32_t first = compliance_place_[begin];
+      for (end = begin + 1;
+           first >= 0 && end < blocks_.size() && compliance_place_[end] == compliance_place_[end - 1] + 1;)
+        ++end;
+      if (first >= 0)
+        visit(3 * static_cast<Eigen::Index>(begin), 3 * static_cast<Eigen::Index>(first),
+              3 * static_cast<Eigen::Index>(end - begin));
+    }
+  };
+  for_each_run([&](Eigen::Index row, Eigen::Index k, Eigen::Index rows) {
+    for_each_run([&](Eigen::Index column, Eigen::Index l, Eigen::Index columns) {
+      smooth_.block(row, column, rows, columns) = compliance.stiffness().block(k, l, rows, columns);
+    });
+  });
+  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
+    smooth_.block<3, 3>(row, column) -= block;
+  });
+  smooth_slope_.head(size_) = smooth_gradient_.head(size_);
+  smooth_slope_.head(size_).noalias() += smooth_.topLeftCorner(size_, size_) * total_.head(size_);
+}
+
+// The lower triangle of the Hessian of the condensed model. The journal of `hessian` holds the terms with kinks.
+void LocalNewton::gather_condensed(const BlockMatrix& hessian) {
+  for (Eigen::Index row = 0; row < size_; row += 3)
+    factor_.block(row, 0, 3, row + 3) = smooth_.block(row, 0, 3, row + 3);
+  for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
+    const auto [row, column] = hessian.position(hessian.journal()[k]);
+    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
+                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
+    const Matrix3 added = hessian.added(k);
+    if (j >= i) {
+      factor_.block<3, 3>(j, i) += added;
+    } else {
+      factor_.block<3, 3>(i, j) += added.transpose();
+    }
+  }
+}
+
+// The condensed model's energy of the smooth terms after the blocks have moved by `move`, where its gradient is
+// `slope`.
+double LocalNewton::smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const {
+  return 0.5 * move.dot(smooth_gradient_.head(size_) + slope);
+}
+
+void LocalNewton::add_kinked_gradient(Eigen::Ref<VectorX> gradient) const {
+  for (std::size_t i = 0; i < blocks_.size(); ++i)
+    gradient.segment<3>(3 * static_cast<Eigen::Index>(i)) += kinked_gradient_.segment<3>(3 * blocks_[i]);
+}
+
+// Adds to `total_` as much of `step_` as lowers the model's energy. `local_gradient_` is the gradient at `total_`. It
+// ends at a kink or beyond it, so that the next iteration knows what changes there. Returns false, and changes nothing,
+// if the energy does not fall.
+bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, double& energy) {
+  auto gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
+       trial_total = trial_total_.head(size_), smooth_slope = smooth_slope_.head(size_),
+       change = smooth_change_.head(size_);
+  const double slope = gradient.dot(step);
+  change.noalias() = smooth_.topLeftCorner(size_, size_) * step;
+  double trial_energy = 0, there = 0;
+  const auto evaluate = [&](double scale) {
+    trial_total = total + scale * step;
+    gradient = smooth_slope + scale * change;
+    move_to(state, trial_total);
+    trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, gradient);
+    add_kinked_gradient(gradient);
+    there = gradient.dot(step);
+    return trial_energy <= energy + kArmijo * scale * slope;
+  };
+  double low = 0, low_slope = slope, high = 0, high_slope = 0, scale = 1, last = 1;
+  int side = 0;
+  for (int trial = 0; trial < kMaxTrials; ++trial) {
+    const bool falls = evaluate(last = scale);
+    const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || high == 0);
+    if (accepts) break;
+    // Regula falsi with the Illinois rule.
+    if (falls && there < 0) {
+      low = scale;
+      low_slope = there;
+      if (side < 0) high_slope *= 0.5;
+      side = -1;
+    } else {
+      high = scale;
+      high_slope = there;
+      if (side > 0) low_slope *= 0.5;
+      side = 1;
+    }
+    const double root = high_slope > 0 ? low_slope / (low_slope - high_slope) : 0.5;
+    scale = trial + 2 == kMaxTrials && low > 0 ? low : low + std::clamp(root, kInside, 1 - kInside) * (high - low);
+  }
+  if (!(trial_energy < energy)) return false;
+  energy = trial_energy;
+  total = trial_total;
+  smooth_slope += last * change;
+  return true;
+}
+
+LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked,
+                                                       Curvature curvature, const VectorX& gradient,
+                                                       BlockMatrix& hessian, BorderedSolver& factor,
+                                                       std::span<const KeptBlock> kept, Compliance& compliance,
+                                                       VectorX& direction) {
+  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
+  blocks_.clear();
+  compliance_place_.clear();
+  condensed_operations_ = 0;
+  first_new_ = 0;
+  mode_count_ = 0;
+  trial_.node_positions = state.node_positions;
+  trial_.body_poses = state.body_poses;
+  double energy = kinked_energy(kinked, state);
+  force_ = kinked_gradient_ - gradient;
+  factor.forward(force_, half_);
+  const auto renew_kinked = [&] {
+    hessian.take_back();
+    condensed_operations_ += kBlockOperations * static_cast<double>(blocks_.size());
+    for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
+  };
+  // Includes what `trial_` touches.
+  const auto touch = [&] {
+    renew_kinked();
+    const std::size_t before = blocks_.size();
+    const Condensed included = include_touched(hessian, factor, kept, compliance);
+    if (included != Condensed::found || (before == blocks_.size() && before > 0)) return included;
+    hessian.take_back();
+    condense(hessian, kept, compliance);
+    move_to(state, total_.head(size_));
+    energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
+    renew_kinked();
+    return Condensed::found;
+  };
+  Condensed result = touch();
+  double first_residual = 0;
+  for (int iteration = 0; result == Condensed::found && iteration < kMaxIterations; ++iteration) {
+    auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
+    gather_condensed(hessian);
+    local_gradient = smooth_slope_.head(size_);
+    add_kinked_gradient(local_gradient);
+    const double residual = local_gradient.lpNorm<Eigen::Infinity>();
+    if (iteration == 0) first_residual = residual;
+    if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
+    step = -local_gradient;
+    const bool positive = dense_.factorize(factor_, size_);
+    condensed_operations_ +=
+        kDenseOperation * dense_.operations() + kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
+    if (positive) dense_.solve(step);
+    if (!positive || !step.allFinite()) {
+      result = Condensed::not_positive;
+      break;
+    }
+    if (!search(state, kinked, energy)) break;
+    find_forces(hessian, kept);
+    result = touch();
+  }
+  hessian.take_back();
+  if (result != Condensed::found) return result;
+  find_forces(hessian, kept);
+  compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(compliance.blocks().size())), half_);
+  factor.backward(half_, direction);
+  for (std::size_t i = 0; i < blocks_.size(); ++i)
+    direction.segment<3>(3 * blocks_[i]) = total_.segment<3>(3 * static_cast<Eigen::Index>(i));
+  return Condensed::found;
 }
 
 }  // namespace softhand

@@ -5,6 +5,10 @@
 // terms are replaced by the quadratic model of the last Hessian. So an iteration costs the contact terms and a small
 // factorisation. It does not evaluate the tissue. The result is a direction: the caller's line search decides with the
 // true energy.
+//
+// `minimise_condensed` lets the rest of the hand give way exactly, by the Schur complement of the touched blocks
+// (compliance.hpp). Then contact and friction need no part in the factor, and a contact that begins, ends, sticks or
+// slips renews no factor. Its direction leads to the minimum of the model over all blocks.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,7 +21,9 @@
 #include "energies/energy.hpp"
 #include "math/block_matrix.hpp"
 #include "model/state.hpp"
-#include "solver/linear_solver.hpp"
+#include "solver/bordered_solver.hpp"
+#include "solver/compliance.hpp"
+#include "solver/dense_cholesky.hpp"
 
 namespace softhand {
 
@@ -25,7 +31,13 @@ class LocalNewton {
  public:
   /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
   static constexpr int kMaxBlocks = 128;
+  /// The same for the condensed solve, whose matrix is dense.
+  static constexpr int kMaxCondensedBlocks = 256;
   static constexpr int kMaxModes = 6;
+  /// Most blocks of the core with which the condensed solve is cheaper than factors with contact, at most
+  /// `kMaxCondensedBlocks`. `per_operation`: work of an operation of a float factorisation, in fast steps. The factors
+  /// of a large mesh are expensive, so its limit is high.
+  static int condensed_room(double per_operation);
 
   explicit LocalNewton(DofLayout layout);
 
@@ -44,6 +56,20 @@ class LocalNewton {
                   BlockMatrix& hessian, int most_modes, double most_operations, LinearSolver& factor,
                   VectorX& direction);
 
+  enum class Condensed : std::uint8_t { found, no_room, not_positive };
+  /// Minimises over all blocks: the terms `kinked` are exact, and the rest is the quadratic model of `hessian`, which
+  /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, with
+  /// `kept` added. Core and border must not be coupled. `compliance` belongs to it. `direction` is valid if it is
+  /// `found`. `no_room`: more blocks are touched than `compliance` can hold. `not_positive`: a matrix is not positive
+  /// definite. Does not allocate.
+  Condensed minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
+                               const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
+                               std::span<const KeptBlock> kept, Compliance& compliance, VectorX& direction);
+  /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
+  double take_operations() { return std::exchange(condensed_operations_, 0.0); }
+  /// Whether the last minimisation moved the block itself, because a term in `kinked` acts on it.
+  bool moves(int block) const { return place_[static_cast<std::size_t>(block)] >= 0; }
+
  private:
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -57,6 +83,16 @@ class LocalNewton {
   Eigen::Index first_column(Eigen::Index row) const;
   bool factorise(double& operations);
   void solve(Eigen::Ref<VectorX> step) const;
+  Condensed include_touched(const BlockMatrix& hessian, BorderedSolver& factor, std::span<const KeptBlock> kept,
+                            Compliance& compliance);
+  void condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
+  template <typename Visit>
+  void for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const;
+  void find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept);
+  void gather_condensed(const BlockMatrix& hessian);
+  double smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const;
+  void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;
+  bool search(const State& state, std::span<Energy* const> kinked, double& energy);
   double kinked_energy(std::span<Energy* const> kinked, const State& state);
   void move_to(const State& state, const Eigen::Ref<const VectorX>& move);
 
@@ -71,8 +107,17 @@ class LocalNewton {
   int mode_count_ = 0;
   VectorX force_, product_;                               // scratch, of all blocks
   std::vector<std::pair<double, std::int32_t>> patches_;  // scratch: residual force and root of a patch
+  std::vector<std::int32_t> compliance_place_;            // by place: place in the compliance; -1: of the border
+  std::size_t first_new_ = 0;                             // so many blocks of the compliance are included
+  std::vector<std::int32_t> added_;                       // scratch
+  double condensed_operations_ = 0;
+  VectorX half_;  // half a solve, in elimination order
   Dense smooth_, factor_;
-  VectorX smooth_gradient_, local_gradient_, step_, total_, trial_total_;
+  DenseCholesky dense_;
+  VectorX forces_;
+  VectorX smooth_gradient_;
+  VectorX smooth_slope_, smooth_change_;  // gradient of the smooth model at `total_`, and its change along `step_`
+  VectorX local_gradient_, step_, total_, trial_total_;
   VectorX kinked_gradient_;  // of all blocks
   State trial_;
 };

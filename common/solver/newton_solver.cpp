@@ -12,12 +12,16 @@ namespace {
 // m. If a body moves less than kFullMove in the step, its tolerance shrinks in proportion. The tolerance stops
 // shrinking at a movement of kLeastMove.
 constexpr double kFullMove = 0.05;
+// The same for bodies that contact or the tracker holds: their errors do not add up from step to step.
+constexpr double kFullMoveHeld = 5e-4;
 constexpr double kLeastMove = 1e-5;
 // Usual ratio of the residuals after and before an iteration. It only decides whether the Hessian is computed together
 // with the next gradient.
 constexpr double kUsualReduction = 0.01;
-constexpr double kShortStep = 0.2;    // scale of an iteration: if it is shorter, all further moves are straight
-constexpr int kMaxRevisions = 4;      // of the terms in a step
+constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
+constexpr int kMaxRevisions = 4;    // of the terms in a step
+// A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
+constexpr std::int64_t kLateIteration = 15;
 constexpr int kContactSolves = 3;     // after a step that did not converge
 constexpr double kContactWork = 0.3;  // fast steps that each of them may take even if no budget remains
 
@@ -50,6 +54,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       predictor_(options, layout),
       linkage_(layout),
       local_newton_(layout),
+      compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
@@ -125,7 +130,12 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   StepReport& report = meter.report;
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
-  policy_.begin_step(time_step, continues && report.factorisations > 0, touches);
+  if (!touches) policy_.set_touches_much(false);
+  bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves() && options_.work_budget == 0;
+  const bool is_usable = condenses == factor_.is_without_kinks();
+  if (!is_usable) policy_.drop_factor();
+  policy_.begin_step(time_step, continues && report.factorisations > 0 && is_usable, touches);
+  condenses = condenses && policy_.may_reuse();
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
@@ -148,7 +158,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       best_energy = report.energy;
       have_best = true;
     }
-    auto decision = policy_.decide(report, factor_.is_of(potential_) && !potential_.kinked().empty());
+    auto decision = policy_.decide(report, !condenses && factor_.is_of(potential_) && !potential_.kinked().empty());
     if (decision.stops) {
       report.status = StepStatus::budget_spent;
       break;
@@ -157,21 +167,24 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     evaluated = !is_last || options_.measure_result || have_best;
     const double residual_before = report.residual;
     double scale = 0;
-    bool factorised = true;
+    bool factorised = true, has_direction = true;
     // Usually one pass. If the energy does not fall along the direction, the next pass has a better factor.
     do {
       if (decision.renewal == FactorPolicy::Renewal::kinks && !factor_.renew_kinks(potential_, state, meter))
         decision.renewal = FactorPolicy::Renewal::whole;
       if (decision.renewal == FactorPolicy::Renewal::whole) {
         if (!linearised) potential_.evaluate(state, meter, {.hessian = true});
-        factorised = factor_.renew(potential_, state, decision.in_double, meter);
+        factorised = factor_.renew(potential_, state, decision.in_double, condenses, meter);
         if (!factorised) break;
+        compliance_.clear();
         if (may_be_chord) linkage_.set_earlier_state(state);
       }
-      {
-        const auto timer = meter.time(&StepTiming::solve);
-        pull_ = -potential_.gradient();
-        factor_.solve(pull_, direction_, meter);
+      has_direction = find_direction(state, condenses, meter);
+      if (!has_direction) {
+        // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
+        condenses = linearised = false;
+        decision.renewal = FactorPolicy::Renewal::whole;
+        continue;
       }
       if (!direction_.allFinite()) return false;
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
@@ -186,7 +199,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       // If something else holds the tissue, it does not turn with its bone, and the way along the linkage is short.
       if (scale < kShortStep) linkage_.straighten();
       linearised = linearised && scale == 1;
-    } while (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report));
+    } while (!has_direction || (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report)));
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
       break;
@@ -202,19 +215,20 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     }
     policy_.learn(decision,
                   {.scale = scale,
-                   .move = scale * largest_move(state),
+                   .condenses = condenses,
+                   .move = scale * largest_move(state, condenses),
                    .residual_before = residual_before,
                    .measured = evaluated},
                   report);
     ++report.iterations;
-    // A converged step is revised at its end only, so that its result does not depend on the way there.
-    const bool may_be_last =
-        is_truncated || policy_.has_converged(report) || report.increment <= options_.increment_tolerance;
+    // A step that converges soon is revised at its end only, so that its result does not depend on the way there.
+    const bool may_be_last = is_truncated || iteration >= kLateIteration || policy_.has_converged(report) ||
+                             report.increment <= options_.increment_tolerance;
     if (may_be_last && revisions < kMaxRevisions && revise(state)) {
       ++revisions;
       touches = linkage_.any_touching();
       may_be_chord = may_be_chord && !touches;
-      policy_.start_again();
+      policy_.start_again(condenses);
       if (!potential_.evaluate(state, meter, {})) return false;
       evaluated = true;
       linearised = have_best = false;
@@ -241,6 +255,25 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   }
   report.measured = evaluated;
   return true;
+}
+
+// Newton's direction at `state`. `condenses`: the terms with kinks are exact, and the factor is that of the other
+// terms. Returns false if this fails. Without `condenses` it does not fail.
+bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter& meter) {
+  const auto timer = meter.time(&StepTiming::solve);
+  if (!condenses) {
+    pull_ = -potential_.gradient();
+    factor_.solve(pull_, direction_, meter);
+    return true;
+  }
+  if (!factor_.is_without_kinks()) return false;
+  const LocalNewton::Condensed result = local_newton_.minimise_condensed(
+      state, potential_.kinked(), potential_.curvature(), potential_.gradient(), potential_.change_hessian(),
+      factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
+  if (result == LocalNewton::Condensed::no_room) policy_.set_touches_much(true);
+  meter.report.work += meter.prices.solve +
+                       meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
+  return result == LocalNewton::Condensed::found;
 }
 
 // Lets the terms change after an iteration. Returns whether the energy has changed.
@@ -279,7 +312,7 @@ bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
 // rotation counts as a length, with the lever sqrt(tr H_rr / tr H_tt). For a free body this is its radius of gyration.
 // The tolerance of a body is proportional to its movement in the step, whatever its mass. Reason: residuals do not show
 // the error of light bodies.
-double NewtonSolver::largest_move(const State& state) const {
+double NewtonSolver::largest_move(const State& state, bool condenses) const {
   const double most = std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   double largest =
       layout_.node_count > 0 ? direction_.head(3 * layout_.node_count).lpNorm<Eigen::Infinity>() / most : 0.0;
@@ -294,7 +327,10 @@ double NewtonSolver::largest_move(const State& state) const {
     const double lever = stiffness > 0 ? std::sqrt(std::max(0.0, trace(rotation)) / stiffness) : 0.0;
     const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
     const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
-    const double tolerance = most * std::clamp(moved, kLeastMove, kFullMove) / kFullMove;
+    const bool is_held =
+        condenses && (translation < potential_.hessian().core_count() || local_newton_.moves(translation));
+    const double full = is_held ? kFullMoveHeld : kFullMove;
+    const double tolerance = most * std::clamp(moved, kLeastMove, full) / full;
     const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(),
                                  lever * direction_.segment<3>(3 * rotation).lpNorm<Eigen::Infinity>());
     largest = std::max(largest, move / tolerance);
@@ -310,13 +346,15 @@ void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> pr
 void NewtonSolver::forget() {
   potential_.forget();
   factor_.forget();
+  compliance_.clear();
   policy_.set_carried({});
   predictor_.forget();
 }
 
 void NewtonSolver::take_factor(const NewtonSolver& other) {
   if (!factor_.take_over(other.factor_)) return;
-  potential_.take_over(other.potential_, factor_.is_of(other.potential_));
+  potential_.take_over(other.potential_, factor_.is_of(other.potential_) || factor_.is_without_kinks());
+  compliance_ = other.compliance_;
   policy_.set_carried(other.policy_.carried());
   predictor_.set_carried(other.predictor_.carried());
   linkage_ = other.linkage_;

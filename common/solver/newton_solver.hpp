@@ -8,7 +8,8 @@
 // - LineSearch searches on E along the direction of an iteration.
 // - Predictor makes chord steps: steps in free motion without a new Hessian.
 // - Linkage moves bones by finite rotations, and tissue with its bone.
-// - LocalNewton solves contact alone, if the budget or a limit of one or two iterations ends a step in contact.
+// - LocalNewton solves contact on the condensed hand. At the end of a truncated step it solves contact alone.
+// - Compliance holds how the touched nodes give way to forces on each other, under the last factor.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //
@@ -71,8 +72,9 @@ class NewtonSolver {
  private:
   bool minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter);
   bool revise(const State& state);
-  double largest_move(const State& state) const;
+  double largest_move(const State& state, bool condenses) const;
   bool solve_contact(State& state, StepMeter& meter);
+  bool find_direction(const State& state, bool condenses, StepMeter& meter);
 
   SolverOptions options_;
   DofLayout layout_;
@@ -86,6 +88,7 @@ class NewtonSolver {
   Linkage linkage_;
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
   LocalNewton local_newton_;
+  Compliance compliance_;  // of the last factor, if it is without terms with kinks
   VectorX pull_, direction_;
   State best_;
 };

@@ -83,7 +83,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     if (work_budget_ > 0 && report.work + iteration_work + (renews ? prices.whole_factor : 0.0) > work_budget_)
       return give_up();
     if (renews) {
-      if (!factor.renew(potential, state, false, meter) || report.shifts > 0) return give_up();
+      if (!factor.renew(potential, state, false, false, meter) || report.shifts > 0) return give_up();
       linkage.set_earlier_state(state);
       carried_.factor_time_step = time_step;
     }

@@ -35,6 +35,7 @@
 #include "error_runtime/trial.hpp"
 #include "messages/convert.hpp"
 #include "report/report.hpp"
+#include "solver/cholmod_solver.hpp"
 #include "support/count_allocations.hpp"
 #include "support/scalar_tissue.hpp"
 #include "trackers/replay/replay_tracker.hpp"
@@ -151,6 +152,41 @@ double idle_hand_cost_fraction(const Size& size) {
     free.go_on(time);
   }
   return median(free.steps) / median(held.steps);
+}
+
+// Median default step of the solver over CHOLMOD's factorisation and solve of the same Hessian, without the objects.
+// They take turns. CHOLMOD has the better of two orders.
+double step_over_cholmod(const std::string& scene_file, const Size& size, double from, double to) {
+  constexpr int kStepsATurn = 8;
+  Scene scene = read_scene(
+      scene_file, {std::string("hand.model=") + SOFTHAND_SOURCE_DIR + "/config/hands/" + hand_name(size.file)});
+  scene.options.hand.simulation.solver.clock = thread_seconds;
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  rig.run(from, {});
+  std::array<CholmodSolver, 2> solvers{CholmodSolver(CholmodSolver::Order::minimum_degree),
+                                       CholmodSolver(CholmodSolver::Order::nested_dissection)};
+  std::array<std::vector<double>, 2> cholmod;
+  std::vector<double> steps;
+  VectorX x;
+  rig.run(to, [&](const HandStepView& view) {
+    steps.push_back(view.output->report.timing.total());
+    if (steps.size() % kStepsATurn != 1) return;
+    const BlockMatrix& hessian = view.simulation->hessian();
+    const VectorX ones = VectorX::Ones(3 * hessian.core_count());
+    for (std::size_t k = 0; k < solvers.size(); ++k) {
+      if (cholmod[k].empty()) solvers[k].analyze(hessian);
+      x = ones;
+      cholmod[k].push_back(seconds_of([&] {
+        solvers[k].load(hessian);
+        solvers[k].factorize();
+        solvers[k].solve(ones, x);
+      }));
+    }
+  });
+  return median(steps) / std::min(median(cholmod[0]), median(cholmod[1]));
 }
 
 struct PressingCost {
@@ -422,6 +458,14 @@ Json run() {
       "1,450 nodes, approach to hold, iterations not limited");
   put("allocations_per_step", allocations_per_step(), "five objects touched");
 
+  fmt::print("default step over CHOLMOD's factorisation and solve of the same Hessian\n");
+  const std::string free_motion = SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml";
+  put("step_over_cholmod_grasp_3080", step_over_cholmod(scene_path("pinch_lift.toml"), {3000, 3080}, kGraspFrom, 4.9),
+      "held pinch");
+  put("step_over_cholmod_motion_3080", step_over_cholmod(free_motion, {3000, 3080}, 0.5, 2), "in the air");
+  put("step_over_cholmod_grasp_6000", step_over_cholmod(scene_path("pinch_lift.toml"), {6000, 6000}, kGraspFrom, 4.4),
+      "held pinch");
+
   fmt::print("step in each scene of the report, default mode, 1,450 nodes\n");
   for (const error_runtime::Scene& scene : error_runtime::all_scenes()) {
     put("scene_step_ms_" + scene.name, 1e3 * scene_step_seconds(scene), scene.statement.c_str());
@@ -500,7 +544,8 @@ Json run() {
 
 int main(int argc, char** argv) {
   CLI::App app(
-      "Measures the hand's step, its parts and its service in about a minute. On one core (taskset -c 1) two threads "
+      "Measures the hand's step, its parts and its service in about two minutes. On one core (taskset -c 1) two "
+      "threads "
       "are not measured",
       "softhand bench");
   std::string path;

@@ -113,6 +113,24 @@ TEST(ErrorRuntime, RepeatsAllNumbersExceptTimes) {
   EXPECT_EQ(a, b);
 }
 
+// Deep in the block, the hand touches with so many nodes that the dense matrices of the condensed solve would cost more
+// than factors with contact. A budget that is never spent switches the condensed solve off.
+TEST(ErrorRuntime, ADeepBlockCostsNoMoreThanWholeFactors) {
+  const Scene& scene = scene_named("deep_block");
+  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_1450.hand.json");
+  const auto work_of = [&](const std::vector<std::string>& overrides) {
+    Player player(scene, hand, scene.motion(hand), options_of(scene, overrides));
+    player.settle();
+    double work = 0;
+    for (int step = 0; step < 30; ++step) {
+      player.step();
+      work += player.output().report.work;
+    }
+    return work;
+  };
+  EXPECT_LT(work_of({}), 1.3 * work_of({"simulation.solver.work_budget=1000"}));
+}
+
 // Bullet with its own settings comes near the exact answer. With more iterations it comes nearer.
 TEST(Peer, BulletSolvesTheSameProblem) {
   const PeerStudy study = study_peer("right_400");

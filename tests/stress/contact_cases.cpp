@@ -359,21 +359,14 @@ std::vector<Case> contact_cases() {
   rows->push_back({"1 g, 60 s", [] { return held_for(1e-3, 60); }});
   rows->push_back({"1 g, 3 s", [] { return held_for(1e-3, 3); }, {}, true});
   add("heavy_object", "the cube is pinched, and the hand pulls by 50 mm")
-      .push_back({"1000 kg",
-                  [] { return with_cube({"objects.cube.mass=1000"}, false); },
-                  {Class::violated,
-                   "the pulp is as soft as human pulp, so pads that are pulled up an immovable cube press deeper than "
-                   "the limit"}});
+      .push_back({"1000 kg", [] { return with_cube({"objects.cube.mass=1000"}, false); }});
   add("deep_start", "the nodes leave the block at less than 1 m/s")
       .push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
   rows = &add("thin_plate", "a plate of 0.5 mm at 5 m/s and 60 Hz: the finger never tunnels through it");
   rows->push_back({"plate moves, 1000 trials", [] { return thin_plate(true, 1000); }});
-  rows->push_back(
-      {"finger moves, 1000 trials",
-       [] { return thin_plate(false, 1000); },
-       {Class::violated,
-        "the whole finger stops from 5 m/s within sqrt(m v^2 / k): more than a centimetre at this contact stiffness"}});
+  rows->push_back({"finger moves, 1000 trials", [] { return thin_plate(false, 1000); }});
   rows->push_back({"plate moves, 50 trials", [] { return thin_plate(true, 50); }, {}, true});
+  rows->push_back({"finger moves, 50 trials", [] { return thin_plate(false, 50); }, {}, true});
   rows = &add("sharp",
               "the finger feels the shape between the contact points, with the same force on 750 and 3,000 nodes");
   rows->push_back({"needle of 1 mm",

@@ -66,8 +66,9 @@ class Wall final : public Energy {
     return value(state);
   }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
+    if (depth(state) == 0) return;
     Matrix3 block = Matrix3::Zero();
-    if (depth(state) < 0) block(0, 0) = stiffness_;
+    block(0, 0) = stiffness_;
     hessian.add(slot_, block);
   }
 
@@ -105,6 +106,22 @@ struct Scene {
     EXPECT_TRUE(factor.factorize());
     return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, 1e9, factor,
                            direction);
+  }
+  // `kept`: the factor has this stiffness at node 2 in addition.
+  LocalNewton::Condensed minimise_condensed(VectorX& direction, int most_blocks = 4, double kept = 0) {
+    hessian.set_zero();
+    for (Energy* term : {&tie, &first, &second, &third}) term->add_hessian(state, hessian, Curvature::projected);
+    hessian.begin_journal();
+    const KeptBlock block{hessian.find(2, 2).index, kept * Matrix3::Identity()};
+    hessian.add(hessian.find(2, 2), block.value);
+    BorderedSolver smooth(std::make_unique<BlockCholesky<double>>());
+    smooth.analyze(hessian);
+    smooth.load(hessian);
+    EXPECT_TRUE(smooth.factorize());
+    hessian.take_back();
+    Compliance compliance(4, most_blocks);
+    return solver.minimise_condensed(state, walls(), Curvature::projected, gradient_at(state), hessian, smooth,
+                                     {&block, 1}, compliance, direction);
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
   Wall near{2, 0.005, 1e4}, far{3, 0.02, 1e4};
@@ -165,6 +182,143 @@ TEST(LocalNewton, FindsNothingWithoutContact) {
   VectorX direction(12);
   scene.state.node_positions.setZero();
   EXPECT_FALSE(scene.minimise(direction).found);
+}
+
+// All terms are quadratic except the walls, so the direction leads to the minimum. A node that touches nothing at first
+// is not watched on its way: at 0.0071 node 3 enters the wall, and a second direction is needed.
+TEST(LocalNewton, CondensedDirectionLeadsToTheMinimum) {
+  for (const double far : {0.02, -0.015, 0.0071, -1.0}) {
+    Scene scene;
+    scene.far = Wall(3, far, 1e4);
+    scene.far.bind(scene.hessian);
+    VectorX direction(12);
+    ASSERT_EQ(scene.minimise_condensed(direction), LocalNewton::Condensed::found);
+    const BlockMatrix after = scene.hessian;
+    EXPECT_TRUE(after.journal().empty());
+    EXPECT_GT(direction.head(6).norm(), 0);
+    const double before = scene.gradient_at(scene.state).norm();
+    EXPECT_GT(before, 1);
+    apply_increment(scene.state, direction);
+    if (far == 0.0071) {
+      EXPECT_GT(scene.gradient_at(scene.state).norm(), 1);
+      ASSERT_EQ(scene.minimise_condensed(direction), LocalNewton::Condensed::found);
+      apply_increment(scene.state, direction);
+    }
+    EXPECT_LE(scene.gradient_at(scene.state).norm(), 0.01 * before) << "wall at " << far;
+  }
+}
+
+// What the factor keeps of the contact is subtracted from the model, so it changes only rounding.
+TEST(LocalNewton, KeptContactDoesNotChangeTheCondensedDirection) {
+  Scene scene;
+  VectorX direction(12), with_kept(12);
+  ASSERT_EQ(scene.minimise_condensed(direction), LocalNewton::Condensed::found);
+  ASSERT_EQ(scene.minimise_condensed(with_kept, 4, 300), LocalNewton::Condensed::found);
+  EXPECT_LE((with_kept - direction).norm(), 1e-10 * direction.norm());
+}
+
+// One-sided spring along x between a node and a body of the border.
+class Pad final : public Energy {
+ public:
+  Pad(DofLayout layout, int node) : node_(node), body_(layout.body_translation_block(0)) {}
+  std::string_view name() const override { return "pad"; }
+  bool has_kinks() const override { return true; }
+  void add_pattern(BlockPattern& pattern) const override {
+    pattern.add(node_, node_);
+    pattern.add(body_, body_);
+    pattern.add(body_, node_);
+  }
+  void bind(const BlockMatrix& matrix) override {
+    own_ = matrix.find(node_, node_);
+    of_body_ = matrix.find(body_, body_);
+    between_ = matrix.find(body_, node_);
+  }
+  double value(const State& state) const override { return 0.5 * kStiffness * depth(state) * depth(state); }
+  double add_gradient(const State& state, VectorX& gradient) const override {
+    gradient[3 * node_] += kStiffness * depth(state);
+    gradient[3 * body_] -= kStiffness * depth(state);
+    return value(state);
+  }
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
+    if (depth(state) == 0) return;
+    Matrix3 block = Matrix3::Zero();
+    block(0, 0) = kStiffness;
+    hessian.add(own_, block);
+    hessian.add(of_body_, block);
+    hessian.add(between_, -block);
+  }
+
+ private:
+  static constexpr double kStiffness = 1e4;
+  double depth(const State& state) const {
+    return std::min(0.0, state.node_positions(0, node_) - state.body_poses[0].position.x());
+  }
+  int node_, body_;
+  BlockSlot own_, of_body_, between_;
+};
+
+// Two nodes push a body of the border, which is held by springs.
+TEST(LocalNewton, CondensedDirectionMovesTheTouchedBody) {
+  const DofLayout layout{3, 1, 1};
+  Spring tie(0, -1, 100), first(0, 1, 100), second(1, 2, 100);
+  const Vector3 rest(0.01, 0, 0);  // of the body
+  Pad near(layout, 1), far(layout, 2);
+  State state = empty_state(layout);
+  state.node_positions << 0.0, -0.02, -0.01, 0, 0, 0, 0, 0, 0;
+  BlockPattern pattern(layout.block_count(), layout.border_count());
+  for (Energy* term : std::initializer_list<Energy*>{&tie, &first, &second, &near, &far}) term->add_pattern(pattern);
+  BlockMatrix hessian(pattern);
+  for (Energy* term : std::initializer_list<Energy*>{&tie, &first, &second, &near, &far}) term->bind(hessian);
+  const auto add_smooth = [&] {
+    for (const Spring* spring : {&tie, &first, &second}) spring->add_hessian(state, hessian, Curvature::projected);
+    for (int block = 3; block < 5; ++block) hessian.add(hessian.find(block, block), 50 * Matrix3::Identity());
+  };
+  const auto gradient_at = [&](const State& at) {
+    VectorX gradient = VectorX::Zero(layout.dof_count());
+    for (const Spring* spring : {&tie, &first, &second}) spring->add_gradient(at, gradient);
+    gradient.segment<3>(3 * layout.body_translation_block(0)) += 50 * (at.body_poses[0].position - rest);
+    near.add_gradient(at, gradient);
+    far.add_gradient(at, gradient);
+    return gradient;
+  };
+  hessian.set_zero();
+  add_smooth();
+  hessian.begin_journal();
+  BorderedSolver factor(std::make_unique<BlockCholesky<double>>());
+  factor.analyze(hessian);
+  factor.load(hessian);
+  ASSERT_TRUE(factor.factorize());
+  Compliance compliance(3, 3);
+  LocalNewton solver(layout);
+  VectorX direction(layout.dof_count());
+  const std::vector<Energy*> pads{&near, &far};
+  ASSERT_EQ(solver.minimise_condensed(state, pads, Curvature::projected, gradient_at(state), hessian, factor, {},
+                                      compliance, direction),
+            LocalNewton::Condensed::found);
+  const double moved = direction[3 * layout.body_translation_block(0)];
+  EXPECT_GT(moved, 1e-3);
+  EXPECT_LT(moved, 0.9 * rest.x()) << "the nodes hold the body back";
+  EXPECT_GT(gradient_at(state).norm(), 100);
+  apply_increment(state, direction);
+  EXPECT_LE(gradient_at(state).norm(), 1e-9);
+}
+
+// Two nodes touch, but there is room for one.
+TEST(LocalNewton, RefusesToCondenseMoreThanTheRoom) {
+  Scene scene;
+  VectorX direction(12);
+  EXPECT_EQ(scene.minimise_condensed(direction, 1), LocalNewton::Condensed::no_room);
+}
+
+TEST(LocalNewton, CondensesWithoutContact) {
+  Scene scene;
+  scene.near = Wall(2, -1, 1e4);
+  scene.far = Wall(3, -1, 1e4);
+  for (Energy* term : scene.walls()) term->bind(scene.hessian);
+  VectorX direction(12);
+  ASSERT_EQ(scene.minimise_condensed(direction), LocalNewton::Condensed::found);
+  apply_increment(scene.state, direction);
+  EXPECT_LE(scene.gradient_at(scene.state).norm(), 1e-9);
 }
 
 }  // namespace

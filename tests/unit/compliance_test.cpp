@@ -1,0 +1,140 @@
+// Compliance gives the Schur complement of the blocks that it includes, in any order and for any number of them.
+#include "solver/compliance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "solver/block_cholesky.hpp"
+#include "solver/dense_cholesky.hpp"
+
+namespace softhand {
+namespace {
+
+BlockMatrix random_matrix(int blocks, std::mt19937& random) {
+  BlockPattern pattern(blocks);
+  std::vector<std::pair<int, int>> pairs;
+  for (int b = 1; b < blocks; ++b) {
+    for (const int other : {b - 1, static_cast<int>(random() % static_cast<unsigned>(b))}) {
+      pattern.add(b, other);
+      pairs.emplace_back(b, other);
+    }
+  }
+  BlockMatrix matrix(pattern);
+  std::normal_distribution<double> normal;
+  for (int b = 0; b < blocks; ++b) matrix.add(matrix.find(b, b), Matrix3::Identity());
+  for (const auto& [row, column] : pairs) {
+    Matrix3 a, b;
+    for (int i = 0; i < 9; ++i) {
+      a(i) = normal(random);
+      b(i) = normal(random);
+    }
+    matrix.add(matrix.find(row, row), a * a.transpose());
+    matrix.add(matrix.find(row, column), a * b.transpose());
+    matrix.add(matrix.find(column, column), b * b.transpose());
+  }
+  return matrix;
+}
+
+template <typename Scalar>
+void check_stiffness(double tolerance) {
+  constexpr int kBlocks = 120, kMost = 24;
+  std::mt19937 random(3);
+  const BlockMatrix matrix = random_matrix(kBlocks, random);
+  BlockCholesky<Scalar> factor;
+  factor.analyze(matrix);
+  factor.load(matrix);
+  ASSERT_TRUE(factor.factorize());
+  const Eigen::MatrixXd inverse = matrix.dense().inverse();
+  Compliance compliance(kBlocks, kMost);
+  const std::vector<std::vector<std::int32_t>> additions{{}, {7}, {100, 3, 99}, {0, 119, 50, 51, 52}};
+  std::vector<std::int32_t> all;
+  for (const auto& added : additions) {
+    ASSERT_TRUE(compliance.include(added, factor));
+    all.insert(all.end(), added.begin(), added.end());
+    ASSERT_EQ(std::vector<std::int32_t>(compliance.blocks().begin(), compliance.blocks().end()), all);
+    const auto size = 3 * static_cast<Eigen::Index>(all.size());
+    Eigen::MatrixXd g(size, size);
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      for (std::size_t j = 0; j < all.size(); ++j)
+        g.block<3, 3>(3 * static_cast<Eigen::Index>(i), 3 * static_cast<Eigen::Index>(j)) =
+            inverse.block<3, 3>(3 * all[i], 3 * all[j]);
+    }
+    if (size == 0) continue;
+    const Eigen::MatrixXd expected = g.inverse();
+    EXPECT_LE((compliance.stiffness().topLeftCorner(size, size) - expected).norm(), tolerance * expected.norm());
+    // Displacements under forces: A^-1 (f + E forces).
+    const VectorX forces = VectorX::LinSpaced(size, -1, 2), rhs = VectorX::LinSpaced(3 * kBlocks, 0, 1);
+    VectorX half = VectorX::Zero(rhs.size()), x = half, loaded = rhs;
+    for (std::size_t i = 0; i < all.size(); ++i)
+      loaded.segment<3>(3 * all[i]) += forces.segment<3>(3 * static_cast<Eigen::Index>(i));
+    const VectorX moved = inverse * loaded;
+    factor.forward(rhs, half);
+    compliance.add_forces(forces, half);
+    for (std::size_t i = 0; i < all.size(); ++i)
+      EXPECT_LE((compliance.displacement(i, half) - moved.segment<3>(3 * all[i])).norm(), tolerance * moved.norm());
+    factor.backward(half, x);
+    EXPECT_LE((x - moved).norm(), tolerance * moved.norm());
+  }
+  // Too many blocks are refused, and the known ones remain.
+  std::vector<std::int32_t> many;
+  for (std::int32_t b = 10; b < 10 + kMost; ++b) many.push_back(b);
+  EXPECT_FALSE(compliance.include(many, factor));
+  EXPECT_EQ(compliance.blocks().size(), all.size());
+  // After `clear` all blocks can be included at once. The result does not depend on the history.
+  compliance.clear();
+  EXPECT_FALSE(compliance.has(7));
+  ASSERT_TRUE(compliance.include(many, factor));
+  const Compliance::Dense at_once = compliance.stiffness();
+  compliance.clear();
+  for (const std::int32_t block : many) ASSERT_TRUE(compliance.include(std::array{block}, factor));
+  EXPECT_LE((compliance.stiffness() - at_once).norm(), 1e-12 * at_once.norm());
+}
+
+TEST(Compliance, StiffnessIsTheSchurComplementInDouble) { check_stiffness<double>(1e-12); }
+TEST(Compliance, StiffnessIsTheSchurComplementInFloat) { check_stiffness<float>(1e-4); }
+
+TEST(Compliance, RefusesAFactorThatIsNotFinite) {
+  std::mt19937 random(4);
+  BlockMatrix matrix = random_matrix(30, random);
+  BlockCholesky<double> factor;
+  factor.analyze(matrix);
+  factor.load(matrix);
+  ASSERT_TRUE(factor.factorize());
+  Compliance compliance(30, 10);
+  for (double& value : matrix.values()) value = std::nan("");
+  factor.factorize();
+  EXPECT_FALSE(compliance.include(std::array{5}, factor));
+  EXPECT_TRUE(compliance.blocks().empty());
+}
+
+TEST(DenseCholesky, SolvesAtEverySize) {
+  constexpr int kMost = 20;
+  for (const InstructionSet set : kInstructionSets) {
+    if (!is_supported(set)) continue;
+    DenseCholesky cholesky(kMost, set);
+    for (const int blocks : {1, 20, 3, 2, 8, 16, 19}) {
+      const Eigen::Index size = 3 * blocks;
+      std::mt19937 random(static_cast<unsigned>(blocks));
+      std::normal_distribution<double> normal;
+      Eigen::MatrixXd a(size, size);
+      for (Eigen::Index i = 0; i < a.size(); ++i) a(i) = normal(random);
+      const Eigen::MatrixXd matrix = a * a.transpose() + Eigen::MatrixXd::Identity(size, size);
+      DenseCholesky::Dense stored = DenseCholesky::Dense::Constant(3 * kMost, 3 * kMost, std::nan(""));
+      stored.topLeftCorner(size, size) = matrix;
+      ASSERT_TRUE(cholesky.factorize(stored, size));
+      const VectorX rhs = VectorX::LinSpaced(size, 1, 2);
+      VectorX x = rhs;
+      cholesky.solve(x);
+      EXPECT_LE((matrix * x - rhs).norm(), 1e-12 * matrix.norm() * x.norm());
+      stored(size - 1, size - 1) = -1;
+      EXPECT_FALSE(cholesky.factorize(stored, size));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace softhand
