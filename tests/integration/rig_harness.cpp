@@ -79,13 +79,9 @@ Finished run_program(const std::vector<std::string>& command) {
   return finished;
 }
 
-Up::Up(const std::string& rig, const std::vector<std::string>& arguments) : log_(new_log()) {
-  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand", "up", SOFTHAND_SOURCE_DIR "/" + rig};
-  command.insert(command.end(), arguments.begin(), arguments.end());
-  pid_ = spawn(command, log_);
-}
+Program::Program(const std::vector<std::string>& command) : log_(new_log()), pid_(spawn(command, log_)) {}
 
-Up::~Up() {
+Program::~Program() {
   send_signal(SIGTERM);
   if (pid_ > 0 && wait(std::chrono::seconds(8)) < 0 && pid_ > 0) {
     send_signal(SIGKILL);
@@ -94,11 +90,11 @@ Up::~Up() {
   unlink(log_.c_str());
 }
 
-void Up::send_signal(int number) const {
+void Program::send_signal(int number) const {
   if (pid_ > 0) kill(pid_, number);
 }
 
-int Up::wait(std::chrono::milliseconds timeout) {
+int Program::wait(std::chrono::milliseconds timeout) {
   const auto end = Clock::now() + timeout;
   int status = 0;
   while (pid_ > 0 && waitpid(pid_, &status, WNOHANG) != pid_) {
@@ -109,7 +105,17 @@ int Up::wait(std::chrono::milliseconds timeout) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-std::string Up::output() const { return text_of(log_); }
+std::string Program::output() const { return text_of(log_); }
+
+namespace {
+std::vector<std::string> up_command(const std::string& rig, const std::vector<std::string>& arguments) {
+  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand", "up", SOFTHAND_SOURCE_DIR "/" + rig};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  return command;
+}
+}  // namespace
+
+Up::Up(const std::string& rig, const std::vector<std::string>& arguments) : Program(up_command(rig, arguments)) {}
 
 bool is_alive(std::uint32_t process_id) {
   const std::string stat = text_of("/proc/" + std::to_string(process_id) + "/stat");

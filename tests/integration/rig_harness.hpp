@@ -26,14 +26,13 @@ struct Finished {
 };
 Finished run_program(const std::vector<std::string>& command);
 
-/// A running `softhand up`. The destructor ends it.
-class Up {
+/// A running program. The destructor ends it.
+class Program {
  public:
-  /// `rig` is relative to the source tree.
-  Up(const std::string& rig, const std::vector<std::string>& arguments);
-  ~Up();
-  Up(const Up&) = delete;
-  Up& operator=(const Up&) = delete;
+  explicit Program(const std::vector<std::string>& command);
+  ~Program();
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
   void send_signal(int number) const;
   /// Returns the exit code, or -1 if the process did not end in time.
   int wait(std::chrono::milliseconds timeout);
@@ -41,8 +40,15 @@ class Up {
   pid_t process_id() const { return pid_; }
 
  private:
-  pid_t pid_ = 0;
   std::string log_;
+  pid_t pid_ = 0;
+};
+
+/// A running `softhand up`.
+class Up : public Program {
+ public:
+  /// `rig` is relative to the source tree.
+  Up(const std::string& rig, const std::vector<std::string>& arguments);
 };
 
 /// True while a process with this id exists and is not a zombie.

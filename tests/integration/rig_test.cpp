@@ -478,9 +478,19 @@ TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   // fingers.
   const std::vector<std::string> hold{"--set", "generator.hold_time=60", "--set", "generator.approach_time=3"};
   RigListener listener;
-  // The stronger tracker has its own supervisor, which dies with it. So nobody restarts this tracker. A restarted
-  // tracker would begin its motion again and own the hand.
-  Up strong("tests/integration/rig_strong_tracker.toml", hold);
+  // The stronger tracker is not part of the rig. So nobody restarts this tracker. A restarted tracker would begin its
+  // motion again and own the hand.
+  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand-tracker-replay",
+                                   "--config",
+                                   SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml",
+                                   "--module",
+                                   "strong",
+                                   "--strength",
+                                   "5",
+                                   "--source",
+                                   "2"};
+  command.insert(command.end(), hold.begin(), hold.end());
+  Program strong(command);
   Up up(kDemo, hold);
   const auto owner = [&] { return listener.tracked.empty() ? 0u : listener.tracked.back().source; };
   const auto holds_since = [&](const char* module) {
