@@ -15,7 +15,9 @@ namespace softhand {
 template <typename Reason, std::size_t count>
 class Refusals {
  public:
-  explicit Refusals(const std::array<std::string_view, count>& names) : names_(names) {}
+  explicit Refusals(const std::array<std::string_view, count>& names) {
+    for (std::size_t i = 0; i < count; ++i) names_[i] = "refused_" + std::string(names[i]);
+  }
 
   /// Counts the reason unless it is `none`. Returns true if it is `none`.
   bool accepted(Reason reason) {
@@ -24,20 +26,21 @@ class Refusals {
     return false;
   }
   std::uint64_t total() const { return std::accumulate(counts_.begin(), counts_.end(), std::uint64_t{0}); }
-  /// Adds a counter refused_<name> for each reason, and refused_size. `too_large` packets were refused unread.
+  /// Adds a counter refused_<name> for each reason, and refused_size. `too_large` packets were refused unread. Does not
+  /// allocate.
   void fill_status(LoopStatus& status, std::uint64_t too_large) const {
     for (std::size_t i = 1; i < count; ++i) {
-      if (names_[i] == "size") {
+      if (names_[i] == "refused_size") {
         too_large += counts_[i];
       } else {
-        add_counter(status, "refused_" + std::string(names_[i]), static_cast<double>(counts_[i]));
+        add_counter(status, names_[i], static_cast<double>(counts_[i]));
       }
     }
     add_counter(status, "refused_size", static_cast<double>(too_large));
   }
 
  private:
-  std::array<std::string_view, count> names_;
+  std::array<std::string, count> names_;
   std::array<std::uint64_t, count> counts_{};
 };
 

@@ -9,6 +9,7 @@ function(softhand_driver kind name)
   add_library(${options} OBJECT driver.cpp)
   target_link_libraries(${options} PRIVATE softhand_device)
   set_property(GLOBAL APPEND PROPERTY SOFTHAND_DRIVERS ${options})
+  # This library has the mains of all kinds of drivers.
   set(links ${ARG_LINK} ${options} softhand_tracker_service)
   set(simulator_links ${ARG_LINK} ${ARG_SIMULATOR_LINK})
   set(has_simulator FALSE)

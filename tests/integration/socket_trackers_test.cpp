@@ -121,7 +121,8 @@ TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {
                              [&] { return listener.count > before + 10; }));
 }
 
-TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
+// A right hand at rest, in the camera's axes.
+std::string landmarks_message() {
   const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
   const auto joint_of_landmark = [](int i) {
     return i == 0 ? 1 : i <= 4 ? i + 1 : 7 + 5 * ((i - 5) / 4) + (i - 5) % 4;
@@ -133,6 +134,12 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
             "]";
   }
   text += "]}";
+  return text;
+}
+
+TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
+  const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
+  const std::string text = landmarks_message();
   testing::TrackerListener listener;
   const Tracker tracker("softhand-tracker-landmarks", "tracker_landmarks");
   const int udp = ::socket(AF_INET, SOCK_DGRAM, 0);
@@ -162,6 +169,21 @@ TEST_F(SocketTrackers, LandmarksBecomeAHandOverUdpAndWebSocket) {
                                       listener.counter("refused_version") == 1;
                              }));
   close(udp);
+}
+
+TEST_F(SocketTrackers, LatencyAdded) {
+  testing::TrackerListener listener;
+  {
+    const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
+    Client page(tracker, "http://localhost:8080");
+    const auto time = [] { return static_cast<double>(now()) * 1e-6; };
+    testing::check_latency(listener, "webxr", [&] { page.send(testing::webxr_frame(time(), time()), true); });
+  }
+  listener.hands = {};
+  const Tracker tracker("softhand-tracker-landmarks", "tracker_landmarks");
+  Client page(tracker, "http://localhost:3000");
+  const std::string text = landmarks_message();
+  testing::check_latency(listener, "landmarks, WebSocket", [&] { page.send(text, false); });
 }
 
 TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {

@@ -149,6 +149,22 @@ TEST(Arrows, LoopsHaveNoClockNoBusAndNoThreads) {
 
 TEST(Arrows, EnginesStayInTheirFolder) { expect_only_below("services/world/engines/", "bullet|^LinearMath/"); }
 
+// The replay tracker also serves the simulation without processes. `sockets` is shared by trackers of web pages.
+TEST(Arrows, TrackersStayInTheirFolders) {
+  int found = 0;
+  for (const auto& [file, list] : includes()) {
+    for (const std::string& include : list) {
+      if (!starts_with(include, "trackers/") || starts_with(include, "trackers/replay/")) continue;
+      ++found;
+      const std::string folder = include.substr(0, include.find('/', 9) + 1);
+      EXPECT_TRUE(starts_with(file, "services/" + folder) ||
+                  (folder == "trackers/sockets/" && starts_with(file, "services/trackers/")))
+          << file << " includes " << include;
+    }
+  }
+  EXPECT_GT(found, 5);
+}
+
 // Beast takes half a minute to compile.
 TEST(Arrows, BeastStaysInOneFile) { expect_only_below("services/web/web_server.cpp", "^boost/"); }
 

@@ -130,16 +130,20 @@ TEST(ArrivalQueue, DropsAndCountsWhatIsNotTaken) {
 enum class Fault { none, size, content };
 
 TEST(Refusals, CountByReason) {
-  Refusals<Fault, 3> refusals({"none", "size", "content"});
+  Refusals<Fault, 3> refusals({"none", "size", "content_beyond_any_limit"});
   EXPECT_TRUE(refusals.accepted(Fault::none));
   EXPECT_FALSE(refusals.accepted(Fault::size));
   EXPECT_FALSE(refusals.accepted(Fault::content));
   EXPECT_FALSE(refusals.accepted(Fault::content));
   EXPECT_EQ(refusals.total(), 3u);
   LoopStatus status;
+  const long before = allocations;
+  counting = true;
   refusals.fill_status(status, 10);
+  counting = false;
+  EXPECT_EQ(allocations, before);
   ASSERT_EQ(status.counters.size(), 2u);
-  EXPECT_EQ(get_text(status.counters[0].name), "refused_content");
+  EXPECT_EQ(get_text(status.counters[0].name), "refused_content_beyond_any_limi");
   EXPECT_EQ(status.counters[0].value, 2);
   EXPECT_EQ(get_text(status.counters[1].name), "refused_size");
   EXPECT_EQ(status.counters[1].value, 11);
