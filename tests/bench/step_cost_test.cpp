@@ -99,7 +99,7 @@ TEST(StepCost, MatchesRecordAndGrowsOnlyWithTouchedObjects) {
       << "a different count is not always an error: find the cause, then record the new count";
 }
 
-// Of the rest, half is memory set to zero, which valgrind counts byte by byte. In larger hands the share is smaller.
+// Two thirds of the difference are memory set to zero, which valgrind counts byte by byte.
 TEST(StepCost, NearObjectsInSlotsCostLittle) {
   const auto counts = count("slots");
   ASSERT_EQ(counts.size(), 2u);
