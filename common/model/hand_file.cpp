@@ -208,9 +208,13 @@ void save_hand(const HandModel& hand, const std::string& path) {
 HandModel load_hand(const std::string& path) {
   std::ifstream in(path);
   if (!in || std::filesystem::is_directory(path)) throw std::runtime_error(path + ": cannot be opened");
+  return parse_hand({std::istreambuf_iterator<char>(in), {}}, path);
+}
+
+HandModel parse_hand(const std::string& text, const std::string& path) {
   Json json;
   try {
-    json = Json::parse(in);
+    json = Json::parse(text);
   } catch (const Json::exception& error) {  // a number too large for a double is not a parse_error
     throw std::runtime_error(path + ": not a hand file: " + error.what());
   }

@@ -140,6 +140,8 @@ void drop_loose_nodes(HandModel& hand);
 /// Reads a hand file (docs/hand-file.md; JSON, version 2), drops its loose nodes and validates it. Throws
 /// std::runtime_error with file and field.
 HandModel load_hand(const std::string& path);
+/// The same for the text of a hand file. `path` is its name in error messages.
+HandModel parse_hand(const std::string& text, const std::string& path);
 void save_hand(const HandModel& hand, const std::string& path);
 
 /// The same hand for the other side: every frame is mirrored as S R S with S = diag(-1, 1, 1).

@@ -71,7 +71,8 @@ class FieldReader {
   }
   void expect_keys(std::initializer_list<const char*> keys) const {
     if (!json_.is_object()) fail("an object");
-    for (const auto& [key, value] : json_.items()) {
+    for (auto item = json_.begin(); item != json_.end(); ++item) {
+      const std::string& key = item.key();
       if (std::none_of(keys.begin(), keys.end(), [&key](const char* known) { return key == known; })) {
         throw std::runtime_error(file_ + ": " + (path_.empty() ? key : path_ + "." + key) + ": unknown field");
       }

@@ -1,0 +1,221 @@
+// Writes the inputs that the fuzzers begin with. Each is checked: its decoder accepts it.
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "bus/cdr.hpp"
+#include "bus/topics.hpp"
+#include "fuzz/fuzzer.hpp"
+#include "mesh_files/mesh_file.hpp"
+#include "model/hand_model.hpp"
+#include "model/object_model.hpp"
+#include "runtime/record_file.hpp"
+#include "support/block_hand.hpp"
+#include "support/webxr_frame.hpp"
+#include "trackers/landmarks/landmarks.hpp"
+#include "trackers/replay/recording.hpp"
+#include "trackers/webxr/webxr_frames.hpp"
+#include "viewer/frames.hpp"
+
+namespace softhand::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string text_of(const std::vector<std::byte>& bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+template <typename T>
+std::string bytes_of(T value) {
+  std::string bytes(sizeof value, '\0');
+  std::memcpy(bytes.data(), &value, sizeof value);
+  return bytes;
+}
+
+class Seeds {
+ public:
+  explicit Seeds(fs::path folder) : folder_(std::move(folder)) {}
+  /// Path of a new seed.
+  std::string path(const std::string& decoder) {
+    fs::create_directories(folder_ / decoder);
+    return folder_ / decoder / std::to_string(count_++);
+  }
+  void add(const std::string& decoder, const std::string& bytes) {
+    std::ofstream(path(decoder), std::ios::binary) << bytes;
+  }
+
+ private:
+  fs::path folder_;
+  int count_ = 0;
+};
+
+void add_topics(Seeds& seeds) {
+  int topic = 0;
+  bus::topics::for_each([&]<typename T>(const bus::Topic<T>&) {
+    const auto message = std::make_unique<T>();
+    std::vector<std::byte> bytes(bus::encoded_size(*message));
+    bus::encode(*message, bytes);
+    expect(bus::decode(bytes, *message), "topics: the seed is accepted");
+    seeds.add("topics", static_cast<char>(topic++) + text_of(bytes));
+  });
+}
+
+// Two tetrahedra with a hinge.
+void add_object_file(Seeds& seeds) {
+  ObjectModel object;
+  object.name = "pair";
+  ObjectLink link;
+  link.mesh.vertices = {{0, 0, 0}, {0.02, 0, 0}, {0, 0.02, 0}, {0, 0, 0.02}};
+  link.mesh.triangles = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+  link.mass = 0.01;
+  link.centre_of_mass = Vector3::Constant(0.005);
+  link.inertia = 1e-6 * Matrix3::Identity();
+  link.friction = 0.8;
+  link.pieces = {link.mesh.vertices};
+  for (const char* name : {"one", "two"}) {
+    link.name = name;
+    object.links.push_back(link);
+  }
+  LinkJoint hinge;
+  hinge.child = 1;
+  hinge.law.kind = ObjectJointKind::hinge;
+  object.joints.push_back(hinge);
+  const std::string path = seeds.path("object_file");
+  save_object(object, path);
+  std::ifstream in(path);
+  parse_object(std::string(std::istreambuf_iterator<char>(in), {}), path);
+}
+
+void add_topic_recording(Seeds& seeds) {
+  const std::string path = seeds.path("topic_recording");
+  RecordWriter writer(path);
+  const std::vector<std::byte> payload(40);
+  for (const char* topic : {"softhand/v1/objects", "softhand/v1/contacts"}) {
+    const std::uint16_t channel = writer.add_channel({topic, "cdr", "softhand::v1::Any", "omgidl", "struct Any {};"});
+    for (std::uint32_t i = 0; i < 3; ++i) writer.write(channel, i, 1000 + i, 900 + i, payload);
+  }
+  writer.finish();
+  RecordReader reader(path);
+  RecordedMessage message;
+  int messages = 0;
+  while (reader.next(message)) ++messages;
+  expect(messages == 6, "topic_recording: the seed is accepted");
+}
+
+void add_hand_recording(Seeds& seeds) {
+  std::string names = "t_s", row;
+  for (int j = 0; j < static_cast<int>(kJointCount); ++j) {
+    const std::string_view name = webxr_name(static_cast<Joint>(j));
+    if (name.empty()) continue;
+    for (const char* column : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"})
+      names += "," + std::string(name) + "." + column;
+    row += ",0.1," + std::to_string(0.01 * j) + ",-0.2,0,0,0,1,0.008";
+  }
+  const std::string text = names + "\n0" + row + "\n0.011" + row + "\n";
+  std::istringstream in(text);
+  Recording::parse(in, "seed");
+  seeds.add("hand_recording", text);
+}
+
+void add_landmarks(Seeds& seeds) {
+  std::string points;
+  for (int i = 0; i < 21; ++i) points += (i > 0 ? ",[0.1," : "[0.1,") + std::to_string(0.01 * i) + ",-0.2]";
+  const std::string start = R"({"version":1,"hand":"left","coordinates":)", end = R"("landmarks":[)" + points + "]}";
+  const auto add = [&seeds](const std::string& text) {
+    LandmarksMessage message;
+    expect(decode_landmarks(text, message) == LandmarksRefusal::none, "landmarks: the seed is accepted");
+    seeds.add("landmarks", text);
+  };
+  add(start + R"("world","score":0.9,"sample_time_ms":10,"sent_time_ms":30,)" + end);
+  add(start + R"("image","aspect":1.5,)" + end);
+}
+
+void add_webxr(Seeds& seeds) {
+  const std::string frame = testing::webxr_frame(10, 30);
+  WebXrSample sample;
+  expect(decode_webxr(frame, sample) == WebXrRefusal::none, "webxr: the seed is accepted");
+  seeds.add("webxr", frame);
+}
+
+void add_page(Seeds& seeds) {
+  const auto add = [&seeds](viewer::FrameType type, const std::string& payload) {
+    const std::string frame =
+        bytes_of(viewer::kMagic) + bytes_of(viewer::kVersion) + bytes_of(static_cast<std::uint16_t>(type)) +
+        bytes_of(static_cast<std::uint32_t>(payload.size())) + bytes_of(std::uint32_t{0}) + payload;
+    viewer::PageRequest request;
+    expect(viewer::decode({reinterpret_cast<const std::uint8_t*>(frame.data()), frame.size()}, request) ==
+               viewer::Refusal::none,
+           "page: the seed is accepted");
+    seeds.add("page", frame);
+  };
+  add(viewer::FrameType::show, bytes_of(std::uint32_t{2}) + bytes_of(30.0f));
+  std::string message(8 + 3 * sizeof(ShortText), '\0');
+  message[8] = message[8 + sizeof(ShortText)] = 'a';
+  add(viewer::FrameType::message, message);
+}
+
+void add_mesh_files(Seeds& seeds) {
+  const auto add = [&seeds](char kind, const std::string& bytes) {
+    const ScratchFile file(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(),
+                           kMeshSuffixes[static_cast<std::size_t>(kind)]);
+    load_mesh(file.path());
+    seeds.add("mesh_file", kind + bytes);
+  };
+  add(0, "# a comment\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1/1 2/2/2 4\nf -4 -1 -2\n");
+  add(1,
+      "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+      "endfacet\nendsolid s\n");
+  std::string binary(80, ' ');
+  binary += bytes_of(std::uint32_t{1});
+  for (int i = 0; i < 12; ++i) binary += bytes_of(i % 4 == 0 ? 1.0f : 0.0f);
+  add(1, binary + bytes_of(std::uint16_t{0}));
+  // A triangle: three positions, then three indices.
+  std::string buffer;
+  for (int i = 0; i < 9; ++i) buffer += bytes_of(i == 3 || i == 7 ? 1.0f : 0.0f);
+  for (const std::uint16_t i : {0, 1, 2, 0}) buffer += bytes_of(i);
+  const std::string rest =
+      R"("bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":6}],"accessors":)"
+      R"([{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},{"bufferView":1,"componentType":5123,"count":)"
+      R"(3,"type":"SCALAR"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],"nodes":[{"mesh":0,)"
+      R"("translation":[1,0,0]}],"scenes":[{"nodes":[0]}],"scene":0,"asset":{"version":"2.0"}})";
+  std::string json = R"({"buffers":[{"byteLength":44}],)" + rest;
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  const auto chunk = [](const char* type, const std::string& bytes) {
+    return bytes_of(static_cast<std::uint32_t>(bytes.size())) + std::string(type, 4) + bytes;
+  };
+  const std::string chunks = chunk("JSON", json) + chunk("BIN\0", buffer);
+  add(2, "glTF" + bytes_of(std::uint32_t{2}) + bytes_of(static_cast<std::uint32_t>(12 + chunks.size())) + chunks);
+  // The same buffer in base64.
+  add(3, R"({"buffers":[{"byteLength":44,"uri":"data:application/octet-stream;base64,)"
+         "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAABAAIAAAA="
+         R"("}],)" +
+             rest);
+}
+
+}  // namespace
+}  // namespace softhand::fuzz
+
+int main(int argc, char** argv) {
+  using namespace softhand;
+  if (argc != 2) {
+    std::fprintf(stderr, "usage: write_seeds FOLDER\n");
+    return 2;
+  }
+  fuzz::Seeds seeds(argv[1]);
+  fuzz::add_topics(seeds);
+  const std::string hand = seeds.path("hand_file");
+  save_hand(testing::block_hand(), hand);
+  load_hand(hand);
+  fuzz::add_object_file(seeds);
+  fuzz::add_topic_recording(seeds);
+  fuzz::add_hand_recording(seeds);
+  fuzz::add_landmarks(seeds);
+  fuzz::add_webxr(seeds);
+  fuzz::add_page(seeds);
+  fuzz::add_mesh_files(seeds);
+}
