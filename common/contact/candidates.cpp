@@ -50,10 +50,9 @@ void Candidates::update_triangles() {
   longest_path_ = displacements_.cols() > 0 ? std::sqrt(displacements_.colwise().squaredNorm().maxCoeff()) : 0.0;
 }
 
-bool Candidates::may_reach(const Collider& collider, const State& state, double seconds, double margin) {
+bool Candidates::may_reach(const Collider& collider, const State& state, double margin) {
   const Pose& from = collider.body_pose(state);
-  const Pose to = collider.predicted_pose(state, seconds);
-  begin_step(state, seconds);
+  const Pose to = collider.predicted_pose(state, time_step_);
   bool may = false;
   groups_.for_each_near(*collider.geometry(), from, collider.reach(from, to, groups_) + margin,
                         [&](std::int32_t point) {

@@ -88,9 +88,9 @@ class Candidates {
     Vector3 normal = Vector3::UnitY();  ///< outward of the hand, world
   };
   SkinPlace nearest_on_skin(const Vector3& place, double distance, const Eigen::Matrix3Xd& node_positions) const;
-  /// Whether a point may come within `margin` m of the object in the next `seconds`, if both keep their velocities.
-  /// Call this between steps.
-  bool may_reach(const Collider& collider, const State& state, double seconds, double margin);
+  /// Whether a point may come within `margin` m of the object from the start to the end of the step, if both keep their
+  /// velocities.
+  bool may_reach(const Collider& collider, const State& state, double margin);
   /// Number of points that were searched for a contact since construction.
   std::uint64_t queries() const { return queries_; }
 

@@ -217,9 +217,13 @@ Vector3 ContactSet::stopped(const State& state, std::int32_t node, const Vector3
   return end;
 }
 
-bool ContactSet::may_touch(int slot, const State& state, double time_step) {
+void ContactSet::look_ahead(const State& state, double time_step) {
+  candidates_.begin_step(state, kLookAhead * time_step);
+}
+
+bool ContactSet::may_touch(int slot, const State& state) {
   const Collider& collider = at(slot).collider;
-  return collider.is_set() && candidates_.may_reach(collider, state, kLookAhead * time_step, kTouchMargin);
+  return collider.is_set() && candidates_.may_reach(collider, state, kTouchMargin);
 }
 
 double ContactSet::stored_energy(std::span<const std::uint8_t> nodes) const {

@@ -106,9 +106,11 @@ class ContactSet {
   /// The end of a skin node's path from its bone to `to`: the first surface that it meets, otherwise `to`. For inner
   /// nodes always `to`.
   Vector3 stopped(const State& state, std::int32_t node, const Vector3& bone, const Vector3& to) const;
-  /// Whether a node may reach the object in the next step, if its velocity relative to the object at most doubles.
-  /// `time_step`: s. Call between steps, with the object's pose and velocity for the next step in `state`.
-  bool may_touch(int slot, const State& state, double time_step);
+  /// Prepares `may_touch` for the next step of `time_step` s. Call between steps.
+  void look_ahead(const State& state, double time_step);
+  /// Whether a node may reach the object in the next step, if its velocity relative to the object at most doubles. Call
+  /// after `look_ahead`, with the object's pose and velocity for the next step in `state`.
+  bool may_touch(int slot, const State& state);
   /// Energy of the nodes in U_n and U_f at the end of the last step, J.
   double stored_energy(std::span<const std::uint8_t> nodes) const;
   /// Energy that the nodes would have at their positions in `state`, J. Contacts that do not hook persist, and points

@@ -439,7 +439,9 @@ double HandSimulation::joint_gap(int place) const { return joints_->gap(place, s
 
 Wrench HandSimulation::contact_wrench(int slot) const { return contacts_->wrench(slot); }
 int HandSimulation::contact_count() const { return contacts_ ? contacts_->count() : 0; }
-bool HandSimulation::may_touch(int slot, double time_step) { return contacts_->may_touch(slot, state_, time_step); }
+void HandSimulation::look_ahead(double time_step) { contacts_->look_ahead(state_, time_step); }
+
+bool HandSimulation::may_touch(int slot) { return contacts_->may_touch(slot, state_); }
 // A light object may leave again in the step in which it is hit.
 bool HandSimulation::touched(int slot) const {
   return contacts_->count(slot) > 0 || !contacts_->wrench(slot).force.isZero(0);

@@ -154,8 +154,10 @@ class HandSimulation {
   Wrench object_coupling_wrench(int slot) const;
   /// Wrench of all joints on the object in the slot in the last step, about its centre of mass.
   Wrench joint_wrench(int slot) const;
-  /// Whether any node may touch the object in the next step of `time_step` seconds (`ContactSet::may_touch`).
-  bool may_touch(int slot, double time_step);
+  /// Prepares `may_touch` for the next step of `time_step` seconds.
+  void look_ahead(double time_step);
+  /// Whether any node may touch the object in the next step (`ContactSet::may_touch`).
+  bool may_touch(int slot);
   /// Whether any node touched the object in the last step.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;

@@ -241,6 +241,7 @@ void ObjectMirror::begin_step(Nanoseconds now, bool settles) {
     for (KnownObject& object : objects_)
       if (object.assembly == assembly && object.slot >= 0) object.last_touch = now;
   }
+  if (!settles && !symmetric_) simulation_.look_ahead(time_step_);
   for (const int o : slot_object_) {
     if (o >= 0) follow_or_own(objects_[static_cast<std::size_t>(o)], now, settles);
   }
@@ -530,7 +531,7 @@ void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool sett
   // The world does not know of the impulse of a first touch.
   if (!touched_lately || !(object.owned || was_free)) follow_world(object, now);
   object.owned = touched_lately;
-  object.is_free = object.owned || (!settles && simulation_.may_touch(object.slot, time_step_));
+  object.is_free = object.owned || (!settles && simulation_.may_touch(object.slot));
 }
 
 // A free body has mass, inertia and gravity, and planes stop it. Otherwise its motion is prescribed. An object that the

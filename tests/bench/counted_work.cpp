@@ -1,6 +1,7 @@
 // Work that callgrind counts. The program makes one callgrind dump per row and prints one line that describes the row.
 // Its argument selects the work:
 // - steps: Steps of the shipped hand of 400 nodes in the method's fast mode.
+// - slots: The same beside near objects.
 // - queries: Queries of the closest point on a convex hull.
 // - flight: A step of the hand of 1,450 nodes, and what the flight recorder does in a step.
 #include <valgrind/callgrind.h>
@@ -57,6 +58,22 @@ void count_steps() {
     CALLGRIND_DUMP_STATS;
     std::printf("%d %d %d %g %d\n", row.touched, row.hand->touched_objects(), row.untouched, row.clearance,
                 row.hand->contacts());
+  }
+}
+
+// Rows: a step that touches one object, without and with 16 near objects that it does not touch. All have slots.
+void count_slots() {
+  for (const int near : {0, 16}) {
+    softhand::HandOptions options = fast_mode();
+    options.near_distance = 0.3;
+    softhand::bench::Pressing hand(1, near, 0.02, "right_400.hand.json", options, near + 1);
+    hand.settle(kSettlingSteps);
+    CALLGRIND_START_INSTRUMENTATION;
+    CALLGRIND_ZERO_STATS;
+    hand.step([](auto&& work) { work(); });
+    CALLGRIND_DUMP_STATS;
+    CALLGRIND_STOP_INSTRUMENTATION;
+    std::printf("%d %d\n", hand.touched_objects(), hand.mirrored_objects());
   }
 }
 
@@ -125,7 +142,9 @@ void count_flight() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc > 1 && std::string_view(argv[1]) == "queries") {
+  if (argc > 1 && std::string_view(argv[1]) == "slots") {
+    count_slots();
+  } else if (argc > 1 && std::string_view(argv[1]) == "queries") {
     count_queries();
   } else if (argc > 1 && std::string_view(argv[1]) == "flight") {
     count_flight();

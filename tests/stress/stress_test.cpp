@@ -63,7 +63,7 @@ TEST(StressTable, RowNamesAreUniqueAndFewAreKnownToFail) {
     }
   }
   EXPECT_GE(built, 200u);
-  // The rule is 95 %, which allows 15 failing rows of 311. docs/stress.md and docs/report.md name those that fail today.
+  // The rule is 95 %, which allows 15 failing rows of 311. docs/stress.md and docs/report.md name those of today.
   // No further row may fail.
   EXPECT_LE(failing, 10u);
 }
