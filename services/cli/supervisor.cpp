@@ -195,8 +195,8 @@ void Supervisor::reap() {
                      : child->restarts == 0              ? milliseconds(0)
                      : child->backoff.count() == 0       ? kFirstBackoff
                                                          : std::min(2 * child->backoff, kLongestBackoff);
-    child->restart_at = now + child->backoff;
     log_(child->spec.name, how_it_ended(status) + "; restarts in " + std::to_string(child->backoff.count()) + " ms");
+    child->restart_at = Clock::now() + child->backoff;  // after the line: a restart never comes earlier than it says
   }
 }
 
