@@ -295,14 +295,19 @@ TEST_P(WorldRestore, ALoopThatLoadsAStateContinuesWithTheSameBits) {
   EXPECT_EQ(saved(one), saved(two));
 }
 
-// A button that moves on its spring, and a mug that falls on it. Both consist of convex pieces.
-TEST(WorldRestore, ObjectFilesAndTheirJointsContinueWithTheSameBits) {
-  const fs::path path = fs::path(::testing::TempDir()) / ("softhand_restore_" + std::to_string(getpid()) + ".toml");
+// A button that moves on its spring, and a mug above it. Both consist of convex pieces.
+SceneOptions button_and_mug() {
+  const fs::path path = fs::path(::testing::TempDir()) / ("softhand_button_" + std::to_string(getpid()) + ".toml");
   const std::string entry = "[[objects]]\nshape = \"file\"\nfile = \"" SOFTHAND_SOURCE_DIR "/config/objects/";
   std::ofstream(path) << entry << "button.object.json\"\nname = \"button\"\nfixed = true\n"
                       << entry << "mug.object.json\"\nname = \"mug\"\nposition = [0, 0.06, 0]\n";
   const SceneOptions scene = read_scene(path.string()).options;
   fs::remove(path);
+  return scene;
+}
+
+TEST(WorldRestore, ObjectFilesAndTheirJointsContinueWithTheSameBits) {
+  const SceneOptions scene = button_and_mug();
   WorldLoop one(scene.world, scene.objects, 1.0 / 90, scene.joints),
       two(scene.world, scene.objects, 1.0 / 90, scene.joints);
   const auto step = [](WorldLoop& loop, int i) { loop.step(kStart + Nanoseconds{i} * 4'000'000, {}); };
@@ -326,12 +331,7 @@ TEST(WorldRestore, ObjectFilesAndTheirJointsContinueWithTheSameBits) {
 
 // A scene with convex pieces, a joint, and contacts that begin and end.
 TEST(WorldRestore, ForgettingAllocatesNothing) {
-  const fs::path path = fs::path(::testing::TempDir()) / ("softhand_forget_" + std::to_string(getpid()) + ".toml");
-  const std::string entry = "[[objects]]\nshape = \"file\"\nfile = \"" SOFTHAND_SOURCE_DIR "/config/objects/";
-  std::ofstream(path) << entry << "button.object.json\"\nname = \"button\"\nfixed = true\n"
-                      << entry << "mug.object.json\"\nname = \"mug\"\nposition = [0, 0.06, 0]\n";
-  const SceneOptions scene = read_scene(path.string()).options;
-  fs::remove(path);
+  const SceneOptions scene = button_and_mug();
   WorldLoop loop(scene.world, scene.objects, 1.0 / 90, scene.joints);
   int i = 0;
   const auto run = [&](int steps) {

@@ -1,0 +1,114 @@
+// Recordings of a hand as CSV.
+#include "trackers/replay/recording.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <sstream>
+
+#include "messages/convert.hpp"
+#include "trackers/replay/replay_tracker.hpp"
+#include "unit/opposing_hand.hpp"
+
+namespace softhand {
+namespace {
+
+using testing::at;
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+
+std::string csv_row(double t, double x) {
+  std::ostringstream row;
+  row << t;
+  for (int j = 0; j < 25; ++j) row << "," << x << "," << 0.01 * j << ",0,0,0,0,1,0.01";
+  return row.str() + "\n";
+}
+std::string csv_header() {
+  static const char* joints[] = {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal",
+                                 "thumb-tip"};
+  std::string header = "t_s";
+  const auto add = [&header](const std::string& joint) {
+    for (const char* suffix : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"}) header += "," + joint + "." + suffix;
+  };
+  for (const char* joint : joints) add(joint);
+  for (const char* finger : {"index-finger", "middle-finger", "ring-finger", "pinky-finger"}) {
+    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"})
+      add(std::string(finger) + "-" + part);
+  }
+  return header + "\n";
+}
+std::string error_of(const std::string& text) {
+  std::istringstream in(text);
+  try {
+    Recording::parse(in, "hand.csv");
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Recording, ReadsJointsAndPlacesThePalm) {
+  std::istringstream in(csv_header() + csv_row(5, 0.1) + csv_row(5.02, 0.3));
+  const Recording recording = Recording::parse(in, "hand.csv");
+  EXPECT_EQ(recording.frames().size(), 2u);
+  EXPECT_NEAR(recording.duration(), 0.02, 1e-12);
+  const JointFrames middle = recording.at(0.005);
+  EXPECT_NEAR(middle[at(Joint::wrist)].position.x(), 0.15, 1e-12);
+  EXPECT_NEAR(middle[at(Joint::little_tip)].position.y(), 0.24, 1e-12);
+  EXPECT_LT((middle[0].position - 0.5 * (middle[11].position + middle[12].position)).norm(), 1e-12);
+  EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
+}
+
+TEST(Recording, IgnoresAByteOrderMarkBeforeTheHeader) {
+  EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), "");
+}
+
+TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
+  EXPECT_EQ(error_of(""), "hand.csv:1: expected a header that starts with t_s, got an empty file");
+  EXPECT_NE(error_of("t_s,wrist.px\n").find("hand.csv:1: column 'wrist.py': expected, is missing"), std::string::npos);
+  EXPECT_NE(error_of("t_s,elbow.px\n").find("hand.csv:1: column 'elbow.px'"), std::string::npos);
+  std::string bad = csv_row(1, 0.5);
+  bad.replace(bad.find("0.5"), 3, "abc");
+  EXPECT_EQ(error_of(csv_header() + csv_row(0, 0) + bad),
+            "hand.csv:3: column 'wrist.px': expected a finite number, got 'abc'");
+  EXPECT_NE(error_of(csv_header() + csv_row(1, 0) + csv_row(1, 0)).find("hand.csv:3: column 't_s'"), std::string::npos);
+  EXPECT_NE(error_of(csv_header() + "1,2,3\n").find("hand.csv:2: expected 201 columns, got 3"), std::string::npos);
+  EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
+}
+
+TEST(Recording, RecordedHandHasConstantBoneLengths) {
+  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
+  const Recording recording = Recording::load(path);
+  EXPECT_EQ(recording.frames().size(), 756u);
+  EXPECT_NEAR(recording.start(), 20.4612, 1e-9);
+  double sum = 0, square = 0;
+  for (const JointFrames& frame : recording.frames()) {
+    const double length =
+        (frame[at(Joint::index_intermediate)].position - frame[at(Joint::index_proximal)].position).norm();
+    sum += length;
+    square += length * length;
+  }
+  const double mean = sum / 756;
+  EXPECT_NEAR(mean, 0.040, 0.005);
+  EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);
+  // The tracker plays every frame at its own time.
+  ReplayTracker tracker(std::make_shared<Recording>(recording), {}, {});
+  Skeleton sample;
+  std::size_t count = 0;
+  for (Nanoseconds now = 0; now < 8'600 * kMillisecond; now += kMillisecond) {
+    if (!tracker.sample(now, sample)) continue;
+    if (count < recording.frames().size()) {
+      EXPECT_EQ(to_vector(sample.joints[1].position),
+                recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
+      EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9,
+                  recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
+    }
+    ++count;
+  }
+  EXPECT_GE(count, 750u);
+}
+
+}  // namespace
+}  // namespace softhand
