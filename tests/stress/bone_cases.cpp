@@ -102,24 +102,21 @@ Findings limit(double torque) {
 }  // namespace
 
 std::vector<Case> bone_cases() {
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "Bones", statement, {}});
-    return cases.back().rows;
-  };
-  add("displaced_bone", "recovers").push_back({"50 mm out of its tissue", [] { return displaced_bone(); }, {}, true});
-  auto* rows = &add("attachment_stiffness", "");
+  CaseList cases("Bones");
+  cases.add("displaced_bone", "recovers")
+      .push_back({"50 mm out of its tissue", [] { return displaced_bone(); }, {}, true});
+  auto* rows = &cases.add("attachment_stiffness", "");
   for (const double factor : {1e-4, 1e4})
     rows->push_back({named("factor", factor), [factor] { return attachment_stiffness(factor); }, {}, factor > 1});
-  rows = &add("joint_stiffness", "");
+  rows = &cases.add("joint_stiffness", "");
   for (const double factor : {1e-4, 1e4})
     rows->push_back({named("factor", factor), [factor] { return joint_stiffness(factor); }, {}, factor > 1});
-  rows = &add("joint_range", "a range of zero width holds, a range with minimum above maximum is refused");
+  rows = &cases.add("joint_range", "a range of zero width holds, a range with minimum above maximum is refused");
   rows->push_back({"minimum = maximum", [] { return locked_joints(); }});
   rows->push_back({"minimum > maximum", [] { return turned_range(); }, {}, true});
-  add("joint_limit", "the joint passes its limit by torque / stiffness, within 2 %")
+  cases.add("joint_limit", "the joint passes its limit by torque / stiffness, within 2 %")
       .push_back({"10 N m", [] { return limit(10); }, {}, true});
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "stress/stress.hpp"
@@ -19,6 +20,22 @@ std::vector<Case> joint_cases();
 std::vector<Case> bone_cases();
 std::vector<Case> world_cases();
 std::vector<Case> process_cases();
+
+/// Collects the cases of one section of the table, in their order.
+class CaseList {
+ public:
+  explicit CaseList(std::string section) : section_(std::move(section)) {}
+  /// Starts a case. The result takes its rows, and is valid until the next call.
+  std::vector<Setting>& add(const char* name, const char* statement) {
+    cases_.push_back({name, section_, statement, {}});
+    return cases_.back().rows;
+  }
+  std::vector<Case> take() { return std::move(cases_); }
+
+ private:
+  std::string section_;
+  std::vector<Case> cases_;
+};
 
 inline constexpr double kDegree = 3.14159265358979323846 / 180;
 

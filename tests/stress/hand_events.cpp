@@ -198,6 +198,17 @@ Findings run_touching(const Event& event, double least, const char* invariant, c
   return findings;
 }
 
+void SlidingForce::add(const Wrench& contact) {
+  const double drag = std::hypot(contact.force.x(), contact.force.z());
+  ++count_, drag_ += drag, drag_squared_ += drag * drag, normal_ += std::abs(contact.force.y());
+}
+
+void SlidingForce::judge(double friction, Findings& findings) const {
+  const double mean = drag_ / count_, deviation = std::sqrt(std::max(0.0, drag_squared_ / count_ - mean * mean));
+  findings.demand("slides", "drag / (mu f_n) minus one", std::abs(mean / (friction * normal_ / count_) - 1), 0.02, "1");
+  findings.demand("steady", "standard deviation of the drag over its mean", deviation / mean, 0.05, "1");
+}
+
 std::function<Displacement(double)> press_down(double depth, double time) {
   return [depth, time](double now) {
     const double h = 1e-6;

@@ -86,6 +86,18 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
 Findings run_touching(const Event& event, double least, const char* invariant = "touched",
                       const char* quantity = "force at the end");
 
+/// The force with which a finger slides over a horizontal surface. `add` takes the wrench of contact of a step.
+class SlidingForce {
+ public:
+  void add(const Wrench& contact);
+  /// Demands that the mean drag is `friction` times the normal force within 2 %, and steady within 5 % of its mean.
+  void judge(double friction, Findings& findings) const;
+
+ private:
+  double count_ = 0;
+  double drag_ = 0, drag_squared_ = 0, normal_ = 0;  // sums, N and N^2
+};
+
 /// All bones move by `depth` m towards the palm's side within `time` s, with minimum jerk. Then they stay there.
 std::function<Displacement(double)> press_down(double depth, double time);
 

@@ -238,13 +238,10 @@ std::vector<Case> joint_cases() {
       Class::violated,
       "the rows of a joint are those at the start of a step: a body that turns by 0.5 rad in a step opens "
       "its joint"};
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "Joints", statement, {}});
-    return cases.back().rows;
-  };
+  CaseList cases("Joints");
   constexpr std::array kRates{60.0, 250.0, 1000.0};
-  auto* rows = &add("object_joint_limit", "a joint stops within 1 mm of its limit, opens by at most 1 mm and rests");
+  auto* rows =
+      &cases.add("object_joint_limit", "a joint stops within 1 mm of its limit, opens by at most 1 mm and rests");
   for (const char* kind : {"hinge", "slider", "ball"}) {
     for (const auto& [rate, times] : {std::pair{60.0, 1.0}, {250.0, 10.0}, {1000.0, 10.0}}) {
       const bool turns = rate == 60 && std::string(kind) != "slider";
@@ -253,21 +250,21 @@ std::vector<Case> joint_cases() {
                        rate == 60});
     }
   }
-  rows = &add("object_joint_spring", "a cube of 50 g hangs at its analytic place within 1 % or 2 um");
+  rows = &cases.add("object_joint_spring", "a cube of 50 g hangs at its analytic place within 1 % or 2 um");
   for (const double stiffness : {1e3, 1e6})
     for (const double rate : {60.0, 1000.0})
       rows->push_back({fmt::format("k = {:g} N/m, {:g} Hz", stiffness, rate),
                        [=] { return stiff_spring(stiffness, rate); },
                        {},
                        stiffness == 1e6 && rate == 60});
-  rows = &add("object_joint_detents", "a cube that falls along wells of 5 mJ comes to rest");
+  rows = &cases.add("object_joint_detents", "a cube that falls along wells of 5 mJ comes to rest");
   for (const double width : {5e-3, 0.5e-3})
     for (const double rate : kRates)
       rows->push_back({fmt::format("width = {:g} mm, {:g} Hz", width * 1e3, rate),
                        [=] { return detents(width, rate); },
                        {},
                        width < 1e-3 && rate == 60});
-  rows = &add("object_joint_mass_ratio", "two swinging links: joints open by at most 2 mm");
+  rows = &cases.add("object_joint_mass_ratio", "two swinging links: joints open by at most 2 mm");
   const auto ratio = [rows](double first, double second, double rate, const Known& known = {}) {
     rows->push_back({fmt::format("{:g} kg, then {:g} kg, {:g} Hz", first, second, rate),
                      [=] { return mass_ratio(first, second, rate); }, known, second == 1 && rate == 250});
@@ -276,12 +273,14 @@ std::vector<Case> joint_cases() {
   ratio(1e-3, 1, 250);
   ratio(1e-3, 100, 250);
   ratio(1, 1e-3, 250, kTurns);
-  rows = &add("object_joint_chain", "8 swinging links of 10 g with a load at the end: joints open by at most 2 mm");
+  rows =
+      &cases.add("object_joint_chain", "8 swinging links of 10 g with a load at the end: joints open by at most 2 mm");
   for (const double load : {0.01, 1.0})
     for (const double rate : {250.0, 1000.0})
       rows->push_back({fmt::format("load {:g} kg, {:g} Hz", load, rate), [=] { return chain(8, load, rate); },
                        rate == 250 ? kTurns : Known{}, load == 0.01 && rate == 1000});
-  rows = &add("object_joint_pressed", "a hand presses a joint against its end: opened and passed by at most 0.5 mm");
+  rows =
+      &cases.add("object_joint_pressed", "a hand presses a joint against its end: opened and passed by at most 0.5 mm");
   const Press button{"button", "button.button", -5e-3, {"generator.lower_depth=0.02"}, 4, 8};
   const Press drawer{"drawer_box", "rail", 0.06, {"generator.lift_height=0.09"}, 3.5, 1};
   for (const double rate : {60.0, 250.0}) {
@@ -292,7 +291,7 @@ std::vector<Case> joint_cases() {
     rows->push_back(
         {fmt::format("box pulled 30 mm too far, {:g} Hz", rate), [=] { return pressed_to_the_end(drawer, rate); }});
   }
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress

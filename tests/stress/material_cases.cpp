@@ -186,28 +186,25 @@ Findings unreferenced_node() {
 std::vector<Case> material_cases() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<double> vanishing{0.0, -0.0, 1e-16, 1e-12, 1e-8};
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "Material", statement, {}});
-    return cases.back().rows;
-  };
+  CaseList cases("Material");
 
-  auto* rows = &add("poisson_ratio",
-                    "the cube is lifted and held, except at 0.4999: linear tetrahedra lock there, and the fingers are "
-                    "too stiff to close");
+  auto* rows =
+      &cases.add("poisson_ratio",
+                 "the cube is lifted and held, except at 0.4999: linear tetrahedra lock there, and the fingers are "
+                 "too stiff to close");
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
     rows->push_back({named("nu", nu),
                      [nu] { return with_material([nu](Material& m) { m.poisson_ratio = nu; }, nu < 0.4999); },
                      {},
                      nu == 0.499});
   }
-  rows = &add("stiffness_ratio", "palm and back are `ratio` times stiffer than the softest tissue");
+  rows = &cases.add("stiffness_ratio", "palm and back are `ratio` times stiffer than the softest tissue");
   for (const double ratio : {1e2, 1e4, 1e8})
     rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
-  rows = &add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
+  rows = &cases.add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
   for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6})
     rows->push_back({named("c", c), [c] { return strain_limit(c); }, {}, c == 1e6});
-  rows = &add("strain_limit_energy", "0, negative values and NaN are refused");
+  rows = &cases.add("strain_limit_energy", "0, negative values and NaN are refused");
   for (const double energy : {1.0, 1e12}) {
     rows->push_back({named("W_max", energy, "J/m^3"), [energy] {
                        return with_material([energy](Material& m) { m.strain_limit_energy = energy; }, false);
@@ -216,10 +213,10 @@ std::vector<Case> material_cases() {
   for (const double energy : {0.0, -1.0, nan})
     rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return refused_strain_limit(energy); }, {}, true});
 
-  add("reflected_node", "recovers").push_back({"one node", [] { return reflected_node(); }, {}, true});
-  rows = &add("inverted", "recovers");
+  cases.add("reflected_node", "recovers").push_back({"one node", [] { return reflected_node(); }, {}, true});
+  rows = &cases.add("inverted", "recovers");
   for (const double share : {0.25, 1.0}) rows->push_back({named("share", share), [share] { return inverted(share); }});
-  rows = &add("collapsed", "the whole tissue; recovers");
+  rows = &cases.add("collapsed", "the whole tissue; recovers");
   for (const double noise : {0.0, 1e-12}) {
     rows->push_back({fmt::format("to a plane, +{:g} m", noise),
                      [noise] { return mapped(diagonal(1, 0, 1), noise); },
@@ -228,21 +225,21 @@ std::vector<Case> material_cases() {
     rows->push_back({fmt::format("to a line, +{:g} m", noise), [noise] { return mapped(diagonal(0, 0, 1), noise); }});
     rows->push_back({fmt::format("to a point, +{:g} m", noise), [noise] { return mapped(Matrix3::Zero(), noise); }});
   }
-  rows = &add("random_nodes", "random nodes in a box of twice the size: recovers");
+  rows = &cases.add("random_nodes", "random nodes in a box of twice the size: recovers");
   for (std::size_t seed = 1; seed <= 20; ++seed)
     rows->push_back({fmt::format("seed = {}", seed), [seed] { return random_nodes(seed); }});
-  rows = &add("singular_values", "singular values of the whole tissue's deformation gradient: recovers");
+  rows = &cases.add("singular_values", "singular values of the whole tissue's deformation gradient: recovers");
   rows->push_back({"0.7 three times", [] { return mapped(0.7 * Matrix3::Identity()); }});
   for (const double s : vanishing)
     rows->push_back({fmt::format("1, 1, {:g}", s), [s] { return mapped(diagonal(1, s, 1)); }});
   for (const double s : vanishing)
     rows->push_back({fmt::format("1, 1, -1 + {:g}", s), [s] { return mapped(diagonal(1, -1 + s, 1)); }});
-  rows = &add("stretched", "recovers");
+  rows = &cases.add("stretched", "recovers");
   rows->push_back({"x 5 along the hand", [] { return mapped(diagonal(1, 1, 5)); }, {}, true});
   rows->push_back({"x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1)); }});
   rows->push_back({"twisted by 720 degrees", [] { return twisted(720 * kDegree); }});
 
-  rows = &add("elements", "unusable elements are refused, a node that no tetrahedron uses is left out");
+  rows = &cases.add("elements", "unusable elements are refused, a node that no tetrahedron uses is left out");
   constexpr double a = 5e-3;  // m
   const auto flat = [a](double angle) {
     return std::array<Vector3, 4>{Vector3(0, 0, 0), Vector3(a, 0, 0), Vector3(0, 0, a),
@@ -258,7 +255,7 @@ std::vector<Case> material_cases() {
        true});
   rows->push_back({"zero volume", [flat] { return bad_element(flat(0)); }, {}, true});
   rows->push_back({"a node that no tetrahedron uses", [] { return unreferenced_node(); }, {}, true});
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress

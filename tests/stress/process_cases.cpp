@@ -133,21 +133,16 @@ Findings starved() {
 }  // namespace
 
 std::vector<Case> process_cases() {
-  std::vector<Case> cases;
-  cases.push_back({"killed",
-                   "World",
-                   "kill -9 on a process of a running rig: live within 1 s under a new epoch, and the hand follows",
-                   {}});
+  CaseList cases("World");
+  auto* rows = &cases.add(
+      "killed", "kill -9 on a process of a running rig: live within 1 s under a new epoch, and the hand follows");
   for (const char* module : {"hand", "world", "tracking", "tracker"})
-    cases.back().rows.push_back({module, [module] { return killed(module); }, {}, false, true});
-  cases.push_back({"stopped",
-                   "World",
-                   "SIGSTOP on the hand's process: after SIGCONT at most one catch-up step, and the hand follows",
-                   {}});
-  cases.back().rows.push_back({"2 s", [] { return stopped(); }, {}, false, true});
-  cases.push_back({"starved", "World", "two busy threads per core: each step is made or counted as missed", {}});
-  cases.back().rows.push_back({"5 s", [] { return starved(); }, {}, false, true});
-  return cases;
+    rows->push_back({module, [module] { return killed(module); }, {}, false, true});
+  cases.add("stopped", "SIGSTOP on the hand's process: after SIGCONT at most one catch-up step, and the hand follows")
+      .push_back({"2 s", [] { return stopped(); }, {}, false, true});
+  cases.add("starved", "two busy threads per core: each step is made or counted as missed")
+      .push_back({"5 s", [] { return starved(); }, {}, false, true});
+  return cases.take();
 }
 
 }  // namespace softhand::stress

@@ -146,22 +146,18 @@ Findings repeated(bool at_once) {
 }  // namespace
 
 std::vector<Case> solver_cases() {
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "Solver", statement, {}});
-    return cases.back().rows;
-  };
+  CaseList cases("Solver");
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
 
-  auto* rows = &add("time_step", "the hand pressed 4 mm on a block");
+  auto* rows = &cases.add("time_step", "the hand pressed 4 mm on a block");
   for (const double step : {1e-4, 1e-3, 1.0 / 240, 1.0 / 90, 1.0 / 30, 0.1, 1.0})
     rows->push_back({named("dt", step, "s"), [step] { return time_step(step); }, {}, step == 0.1});
   rows->push_back({"dt = 1/90 s, 1/45 s in turn", [] { return alternating_time_step(); }, {}, true});
-  rows = &add("no_time_step", "a step of 0 s changes no bit, a length that is not a valid time is refused");
+  rows = &cases.add("no_time_step", "a step of 0 s changes no bit, a length that is not a valid time is refused");
   rows->push_back({"dt = 0 s", [] { return no_step(0, StepStatus::converged); }, {}, true});
   for (const double step : {-kStep, nan, infinity})
     rows->push_back({named("dt", step, "s"), [step] { return no_time(step); }, {}, true});
-  rows = &add("solver_budget", "the cube is lifted and held, and steps that do not converge report this");
+  rows = &cases.add("solver_budget", "the cube is lifted and held, and steps that do not converge report this");
   for (const int iterations : {1, 2, 3}) {
     rows->push_back({fmt::format("max_iterations = {}", iterations),
                      [iterations] {
@@ -185,23 +181,23 @@ std::vector<Case> solver_cases() {
                    [] { return with_solver({"hand.simulation.solver.work_budget=0.001"}, true); },
                    {},
                    true});
-  rows = &add("far_from_origin", "the cube is lifted and held");
+  rows = &cases.add("far_from_origin", "the cube is lifted and held");
   for (const double distance : {0.0, 10.0, 1000.0}) {
     rows->push_back({named("distance", distance, "m"),
                      [distance] { return at(distance / std::sqrt(3.0) * Vector3::Ones()); },
                      {},
                      distance == 10});
   }
-  rows = &add("mass_ratio", "mass of an object between hand and table, over the mass of a mean node");
+  rows = &cases.add("mass_ratio", "mass of an object between hand and table, over the mass of a mean node");
   for (const double ratio : {1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6})
     rows->push_back({named("ratio", ratio), [ratio] { return mass_ratio(ratio); }, {}, ratio == 1e6});
-  rows = &add("many_steps", "one finger held on a block: no growth, no drift");
+  rows = &cases.add("many_steps", "one finger held on a block: no growth, no drift");
   rows->push_back({"10 000 steps", [] { return many_steps(10'000); }});
   rows->push_back({"1 000 000 steps", [] { return many_steps(1'000'000); }});
-  rows = &add("repetition", "every bit of every loop is the same in both runs");
+  rows = &cases.add("repetition", "every bit of every loop is the same in both runs");
   rows->push_back({"twice", [] { return repeated(false); }, {}, true});
   rows->push_back({"two at once in threads", [] { return repeated(true); }});
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress

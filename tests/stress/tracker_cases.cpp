@@ -259,19 +259,15 @@ Findings bone_length(double factor) {
 }  // namespace
 
 std::vector<Case> tracker_cases() {
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "Tracker", statement, {}});
-    return cases.back().rows;
-  };
-  auto* rows = &add("teleport", "the hand jumps by 10 m and back after 0.7 s, and the cube stays below 5 m/s");
+  CaseList cases("Tracker");
+  auto* rows = &cases.add("teleport", "the hand jumps by 10 m and back after 0.7 s, and the cube stays below 5 m/s");
   rows->push_back(
       {"free",
        [] { return teleport(false); },
        {Class::violated,
         "a hundredth of a millimetre above the limit: the grip closes in full motion after the hand has jumped back"}});
   rows->push_back({"with the cube held", [] { return teleport(true); }, {}, true});
-  rows = &add("half_turn", "the tracked hand turns from one sample to the next, and the simulated hand follows");
+  rows = &cases.add("half_turn", "the tracked hand turns from one sample to the next, and the simulated hand follows");
   const std::array<std::pair<const char*, Vector3>, 3> axes{
       {{"x", Vector3::UnitX()}, {"y", Vector3::UnitY()}, {"z", Vector3::UnitZ()}}};
   for (const auto& [name, axis] : axes) {
@@ -282,45 +278,47 @@ std::vector<Case> tracker_cases() {
                        angle == 180.0 && axis.x() == 1});
     }
   }
-  add("twist", "the hand turns by 720 degrees in 2 s about its long axis")
+  cases.add("twist", "the hand turns by 720 degrees in 2 s about its long axis")
       .push_back({"720 degrees", [] { return twist(); }, {}, true});
-  add("sign_flips", "q and -q alternate, and the result equals a run without sign flips")
+  cases.add("sign_flips", "q and -q alternate, and the result equals a run without sign flips")
       .push_back({"each sample", [] { return sign_flips(); }, {}, true});
-  rows = &add("quaternion_length",
-              "length of one bone's quaternion: 0.5 to 2 is normalised, else the bone is refused and counted");
+  rows = &cases.add("quaternion_length",
+                    "length of one bone's quaternion: 0.5 to 2 is normalised, else the bone is refused and counted");
   for (const double length : {0.5, 2.0, 1e-20, 0.0})
     rows->push_back({named("|q|", length), [length] { return quaternion_length(length); }, {}, length == 1e-20});
-  rows =
-      &add("bone_value", "one bone with this value in all its numbers is refused and counted, the other bones go on");
+  rows = &cases.add("bone_value",
+                    "one bone with this value in all its numbers is refused and counted, the other bones go on");
   for (const double value :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), 1e308, 5e-324}) {
     rows->push_back({named("value", value), [value] { return bone_value(value); }, {}, true});
   }
-  add("freeze", "the tracker freezes for 2 s in a grasp: slip at most 1 mm, stale flag within 100 ms")
+  cases.add("freeze", "the tracker freezes for 2 s in a grasp: slip at most 1 mm, stale flag within 100 ms")
       .push_back({"2 s", [] { return freeze(); }, {}, true});
-  add("dropout", "no samples for 2 s, then the hand is 0.3 m away, and the cube stays below 5 m/s")
+  cases.add("dropout", "no samples for 2 s, then the hand is 0.3 m away, and the cube stays below 5 m/s")
       .push_back({"2 s", [] { return dropout(); }});
-  rows = &add("tracker_rate", "the cube is lifted and held");
+  rows = &cases.add("tracker_rate", "the cube is lifted and held");
   for (const double rate : {10.0, 90.0, 500.0, 1000.0})
     rows->push_back({named("rate", rate, "Hz"), [rate] { return tracker_rate(rate); }, {}, rate == 10});
-  rows = &add("order", "the cube is lifted and held, and refused samples are counted");
+  rows = &cases.add("order", "the cube is lifted and held, and refused samples are counted");
   rows->push_back({"each sample twice", [] { return order(duplicates(), true); }});
   rows->push_back({"neighbours swapped", [] { return order(swaps(), true); }});
   rows->push_back({"stamps equal in pairs", [] { return order(equal_stamps(), true); }});
-  rows = &add("clock", "the cube is lifted and held");
+  rows = &cases.add("clock", "the cube is lifted and held");
   rows->push_back({"1 h ahead", [] { return order(clock_off_by(3600), false); }});
   rows->push_back({"1 h behind", [] { return order(clock_off_by(-3600), false); }});
   rows->push_back({"backwards from 0.8 s on", [] { return order(clock_backwards(), false); }});
-  add("noise", "held cube within 0.2 mm RMS")
+  cases.add("noise", "held cube within 0.2 mm RMS")
       .push_back({"1 mm, 1 degree",
                   [] { return noise(); },
                   {Class::violated, "the tracker's poses are not filtered, because a filter would add lag"},
                   true});
-  add("impossible_pose", "").push_back({"all fingers bent back at every joint", [] { return impossible_pose(); }});
-  rows = &add("bone_length", "");
+  cases.add("impossible_pose", "").push_back({"all fingers bent back at every joint", [] {
+                                                return impossible_pose();
+                                              }});
+  rows = &cases.add("bone_length", "");
   for (const double factor : {0.5, 2.0})
     rows->push_back({named("factor", factor), [factor] { return bone_length(factor); }});
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress

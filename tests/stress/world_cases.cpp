@@ -196,14 +196,10 @@ Findings tracking(double factor, double hand_rate, double tracking_rate) {
 }  // namespace
 
 std::vector<Case> world_cases() {
-  std::vector<Case> cases;
-  const auto add = [&cases](const char* name, const char* statement) -> std::vector<Setting>& {
-    cases.push_back({name, "World", statement, {}});
-    return cases.back().rows;
-  };
-  add("world_stops", "the world stops for 2 s and the cube jumps by 0.5 m, and its speed stays below 5 m/s")
+  CaseList cases("World");
+  cases.add("world_stops", "the world stops for 2 s and the cube jumps by 0.5 m, and its speed stays below 5 m/s")
       .push_back({"2 s, 0.5 m", [] { return world_stops_and_jumps(); }, {}, true});
-  auto* rows = &add("world_rate", "the cube is lifted and held, or stays below 5 m/s if the world hardly runs");
+  auto* rows = &cases.add("world_rate", "the cube is lifted and held, or stays below 5 m/s if the world hardly runs");
   for (const double rate : {30.0, 60.0, 1000.0})
     rows->push_back({named("rate", rate, "Hz"), [rate] { return world_rate(rate); }, {}, rate == 30});
   rows->push_back({"a step every 200 ms", [] { return world_scheduled(30, [](double) { return 0.2; }); }, {}, true});
@@ -211,7 +207,7 @@ std::vector<Case> world_cases() {
                      return world_scheduled(
                          250, [](double time) { return 0.005 + 0.195 * chance(RigLoop::world, time, 3); });
                    }});
-  rows = &add("loop_stops", "a loop stops: the cube is still held after 50 ms, and stays below 5 m/s after 2 s");
+  rows = &cases.add("loop_stops", "a loop stops: the cube is still held after 50 ms, and stays below 5 m/s after 2 s");
   const std::array<std::pair<const char*, RigLoop>, 3> loops{
       {{"tracking", RigLoop::tracking}, {"hand", RigLoop::hand}, {"world", RigLoop::world}}};
   for (const auto& [name, loop] : loops) {
@@ -220,13 +216,13 @@ std::vector<Case> world_cases() {
     if (loop != RigLoop::world)
       rows->push_back({fmt::format("{}, 2 s", name), [loop] { return stop(loop, 2, false); }});
   }
-  rows = &add("loss_and_jitter", "the cube is lifted and held");
+  rows = &cases.add("loss_and_jitter", "the cube is lifted and held");
   rows->push_back({"5 % lost", [] { return loss_and_jitter(0.05, 0); }});
   rows->push_back({"jitter of 50 ms", [] { return loss_and_jitter(0, 0.05); }});
   rows->push_back({"5 % lost, jitter of 50 ms", [] { return loss_and_jitter(0.05, 0.05); }, {}, true});
 
   constexpr std::array<double, 7> factors{1e-2, 1e-1, 1, 10, 1e2, 1e3, 1e4};
-  rows = &add("symmetric_coupling", "stable, or refused with a value that is stable");
+  rows = &cases.add("symmetric_coupling", "stable, or refused with a value that is stable");
   for (const double rate : {30.0, 90.0, 250.0, 1000.0}) {
     for (const double factor : factors) {
       rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate),
@@ -235,7 +231,7 @@ std::vector<Case> world_cases() {
                        rate == 30 && (factor == 1 || factor == 1e4)});
     }
   }
-  rows = &add("owner_coupling", "stable, or refused with a value that is stable");
+  rows = &cases.add("owner_coupling", "stable, or refused with a value that is stable");
   for (const double rate : {30.0, 250.0, 1000.0}) {
     for (const double factor : factors) {
       rows->push_back({fmt::format("k x {:g}, {:g} : 90 Hz", factor, rate),
@@ -244,7 +240,7 @@ std::vector<Case> world_cases() {
                        rate == 250 && (factor == 1 || factor == 100)});
     }
   }
-  rows = &add("tracking_coupling", "stable, or refused with values that are stable");
+  rows = &cases.add("tracking_coupling", "stable, or refused with values that are stable");
   const std::array<std::pair<double, double>, 3> rates{{{90, 1000}, {90, 90}, {240, 1000}}};
   for (const auto& [hand_rate, tracking_rate] : rates) {
     for (const double factor : factors) {
@@ -254,7 +250,7 @@ std::vector<Case> world_cases() {
                        factor == 100 && tracking_rate == 90});
     }
   }
-  return cases;
+  return cases.take();
 }
 
 }  // namespace softhand::stress
