@@ -9,15 +9,16 @@
 // This file joins the pieces in contact/: colliders, candidates, the anchor law and the report. ContactSet owns their
 // memory.
 //
-// Departures from the source:
+// These are the departures from the source.
 //
-// - In eq. 32, n n^T (x_a - x_p) uses an n that is fixed in the world. Here n rotates with the object, so the energy is
-//   invariant under a rigid motion of point and object. Then force and torque balance exactly: the opposite of the
-//   point's force acts on the object at the point's position.
-// - A contact is one-sided (n . (x_p - x_a) < 0): it only pushes. Exception: a point that is predicted to cross the
-//   surface within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration
-//   has moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing.
-//   Then a tip at 1 m/s would sink 11 mm.
+// - In eq. 32 the normal n is fixed in the world. Here n rotates with the object, so the energy is invariant under a
+//   rigid motion of point and object. Then force and torque balance exactly: the opposite of the point's force acts on
+//   the object at the point's position.
+// - A contact is one-sided: it only pushes, where u < 0. The exception is a point that is predicted to cross the
+// surface
+//   within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration has
+//   moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing. Then
+//   a tip at 1 m/s would sink 11 mm.
 // - Contact is revised after iterations. A point that crossed a surface without being predicted to gets an anchor at
 //   the crossing. Then no anchor is two-sided any more.
 // - A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,

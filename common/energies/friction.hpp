@@ -2,9 +2,9 @@
 //
 //   U_f = sum over anchors of CoulombSpring(k_c A min(mu, 1), mu f_n)(|T e - s_0|),   T = 1 - n n^T
 //
-// e and n are those of contact.hpp. Degrees of freedom: as U_n. Units: J, m, N.
+// e and n are those of contact.hpp. The degrees of freedom are those of U_n. Units: J, m, N.
 //
-// Departures from the source:
+// These are the departures from the source.
 //
 // - In eq. 33, mu scales a stiffness. Here mu bounds the force by Coulomb's law (coulomb.hpp). Within a step, the bound
 //   uses the normal force at the step's start, so that the energy is a fixed convex function.

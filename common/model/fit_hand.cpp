@@ -22,10 +22,10 @@ Joint offset_frame(Joint joint) {
   return joint_of(parent_of(body));
 }
 
-// Maps the surroundings of a bone from the old rest pose to the new one:
-//   p -> new_origin + turn * (length along the bone, thickness across it) * (p - old_origin)
-// It uses only the position and direction of bones. The rotation of their frames about the bone is a convention of the
-// source.
+// Maps the surroundings of a bone from the old rest pose to the new one.
+//   p -> new_origin + turn * S * (p - old_origin)
+// S scales by `length` along the bone and by `thickness` across it. The map uses only the position and direction of
+// bones. The rotation of their frames about the bone is a convention of the source.
 struct BoneMap {
   Vector3 old_origin = Vector3::Zero();
   Vector3 new_origin = Vector3::Zero();

@@ -1,13 +1,14 @@
-// A joint between two rigid objects: its kinds, its coordinate and the laws that act on the coordinate. The hand's
+// A joint between two rigid objects. It has a kind, a coordinate, and laws that act on the coordinate. The hand's
 // solver (energies/object_joint.hpp) and the world's engine use the same functions.
 //
-// A joint has a frame on the parent and a frame on the child. The joint's axis is +y of both. q is the coordinate:
+// A joint has a frame on the parent and a frame on the child. The joint's axis is +y of both. The kind says what the
+// coordinate q is.
 //
-// - fixed: nothing is free. There is no q.
-// - hinge: the rotation about the axis is free. q is the angle, rad.
-// - slider: the translation along the axis is free. q is the distance, m.
-// - ball: all rotations are free. q is the chord 2 sin(angle/2) between the two axes. Only a limit uses it.
-// - screw: the rotation is free and moves the child by pitch q / (2 pi) along +y. q is the angle, rad.
+// - Fixed: nothing is free. There is no q.
+// - Hinge: the rotation about the axis is free. q is the angle, rad.
+// - Slider: the translation along the axis is free. q is the distance, m.
+// - Ball: all rotations are free. q is the chord 2 sin(angle/2) between the two axes. Only a limit uses it.
+// - Screw: the rotation is free and moves the child by pitch q / (2 pi) along +y. q is the angle, rad.
 //
 // The angle is the twist 2 atan2(y, w) of the relative rotation (x, y, z, w) about the axis. It is finite at any
 // rotation, except where the axes are opposed: there its derivative is cut off.

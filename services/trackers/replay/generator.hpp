@@ -57,10 +57,10 @@ struct GeneratorOptions {
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "free_motion"},
-           "pinch: thumb and index finger grip a cube on a table. power_grasp: all fingers grip an upright cylinder. "
-           "press: the index finger pushes down by lower_depth. unscrew: the pinch grips, turns, lets go and turns "
-           "back, again and again. scissors: thumb and index finger enter two rings, and open and close. fist: the "
-           "hand opens and closes in the air. free_motion: no object.");
+           "In a pinch, thumb and index finger grip a cube on a table. In a power_grasp, all fingers grip an upright "
+           "cylinder. In a press, the index finger pushes down by lower_depth. With unscrew, the pinch grips, turns, "
+           "lets go and turns back, again and again. With scissors, thumb and index finger enter two rings, and open "
+           "and close. A fist opens and closes the hand in the air. A free_motion has no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},

@@ -1,13 +1,13 @@
-// A joint between two bodies as rows of Bullet's constraint solver. Bullet's own constraints have no screw, no dry
-// friction that holds, and springs that are integrated explicitly. Only bullet_engine.cpp includes this header.
+// A joint between two bodies as rows of Bullet's constraint solver. Bullet's own constraints have no screw and no dry
+// friction that holds. They integrate springs explicitly. Only bullet_engine.cpp includes this header.
 //
-// Rows of a step, J v = c with an impulse between bounds:
-// - held offsets and axes: c removes half of the error, no bounds. If the parent is static, c also removes what the row
-//   misses within the step, because J is that of the start: a turn by w dt moves the end of an arm l by l (w dt)^2/2
-//   off its tangent. Between two bodies that move, the speeds at the start predict this too badly: chains gain energy.
-// - limits: v may not carry q beyond its limit within the step, one-sided,
-// - dry friction: v = 0, impulse within +-B dt. B has the reaction force of the last step.
-// - spring, damping and detents: their force at the start of the step acts as an external force. A row with the
+// A row of a step is J v = c with an impulse between bounds. These are the rows.
+// - Held offsets and axes: c removes half of the error. The impulse has no bounds. J is that of the step's start, so a
+//   turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent. If the parent is static, c also removes
+//   this error. Between two bodies that move, the speeds at the start predict it too badly, and chains gain energy.
+// - Limits: q may not pass its limit within the step. The row is one-sided.
+// - Dry friction: v = 0, and the impulse is within +-B dt. B uses the reaction force of the last step.
+// - Spring, damping and detents: their force at the start of the step acts as an external force. A row with the
 //   compliance 1/(dt^2 U'' + dt b) adds the change over the step. So the sum is the force at the end of the step, for
 //   any stiffness.
 //
@@ -81,10 +81,11 @@ class BulletJoint final : public btTypedConstraint {
 };
 
 /// Bullet's solver with three additions for the rows of BulletJoint.
-/// - Bullet leaves the compliance of a joint out of the row's diagonal, so that soft rows diverge.
-/// - It starts the impulses of joints at zero in each step, so that a load on a long arm opens the joint by 0.2 mm.
-/// - It visits row by row. A load behind light links, and a long chain, need thousands of visits: they explode. So each
-///   iteration first solves all held rows of the connected bodies together, with a dense factor.
+/// - The row's diagonal contains the compliance of the joint. Bullet leaves it out, and soft rows diverge.
+/// - Impulses of joints start at those of the last step. Bullet starts at zero, and a load on a long arm opens the
+///   joint by 0.2 mm.
+/// - Each iteration first solves all held rows of connected bodies together, with a dense factor. Bullet solves row by
+///   row. A load behind light links, or a long chain, then needs thousands of iterations and explodes.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
  protected:
   btScalar solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
