@@ -37,6 +37,7 @@
 #include "report/report.hpp"
 #include "solver/cholmod_solver.hpp"
 #include "support/count_allocations.hpp"
+#include "support/own_domain.hpp"
 #include "support/scalar_tissue.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
@@ -339,7 +340,7 @@ struct ServiceCost {
   double megabytes = std::nan("");
 };
 ServiceCost measure_service() {
-  setenv("SOFTHAND_DOMAIN", std::to_string(150 + getpid() % 80).c_str(), 1);
+  testing::use_own_domain();
   const std::string programs = fs::read_symlink("/proc/self/exe").parent_path().string();
   const std::string scene = scene_path("pinch_lift.toml");
   bus::Participant participant("bench");

@@ -19,6 +19,7 @@
 #include "integration/bus_fill.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "support/own_domain.hpp"
 
 extern char** environ;
 
@@ -27,8 +28,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-
-int test_domain() { return 20 + static_cast<int>(getpid()) % 80; }
 
 /// Polls until `f` is true. Returns false after ten seconds. A healthy bus never needs ten seconds.
 template <typename F>
@@ -116,8 +115,8 @@ std::unique_ptr<T> stamped(std::uint64_t seed, bool to_capacity = false) {
 }
 
 TEST(Bus, EveryTopicCarriesEveryField) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   topics::for_each([&]<typename T>(const Topic<T>& topic) {
     SCOPED_TRACE(topic.name);
     Writer writer(here, topic, 1);
@@ -141,8 +140,8 @@ TEST(Bus, EveryTopicCarriesEveryField) {
 }
 
 TEST(Bus, WriterKnowsWhetherItHasReaders) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Writer writer(here, topics::contacts);
   std::this_thread::sleep_for(200ms);
   EXPECT_FALSE(writer.has_readers());
@@ -154,8 +153,8 @@ TEST(Bus, WriterKnowsWhetherItHasReaders) {
 }
 
 TEST(Bus, TakeLatestGivesTheNewestOnce) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Writer writer(here, topics::bone_wrench);
   Reader reader(there, topics::bone_wrench, HandKey{0, 1});
   BoneWrench out;
@@ -170,12 +169,12 @@ TEST(Bus, TakeLatestGivesTheNewestOnce) {
 
 // A device's last command is zero. It must arrive although its writer leaves at once.
 TEST(Bus, LastSampleOfADepartingWriterArrives) {
-  const Participant there("there", test_domain());
+  const Participant there("there", testing::own_domain());
   Reader reader(there, topics::device_state);
   constexpr std::uint64_t kBurst = 200;  // the reader has a backlog when the writer goes
   for (std::uint64_t round = 1; round <= 10; ++round) {
     {
-      const Participant here("here", test_domain());
+      const Participant here("here", testing::own_domain());
       Writer writer(here, topics::device_state);
       ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
       DeviceState state;
@@ -192,8 +191,8 @@ TEST(Bus, LastSampleOfADepartingWriterArrives) {
 }
 
 TEST(Bus, ReaderOfOneHandIgnoresOtherHands) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Writer writer(here, topics::simulated_skeleton);
   Reader left(there, topics::simulated_skeleton, HandKey{0, 0});
   Reader all(there, topics::simulated_skeleton);
@@ -216,7 +215,7 @@ TEST(Bus, ReaderOfOneHandIgnoresOtherHands) {
 }
 
 TEST(Bus, LateReadersGetEveryDescription) {
-  const Participant here("here", test_domain());
+  const Participant here("here", testing::own_domain());
   Writer objects(here, topics::object_description);
   Writer hands(here, topics::hand_description);
   for (std::uint32_t id = 1; id <= 200; ++id) {
@@ -227,7 +226,7 @@ TEST(Bus, LateReadersGetEveryDescription) {
   const auto hand = stamped<HandDescription>(1, true);  // 1.1 MB
   hands.write(*hand);
 
-  const Participant there("there", test_domain());
+  const Participant there("there", testing::own_domain());
   Reader late_objects(there, topics::object_description);
   Reader late_hands(there, topics::hand_description);
   std::map<std::uint32_t, std::vector<std::byte>> got;
@@ -246,8 +245,8 @@ TEST(Bus, LateReadersGetEveryDescription) {
 }
 
 TEST(Bus, EveryMessageArrivesInOrder) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Writer writer(here, topics::message);
   Reader reader(there, topics::message);
   ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
@@ -262,12 +261,12 @@ TEST(Bus, EveryMessageArrivesInOrder) {
 }
 
 TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
-  const Participant here("here", test_domain());
+  const Participant here("here", testing::own_domain());
   Writer writer(here, topics::message);
   Message message;
   message.id = 1;
   writer.write(message);
-  const Participant there("there", test_domain());
+  const Participant there("there", testing::own_domain());
   {
     Reader soon(there, topics::message);
     ASSERT_TRUE(eventually([&] { return soon.take_latest(message); })) << "this reader came after the message";
@@ -285,9 +284,9 @@ TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
 }
 
 TEST(Bus, StrongerTrackerOwnsUntilItDies) {
-  const Participant here("here", test_domain());
+  const Participant here("here", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
-  const std::string domain = std::to_string(test_domain());
+  const std::string domain = std::to_string(testing::own_domain());
   Skeleton skeleton;
   Child weak({BUS_PUBLISHER, domain, "1"});
   ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton) && skeleton.source == 1; }));
@@ -319,8 +318,8 @@ TEST(Bus, StrongerTrackerOwnsUntilItDies) {
 }
 
 TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
   Writer strong(there, topics::tracked_skeleton, 2);
   Writer weak(there, topics::tracked_skeleton, 1);
@@ -345,9 +344,9 @@ TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
 }
 
 TEST(Bus, NegativeStrengthIsWeakerThanAPositiveOne) {
-  const Participant here("here", test_domain());
+  const Participant here("here", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
-  const std::string domain = std::to_string(test_domain());
+  const std::string domain = std::to_string(testing::own_domain());
   Skeleton skeleton;
   Child negative({BUS_PUBLISHER, domain, "-1"});
   ASSERT_TRUE(eventually([&] { return reader.take_latest(skeleton); }));
@@ -377,8 +376,8 @@ constexpr void visit_fields(V&& v, M& m) {
 namespace {
 
 TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
   Writer writer(here, Topic<LongDeviceState>{TopicRow(topics::device_state)});
   Reader reader(there, topics::device_state);
   ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
@@ -416,7 +415,7 @@ int lines_with(const std::string& text, const std::string& part) {
 TEST(Bus, AnotherDefinitionOfATypeIsReportedOnceByBothSides) {
   ::testing::internal::CaptureStderr();
   {
-    const Participant here("here", test_domain()), there("there", test_domain());
+    const Participant here("here", testing::own_domain()), there("there", testing::own_domain());
     const Topic<LongDeviceState> other{TopicRow(topics::device_state)};
     Writer first(here, other), second(here, other);
     Reader<DeviceState> reader(there, topics::device_state);
@@ -449,13 +448,13 @@ TEST(Bus, DomainComesFromTheEnvironment) {
 template <typename T>
 std::map<std::string, std::string> through_cyclone(const Topic<T>& topic, T& sent, const std::string& hash = {}) {
   setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
-  const Participant here("here", test_domain());
+  const Participant here("here", testing::own_domain());
   const std::string echo_name = std::string(topic.name) + "_echo";
   Topic<T> echo = topic;
   echo.name = echo_name;
   Writer writer(here, topic, 1);
   Reader reader(here, echo);
-  std::vector<std::string> command{CYCLONE_SUBSCRIBER, std::to_string(test_domain()), std::string(topic.name)};
+  std::vector<std::string> command{CYCLONE_SUBSCRIBER, std::to_string(testing::own_domain()), std::string(topic.name)};
   if (!hash.empty()) command.push_back(hash);
   Child cyclone(command);
   const auto got = std::make_unique<T>();
@@ -548,7 +547,8 @@ constexpr std::uint64_t kOwnEpoch = 7;
 // samples arrive.
 template <typename T, typename SetKey>
 int heard_beside_a_crowd(const Topic<T>& topic, SetKey set_key, auto... only) {
-  const Participant foreign("foreign", test_domain()), own("own", test_domain()), here("reader", test_domain());
+  const Participant foreign("foreign", testing::own_domain()), own("own", testing::own_domain()),
+      here("reader", testing::own_domain());
   Writer<T> intruder(foreign, topic), writer(own, topic);
   Reader<T> reader(here, topic, only...);
   EXPECT_TRUE(eventually([&] { return reader.writer_count() == 2 && intruder.has_readers() && writer.has_readers(); }));
@@ -591,7 +591,8 @@ struct Heard {
 };
 template <typename T>
 Heard heard_of_two_writers(const Topic<T>& topic) {
-  const Participant first("first", test_domain()), second("second", test_domain()), reading("reading", test_domain());
+  const Participant first("first", testing::own_domain()), second("second", testing::own_domain()),
+      reading("reading", testing::own_domain());
   Writer<T> writers[] = {{first, topic}, {second, topic}};
   Reader<T> reader(reading, topic);
   EXPECT_TRUE(
@@ -641,7 +642,7 @@ TEST(Bus, EveryStateTopicHasOneWriter) {
 }
 
 TEST(Bus, PeersHaveNamesHostsAndRigs) {
-  const Participant one("one", test_domain()), other("other", test_domain(), "my rig");
+  const Participant one("one", testing::own_domain()), other("other", testing::own_domain(), "my rig");
   Peer peer;
   ASSERT_TRUE(eventually([&] { return one.find_peer(other.epoch(), peer); }));
   EXPECT_EQ(get_text(peer.name), "other");
@@ -651,12 +652,12 @@ TEST(Bus, PeersHaveNamesHostsAndRigs) {
   EXPECT_NE(one.epoch(), other.epoch());
   ASSERT_TRUE(eventually([&] { return other.find_peer(one.epoch(), peer); }));
   EXPECT_TRUE(get_text(peer.rig).empty());
-  { const Participant leaving("leaving", test_domain()); }
+  { const Participant leaving("leaving", testing::own_domain()); }
   EXPECT_TRUE(eventually([&] { return one.peers().size() == 1; }));
 }
 
 TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
-  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  const Participant writing("writing", testing::own_domain()), reading("reading", testing::own_domain());
   Writer writer(writing, topics::object_coupling);
   Reader reader(reading, topics::object_coupling);
   ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
@@ -679,7 +680,7 @@ TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
 }
 
 TEST(Bus, InstancesThatRestMakeRoom) {
-  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  const Participant writing("writing", testing::own_domain()), reading("reading", testing::own_domain());
   // A writer refuses more instances than the topic has, so the crowd has two.
   Writer<ObjectCoupling> writers[] = {
       {writing, topics::object_coupling}, {writing, topics::object_coupling}, {writing, topics::object_coupling}};
@@ -721,7 +722,7 @@ TEST(Bus, InstancesThatRestMakeRoom) {
 
 // A flood must not hold a loop. Here each taken sample leads to a new one.
 TEST(Bus, OneTakeEndsAlthoughSamplesGoOn) {
-  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  const Participant writing("writing", testing::own_domain()), reading("reading", testing::own_domain());
   Writer writer(writing, topics::object_coupling);
   Reader reader(reading, topics::object_coupling);
   ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));

@@ -14,6 +14,7 @@
 #include "integration/rig_harness.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -25,7 +26,7 @@ const std::vector<std::string> kFreePorts{"--set", "viewer.port=0",           "-
 
 class Choice : public ::testing::Test {
  protected:
-  Choice() { use_own_domain(); }
+  Choice() { testing::use_own_domain(); }
   static bool all_present(const RigListener& listener) {
     const auto modules = {"world", "hand", "tracking", "haptic", "tactile", "tracker"};
     return std::all_of(modules.begin(), modules.end(),

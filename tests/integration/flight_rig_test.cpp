@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "integration/rig_harness.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -40,7 +41,7 @@ struct Files {
 };
 
 TEST(FlightRig, RepeatsALiveRunWithAKillAStallAndATeleport) {
-  use_own_domain();
+  testing::use_own_domain();
   Files files("softhand_flight_rig_");
   RigListener listener;
   {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "integration/rig_harness.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -12,7 +13,7 @@ namespace {
 using namespace std::chrono_literals;
 
 TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
-  use_own_domain();
+  testing::use_own_domain();
   RigListener listener;
   Up up("tests/integration/rig_hand_alone.toml", {});
   ASSERT_TRUE(listener.wait(20s, [&] { return !std::isnan(listener.counter("hand", "work_budget")); })) << up.output();
@@ -24,7 +25,7 @@ TEST(AutoHand, StartsWithASizeThatFitsAndReportsIt) {
 }
 
 TEST(AutoHand, FixedSizeIsUsedAndHasAWorkBudget) {
-  use_own_domain();
+  testing::use_own_domain();
   RigListener listener;
   Up up("tests/integration/rig_hand_alone.toml", {"--hand", "right_750.hand.json"});
   ASSERT_TRUE(listener.wait(20s, [&] { return !std::isnan(listener.counter("hand", "hand_nodes")); })) << up.output();

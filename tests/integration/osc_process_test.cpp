@@ -16,7 +16,7 @@ namespace {
 
 class OscProcess : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
   OscProcess() : socket_(socket(AF_INET, SOCK_DGRAM, 0)) {
     to_.sin_family = AF_INET;
     to_.sin_port = htons(static_cast<std::uint16_t>(port_));

@@ -11,6 +11,7 @@
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "service/time_control.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -110,7 +111,7 @@ class Pacer {
 
 class Pace : public ::testing::Test {
  protected:
-  Pace() { use_own_domain(); }
+  Pace() { testing::use_own_domain(); }
   static bool all_present(const RigListener& listener) {
     return std::all_of(std::begin(kModules), std::end(kModules),
                        [&](const char* module) { return listener.process_id(module) > 0; });

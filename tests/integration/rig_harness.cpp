@@ -68,8 +68,6 @@ void append(std::deque<T>& samples, const T& sample) {
 
 }  // namespace
 
-void use_own_domain() { setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 100).c_str(), 1); }
-
 Finished run_program(const std::vector<std::string>& command) {
   const std::string log = new_log();
   int status = 0;

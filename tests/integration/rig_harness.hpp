@@ -16,9 +16,6 @@
 
 namespace softhand::rig {
 
-/// Sets SOFTHAND_DOMAIN of this process, and so of its children, to one that other tests on this machine hardly use.
-void use_own_domain();
-
 /// A finished program: its exit code, and its output on stdout and stderr together.
 struct Finished {
   int exit_code = -1;

@@ -18,6 +18,7 @@
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/exit_codes.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::rig {
 namespace {
@@ -43,7 +44,7 @@ double milliseconds_between(Nanoseconds from, Nanoseconds to) { return static_ca
 // The fixture sets the domain before anything opens it.
 class Rig : public ::testing::Test {
  protected:
-  Rig() { use_own_domain(); }
+  Rig() { testing::use_own_domain(); }
 
   static bool all_present(const RigListener& listener) {
     return std::all_of(kModules.begin(), kModules.end(),

@@ -55,7 +55,7 @@ class Glove {
 };
 
 TEST(SampleGlove, ForcesReachTheGloveAndEveryEndIsZero) {
-  testing::use_domain_of_this_process();
+  testing::use_own_domain();
   Glove glove;
   testing::Process driver(
       "softhand-haptic-sample",

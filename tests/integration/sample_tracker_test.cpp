@@ -28,7 +28,7 @@ TEST(SampleTracker, ThePageShowsItsCode) {
 }
 
 TEST(SampleTracker, FollowsItsSimulatorThroughAPowerCycle) {
-  testing::use_domain_of_this_process();
+  testing::use_own_domain();
   testing::TrackerListener listener;
   const testing::Process tracker("softhand-tracker-sample",
                                  {"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml", "--set",

@@ -78,7 +78,7 @@ class Client {
 
 class SocketTrackers : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
 };
 
 TEST_F(SocketTrackers, FramesOfAPageBecomeHandsAndHead) {

@@ -17,7 +17,7 @@ namespace {
 
 class StreamerProcess : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
   bool health(Health of) {
     return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
   }

@@ -10,6 +10,7 @@
 #include "integration/rig_harness.hpp"
 #include "runtime/clock.hpp"
 #include "stress/cases.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::stress {
 namespace {
@@ -24,7 +25,7 @@ double milliseconds(Nanoseconds from, Nanoseconds to) { return static_cast<doubl
 
 /// Chooses the DDS domain before a reader or a process starts.
 struct OwnDomain {
-  OwnDomain() { rig::use_own_domain(); }
+  OwnDomain() { testing::use_own_domain(); }
 };
 
 /// A running rig. Its hand touches the post and follows its tracker.

@@ -17,6 +17,7 @@
 #include "bus/bus.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand::testing {
 
@@ -67,9 +68,6 @@ class Process {
   pid_t process_ = 0;
   std::string line_;
 };
-
-/// The domain of this test program and of the processes that it starts.
-inline void use_domain_of_this_process() { setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 100).c_str(), 1); }
 
 struct TrackerListener {
   TrackerListener()

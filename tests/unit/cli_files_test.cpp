@@ -18,6 +18,7 @@
 #include "cli/status_table.hpp"
 #include "messages/convert.hpp"
 #include "runtime/config.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand {
 namespace {
@@ -50,12 +51,12 @@ class FilesTest : public ::testing::Test {
   // The error that the command would print. Empty if the command finds no error.
   static std::string complaint(const std::string& path) {
     try {
-      testing::internal::CaptureStdout();
+      ::testing::internal::CaptureStdout();
       run_check(path);
-      testing::internal::GetCapturedStdout();
+      ::testing::internal::GetCapturedStdout();
       return {};
     } catch (const std::exception& error) {
-      testing::internal::GetCapturedStdout();
+      ::testing::internal::GetCapturedStdout();
       return error.what();
     }
   }
@@ -109,7 +110,7 @@ TEST_F(FilesTest, RefusesOptionsThatTrackingOrHandWouldRefuseAtStart) {
 TEST_F(FilesTest, ARigStartsInItsOwnFolder) {
   write("scene.toml", kShippedHand);
   write("rig.toml", "scene = \"scene.toml\"\n");
-  setenv("SOFTHAND_DOMAIN", std::to_string(100 + getpid() % 120).c_str(), 1);
+  testing::use_own_domain();
   const fs::path before = fs::current_path();
   fs::current_path(folder_);
   UpArguments arguments;
@@ -278,9 +279,9 @@ TEST_F(FilesTest, AFolderWithoutDemosIsRefusedByItsName) {
 }
 
 TEST_F(FilesTest, DemoWithoutNameListsTheScenesAndStartsNone) {
-  testing::internal::CaptureStdout();
+  ::testing::internal::CaptureStdout();
   const int code = run_demo({});
-  const std::string list = testing::internal::GetCapturedStdout();
+  const std::string list = ::testing::internal::GetCapturedStdout();
   EXPECT_EQ(code, 0);
   for (const Demo& demo : find_demos((kSource / "config/scenes").string()))
     EXPECT_NE(list.find(demo.watch), std::string::npos) << list;

@@ -11,13 +11,12 @@
 #include "cli/topic_recording.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand {
 namespace {
 
 using std::chrono::milliseconds;
-
-int own_domain() { return 100 + static_cast<int>(getpid() % 120); }
 
 bool wait_for(const std::function<bool()>& done) {
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -51,7 +50,7 @@ TEST_F(RecordingTest, ReplaysRecordedMessagesWithShiftedTimes) {
   std::vector<BoneWrench> sent;
   Nanoseconds described_at = 0;
   {
-    const bus::Participant participant("recording test", own_domain());
+    const bus::Participant participant("recording test", testing::own_domain());
     TopicRecorder recorder(participant, path_, {"bone_wrench", "object_description"});
     bus::Writer<BoneWrench> writer(participant, bus::topics::bone_wrench);
     bus::Writer<ObjectDescription> descriptions(participant, bus::topics::object_description);
@@ -100,7 +99,7 @@ TEST_F(RecordingTest, ReplaysRecordedMessagesWithShiftedTimes) {
   EXPECT_FALSE(file.truncated());
 
   // Replay the file, twice as fast.
-  const bus::Participant participant("replay test", own_domain());
+  const bus::Participant participant("replay test", testing::own_domain());
   bus::Reader<BoneWrench> reader(participant, with_history(bus::topics::bone_wrench, 64));
   TopicPlayer player(participant, path_, {}, 2.0);
   ASSERT_TRUE(wait_for([&] { return reader.writer_count() > 0; }));
@@ -136,7 +135,7 @@ TEST_F(RecordingTest, ReplaysRecordedMessagesWithShiftedTimes) {
 }
 
 TEST_F(RecordingTest, RefusesAnUnknownTopicAndListsTheKnownOnes) {
-  const bus::Participant participant("recording test", own_domain());
+  const bus::Participant participant("recording test", testing::own_domain());
   try {
     TopicRecorder(participant, path_, {"contact"});
     FAIL() << "no error";
@@ -148,7 +147,7 @@ TEST_F(RecordingTest, RefusesAnUnknownTopicAndListsTheKnownOnes) {
 }
 
 TEST_F(RecordingTest, AFileWithoutTheChosenTopicIsRefused) {
-  const bus::Participant participant("recording test", own_domain());
+  const bus::Participant participant("recording test", testing::own_domain());
   {
     RecordWriter file(path_);
     const auto channel = file.add_channel({"softhand/v1/contacts", "cdr", "softhand::v1::Contacts", "", ""});
@@ -163,7 +162,7 @@ TEST_F(RecordingTest, AFileWithoutTheChosenTopicIsRefused) {
 }
 
 TEST_F(RecordingTest, AChannelOfAnotherTypeIsRefused) {
-  const bus::Participant participant("recording test", own_domain());
+  const bus::Participant participant("recording test", testing::own_domain());
   {
     RecordWriter file(path_);
     const auto channel = file.add_channel({"softhand/v1/contacts", "cdr", "softhand::v2::Contacts", "", ""});

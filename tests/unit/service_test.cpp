@@ -15,6 +15,7 @@
 #include "messages/convert.hpp"
 #include "runtime/exit_codes.hpp"
 #include "service/loop_log.hpp"
+#include "support/own_domain.hpp"
 
 namespace softhand {
 namespace {
@@ -52,7 +53,7 @@ TEST(ServiceArguments, PriorityAndCoresAreChecked) {
 }
 
 TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
-  const int domain = 120 + getpid() % 100;
+  const int domain = testing::own_domain();
   const bus::Participant first("first hand", domain), second("second hand", domain), reading("reading", domain);
   bus::Writer<ObjectCoupling> writers[] = {{first, bus::topics::object_coupling},
                                            {second, bus::topics::object_coupling}};

@@ -3,6 +3,7 @@
 import { spawn } from "node:child_process";
 import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
+import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { dirname } from "node:path";
 
@@ -12,7 +13,21 @@ const require = createRequire(`${build}/services/viewer/page/work/`);
 const { chromium } = require("playwright-core");
 export const { WebSocket } = require("ws");
 
-process.env.SOFTHAND_DOMAIN ??= String(100 + (process.pid % 100));
+/** Reserves a DDS domain until this process ends, as tests/support/own_domain.hpp does. */
+async function ownDomain() {
+  for (let i = 0; i < 100; ++i) {
+    const domain = 100 + ((process.pid + i) % 100);
+    const reservation = createServer();
+    const isFree = await new Promise((done) => {
+      reservation.once("error", () => done(false));
+      reservation.listen(20000 + domain, "127.0.0.1", () => done(true));
+    });
+    reservation.unref();
+    if (isFree) return String(domain);
+  }
+  throw new Error("all domains from 100 to 199 are reserved by tests");
+}
+process.env.SOFTHAND_DOMAIN ??= await ownDomain();
 
 /** Polls until `condition` returns a true value, and returns this value. */
 export async function until(what, condition, seconds = 20) {

@@ -244,6 +244,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "offer") other = get_text(message.value);
       if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
+      if (get_text(message.module) == "viewer") return;  // the viewer answers
       MessageReply reply;
       reply.id = message.id;
       set_text(reply.module, "hand");
