@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "solver/slope_bracket.hpp"
+
 namespace softhand {
 namespace {
 
@@ -15,8 +17,7 @@ constexpr double kShort = 0.05;  // before the minimum, unless it is a full step
 constexpr double kFar = 0.6;  // before the minimum, after a full step: above it the Hessian is too stiff along the step
 // Growth of the scale if the search goes on beyond a full step.
 constexpr double kLeastStride = 1.5, kLongestStride = 4;
-constexpr double kInside = 0.05;  // fraction of a bracket: least distance of the next trial from the ends
-constexpr double kNoise = 100;    // times the rounding of the energy: no search if the slope promises less
+constexpr double kNoise = 100;  // times the rounding of the energy: no search if the slope promises less
 
 }  // namespace
 
@@ -32,15 +33,13 @@ double LineSearch::search(IncrementalPotential& potential, Linkage& linkage, con
   const auto bound = [&](double scale) { return before.energy + kArmijo * scale * slope + rounding; };
   double scale = 1;
   if (request.gradient) {
-    double low = 0, low_slope = slope;  // scale at which E still falls
-    double high = 0, high_slope = 0;    // scale at which E rises again, or did not fall enough
-    int side = 0;
+    SlopeBracket bracket(slope);
     for (int trial = 0; trial <= kMaxBracketings; ++trial) {
       linkage.move(state, direction, scale);
       const bool finite = potential.evaluate(state, meter, {.hessian = request.hessian && trial == 0});
       const double there = finite ? inner_product(potential.layout(), potential.gradient(), linkage.tangent()) : 0.0;
       const bool falls = finite && report.energy <= bound(scale);
-      const bool is_bracketed = high > 0;
+      const bool is_bracketed = bracket.high() > 0;
       const bool continues =
           falls && !is_bracketed && there < kFar * slope && -slope > kNoise * rounding && trial < kMaxBracketings;
       const bool level =
@@ -51,30 +50,17 @@ double LineSearch::search(IncrementalPotential& potential, Linkage& linkage, con
       }
       state = base_;
       if (continues) {
+        const double low = bracket.low(), low_slope = bracket.low_slope();
         const double root = there > low_slope ? low + low_slope / (low_slope - there) * (scale - low)
                                               : std::numeric_limits<double>::infinity();
-        low = scale;
-        low_slope = there;
-        scale = std::clamp(root, kLeastStride * low, kLongestStride * low);
+        bracket.set_low(scale, there);
+        scale = std::clamp(root, kLeastStride * scale, kLongestStride * scale);
         continue;
       }
-      // Regula falsi with the Illinois rule (Dowell and Jarratt 1971, BIT 11:168): if an end of the bracket stays
-      // twice, its slope is halved, so that it moves.
-      if (falls && there < 0) {
-        low = scale;
-        low_slope = there;
-        if (side < 0) high_slope *= 0.5;
-        side = -1;
-      } else {
-        high = scale;
-        high_slope = there;
-        if (side > 0) low_slope *= 0.5;
-        side = 1;
-      }
-      const double root = high_slope > 0 ? low_slope / (low_slope - high_slope) : 0.5;
-      scale = low + std::clamp(root, kInside, 1 - kInside) * (high - low);
+      bracket.narrow(scale, there, falls);
+      scale = bracket.next();
     }
-    scale = low > 0 ? low : 0.5 * high;
+    scale = bracket.low() > 0 ? bracket.low() : 0.5 * bracket.high();
   }
   for (int halving = 0; halving <= kMaxHalvings; ++halving, scale *= 0.5) {
     linkage.move(state, direction, scale);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "math/rotation.hpp"
+#include "solver/slope_bracket.hpp"
 
 namespace softhand {
 namespace {
@@ -29,7 +30,7 @@ constexpr double kPairOperations = 15'000;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
 constexpr int kMaxTrials = 8;
-constexpr double kLevel = 0.5, kShort = 0.05, kInside = 0.05;
+constexpr double kLevel = 0.5, kShort = 0.05;
 
 constexpr int kMaxRows =
     3 * std::max(LocalNewton::kMaxBlocks, LocalNewton::kMaxCondensedBlocks) + LocalNewton::kMaxModes;
@@ -525,26 +526,14 @@ bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, do
     there = gradient.dot(step);
     return trial_energy <= energy + kArmijo * scale * slope;
   };
-  double low = 0, low_slope = slope, high = 0, high_slope = 0, scale = 1, last = 1;
-  int side = 0;
+  SlopeBracket bracket(slope);
+  double scale = 1, last = 1;
   for (int trial = 0; trial < kMaxTrials; ++trial) {
     const bool falls = evaluate(last = scale);
-    const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || high == 0);
+    const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || bracket.high() == 0);
     if (accepts) break;
-    // Regula falsi with the Illinois rule.
-    if (falls && there < 0) {
-      low = scale;
-      low_slope = there;
-      if (side < 0) high_slope *= 0.5;
-      side = -1;
-    } else {
-      high = scale;
-      high_slope = there;
-      if (side > 0) low_slope *= 0.5;
-      side = 1;
-    }
-    const double root = high_slope > 0 ? low_slope / (low_slope - high_slope) : 0.5;
-    scale = trial + 2 == kMaxTrials && low > 0 ? low : low + std::clamp(root, kInside, 1 - kInside) * (high - low);
+    bracket.narrow(scale, there, falls);
+    scale = trial + 2 == kMaxTrials && bracket.low() > 0 ? bracket.low() : bracket.next();
   }
   if (!(trial_energy < energy)) return false;
   energy = trial_energy;

@@ -198,6 +198,22 @@ Findings run_touching(const Event& event, double least, const char* invariant, c
   return findings;
 }
 
+Findings start_inside(const EventObject& object) {
+  constexpr double kExit = 1;  // m/s
+  Event event;
+  event.hand = one_finger(shipped_hand(), Finger::index);
+  event.object = object;
+  event.object.pose.position = pad_of(event.hand, Finger::index);
+  event.overlapping = true;
+  event.seconds = 2;
+  double fastest = 0;
+  Findings findings = run(event, [&](const EventStep& now) {
+    fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff());
+  });
+  findings.demand("exit", "fastest node", fastest, kExit, "m/s");
+  return findings;
+}
+
 void SlidingForce::add(const Wrench& contact) {
   const double drag = std::hypot(contact.force.x(), contact.force.z());
   ++count_, drag_ += drag, drag_squared_ += drag * drag, normal_ += std::abs(contact.force.y());

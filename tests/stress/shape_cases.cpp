@@ -107,21 +107,10 @@ Findings grid_drag(double cell, double speed) {
   return findings;
 }
 
-// The fingertip starts in the middle of a block of 80 mm.
 Findings grid_deep_start(double cell) {
-  constexpr double kExit = 1;  // m/s
-  Event event;
-  event.hand = one_finger(shipped_hand(), Finger::index);
-  event.object.geometry = grid_of(testing::box_mesh(Vector3::Constant(0.04)), cell);
-  event.object.pose.position = pad_of(event.hand, Finger::index);
-  event.overlapping = true;
-  event.seconds = 2;
-  double fastest = 0;
-  Findings findings = run(event, [&](const EventStep& now) {
-    fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff());
-  });
-  findings.demand("exit", "fastest node", fastest, kExit, "m/s");
-  return findings;
+  EventObject block;
+  block.geometry = grid_of(testing::box_mesh(Vector3::Constant(0.04)), cell);
+  return start_inside(block);
 }
 
 // --- walls ---------------------------------------------------------------------------------------------------------
