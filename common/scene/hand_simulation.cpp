@@ -1,10 +1,13 @@
 #include "scene/hand_simulation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 #include "energies/body_coupling.hpp"
 #include "energies/contact.hpp"
@@ -13,6 +16,7 @@
 #include "energies/joint.hpp"
 #include "energies/object_joint.hpp"
 #include "energies/plane_contact.hpp"
+#include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
@@ -31,6 +35,19 @@ std::array<double, kBodyCount> attached_masses(const HandModel& hand, const std:
   for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
   for (std::size_t n = 0; n < node_masses.size(); ++n) masses[hand.node_body[n]] += node_masses[n];
   return masses;
+}
+
+// The weights of the branches for each material of the hand.
+std::vector<RelaxationEnergy::Branches> relaxation_weights(const HandModel& hand, const RelaxationOptions& options) {
+  const std::array<std::pair<std::string_view, RelaxationEnergy::Branches>, 4> known{
+      {{"pulp", options.pulp}, {"palm", options.palm}, {"back", options.back}, {"knuckle", options.knuckle}}};
+  std::vector<RelaxationEnergy::Branches> weights(hand.materials.size(), RelaxationEnergy::Branches{});
+  for (std::size_t m = 0; m < weights.size(); ++m) {
+    for (const auto& [name, branches] : known) {
+      if (hand.materials[m].name == name) weights[m] = branches;
+    }
+  }
+  return weights;
 }
 
 Twist at_point(const Twist& of_centre, const Vector3& lever) {
@@ -85,6 +102,11 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     if (helper_) tissue->use(*helper_);
     if (options.solver.factor == "float" && options.solver.curvature != "exact") tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
+    if (options.relaxation.active) {
+      auto relaxation = std::make_unique<RelaxationEnergy>(hand_, options.relaxation.time_constants,
+                                                           relaxation_weights(hand_, options.relaxation));
+      if (relaxation->element_count() > 0) terms_.push_back(std::move(relaxation));
+    }
     auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
     attachments_ = attachments.get();
     terms_.push_back(std::move(attachments));

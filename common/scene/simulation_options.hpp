@@ -1,10 +1,36 @@
 // Options of the hand's physics: section [hand.simulation] of a scene.
 #pragma once
 
+#include <array>
+
 #include "runtime/options.hpp"
 #include "solver/newton_solver.hpp"
 
 namespace softhand {
+
+/// Prony branches of the tissue (energies/relaxation.hpp). The weights are those of a material by its name in the hand
+/// file. Other materials have no branches.
+struct RelaxationOptions {
+  using Branches = std::array<double, 3>;
+  bool active = false;
+  Branches time_constants{0.004, 0.07, 1.4};
+  Branches pulp{0.5, 0.5, 0.5}, palm{0.5, 0.5, 0.5}, back{0.5, 0.5, 0.5}, knuckle{0.5, 0.5, 0.5};
+};
+
+inline void describe(OptionVisitor& v, RelaxationOptions& o) {
+  v.flag("active", o.active,
+         "The tissue is stiffer at first and relaxes, as that of people. Off by default: it costs time.");
+  v.numbers("time_constants", o.time_constants.data(), 3, "s", {1e-4, 1e3},
+            "Time constants of the three branches. The default is that of the human fingertip (Pawluk and Howe 1999).");
+  const auto weights = [&v](const char* material, RelaxationOptions::Branches& of_material) {
+    v.numbers(material, of_material.data(), 3, "1", {0, 100},
+              "Shear modulus of each branch over the tissue's own, for the material of this name. All 0: no branches.");
+  };
+  weights("pulp", o.pulp);
+  weights("palm", o.palm);
+  weights("back", o.back);
+  weights("knuckle", o.knuckle);
+}
 
 struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
@@ -12,6 +38,7 @@ struct SimulationOptions {
   bool gravity = false;
   double untangle_patience = 0.1;
   std::int64_t threads = 1;
+  RelaxationOptions relaxation;
   SolverOptions solver;
 };
 
@@ -29,6 +56,7 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.integer("threads", o.threads, "", {1, 2},
             "2: a second thread computes half of the tissue and of the factorisation. The result has the same bits. "
             "Both threads are pinned to cores of their own, so the machine needs a free core.");
+  describe_section(v, "relaxation", "Relaxation of the tissue (docs/relaxation.md).", o.relaxation);
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
 

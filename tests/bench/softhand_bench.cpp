@@ -231,6 +231,22 @@ double slot_cost_ratio() {
   return valid ? median(times[0]) / median(times[1]) : std::nan("");
 }
 
+// Median step of a pressing hand whose tissue relaxes over that of a hand whose tissue does not. The two take turns.
+double relaxation_cost_ratio() {
+  constexpr int kSteps = 120;
+  HandOptions relaxing;
+  relaxing.simulation.relaxation.active = true;
+  std::array<Pressing, 2> hands{Pressing(1, 0, 0.02, hand_name(1450), relaxing, 1),
+                                Pressing(1, 0, 0.02, hand_name(1450), {}, 1)};
+  std::array<std::vector<double>, 2> times;
+  for (Pressing& hand : hands) hand.settle();
+  for (int i = 0; i < kSteps; ++i) {
+    for (std::size_t k = 0; k < hands.size(); ++k)
+      times[k].push_back(hands[k].step([](auto&& work) { return seconds_of(work); }));
+  }
+  return median(times[0]) / median(times[1]);
+}
+
 // Seconds of a step of all hands by the number of hands. Each hand has a loop of its own, as its service has.
 std::vector<std::pair<double, double>> by_hands() {
   constexpr int kSteps = 20;
@@ -510,6 +526,7 @@ Json run() {
       "step with 100 near objects, 5 touched, over step with these 5 alone");
   put("slot_cost_ratio", slot_cost_ratio(),
       "fast step with 16 near, untouched objects in slots over step without them");
+  put("relaxation_cost_ratio", relaxation_cost_ratio(), "step of a pressing hand with relaxation over step without it");
   put("settled_world_cost_ratio", settled_world_cost_ratio(),
       "step with 100 boxes at rest on a table over step while they settle");
 

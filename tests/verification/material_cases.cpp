@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "energies/corotational.hpp"
+#include "energies/relaxation.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
 #include "support/box_mesh.hpp"
@@ -255,6 +256,46 @@ std::vector<Measurement> rotation(const Parameters& p) {
            {}}};
 }
 
+// A box whose Green strain E_xx rises evenly for `ramp` seconds and then stays. Steps of a hand at 90 Hz.
+std::vector<Measurement> relaxation(const Parameters& p) {
+  constexpr double kTimeStep = 1.0 / 90, kHold = 0.5, kStrain = 0.1;  // s, s, 1
+  constexpr RelaxationEnergy::Branches kTimes{0.004, 0.07, 1.4}, kWeights{0.5, 0.5, 0.5};
+  const Vector3 size(0.02, 0.02, 0.02);
+  const HandModel box = testing::box_mesh({1, 1, 1}, size, material_of(p));
+  const double shear_modulus = p["youngs_modulus"] / (2 * (1 + p["poisson_ratio"]));
+  RelaxationEnergy term(box, kTimes, {kWeights});
+  State state = testing::rest_state(box);
+  const int rise = static_cast<int>(std::lround(p["ramp"] / kTimeStep));
+  const double duration = rise * kTimeStep, rate = kStrain / duration;
+  std::vector<Measurement> rows;
+  for (int i = 1; i <= rise + static_cast<int>(kHold / kTimeStep); ++i) {
+    const double time = i * kTimeStep, stretch = std::sqrt(1 + 2 * rate * std::min(time, duration));
+    State next = testing::rest_state(box);
+    next.node_positions.row(0) *= stretch;
+    term.begin_step(state, kTimeStep);
+    VectorX gradient = VectorX::Zero(next.layout().dof_count());
+    term.add_gradient(next, gradient);
+    state = next;
+    term.end_step(state);
+    const bool holds = i == rise + static_cast<int>(kHold / kTimeStep);
+    if (i != rise && !holds) continue;
+    double sum = 0, stress = 0;  // of x times force; second Piola-Kirchhoff
+    for (int n = 0; n < box.node_count(); ++n) sum += gradient[3 * n] * box.nodes[static_cast<std::size_t>(n)].x();
+    for (std::size_t b = 0; b < kRelaxationBranches; ++b) {
+      stress += 2 * shear_modulus * kWeights[b] * rate * kTimes[b] * -std::expm1(-duration / kTimes[b]) *
+                std::exp(-(time - duration) / kTimes[b]);
+    }
+    const double reference = stretch * stress;
+    rows.push_back({holds ? "stress after 0.5 s" : "stress at the end of the ramp",
+                    sum / size.prod(),
+                    reference,
+                    0.01 * reference,
+                    "Pa",
+                    {}});
+  }
+  return rows;
+}
+
 Parameters brick_row(const std::string& key, double value) {
   return Parameters{
       {"youngs_modulus", 1e5}, {"poisson_ratio", 0.45}, {"limit_energy", 500}, {"limit_ratio", 1}, {"seed", 6}}
@@ -319,6 +360,10 @@ std::vector<Case> material_cases() {
        {brick_row("amount", 1), brick_row("amount", 12)},
        patch_test},
       {"rotation", "no force under any rotation", rotations, rotation},
+      {"relaxation",
+       "S = 2 mu sum w r tau (1 - e^(-T/tau)) e^(-(t - T)/tau) after a ramp of the strain at the rate r for T",
+       {brick_row("ramp", 0.02), brick_row("ramp", 0.1), brick_row("ramp", 1)},
+       relaxation},
   };
 }
 
