@@ -499,6 +499,8 @@ void apply_network(dds::DomainParticipantQos& qos, const Network& network, int d
   discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
   if (const std::string& server = network.options.discovery_server; !server.empty()) {
     const std::size_t colon = server.find(':');
+    // The server sends to participants of its own host on the loopback interface.
+    udp->interfaceWhiteList.push_back("127.0.0.1");
     eprosima::fastdds::rtps::RemoteServerAttributes remote;
     remote.ReadguidPrefix("44.53.00.5f.45.50.52.4f.53.49.4d.41");  // of `fastdds discovery -i 0`
     remote.metatrafficUnicastLocatorList.push_back(

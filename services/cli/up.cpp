@@ -79,9 +79,12 @@ class Listener {
     modules_.clear();
   }
   const Outcome& outcome() const { return outcome_; }
-  /// Start of the tracker's motion on the clock of the messages; 0 = not received.
-  Nanoseconds motion_start() const {
+  /// Start of the motion of a tracker in `rig`, on the clock of this host; 0 = not received.
+  Nanoseconds motion_start(const RigOptions& rig) const {
     for (const auto& [name, status] : modules_) {
+      // A counter of another host is on another clock.
+      if (std::none_of(rig.processes.begin(), rig.processes.end(), [&name](auto& each) { return each.name == name; }))
+        continue;
       for (const NamedValue& counter : status.counters) {
         if (get_text(counter.name) == "motion_start_s") return static_cast<Nanoseconds>(counter.value * 1e9);
       }
@@ -343,7 +346,7 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
   for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
-  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start())));
+  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start(control.rig()))));
   return summary;
 }
 
