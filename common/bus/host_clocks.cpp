@@ -6,6 +6,11 @@
 #include "messages/age.hpp"
 
 namespace softhand::bus {
+namespace {
+
+constexpr Nanoseconds kForgotten = 10'000'000'000;  // a host that is silent for this time has left
+
+}  // namespace
 
 bool HostClocks::to_local(Stamp& stamp) const noexcept {
   if (stamp.clock_id == 0 || stamp.clock_id == own_) return true;
@@ -63,6 +68,11 @@ void HostClocks::update(Nanoseconds now, BoundedVector<HostClock, kMaxHosts>& ou
   out.clear();
   for (Host& host : hosts_) {
     if (host.id == 0) continue;
+    if (now - host.clock.received > kForgotten) {
+      host.id = 0;
+      host.clock.received = 0;
+      continue;
+    }
     const auto estimate =
         synchronised_ ? host.from_wall : host.estimator.at(now).value_or(ClockOffset::Estimate{0, -1, 0});
     host.clock.offset = estimate.offset;

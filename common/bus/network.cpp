@@ -149,7 +149,8 @@ constexpr std::string_view kCyclone = R"xml(<?xml version="1.0" encoding="UTF-8"
       <Interfaces>
 {}      </Interfaces>
       <AllowMulticast>{}</AllowMulticast>
-      <MaxMessageSize>65500B</MaxMessageSize>
+      <MaxMessageSize>{}</MaxMessageSize>
+      <FragmentSize>{}</FragmentSize>
     </General>
     <Discovery>
       <!-- The services use participant ids from 33 on. -->
@@ -224,7 +225,9 @@ std::string cyclone_settings(const Network& network, const std::string& role) {
   }
   for (const std::string& address : network.peers) peers += fmt::format("        <Peer Address=\"{}\"/>\n", address);
   if (!network.security.empty()) security = fmt::format(kCycloneSecurity, network.security, role);
-  return fmt::format(kCyclone, interfaces, network.options.multicast ? "spdp" : "false", peers, security);
+  return fmt::format(kCyclone, interfaces, network.options.multicast ? "spdp" : "false",
+                     network.leaves_host() ? "1400B" : "65500B", network.leaves_host() ? "1300B" : "1344B", peers,
+                     security);
 }
 
 std::string network_reference() { return reference_markdown<NetworkFile>("Network"); }
