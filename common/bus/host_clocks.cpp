@@ -1,6 +1,8 @@
 #include "bus/host_clocks.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <limits>
 
 #include "messages/age.hpp"
@@ -8,6 +10,7 @@
 namespace softhand::bus {
 namespace {
 
+constexpr double kSlew = 5e-3;                      // largest change of an offset, s/s
 constexpr Nanoseconds kForgotten = 10'000'000'000;  // a host that is silent for this time has left
 
 }  // namespace
@@ -78,8 +81,23 @@ void HostClocks::update(Nanoseconds now, BoundedVector<HostClock, kMaxHosts>& ou
     host.clock.offset = estimate.offset;
     host.clock.uncertainty = estimate.uncertainty;
     host.clock.drift = estimate.drift;
-    host.offset = is_known(host.clock) ? estimate.offset : kUnknown;
-    host.uncertainty = estimate.uncertainty;
+    if (is_known(host.clock)) {
+      // Velocities are differences of samples by differences of stamps. So a better estimate is approached slowly,
+      // while the former one is possible.
+      const double spread = 1e9 * std::min(estimate.uncertainty, kMostClockUncertainty - estimate.uncertainty);
+      const auto slew = static_cast<double>(now - host.updated) * kSlew;
+      if (host.offset != kUnknown) {
+        const double ahead = static_cast<double>(host.offset - estimate.offset);
+        const double left = std::clamp(ahead, -spread, spread);
+        host.clock.offset += std::llround(left - std::clamp(left, -slew, slew));
+        host.clock.uncertainty += 1e-9 * static_cast<double>(std::abs(host.clock.offset - estimate.offset));
+      }
+      host.offset = host.clock.offset;
+    } else {
+      host.offset = kUnknown;
+    }
+    host.updated = now;
+    host.uncertainty = host.clock.uncertainty;
     host.drift = estimate.drift;
     out.push_back(host.clock);
   }

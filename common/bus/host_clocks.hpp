@@ -39,6 +39,7 @@ class HostClocks {
     // The rest is behind the mutex.
     ClockOffset estimator;
     HostClock clock;
+    Nanoseconds updated = 0;
     ClockOffset::Estimate from_wall{0, -1, 0};
   };
 

@@ -11,6 +11,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,8 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 PARTS = {"solver": 0, "world": 1000, "devices": 3600}  # offset of each host's clock, s
 MEASURING = 500  # of the host's process that measures, s
 DROP, DELAY = 0.05, 0.05
-CUT_AT, CUT_FOR, SECONDS = 14.0, 2.0, 26
+# The motion takes 12.2 s and is repeated. The weight is that of the first grip; the cable is cut in the second one.
+STATUS_AT, CUT_AT, CUT_FOR, SECONDS = 8, 17, 2, 24  # s after the start of the tracker
 failures = []
 
 
@@ -82,7 +84,19 @@ def on_host(name, offset, command, folder, **options):
     environment = dict(os.environ, SOFTHAND_NETWORK=os.path.join(folder, "network.toml"), SOFTHAND_DOMAIN="0",
                        XDG_RUNTIME_DIR=runtime)
     return subprocess.Popen(["ip", "netns", "exec", name, "unshare", "--time", "--monotonic", str(offset), "--fork",
-                             "--kill-child=TERM", *command], env=environment, **options)
+                             *command], env=environment, start_new_session=True, **options)
+
+
+def stop(process):
+    """`unshare` ignores signals and ends with its child, which is in its process group."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGTERM)
+    return process.wait()
+
+
+def read(path):
+    with open(path) as text:
+        return text.read()
 
 
 def check_clocks(name, text):
@@ -126,16 +140,18 @@ def main():
         rigs = {}
         logs = {}
         for part, offset in PARTS.items():
-            logs[part] = open(os.path.join(folder, part + ".log"), "w+")
-            command = [f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/hosts/{part}.toml", "--seconds",
-                       str(SECONDS), "--set", "hand.model=right_400.hand.json", "--set", f"haptic.log.file={glove}"]
+            logs[part] = os.path.join(folder, part + ".log")
+            command = [f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/hosts/{part}.toml", "--set", "hand.model=right_400.hand.json", "--set", f"haptic.log.file={glove}"]
             if part == "devices":
-                command += ["--json", summary]
-            rigs[part] = on_host(names[part], offset, command, folder, stdout=logs[part], stderr=subprocess.STDOUT)
-            stack.callback(rigs[part].wait)
-            stack.callback(rigs[part].terminate)
+                command += ["--seconds", str(SECONDS), "--json", summary]
+            rigs[part] = on_host(names[part], offset, command, folder, stdout=open(logs[part], "w"),
+                                 stderr=subprocess.STDOUT)
+            stack.callback(stop, rigs[part])
+        given_up = time.monotonic() + 30
+        while "is up" not in read(logs["devices"]) and time.monotonic() < given_up:
+            time.sleep(0.05)
         started = time.monotonic()
-        time.sleep(CUT_AT - 5)
+        time.sleep(STATUS_AT)
         status = on_host(names["solver"], MEASURING, [f"{PROGRAMS}/softhand", "status", "--once"], folder,
                          stdout=subprocess.PIPE, text=True)
         check_clocks("status", status.communicate()[0])
@@ -145,12 +161,8 @@ def main():
         time.sleep(CUT_FOR)
         joined = time.monotonic() + PARTS["devices"]
         tell("join 3")
-        for part, rig in rigs.items():
-            check(rig.wait() == 0, f"part {part} ends cleanly")
-        if failures:
-            for part, log in logs.items():
-                log.seek(0)
-                print(f"--- {part}\n{log.read()}")
+        for part in ("devices", "solver", "world"):
+            check((rigs[part].wait() if part == "devices" else stop(rigs[part])) == 0, f"part {part} ends cleanly")
         check_glove(glove, cut, joined)
         with open(summary) as text:
             outcome = json.load(text)
@@ -160,6 +172,9 @@ def main():
         for loop in ("world", "hand", "tracking", "haptic"):
             counters = outcome["loops"].get(loop, {}).get("counters", {})
             print(loop, {key: round(counters[key], 3) for key in counters if "clock" in key or "refused_stamp" in key})
+        if failures:
+            for part, log in logs.items():
+                print(f"--- {part}\n{read(log)}")
         keep = os.environ.get("SOFTHAND_KEEP")
         if keep:
             shutil.copytree(folder, keep, dirs_exist_ok=True)
