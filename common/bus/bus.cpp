@@ -539,11 +539,11 @@ void apply_security(dds::DomainParticipantQos& qos, const std::string& folder, c
   const std::string all = "file://" + folder + "/", own = all + role + "/";
   const std::string identity = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
   properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
-  properties.emplace_back(identity + "identity_ca", all + "identity_ca.pem");
+  properties.emplace_back(identity + "identity_ca", all + "authority.pem");
   properties.emplace_back(identity + "identity_certificate", own + "certificate.pem");
   properties.emplace_back(identity + "private_key", own + "key.pem");
   properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
-  properties.emplace_back(access + "permissions_ca", all + "permissions_ca.pem");
+  properties.emplace_back(access + "permissions_ca", all + "authority.pem");
   properties.emplace_back(access + "governance", all + "governance.p7s");
   properties.emplace_back(access + "permissions", own + "permissions.p7s");
   properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");

@@ -90,7 +90,7 @@ Server server_of(const std::string& text) {
 std::string check_security(const fs::path& folder, const std::string& text, const NetworkOptions& options) {
   if (text.empty()) return {};
   if (!options.discovery_server.empty()) return "an empty text beside discovery_server: a server takes no part in it";
-  for (const char* file : {"identity_ca.pem", "permissions_ca.pem", "governance.p7s"}) {
+  for (const char* file : {"authority.pem", "governance.p7s"}) {
     if (!fs::exists(folder / text / file)) return fmt::format("a folder of deploy/security with the file {}", file);
   }
   return {};
@@ -168,18 +168,18 @@ constexpr std::string_view kCyclone = R"xml(<?xml version="1.0" encoding="UTF-8"
 constexpr std::string_view kCycloneSecurity = R"xml(    <Security>
       <Authentication>
         <Library path="dds_security_auth" initFunction="init_authentication" finalizeFunction="finalize_authentication"/>
-        <IdentityCA>file:{0}/identity_ca.pem</IdentityCA>
-        <IdentityCertificate>file:{0}/{1}/certificate.pem</IdentityCertificate>
-        <PrivateKey>file:{0}/{1}/key.pem</PrivateKey>
+        <IdentityCA>file:{0}/authority.pem</IdentityCA>
+        <IdentityCertificate>file:{0}/{1}-cyclone/certificate.pem</IdentityCertificate>
+        <PrivateKey>file:{0}/{1}-cyclone/key.pem</PrivateKey>
       </Authentication>
       <Cryptographic>
         <Library path="dds_security_crypto" initFunction="init_crypto" finalizeFunction="finalize_crypto"/>
       </Cryptographic>
       <AccessControl>
         <Library path="dds_security_ac" initFunction="init_access_control" finalizeFunction="finalize_access_control"/>
-        <PermissionsCA>file:{0}/permissions_ca.pem</PermissionsCA>
+        <PermissionsCA>file:{0}/authority.pem</PermissionsCA>
         <Governance>file:{0}/governance.p7s</Governance>
-        <Permissions>file:{0}/{1}/permissions.p7s</Permissions>
+        <Permissions>file:{0}/{1}-cyclone/permissions.p7s</Permissions>
       </AccessControl>
     </Security>
 )xml";
