@@ -672,8 +672,10 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
     std::fprintf(stderr, "%s: a process without a valid identity was refused (participant %s)\n", name_.c_str(),
                  guid.str().c_str());
   }
-  /// For messages about endpoints that DDS refused.
-  std::string as_role() const { return role_.empty() ? "" : " as " + role_; }
+  /// Ends a message about an endpoint that DDS refused.
+  std::string possible_reason() const {
+    return role_.empty() ? "" : "; the permissions of the role " + role_ + " may forbid it";
+  }
   const HostClocks& clocks() const { return clocks_; }
 
   dds::Publisher& publisher() { return *publisher_; }
@@ -716,7 +718,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
     dds::DataReader* reader = subscriber_->create_datareader(beacons, read_qos);
     if (writer == nullptr || reader == nullptr) {
       close();
-      fail("cannot create a writer and a reader of " + std::string(row.name) + as_role());
+      fail("cannot create a writer and a reader of " + std::string(row.name) + possible_reason());
     }
     exchange_ = std::make_unique<ClockExchange>(clocks_, epoch_, writer);
     reader->set_listener(exchange_.get(), dds::StatusMask::data_available());
@@ -764,7 +766,8 @@ class WriterImpl final : public dds::DataWriterListener {
     qos.user_data().data_vec({user_data.begin(), user_data.end()});
     writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
                                                           dds::StatusMask::publication_matched());
-    if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name) + participant_->as_role());
+    if (writer_ == nullptr)
+      fail("cannot create a writer of " + std::string(row.name) + participant_->possible_reason());
   }
   ~WriterImpl() override {
     // The notice of departure uses another socket than the data. A reader that receives the notice first drops the last
@@ -837,7 +840,8 @@ class ReaderImpl final : public dds::DataReaderListener {
     qos.user_data().data_vec({user_data.begin(), user_data.end()});
     reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
     if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
-    if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name) + participant_->as_role());
+    if (reader_ == nullptr)
+      fail("cannot create a reader of " + std::string(row.name) + participant_->possible_reason());
   }
   ~ReaderImpl() override {
     reader_->set_listener(nullptr);

@@ -82,13 +82,13 @@ void HostClocks::update(Nanoseconds now, BoundedVector<HostClock, kMaxHosts>& ou
     host.clock.uncertainty = estimate.uncertainty;
     host.clock.drift = estimate.drift;
     if (is_known(host.clock)) {
-      // Velocities are differences of samples by differences of stamps. So a better estimate is approached slowly,
-      // while the former one is possible.
-      const double spread = 1e9 * std::min(estimate.uncertainty, kMostClockUncertainty - estimate.uncertainty);
+      // Velocities are differences of samples by differences of stamps. So a better estimate is approached slowly. The
+      // rest of the way counts as uncertainty.
+      const double most = 1e9 * (kMostClockUncertainty - estimate.uncertainty);
       const auto slew = static_cast<double>(now - host.updated) * kSlew;
       if (host.offset != kUnknown) {
         const double ahead = static_cast<double>(host.offset - estimate.offset);
-        const double left = std::clamp(ahead, -spread, spread);
+        const double left = std::clamp(ahead, -most, most);
         host.clock.offset += std::llround(left - std::clamp(left, -slew, slew));
         host.clock.uncertainty += 1e-9 * static_cast<double>(std::abs(host.clock.offset - estimate.offset));
       }

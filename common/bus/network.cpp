@@ -149,9 +149,7 @@ constexpr std::string_view kCyclone = R"xml(<?xml version="1.0" encoding="UTF-8"
       <Interfaces>
 {}      </Interfaces>
       <AllowMulticast>{}</AllowMulticast>
-      <MaxMessageSize>{}</MaxMessageSize>
-      <FragmentSize>{}</FragmentSize>
-    </General>
+{}    </General>
     <Discovery>
       <!-- The services use participant ids from 33 on. -->
       <ParticipantIndex>auto</ParticipantIndex>
@@ -163,6 +161,13 @@ constexpr std::string_view kCyclone = R"xml(<?xml version="1.0" encoding="UTF-8"
     </Discovery>
 {}  </Domain>
 </CycloneDDS>
+)xml";
+
+constexpr std::string_view kCycloneLarge = R"xml(      <MaxMessageSize>65500B</MaxMessageSize>
+)xml";
+// Each message is one packet of Ethernet (bus.cpp says why).
+constexpr std::string_view kCycloneSmall = R"xml(      <MaxMessageSize>1400B</MaxMessageSize>
+      <FragmentSize>1300B</FragmentSize>
 )xml";
 
 constexpr std::string_view kCycloneSecurity = R"xml(    <Security>
@@ -226,8 +231,7 @@ std::string cyclone_settings(const Network& network, const std::string& role) {
   for (const std::string& address : network.peers) peers += fmt::format("        <Peer Address=\"{}\"/>\n", address);
   if (!network.security.empty()) security = fmt::format(kCycloneSecurity, network.security, role);
   return fmt::format(kCyclone, interfaces, network.options.multicast ? "spdp" : "false",
-                     network.leaves_host() ? "1400B" : "65500B", network.leaves_host() ? "1300B" : "1344B", peers,
-                     security);
+                     network.leaves_host() ? kCycloneSmall : kCycloneLarge, peers, security);
 }
 
 std::string network_reference() { return reference_markdown<NetworkFile>("Network"); }

@@ -41,7 +41,8 @@ RigOptions read_rig(const std::string& path) {
   std::set<fs::path> seen;
   RigOptions rig = read(path, seen);
   if (rig.scene.empty()) throw ConfigError(path + ": scene: expected a scene file");
-  if (full_name(rig).size() > 59) throw ConfigError(path + ": name: expected at most 58 characters with its part");
+  if (full_name(rig).size() >= sizeof(ShortText) || rig.part.size() > 58)
+    throw ConfigError(path + ": name: expected at most 63 characters with its part, and 58 in the part");
   if (rig.name.find('/') != std::string::npos || rig.part.find('/') != std::string::npos)
     throw ConfigError(path + ": name: expected a name and a part without '/'");
   for (const RigProcess& process : rig.processes) {

@@ -49,7 +49,8 @@ struct RigOptions {
   std::vector<RigProcess> processes;
 };
 inline void describe(OptionVisitor& v, RigOptions& o) {
-  v.string("name", o.name, "Name of the rig. Name and part have at most 58 characters together.");
+  v.string("name", o.name,
+           "Name of the rig, at most 63 characters. Name and part have at most 62 characters together.");
   v.string(
       "part", o.part,
       "Name of the part of the rig that runs on this host. Parts of one rig share a domain. Empty = the rig runs on "
