@@ -79,7 +79,8 @@ constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
 constexpr std::chrono::milliseconds kBeaconPeriod{100};
 /// Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
 /// the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
-/// and then it dropped all split datagrams.
+/// and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
+/// secured domain are larger.
 constexpr std::uint32_t kMessageSize = 1400;
 
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
@@ -490,7 +491,7 @@ void apply_network(dds::DomainParticipantQos& qos, const Network& network, int d
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
   udp->interfaceWhiteList = network.addresses;
   udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
-  if (network.leaves_host()) udp->maxMessageSize = kMessageSize;
+  if (network.has_small_messages()) udp->maxMessageSize = kMessageSize;
   // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
   // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
   // With UDP it is heard after 20 ms (worst 0.44 s).

@@ -165,7 +165,7 @@ constexpr std::string_view kCyclone = R"xml(<?xml version="1.0" encoding="UTF-8"
 
 constexpr std::string_view kCycloneLarge = R"xml(      <MaxMessageSize>65500B</MaxMessageSize>
 )xml";
-// Each message is one packet of Ethernet (bus.cpp says why).
+// Each message fits into one packet of Ethernet (bus.cpp says why).
 constexpr std::string_view kCycloneSmall = R"xml(      <MaxMessageSize>1400B</MaxMessageSize>
       <FragmentSize>1300B</FragmentSize>
 )xml";
@@ -195,6 +195,8 @@ bool Network::leaves_host() const {
   return !profile.empty() || std::any_of(addresses.begin(), addresses.end(),
                                          [](const std::string& address) { return !address.starts_with("127."); });
 }
+
+bool Network::has_small_messages() const { return leaves_host() && security.empty(); }
 
 Network read_network(const std::string& path) {
   NetworkFile file{fs::absolute(path).parent_path(), {}};
@@ -231,7 +233,7 @@ std::string cyclone_settings(const Network& network, const std::string& role) {
   for (const std::string& address : network.peers) peers += fmt::format("        <Peer Address=\"{}\"/>\n", address);
   if (!network.security.empty()) security = fmt::format(kCycloneSecurity, network.security, role);
   return fmt::format(kCyclone, interfaces, network.options.multicast ? "spdp" : "false",
-                     network.leaves_host() ? kCycloneSmall : kCycloneLarge, peers, security);
+                     network.has_small_messages() ? kCycloneSmall : kCycloneLarge, peers, security);
 }
 
 std::string network_reference() { return reference_markdown<NetworkFile>("Network"); }

@@ -29,6 +29,8 @@ struct Network {
   std::string profile;                              ///< path; empty: none
   /// True if processes of other hosts can be reached.
   bool leaves_host() const;
+  /// True if each message fits into one packet of Ethernet.
+  bool has_small_messages() const;
 };
 
 /// What a process may write in a secured domain. deploy/security makes one identity for each.

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""hosts_test.py PROGRAMS FORWARDER: the rig `hosts` on three hosts.
+"""hosts_test.py PROGRAMS FORWARDER BUS_PEER CYCLONE_PEER: the rig `hosts` on three hosts.
 
 The hosts are network namespaces, each in a time namespace with its own CLOCK_MONOTONIC. tests/support/forwarder is the
-switch between them. It drops 5 % of the frames and delays each by up to 50 ms. Checks: the weight of the cube, the
-offsets of the clocks, and what the glove does when the cable is cut for 2 s. Exit code 77: this machine does not permit
-namespaces.
+switch between them. First every kind of network is tried with both vendors. Then the switch drops 5 % of the frames and
+delays them by up to 50 ms, and the rig runs. Checks: the weight of the cube, the offsets of the clocks, and what the
+glove does when the cable is cut for 2 s. Exit code 77: this machine does not permit namespaces.
 """
 import contextlib
 import json
@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 
-PROGRAMS, FORWARDER = sys.argv[1:3]
+PROGRAMS, FORWARDER, BUS_PEER, CYCLONE_PEER = sys.argv[1:5]
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PARTS = {"solver": 0, "world": 1000, "devices": 3600}  # offset of each host's clock, s
 MEASURING = 500  # of the host's process that measures, s
@@ -76,13 +76,14 @@ def namespaces(stack):
     return names, tell
 
 
-def on_host(name, offset, command, folder, **options):
-    """Starts a program on a host."""
+def on_host(name, offset, command, folder, network="network", domain=0, **options):
+    """Starts a program on a host. Its CYCLONEDDS_URI is for programs on Cyclone DDS."""
     runtime = os.path.join(folder, name)
     os.makedirs(runtime, exist_ok=True)
     os.chmod(runtime, 0o700)
-    environment = dict(os.environ, SOFTHAND_NETWORK=os.path.join(folder, "network.toml"), SOFTHAND_DOMAIN="0",
-                       XDG_RUNTIME_DIR=runtime)
+    environment = dict(os.environ, SOFTHAND_NETWORK=os.path.join(folder, network + ".toml"),
+                       SOFTHAND_DOMAIN=str(domain), XDG_RUNTIME_DIR=runtime,
+                       CYCLONEDDS_URI="file://" + os.path.join(runtime, network + ".xml"))
     return subprocess.Popen(["ip", "netns", "exec", name, "unshare", "--time", "--monotonic", str(offset), "--fork",
                              *command], env=environment, start_new_session=True, **options)
 
@@ -97,6 +98,66 @@ def stop(process):
 def read(path):
     with open(path) as text:
         return text.read()
+
+
+PROFILE = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>udp</transport_id>
+      <type>UDPv4</type>
+      <interfaceWhiteList><address>10.77.0.1</address><address>10.77.0.2</address></interfaceWhiteList>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="softhand">
+    <rtps>
+      <useBuiltinTransports>false</useBuiltinTransports>
+      <userTransports><transport_id>udp</transport_id></userTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
+NETWORKS = {
+    "multicast": 'interfaces = "eth0"',
+    "peers": 'interfaces = "eth0"\nmulticast = false\npeers = "10.77.0.1 10.77.0.2"',
+    "secured": 'interfaces = "eth0"\nsecurity = "identities"',
+    "server": 'interfaces = "eth0"\ndiscovery_server = "10.77.0.1:11811"',
+    "profile": 'profile = "profile.xml"',
+}
+
+
+def check_networks(names, folder):
+    """On each kind of network, a program on the second host reads what one on the first writes."""
+    with open(os.path.join(folder, "profile.xml"), "w") as out:
+        out.write(PROFILE)
+    subprocess.run([f"{ROOT}/deploy/security", os.path.join(folder, "identities")], check=True)
+    one, other = names["solver"], names["world"]
+    server = subprocess.Popen(["ip", "netns", "exec", one, "fastdds", "discovery", "-i", "0", "-l", "10.77.0.1", "-p",
+                               "11811"], stdout=subprocess.DEVNULL, start_new_session=True)
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    writers, readers = [], {}
+    for domain, (network, text) in enumerate(NETWORKS.items(), 1):
+        with open(os.path.join(folder, network + ".toml"), "w") as out:
+            out.write(f"[network]\n{text}\n")
+        write = [BUS_PEER, "hand", "write", "bone_wrench", "8"]
+        read = [BUS_PEER, "client", "read", "bone_wrench", "6"]
+        writers.append(on_host(one, 0, write, folder, network, domain, **quiet))
+        # Two readers on the writer's own host and on the other one.
+        readers[f"fast, {network}, same host"] = on_host(one, 0, read, folder, network, domain, **quiet)
+        readers[f"fast, {network}"] = on_host(other, 0, read, folder, network, domain, **quiet)
+        if network in ("server", "profile"):  # Cyclone DDS has none
+            continue
+        settings = on_host(other, 0, [f"{PROGRAMS}/softhand", "cyclone"], folder, network, stdout=subprocess.PIPE)
+        with open(os.path.join(folder, other, network + ".xml"), "wb") as out:
+            out.write(settings.communicate()[0])
+        read = [CYCLONE_PEER, str(domain), "read", "bone_wrench", "6"]
+        readers[f"cyclone, {network}"] = on_host(other, 0, read, folder, network, domain, **quiet)
+    for name, reader in readers.items():
+        output = reader.communicate()[0]
+        found = re.search(r"^samples (\d+)$", output, re.MULTILINE)
+        check(found and int(found[1]) > 50, f"{name}: {found[0] if found else output}")
+    for writer in writers:
+        writer.communicate()
+    stop(server)
 
 
 def check_clocks(name, text):
@@ -134,6 +195,7 @@ def main():
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         with open(os.path.join(folder, "network.toml"), "w") as out:
             out.write('[network]\ninterfaces = "eth0"\n')
+        check_networks(names, folder)
         tell(f"drop {DROP}")
         tell(f"delay {DELAY}")
         glove, summary = os.path.join(folder, "glove.jsonl"), os.path.join(folder, "summary.json")

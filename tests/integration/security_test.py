@@ -183,7 +183,7 @@ def run_checks(domain, rig, log, summary):
         check(number(output, "readers") >= 0, f"a tracker without own checks on {vendor} writes wrenches")
         check(second_writers(domain) == 0, "no glove receives them")
         check(read(log).count("Security manager returns an error") > before, "the rig logs it")
-    output = domain.peer("fast", "good", "hand", "write", "bone_wrench").communicate()[0]
+    domain.peer("fast", "good", "hand", "write", "bone_wrench", 8).communicate()
     check(second_writers(domain) > 0, "a glove receives those of a second hand, and counts them")
 
     modules = set(domain.status())
