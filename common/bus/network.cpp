@@ -172,7 +172,8 @@ constexpr std::string_view kCycloneSmall = R"xml(      <MaxMessageSize>1400B</Ma
 
 constexpr std::string_view kCycloneSecurity = R"xml(    <Security>
       <Authentication>
-        <Library path="dds_security_auth" initFunction="init_authentication" finalizeFunction="finalize_authentication"/>
+        <Library path="dds_security_auth" initFunction="init_authentication"
+                 finalizeFunction="finalize_authentication"/>
         <IdentityCA>file:{0}/authority.pem</IdentityCA>
         <IdentityCertificate>file:{0}/{1}-cyclone/certificate.pem</IdentityCertificate>
         <PrivateKey>file:{0}/{1}-cyclone/key.pem</PrivateKey>
@@ -181,7 +182,8 @@ constexpr std::string_view kCycloneSecurity = R"xml(    <Security>
         <Library path="dds_security_crypto" initFunction="init_crypto" finalizeFunction="finalize_crypto"/>
       </Cryptographic>
       <AccessControl>
-        <Library path="dds_security_ac" initFunction="init_access_control" finalizeFunction="finalize_access_control"/>
+        <Library path="dds_security_ac" initFunction="init_access_control"
+                 finalizeFunction="finalize_access_control"/>
         <PermissionsCA>file:{0}/authority.pem</PermissionsCA>
         <Governance>file:{0}/governance.p7s</Governance>
         <Permissions>file:{0}/{1}-cyclone/permissions.p7s</Permissions>

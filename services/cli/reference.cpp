@@ -14,8 +14,8 @@ std::string reference_page() {
          "`softhand reference > docs/reference.md`.\n\n"
          "A scene is one TOML file (`config/scenes/`) that all processes of a rig read. A rig (`config/rigs/`) lists "
          "the\nprocesses. The environment variable SOFTHAND_NETWORK names the file of the network. A key that is not "
-         "in the file has its default. Unknown keys, wrong types and values out of "
-         "range are\nrefused with file and line. The command line can override every key of a scene:\n\n"
+         "in\nthe file has its default. Unknown keys, wrong types and values out of range are refused with file and "
+         "line.\nThe command line can override every key of a scene:\n\n"
          "- `--set hand.rate_hz=60`\n"
          "- `--set objects.cube.mass=0.1` (by the `name` of a list element)\n"
          "- `--set objects.0.mass=0.1`\n\n" +

@@ -203,7 +203,8 @@ def main():
         logs = {}
         for part, offset in PARTS.items():
             logs[part] = os.path.join(folder, part + ".log")
-            command = [f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/hosts/{part}.toml", "--set", "hand.model=right_400.hand.json", "--set", f"haptic.log.file={glove}"]
+            command = [f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/hosts/{part}.toml",
+                       "--set", "hand.model=right_400.hand.json", "--set", f"haptic.log.file={glove}"]
             if part == "devices":
                 command += ["--seconds", str(SECONDS), "--json", summary]
             rigs[part] = on_host(names[part], offset, command, folder, stdout=open(logs[part], "w"),
