@@ -1,20 +1,42 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "bus/bus.hpp"
 #include "cli/commands.hpp"
 #include "cli/status_table.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/signals.hpp"
 
 namespace softhand {
+namespace {
+
+// One line for each other host.
+std::string clock_lines(const bus::Participant& participant) {
+  std::string out;
+  const std::vector<bus::Peer> peers = participant.peers();
+  for (const HostClock& clock : participant.clocks()) {
+    const auto is_there = [&clock](const bus::Peer& peer) { return peer.clock_id == clock.clock_id; };
+    const auto peer = std::find_if(peers.begin(), peers.end(), is_there);
+    out += fmt::format("clock of {} ({:08x}): ", peer == peers.end() ? "a host" : get_text(peer->host), clock.clock_id);
+    out += is_known(clock)
+               ? fmt::format("offset {:+.6f} s +- {:.3f} ms, drift {:+.1f} ppm\n",
+                             1e-9 * static_cast<double>(clock.offset), 1e3 * clock.uncertainty, 1e6 * clock.drift)
+               : "unknown\n";
+  }
+  return out;
+}
+
+}  // namespace
 
 int run_status(const StatusArguments& arguments) {
   const StopSignal stop;
@@ -35,7 +57,8 @@ int run_status(const StatusArguments& arguments) {
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
-      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module found on this domain\n" : "");
+      fmt::print("{}{}{}", status_table(modules, now()), clock_lines(participant),
+                 modules.empty() ? "no module found on this domain\n" : "");
     }
     std::fflush(stdout);
     if (snapshot) return modules.empty() ? 1 : 0;

@@ -20,7 +20,8 @@ int run_device(int argc, char** argv, const std::string& module, OptionsOf optio
   return guarded_main("softhand-" + module, [&] {
     using Input = typename Driver::Input;
     constexpr const Input* kInput = nullptr;
-    const DeviceArguments arguments = parse_device_arguments(argc, argv, module);
+    const char* const role = kind_of(kInput) == 0 ? "haptic" : "tactile";
+    const DeviceArguments arguments = parse_device_arguments(argc, argv, role, module);
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     const HandKey hand = hand_key(scene);
     const auto& options = options_of(scene.options);
