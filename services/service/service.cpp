@@ -94,6 +94,10 @@ TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::strin
         ->capture_default_str()
         ->check(CLI::NonNegativeNumber);
     app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
+    app.add_option("--user", arguments.user,
+                   "User of the published hands and heads. Default: `user` of the scene. With another one this tracker "
+                   "is a source of softhand-tracker-fusion")
+        ->check(CLI::Range(0, 15));
   });
   return arguments;
 }

@@ -28,10 +28,11 @@ struct ServiceArguments {
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about);
 
 struct TrackerArguments : ServiceArguments {
-  int strength = 0;          ///< of several trackers of one hand, the strongest one owns it
-  std::uint32_t source = 0;  ///< source id in the published samples
+  int strength = 0;                   ///< of several trackers of one hand, the strongest one owns it
+  std::uint32_t source = 0;           ///< source id in the published samples
+  std::optional<std::uint32_t> user;  ///< in the published samples; empty: the user of the scene
 };
-/// The same for a tracker, with `--strength` and `--source` added.
+/// The same for a tracker, with `--strength`, `--source` and `--user` added.
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about);
 
 struct DeviceArguments : ServiceArguments {

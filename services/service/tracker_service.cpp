@@ -104,8 +104,8 @@ int run_tracker(int argc, char** argv, const TrackerProgram& program) {
     const TrackerArguments arguments = parse_tracker_arguments(argc, argv, program.about);
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     Service service(arguments, kPollRate, program.pacing);
-    const std::unique_ptr<TrackerSource> source = program.make_source(scene);
-    Publisher publisher(service, program.pacing, arguments, hand_key(scene).user);
+    const std::unique_ptr<TrackerSource> source = program.make_source(scene, service.participant());
+    Publisher publisher(service, program.pacing, arguments, arguments.user.value_or(hand_key(scene).user));
 
     const auto answer = [&](const Message& message) {
       if (!is_addressed(message, arguments.module))

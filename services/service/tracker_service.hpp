@@ -18,8 +18,9 @@ struct TrackerProgram {
   /// simulation, and a message `restart` or a reset of the simulation restarts it.
   Pacing pacing = Pacing::real;
   /// Opens the device. Throws if this can never succeed, for example if a port is in use. A device that may appear
-  /// later is no reason to throw. The source must not outlive the scene.
-  std::function<std::unique_ptr<TrackerSource>(const Scene&)> make_source;
+  /// later is no reason to throw. The source must not outlive the scene. A source that subscribes to topics uses the
+  /// participant.
+  std::function<std::unique_ptr<TrackerSource>(const Scene&, const bus::Participant&)> make_source;
 };
 
 /// Publishes the samples of the source as tracked_skeleton and head_pose, and its health and counters in loop_status,
