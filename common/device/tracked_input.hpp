@@ -75,6 +75,8 @@ class TrackedInput {
   /// Stamp and confidence of the newest accepted sample, for messages derived from it.
   const Stamp& stamp() const { return stamp_; }
   double confidence() const { return confidence_; }
+  /// Time of the newest accepted sample: its sample time, or its arrival if its clock is implausible.
+  Nanoseconds time() const { return time_; }
 
   /// For writing and reading all that samples have changed (messages/plain_bytes.hpp).
   template <typename Self, typename Visit>
