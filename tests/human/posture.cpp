@@ -5,8 +5,8 @@
 
 #include "energies/corotational.hpp"
 #include "math/rotation.hpp"
+#include "model/kinematics.hpp"
 #include "scene/hand_simulation.hpp"
-#include "trackers/replay/kinematics.hpp"
 
 namespace softhand::human {
 namespace {
