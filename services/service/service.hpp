@@ -41,6 +41,12 @@ struct DeviceArguments : ServiceArguments {
 /// The same for a haptic or tactile device, with `--device` added.
 DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module);
 
+struct TrackingDeviceArguments : TrackerArguments {
+  std::uint32_t device = 0;
+};
+/// The same for a device that tracks and pushes back, with the options of both.
+TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, const std::string& module);
+
 enum class Urgency {
   real_time,  ///< memory locked and priority raised (`--priority`); prints a warning if this is refused
   ordinary,   ///< lower priority than the other processes; for displays

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "device/health.hpp"
 #include "device/tracker_source.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
@@ -21,6 +22,41 @@ struct TrackerProgram {
   /// later is no reason to throw. The source must not outlive the scene. A source that subscribes to topics uses the
   /// participant.
   std::function<std::unique_ptr<TrackerSource>(const Scene&, const bus::Participant&)> make_source;
+};
+
+/// The side of a device that tracks: publishes the samples of a source as tracked_skeleton and head_pose, and its
+/// health.
+class TrackerFace final : private TrackerSink {
+ public:
+  /// `user`: of the scene; `arguments` may name another one.
+  TrackerFace(const Service& service, Pacing pacing, const TrackerArguments& arguments, std::uint32_t user);
+
+  void poll(TrackerSource& source, Nanoseconds now);
+  /// Starts a played motion over.
+  void restart(TrackerSource& source);
+  void fill_status(const TrackerSource& source, LoopStatus& status, Nanoseconds now) const;
+
+ private:
+  void hand(const Skeleton& sample) override;
+  void head(const HeadPose& sample) override;
+  void arrived(Nanoseconds sample_time);
+  void stamp(Stamp& stamp) const;
+
+  const Service& service_;
+  const Pacing pacing_;
+  const std::uint32_t user_;
+  const std::uint32_t source_;
+  bus::Writer<Skeleton> hands_;
+  bus::Writer<HeadPose> heads_;
+  HealthMonitor health_;
+  Health health_now_ = Health::opening;
+  Skeleton hand_;
+  HeadPose head_;
+  Nanoseconds now_ = 0;
+  Nanoseconds newest_ = 0;  // sample time
+  std::uint64_t published_ = 0;
+  std::uint64_t restarts_ = 0;
+  bool started_ = false;
 };
 
 /// Publishes the samples of the source as tracked_skeleton and head_pose, and its health and counters in loop_status,
