@@ -7,6 +7,7 @@
 #include "math/rotation.hpp"
 #include "model/kinematics.hpp"
 #include "scene/hand_simulation.hpp"
+#include "trackers/replay/motion.hpp"
 
 namespace softhand::human {
 namespace {
