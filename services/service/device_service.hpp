@@ -96,7 +96,10 @@ int run_tracking_device(int argc, char** argv, const std::string& module) {
                    tracker.poll(*device, now);
                    back.step(now);
                  },
-                 [&](const Message& message) { return back.answer(message, arguments.module); },
+                 [&](const Message& message) {
+                   const auto reply = tracker.answer(message, arguments.module);
+                   return reply ? *reply : back.answer(message, arguments.module);
+                 },
                  [&](LoopStatus& status, Nanoseconds now) {
                    back.fill_status(status, now);
                    tracker.fill_status(*device, status, now);

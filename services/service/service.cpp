@@ -9,6 +9,7 @@
 #include <exception>
 
 #include "device/answer.hpp"
+#include "device/health.hpp"
 #include "messages/convert.hpp"
 #include "runtime/config.hpp"
 #include "runtime/exit_codes.hpp"
@@ -82,9 +83,9 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
 
 void add_tracker_options(CLI::App& app, TrackerArguments& arguments) {
   app.add_option("--strength", arguments.strength,
-                 "Priority among several trackers of one hand: the strongest one owns the hand")
+                 "Priority among several trackers of one hand: the strongest healthy one owns the hand")
       ->capture_default_str()
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::Range(0, kMostStrength));
   app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
   app.add_option(
          "--user", arguments.user,

@@ -2,15 +2,19 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
+#include <cmath>
 
 #include "device/answer.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "runtime/scheduling.hpp"
 
 namespace softhand {
 namespace {
 
 constexpr double kPollRate = 1000;  // Hz
+constexpr std::chrono::milliseconds kAnnouncePeriod{10};
 
 }  // namespace
 
@@ -19,8 +23,25 @@ TrackerFace::TrackerFace(const Service& service, Pacing pacing, const TrackerArg
       pacing_(pacing),
       user_(arguments.user.value_or(user)),
       source_(arguments.source),
-      hands_(service.participant(), bus::topics::tracked_skeleton, arguments.strength),
-      heads_(service.participant(), bus::topics::head_pose) {}
+      hands_(service.participant(), bus::topics::tracked_skeleton, strength_of(arguments.strength, Health::opening)),
+      heads_(service.participant(), bus::topics::head_pose),
+      strength_(arguments.strength),
+      wanted_strength_(strength_of(arguments.strength, Health::opening)) {
+  announcer_ = std::thread([this, announced = wanted_strength_.load()]() mutable {
+    become_ordinary();
+    while (!stop_) {
+      std::this_thread::sleep_for(kAnnouncePeriod);
+      const int wanted = wanted_strength_;
+      if (wanted != announced) hands_.set_strength(wanted);
+      announced = wanted;
+    }
+  });
+}
+
+TrackerFace::~TrackerFace() {
+  stop_ = true;
+  announcer_.join();
+}
 
 void TrackerFace::poll(TrackerSource& source, Nanoseconds now) {
   now_ = now;
@@ -30,6 +51,16 @@ void TrackerFace::poll(TrackerSource& source, Nanoseconds now) {
   started_ = true;
   source.poll(now, *this);
   health_now_ = health_.update(now, source.state());
+  wanted_strength_ = strength_of(strength_, health_now_);
+}
+
+std::optional<MessageReply> TrackerFace::answer(const Message& message, const std::string& module) {
+  if (!is_addressed(message, module) || get_text(message.key) != "strength") return std::nullopt;
+  const auto value = parse_number(get_text(message.value));
+  if (!value || *value < 0 || *value > kMostStrength || *value != std::floor(*value))
+    return reply_to(message, module, kReplyRefused, "strength: expected a whole number from 0 to 999");
+  strength_ = static_cast<int>(*value);
+  return reply_to(message, module, kReplyApplied, "strength set");
 }
 
 void TrackerFace::restart(TrackerSource& source) {
@@ -40,7 +71,8 @@ void TrackerFace::restart(TrackerSource& source) {
 }
 
 void TrackerFace::hand(const Skeleton& sample) {
-  arrived(sample.stamp.sample_time);
+  arrived(sample.stamp.sample_time, sample.confidence);
+  confidence_ = sample.confidence;
   if (sample.confidence == 0) return;
   hand_ = sample;
   hand_.hand.user = user_;
@@ -51,7 +83,7 @@ void TrackerFace::hand(const Skeleton& sample) {
 }
 
 void TrackerFace::head(const HeadPose& sample) {
-  arrived(sample.stamp.sample_time);
+  arrived(sample.stamp.sample_time, 1);
   if (sample.valid == 0) return;
   head_ = sample;
   head_.user = user_;
@@ -63,12 +95,15 @@ void TrackerFace::fill_status(const TrackerSource& source, LoopStatus& status, N
   status.input_age_ms = age_ms_of(newest_, now);
   add_counter(status, "health", static_cast<double>(health_now_));
   add_counter(status, "published", static_cast<double>(published_));
+  add_counter(status, "user", user_);
+  add_counter(status, "strength", strength_);
+  add_counter(status, "confidence", confidence_);
   source.fill_status(status);
 }
 
-void TrackerFace::arrived(Nanoseconds sample_time) {
+void TrackerFace::arrived(Nanoseconds sample_time, double confidence) {
   newest_ = sample_time;
-  health_.sample(now_);
+  health_.sample(now_, confidence);
 }
 
 // The stamps of a device are real times, and those of a played motion are simulated times.
@@ -90,20 +125,22 @@ int run_tracker(int argc, char** argv, const TrackerProgram& program) {
     const std::unique_ptr<TrackerSource> source = program.make_source(scene, service.participant());
     TrackerFace face(service, program.pacing, arguments, hand_key(scene).user);
 
+    const bool is_played = program.pacing == Pacing::simulated;
     const auto answer = [&](const Message& message) {
+      if (const auto reply = face.answer(message, arguments.module)) return *reply;
       if (!is_addressed(message, arguments.module))
         return reply_to(message, arguments.module, kReplyIgnored, "not for this module");
-      if (get_text(message.key) != "restart")
-        return reply_to(message, arguments.module, kReplyIgnored, "unknown key; known: restart");
+      if (!is_played || get_text(message.key) != "restart") {
+        return reply_to(message, arguments.module, kReplyIgnored,
+                        is_played ? "unknown key; known: strength, restart" : "unknown key; known: strength");
+      }
       face.restart(*source);
       return reply_to(message, arguments.module, kReplyApplied, "the motion starts again");
     };
     const auto fill_status = [&](LoopStatus& status, Nanoseconds now) { face.fill_status(*source, status, now); };
-    Service::Callbacks callbacks{.step = [&](Nanoseconds now) { face.poll(*source, now); }, .fill_status = fill_status};
-    if (program.pacing == Pacing::simulated) {
-      callbacks.answer = answer;
-      callbacks.reset = [&](Nanoseconds) { face.restart(*source); };
-    }
+    Service::Callbacks callbacks{
+        .step = [&](Nanoseconds now) { face.poll(*source, now); }, .answer = answer, .fill_status = fill_status};
+    if (is_played) callbacks.reset = [&](Nanoseconds) { face.restart(*source); };
     service.run(callbacks);
   });
 }

@@ -1,9 +1,12 @@
 // main() of a tracker.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <thread>
 
 #include "device/health.hpp"
 #include "device/tracker_source.hpp"
@@ -25,13 +28,17 @@ struct TrackerProgram {
 };
 
 /// The side of a device that tracks: publishes the samples of a source as tracked_skeleton and head_pose, and its
-/// health.
+/// health. Of several trackers of a hand, the strongest healthy one owns it.
 class TrackerFace final : private TrackerSink {
  public:
   /// `user`: of the scene; `arguments` may name another one.
   TrackerFace(const Service& service, Pacing pacing, const TrackerArguments& arguments, std::uint32_t user);
 
+  ~TrackerFace();
+
   void poll(TrackerSource& source, Nanoseconds now);
+  /// Answers the message `strength`. Returns nothing for other messages.
+  std::optional<MessageReply> answer(const Message& message, const std::string& module);
   /// Starts a played motion over.
   void restart(TrackerSource& source);
   void fill_status(const TrackerSource& source, LoopStatus& status, Nanoseconds now) const;
@@ -39,7 +46,7 @@ class TrackerFace final : private TrackerSink {
  private:
   void hand(const Skeleton& sample) override;
   void head(const HeadPose& sample) override;
-  void arrived(Nanoseconds sample_time);
+  void arrived(Nanoseconds sample_time, double confidence);
   void stamp(Stamp& stamp) const;
 
   const Service& service_;
@@ -54,6 +61,12 @@ class TrackerFace final : private TrackerSink {
   HeadPose head_;
   Nanoseconds now_ = 0;
   Nanoseconds newest_ = 0;  // sample time
+  double confidence_ = 0;   // of the newest hand
+  int strength_;            // without the share of the health
+  // DDS allocates when a strength changes. So a thread beside the loop does it.
+  std::atomic<int> wanted_strength_;
+  std::atomic<bool> stop_{false};
+  std::thread announcer_;
   std::uint64_t published_ = 0;
   std::uint64_t restarts_ = 0;
   bool started_ = false;

@@ -517,6 +517,86 @@ TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   EXPECT_LT(highest - lowest, 3e-3);
 }
 
+// A held cube while its hand goes from one tracker to another and back: by hand, by silence, by doubt, by SIGTERM and
+// by SIGKILL. The trackers differ by 2 mm, as trackers do.
+TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
+  constexpr std::uint32_t kCube = 2, kOther = 0, kStrong = 2;  // kOther, kStrong: sources
+  const std::vector<std::string> hold{"--set", "generator.hold_time=600", "--set", "generator.approach_time=3"};
+  RigListener listener;
+  std::optional<Program> strong;
+  const auto start_strong = [&](const char* strength, const std::vector<std::string>& settings) {
+    std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand-tracker-replay",
+                                     "--config",
+                                     SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml",
+                                     "--module",
+                                     "strong",
+                                     "--strength",
+                                     strength,
+                                     "--source",
+                                     "2",
+                                     "--set",
+                                     "tracker.teleport_at=8",
+                                     "--set",
+                                     "tracker.teleport_time=3600",
+                                     "--set",
+                                     "tracker.teleport_offset=[0.002,0,0]"};
+    command.insert(command.end(), hold.begin(), hold.end());
+    for (const std::string& setting : settings) {
+      command.emplace_back("--set");
+      command.push_back(setting);
+    }
+    strong.emplace(command);
+  };
+  start_strong("5", {"tracker.freeze_at=26", "tracker.freeze_time=2", "tracker.doubt_at=34", "tracker.doubt_time=2"});
+  Up up(kDemo, hold);
+  const auto motion_time = [&](const char* module) {
+    const double start = listener.counter(module, "motion_start_s");
+    return start > 0 ? static_cast<double>(now()) * 1e-9 - start : -1.0;
+  };
+  const auto owner = [&] { return listener.tracked.empty() ? 99u : listener.tracked.back().source; };
+  ASSERT_TRUE(listener.wait(40s, [&] {
+    return all_present(listener) && motion_time("tracker") > 9 && motion_time("strong") > 9 && owner() == kStrong;
+  })) << up.output();
+  ASSERT_GT(listener.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
+
+  // Waits for the owner. Measures how far the cube moves from where it was before, until a second after the swap.
+  int swaps = 0;
+  const auto swap = [&](const char* way, std::uint32_t to, const std::function<void()>& cause) {
+    listener.listen(500ms);
+    const Vec3 before = listener.objects[kCube];
+    double farthest = 0;
+    const auto measure = [&] {
+      const Vec3& at = listener.objects[kCube];
+      farthest = std::max(farthest, std::hypot(at[0] - before[0], at[1] - before[1], at[2] - before[2]));
+      return false;
+    };
+    cause();
+    EXPECT_TRUE(listener.wait(20s, [&] { return measure() || owner() == to; })) << way;
+    listener.wait(1s, measure);
+    std::printf("%s to %s: the cube moved by %.2f mm\n", way, to == kStrong ? "strong" : "other", farthest * 1e3);
+    EXPECT_LT(farthest, 5e-3) << way;
+    EXPECT_GT(listener.objects[kCube][1], 0.14) << way << ": dropped";
+    swaps += owner() == to ? 1 : 0;
+  };
+  const auto use = [&](const char* module) {
+    Program command({SOFTHAND_PROGRAMS "/softhand", "trackers", "use", module});
+    // Meanwhile the listener must go on, or its history overflows.
+    listener.wait(10s, [&] { return !is_alive(static_cast<std::uint32_t>(command.process_id())); });
+    EXPECT_EQ(command.wait(1s), 0) << command.output();
+  };
+  swap("by hand", kOther, [&] { use("tracker"); });
+  swap("by hand", kStrong, [&] { use("strong"); });
+  swap("silence", kOther, [] {});
+  swap("silence", kStrong, [] {});
+  swap("doubt", kOther, [] {});
+  swap("doubt", kStrong, [] {});
+  for (const auto& [way, signal] : {std::pair("SIGTERM", SIGTERM), std::pair("SIGKILL", SIGKILL)}) {
+    swap(way, kOther, [&, number = signal] { strong->send_signal(number); });
+    swap(way, kStrong, [&] { start_strong("50", {"tracker.start_time=10"}); });
+  }
+  EXPECT_EQ(swaps, 10);
+}
+
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   RigListener listener;
   // One motion has all three faults.

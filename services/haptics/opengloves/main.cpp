@@ -50,7 +50,6 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
     add_counter(status, "connections", static_cast<double>(counters.connections));
     add_counter(status, "reconnects", static_cast<double>(counters.reconnects));
     add_counter(status, "refused_cut", static_cast<double>(counters.refused_cut));
-    add_counter(status, "superseded", static_cast<double>(counters.superseded));
     decoder_.refusals().fill_status(status, counters.refused_size);
   }
 
