@@ -107,22 +107,8 @@ bool Ownership::update(Nanoseconds now) {
   return owner_ != before;
 }
 
-void PoseBlend::begin(Nanoseconds time, const Pose& old_pose, const Pose& new_pose) {
-  start_ = time;
-  translation_ = old_pose.position - new_pose.position;
-  rotation_ = rotation_log(old_pose.orientation * new_pose.orientation.conjugate());
-}
-
-Pose PoseBlend::apply(Nanoseconds time, const Pose& pose) const {
-  const double passed = static_cast<double>(time - start_) * 1e-9;
-  if (!(passed < seconds_)) return pose;
-  const double u = std::max(0.0, passed / seconds_);
-  const double share = 1 - u * u * (3 - 2 * u);
-  return increment(pose, share * translation_, share * rotation_);
-}
-
 HeadFusion::HeadFusion(const FusionOptions& options, std::vector<std::uint32_t> sources)
-    : owner_(std::move(sources), options), blend_(options.blend_time) {}
+    : owner_(std::move(sources), options), blend_time_(options.blend_time) {}
 
 bool HeadFusion::add(const HeadPose& sample, Nanoseconds now, HeadPose& out) {
   const Quaternion orientation = to_quaternion(sample.orientation);
@@ -132,7 +118,7 @@ bool HeadFusion::add(const HeadPose& sample, Nanoseconds now, HeadPose& out) {
   if (owner_.owner() != sample.user || sample.stamp.sample_time <= last_time_) return false;
   const Pose pose{to_vector(sample.position), orientation.normalized()};
   if (used_ && used_ != owner_.owner()) blend_.begin(sample.stamp.sample_time, last_, pose);
-  last_ = blend_.apply(sample.stamp.sample_time, pose);
+  last_ = blend_.apply(sample.stamp.sample_time, blend_time_, pose);
   last_time_ = sample.stamp.sample_time;
   used_ = owner_.owner();
   out = sample;
@@ -145,6 +131,7 @@ HandFusion::HandFusion(const FusionOptions& options, const TrackedInputOptions& 
                        const HandModel& hand)
     : reposition_distance_(input.reposition_distance),
       least_confidence_(options.least_confidence),
+      blend_time_(options.blend_time),
       stale_after_(nanoseconds(options.stale_after)),
       patience_(nanoseconds(options.patience)),
       delay_(nanoseconds(options.delay)),
@@ -161,7 +148,6 @@ HandFusion::HandFusion(const FusionOptions& options, const TrackedInputOptions& 
   }
   parts_.emplace_back(sources.wrist, options);
   for (int f = 0; f < kFingerCount; ++f) parts_.emplace_back(sources.fingers, options);
-  blends_.fill(PoseBlend(options.blend_time));
 }
 
 HandFusion::Source* HandFusion::source_of(std::optional<std::uint32_t> user) {
@@ -270,13 +256,14 @@ bool HandFusion::compose(Nanoseconds now, Skeleton& out) {
     if (any_ && (used_[part] != parts_[part].owner() || owner->resumed)) {
       // Where the former owner would be now, or where the joint was held.
       Source* const former = source_of(used_[part]);
-      const Pose before = former == nullptr || former == owner ? pose_of(posture_, j)
-                                                               : blends_[j].apply(time, pose_of(former->posture, j));
+      const Pose before = former == nullptr || former == owner
+                              ? pose_of(posture_, j)
+                              : blends_[j].apply(time, blend_time_, pose_of(former->posture, j));
       // A wrist that is far away is repositioned, as after any jump.
       if (part > 0 || (before.position - raw.position).norm() <= reposition_distance_)
         blends_[j].begin(time, before, raw);
     }
-    pose_of(posture_, j) = blends_[j].apply(time, raw);
+    pose_of(posture_, j) = blends_[j].apply(time, blend_time_, raw);
   }
   posture_.time = time;
   for (std::size_t part = 0; part < kParts; ++part) used_[part] = parts_[part].owner();

@@ -14,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "device/pose_blend.hpp"
 #include "device/tracked_input.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
@@ -58,22 +59,6 @@ class Ownership {
   std::uint64_t changes_ = 0;
 };
 
-/// The difference between two poses, which fades out: its share is 1 at the start and 0 after the blend time, with zero
-/// slope at both ends.
-class PoseBlend {
- public:
-  explicit PoseBlend(double seconds = 0) : seconds_(seconds) {}
-  /// From now on `apply` leads from `old_pose` to the pose that it gets. `new_pose` is that pose at `time`.
-  void begin(Nanoseconds time, const Pose& old_pose, const Pose& new_pose);
-  Pose apply(Nanoseconds time, const Pose& pose) const;
-
- private:
-  double seconds_;
-  Nanoseconds start_ = 0;
-  Vector3 translation_ = Vector3::Zero();
-  Vector3 rotation_ = Vector3::Zero();
-};
-
 /// The head: the pose of its owner, blended at changes. All head poses are in the world.
 class HeadFusion {
  public:
@@ -84,6 +69,7 @@ class HeadFusion {
 
  private:
   Ownership owner_;
+  double blend_time_;
   PoseBlend blend_;
   std::optional<std::uint32_t> used_;  // owner of the last pose
   Pose last_;
@@ -136,6 +122,7 @@ class HandFusion {
 
   double reposition_distance_;
   double least_confidence_;
+  double blend_time_;
   Nanoseconds stale_after_, patience_, delay_;
   std::uint32_t side_;
   std::array<double, kJointCount> radii_;
