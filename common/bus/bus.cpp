@@ -790,6 +790,14 @@ class WriterImpl final : public dds::DataWriterListener {
     }
     failed_.fetch_add(1, std::memory_order_relaxed);
   }
+  void set_strength(int strength) noexcept {
+    try {
+      dds::DataWriterQos qos = writer_->get_qos();
+      qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
+      writer_->set_qos(qos);
+    } catch (...) {
+    }
+  }
   void on_publication_matched(dds::DataWriter*, const dds::PublicationMatchedStatus& status) override {
     readers_.store(status.current_count);
   }
@@ -921,6 +929,7 @@ WriterEndpoint::~WriterEndpoint() = default;
 WriterEndpoint::WriterEndpoint(WriterEndpoint&&) noexcept = default;
 WriterEndpoint& WriterEndpoint::operator=(WriterEndpoint&&) noexcept = default;
 void WriterEndpoint::write(const void* message) noexcept { impl_->write(message); }
+void WriterEndpoint::set_strength(int strength) noexcept { impl_->set_strength(strength); }
 int WriterEndpoint::reader_count() const noexcept { return impl_->readers(); }
 WriterCounters WriterEndpoint::counters() const noexcept { return impl_->counters(); }
 

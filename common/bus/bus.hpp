@@ -95,6 +95,7 @@ class WriterEndpoint {
   WriterEndpoint(WriterEndpoint&&) noexcept;
   WriterEndpoint& operator=(WriterEndpoint&&) noexcept;
   void write(const void* message) noexcept;
+  void set_strength(int strength) noexcept;
   int reader_count() const noexcept;
   WriterCounters counters() const noexcept;
 
@@ -143,6 +144,8 @@ class Writer {
   /// Sends the message. On transient-local topics DDS also keeps it for late readers. Never waits for a reader.
   /// Failures are counted.
   void write(const T& message) noexcept { endpoint_.write(&message); }
+  /// Changes the strength. Readers follow within milliseconds. Allocates: DDS announces the writer again.
+  void set_strength(int strength) noexcept { endpoint_.set_strength(strength); }
   /// True while at least one reader is matched. Loops use it to skip outputs that nobody reads. Descriptions are
   /// written anyway, for late readers.
   bool has_readers() const noexcept { return endpoint_.reader_count() > 0; }

@@ -34,8 +34,8 @@ struct Network {
 };
 
 /// What a process may write in a secured domain. deploy/security makes one identity for each.
-inline constexpr const char* kRoles[] = {"tracker", "tracking", "hand",   "world",
-                                         "haptic",  "tactile",  "viewer", "client"};
+inline constexpr const char* kRoles[] = {"tracker", "tracking", "hand",   "world", "haptic",
+                                         "tactile", "glove",    "viewer", "client"};
 
 /// Throws ConfigError with file, line and key.
 Network read_network(const std::string& path);

@@ -36,6 +36,12 @@ struct StatusArguments {
 };
 int run_status(const StatusArguments& arguments);
 
+/// `softhand trackers` lists the live trackers. `softhand trackers use MODULE` lets one own its hand.
+struct TrackersArguments {
+  std::string use;  ///< module; empty = list
+};
+int run_trackers(const TrackersArguments& arguments);
+
 /// `softhand check FILE`: validates a scene, rig, network, hand or object file.
 int run_check(const std::string& path);
 

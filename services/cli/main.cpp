@@ -89,6 +89,14 @@ int main(int argc, char** argv) {
   command->add_flag("--json", status.json, "Print one JSON object and end");
   command->callback([&] { run = [&status] { return run_status(status); }; });
 
+  TrackersArguments trackers;
+  command = app.add_subcommand(
+      "trackers", "List the live trackers with strength, health, rate, age and confidence, and who owns which hand");
+  command->callback([&] { run = [&trackers] { return run_trackers(trackers); }; });
+  command =
+      command->add_subcommand("use", "Make a tracker stronger than all others of its user, so that it owns the hand");
+  command->add_option("module", trackers.use, "Name of the tracker in the list")->required();
+
   std::string file;
   command =
       app.add_subcommand("check",

@@ -50,8 +50,9 @@ void say(std::string_view name, std::string_view text) {
 // do not compute topics without a subscriber.
 class Listener {
  public:
-  Listener(const bus::Participant& participant, bool everything)
-      : status_(participant, with_history(bus::topics::loop_status, kHistory)) {
+  /// `user`: of the hands that are judged. Tracked hands of other users are the sources of a fusion.
+  Listener(const bus::Participant& participant, bool everything, std::uint32_t user)
+      : user_(user), status_(participant, with_history(bus::topics::loop_status, kHistory)) {
     if (everything) streams_.emplace(participant);
   }
 
@@ -64,7 +65,9 @@ class Listener {
       if (watched != nullptr) watched->heard(module, static_cast<pid_t>(status.process_id));
     });
     if (!streams_) return;
-    streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
+    streams_->tracked.take_all([this](const Skeleton& m) {
+      if (m.hand.user == user_) outcome_.on_tracked(m);
+    });
     streams_->simulated.take_all([this](const Skeleton& m) { outcome_.on_simulated(m); });
     streams_->contacts.take_all([this](const Contacts& m) { outcome_.on_contacts(m); });
     streams_->coupling.take_all([this](const ObjectCoupling& m) { outcome_.on_coupling(m); });
@@ -110,6 +113,7 @@ class Listener {
     bus::Reader<BoneWrench> wrench;
     bus::Reader<DeviceState> device;
   };
+  std::uint32_t user_;
   bus::Reader<LoopStatus> status_;
   std::optional<Streams> streams_;
   std::map<std::string, LoopStatus> modules_;
@@ -367,7 +371,7 @@ int run_up(const UpArguments& arguments) {
                arguments.replace ? "it was asked to stop and has not stopped" : "stop it, or start with --replace");
     return kExitHeld;
   }
-  Listener listener(participant, !arguments.json.empty());
+  Listener listener(participant, !arguments.json.empty(), hand_key(control.scene()).user);
   nlohmann::ordered_json summary;
   bool clean = true;
   do {

@@ -9,6 +9,7 @@
 #include <exception>
 
 #include "device/answer.hpp"
+#include "device/health.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "runtime/config.hpp"
@@ -96,6 +97,22 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& role, cons
   return arguments;
 }
 
+void add_tracker_options(CLI::App& app, TrackerArguments& arguments) {
+  app.add_option("--strength", arguments.strength,
+                 "Priority among several trackers of one hand: the strongest healthy one owns the hand")
+      ->capture_default_str()
+      ->check(CLI::Range(0, kMostStrength));
+  app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
+  app.add_option(
+         "--user", arguments.user,
+         "User of the published hands and heads. Default: `user` of the scene. With another one this tracker is "
+         "a source of softhand-tracker-fusion")
+      ->check(CLI::Range(0, 15));
+}
+void add_device_option(CLI::App& app, std::uint32_t& device) {
+  app.add_option("--device", device, "Id of this device (key of device_state)")->capture_default_str();
+}
+
 }  // namespace
 
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& role, const std::string& about) {
@@ -104,23 +121,26 @@ ServiceArguments parse_arguments(int argc, char** argv, const std::string& role,
 
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
   TrackerArguments arguments;
-  static_cast<ServiceArguments&>(arguments) = parse_with(argc, argv, "tracker", "tracker", about, [&](CLI::App& app) {
-    app.add_option("--strength", arguments.strength,
-                   "Priority among several trackers of one hand: the strongest one owns the hand")
-        ->capture_default_str()
-        ->check(CLI::NonNegativeNumber);
-    app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
-  });
+  static_cast<ServiceArguments&>(arguments) =
+      parse_with(argc, argv, "tracker", "tracker", about, [&](CLI::App& app) { add_tracker_options(app, arguments); });
   return arguments;
 }
 
 DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& role, const std::string& module) {
   DeviceArguments arguments;
-  const auto extend = [&](CLI::App& app) {
-    app.add_option("--device", arguments.device, "Id of this device (key of device_state)")->capture_default_str();
-  };
   static_cast<ServiceArguments&>(arguments) =
-      parse_with(argc, argv, role, module, "Driver of a haptic or tactile device", extend);
+      parse_with(argc, argv, role, module, "Driver of a haptic or tactile device",
+                 [&](CLI::App& app) { add_device_option(app, arguments.device); });
+  return arguments;
+}
+
+TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, const std::string& module) {
+  TrackingDeviceArguments arguments;
+  static_cast<ServiceArguments&>(arguments) =
+      parse_with(argc, argv, "glove", module, "Driver of a device that tracks and pushes back", [&](CLI::App& app) {
+        add_tracker_options(app, arguments);
+        add_device_option(app, arguments.device);
+      });
   return arguments;
 }
 

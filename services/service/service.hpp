@@ -29,10 +29,11 @@ struct ServiceArguments {
 ServiceArguments parse_arguments(int argc, char** argv, const std::string& role, const std::string& about);
 
 struct TrackerArguments : ServiceArguments {
-  int strength = 0;          ///< of several trackers of one hand, the strongest one owns it
-  std::uint32_t source = 0;  ///< source id in the published samples
+  int strength = 0;                   ///< of several trackers of one hand, the strongest one owns it
+  std::uint32_t source = 0;           ///< source id in the published samples
+  std::optional<std::uint32_t> user;  ///< in the published samples; empty: the user of the scene
 };
-/// The same for a tracker, with `--strength` and `--source` added.
+/// The same for a tracker, with `--strength`, `--source` and `--user` added.
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about);
 
 struct DeviceArguments : ServiceArguments {
@@ -40,6 +41,12 @@ struct DeviceArguments : ServiceArguments {
 };
 /// The same for a haptic or tactile device, with `--device` added.
 DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& role, const std::string& module);
+
+struct TrackingDeviceArguments : TrackerArguments {
+  std::uint32_t device = 0;
+};
+/// The same for a device that tracks and pushes back, with the options of both.
+TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, const std::string& module);
 
 enum class Urgency {
   real_time,  ///< memory locked and priority raised (`--priority`); prints a warning if this is refused

@@ -343,6 +343,37 @@ TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
   EXPECT_GT(of_strong, 80);
 }
 
+TEST(Bus, AWriterThatBecomesStrongerTakesOver) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain()), elsewhere("elsewhere", test_domain());
+  Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
+  Writer first(there, topics::tracked_skeleton, 2);
+  Writer second(elsewhere, topics::tracked_skeleton, 1);
+  ASSERT_TRUE(
+      eventually([&] { return reader.live_writer_count() == 2 && first.has_readers() && second.has_readers(); }));
+  Skeleton skeleton, out;
+  // True if only `source` is heard for 200 ms, at most 2 s from now.
+  const auto is_owner = [&](std::uint32_t source) {
+    int alone = 0;
+    for (int i = 0; i < 200 && alone < 20; ++i) {
+      skeleton.source = 1;
+      first.write(skeleton);
+      skeleton.source = 2;
+      second.write(skeleton);
+      std::this_thread::sleep_for(10ms);
+      while (reader.take_latest(out)) alone = out.source == source ? alone + 1 : 0;
+    }
+    return alone >= 20;
+  };
+  EXPECT_TRUE(is_owner(1));
+  second.set_strength(3);
+  EXPECT_TRUE(is_owner(2));
+  second.set_strength(1);
+  EXPECT_TRUE(is_owner(1));
+  first.set_strength(0);
+  EXPECT_TRUE(is_owner(2));
+}
+
 TEST(Bus, NegativeStrengthIsWeakerThanAPositiveOne) {
   const Participant here("here", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});

@@ -5,8 +5,8 @@
 #include <memory>
 
 #include "model/hand_model.hpp"
+#include "model/kinematics.hpp"
 #include "runtime/options.hpp"
-#include "trackers/replay/kinematics.hpp"
 #include "trackers/replay/motion.hpp"
 
 namespace softhand {
