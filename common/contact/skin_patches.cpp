@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "contact/skin_frame.hpp"
 #include "geometry/surface_distance.hpp"
@@ -31,7 +32,7 @@ int skin_part(Body body) {
   return is_metacarpal(body) ? static_cast<int>(Finger::palm) : static_cast<int>(finger_of(body));
 }
 
-SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) {
+SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) : triangles_(hand.surface) {
   divide(hand);
   assign_points(hand, points);
   for (Patch& patch : patches_) {
@@ -47,6 +48,9 @@ SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) {
     patch.nodes.erase(std::unique(patch.nodes.begin(), patch.nodes.end()), patch.nodes.end());
   }
   boxes_.resize(patches_.size());
+  slabs_.resize(patches_.size());
+  is_near_.assign(patches_.size(), 0);
+  near_patches_.reserve(patches_.size());
   exclude_near_at_rest(hand, points);
   near_.reserve(static_cast<std::size_t>(std::count(can_touch_.begin(), can_touch_.end(), std::uint8_t{1})) / 2);
 }
@@ -144,7 +148,8 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
     const auto& corners = hand.surface[at(triangle)];
     return SkinFrame(rest.col(corners[0]), rest.col(corners[1]), rest.col(corners[2]));
   };
-  update(rest, rest);
+  update_boxes(rest, rest);
+  for (std::size_t p = 0; p < count; ++p) update_slab(p, rest, rest);
   for (int point = 0; point < points.count(); ++point) {
     const auto own = at(patch_of_point_[at(point)]);
     const Vector3 place = points.at(point, rest);
@@ -164,7 +169,7 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
   }
 }
 
-void SkinPatches::update(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
+void SkinPatches::update_boxes(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
   for (Eigen::AlignedBox3d& box : part_boxes_) box.setEmpty();
   for (std::size_t p = 0; p < patches_.size(); ++p) {
     Eigen::AlignedBox3d& box = boxes_[p];
@@ -177,8 +182,29 @@ void SkinPatches::update(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd&
   }
 }
 
-void SkinPatches::find_near(double margin) {
+void SkinPatches::update_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
+  Slab& slab = slabs_[patch];
+  slab.normal.setZero();
+  for (const std::int32_t triangle : patches_[patch].triangles) {
+    const auto& c = triangles_[at(triangle)];
+    const Vector3 a = starts.col(c[0]);
+    slab.normal += (starts.col(c[1]) - a).cross(starts.col(c[2]) - a);
+  }
+  slab.normal.normalize();
+  slab.low = kFar;
+  slab.high = -kFar;
+  for (const std::int32_t node : patches_[patch].nodes) {
+    const double start = slab.normal.dot(starts.col(node)), end = slab.normal.dot(ends.col(node));
+    slab.low = std::min({slab.low, start, end});
+    slab.high = std::max({slab.high, start, end});
+  }
+}
+
+void SkinPatches::find_near(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends, double margin) {
+  update_boxes(starts, ends);
   near_.clear();
+  for (const std::int32_t patch : near_patches_) is_near_[at(patch)] = 0;
+  near_patches_.clear();
   const double square = margin * margin;
   for (std::size_t a = 1; a < kSkinParts; ++a) {
     for (std::size_t b = 0; b < a; ++b) {
@@ -188,11 +214,16 @@ void SkinPatches::find_near(double margin) {
         const Eigen::AlignedBox3d& box = boxes_[at(i)];
         if (!(box.squaredExteriorDistance(part_boxes_[b]) <= square)) continue;
         for (const int j : of_part_[b]) {
-          if (can_touch(i, j) && box.squaredExteriorDistance(boxes_[at(j)]) <= square) near_.emplace_back(i, j);
+          if (!can_touch(i, j) || !(box.squaredExteriorDistance(boxes_[at(j)]) <= square)) continue;
+          near_.emplace_back(i, j);
+          for (const int patch : {i, j}) {
+            if (std::exchange(is_near_[at(patch)], std::uint8_t{1}) == 0) near_patches_.push_back(patch);
+          }
         }
       }
     }
   }
+  for (const std::int32_t patch : near_patches_) update_slab(at(patch), starts, ends);
 }
 
 }  // namespace softhand

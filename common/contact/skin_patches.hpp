@@ -50,15 +50,20 @@ class SkinPatches {
     return around_[static_cast<std::size_t>(node)];
   }
 
-  /// Updates the bounding boxes of the paths of all nodes from `starts` to `ends`.
-  void update(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
-  /// Lists the pairs of patches that can touch and whose boxes come within `margin` m. One query for each pair of
-  /// parts. Does not allocate.
-  void find_near(double margin);
+  /// Lists the pairs of patches that can touch, and whose nodes may come within `margin` m of each other on their paths
+  /// from `starts` to `ends`. One query for each pair of parts. Does not allocate.
+  void find_near(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends, double margin);
   /// Of the last `find_near`, always in the same order.
   std::span<const std::pair<std::int32_t, std::int32_t>> near() const { return near_; }
+  /// The patches in `near`, each once.
+  std::span<const std::int32_t> near_patches() const { return near_patches_; }
+  /// Whether a place comes within `margin` m of the box and of the slab of a patch in `near`. The slab contains the
+  /// patch between two planes across its mean normal.
   bool is_near(const Vector3& place, int patch, double margin) const {
-    return boxes_[static_cast<std::size_t>(patch)].squaredExteriorDistance(place) <= margin * margin;
+    const Slab& slab = slabs_[static_cast<std::size_t>(patch)];
+    const double height = slab.normal.dot(place);
+    return height >= slab.low - margin && height <= slab.high + margin &&
+           boxes_[static_cast<std::size_t>(patch)].squaredExteriorDistance(place) <= margin * margin;
   }
   /// Queries of pairs of parts since construction.
   std::uint64_t part_queries() const { return part_queries_; }
@@ -67,7 +72,10 @@ class SkinPatches {
   void divide(const HandModel& hand);
   void assign_points(const HandModel& hand, const ContactPoints& points);
   void exclude_near_at_rest(const HandModel& hand, const ContactPoints& points);
+  void update_boxes(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
+  void update_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
 
+  std::vector<std::array<std::int32_t, 3>> triangles_;
   std::vector<Patch> patches_;
   std::vector<std::int32_t> patch_of_node_;  // -1: not on the surface
   std::vector<std::int32_t> patch_of_triangle_, patch_of_point_, node_of_point_;
@@ -76,7 +84,14 @@ class SkinPatches {
   std::array<std::vector<int>, kSkinParts> of_part_;  // the patches of a part
   std::vector<Eigen::AlignedBox3d> boxes_;
   std::array<Eigen::AlignedBox3d, kSkinParts> part_boxes_;
+  struct Slab {
+    Vector3 normal = Vector3::Zero();
+    double low = 0, high = 0;
+  };
+  std::vector<Slab> slabs_;  // by patch; valid for `near_patches_`
   std::vector<std::pair<std::int32_t, std::int32_t>> near_;
+  std::vector<std::int32_t> near_patches_;
+  std::vector<std::uint8_t> is_near_;  // by patch
   std::uint64_t part_queries_ = 0;
 };
 

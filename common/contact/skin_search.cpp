@@ -52,6 +52,7 @@ SkinSearch::SkinSearch(const HandModel& hand, const ContactPoints& points)
   }
   starts_ = ends_ = local_starts_ = local_ends_ = boxed_ends_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   const auto places = static_cast<std::size_t>(points.count()) * kSkinParts;
+  paths_.resize(static_cast<std::size_t>(points.count()));
   meetings_.reserve(places);
   meeting_of_.assign(places, -1);
 }
@@ -87,29 +88,36 @@ void SkinSearch::begin_step(const State& state, double time_step, double reach) 
   set_local(start, starts_, local_starts_);
   set_local(state.body_poses.size() > kCarpus ? advanced(start, state.body_velocities[kCarpus], time_step) : start,
             ends_, local_ends_);
-  boxed_ends_ = local_ends_;
   reach_ = reach;
-  margin_ = std::max(kSlack, reach);
-  patches_.update(local_starts_, local_ends_);
-  patches_.find_near(margin_);
+  find_near(std::max(kSlack, reach));
 }
 
 void SkinSearch::set_ends(const State& state) {
   ends_ = state.node_positions;
   set_local(wrist_of(state), ends_, local_ends_);
-  margin_ = kSlack;
-  // The list of near patches still holds if no node is farther than half the margin from the path in the boxes.
-  if ((local_ends_ - boxed_ends_).colwise().squaredNorm().maxCoeff() <= 0.25 * kSlack * kSlack) return;
-  boxed_ends_ = local_ends_;
-  patches_.update(local_starts_, local_ends_);
-  patches_.find_near(kSlack);
+  // The list of near patches still holds if no node is farther than half the slack from the path in the boxes.
+  if ((local_ends_ - boxed_ends_).colwise().squaredNorm().maxCoeff() > 0.25 * kSlack * kSlack) {
+    find_near(kSlack);
+  } else {
+    margin_ = kSlack;
+    set_paths();
+  }
 }
 
-// The ball around the point's path may reach the box that contains the paths of the patch.
-bool SkinSearch::comes_near(int point, int patch) const {
-  const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
-  const double half = 0.5 * (end - start).norm();
-  return patches_.is_near(0.5 * (start + end), patch, half + margin_);
+void SkinSearch::find_near(double margin) {
+  margin_ = margin;
+  boxed_ends_ = local_ends_;
+  patches_.find_near(local_starts_, local_ends_, margin);
+  set_paths();
+}
+
+void SkinSearch::set_paths() {
+  for (const std::int32_t patch : patches_.near_patches()) {
+    for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(patch)].points) {
+      const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
+      paths_[static_cast<std::size_t>(point)] = {0.5 * (start + end), 0.5 * (end - start).norm()};
+    }
+  }
 }
 
 std::optional<SkinMeeting> SkinSearch::inside(int patch, int point) const {

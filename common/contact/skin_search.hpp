@@ -101,7 +101,9 @@ class SkinSearch {
       for (const auto& [of_points, of_triangles] : {std::pair(a, b), std::pair(b, a)}) {
         const int part = patches_.patches()[static_cast<std::size_t>(of_triangles)].part;
         for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(of_points)].points) {
-          if (comes_near(point, of_triangles)) visit(of_triangles, point, part);
+          // The ball around the point's path may reach the paths of the patch.
+          const auto& path = paths_[static_cast<std::size_t>(point)];
+          if (patches_.is_near(path.middle, of_triangles, path.half + margin_)) visit(of_triangles, point, part);
         }
       }
     }
@@ -118,7 +120,8 @@ class SkinSearch {
     return static_cast<std::size_t>(point) * kSkinParts + static_cast<std::size_t>(part);
   }
   void keep(const SkinMeeting& meeting, int part);
-  bool comes_near(int point, int patch) const;
+  void find_near(double margin);
+  void set_paths();
   bool turns_corner(SkinMeeting& meeting) const;
   double signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const;
   void set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
@@ -133,6 +136,11 @@ class SkinSearch {
   Eigen::Matrix3Xd starts_, ends_;  // by node
   // The same in the frame of the carpus. A motion of the whole hand brings nothing near.
   Eigen::Matrix3Xd local_starts_, local_ends_, boxed_ends_;
+  struct Path {
+    Vector3 middle = Vector3::Zero();
+    double half = 0;  // of its length, m
+  };
+  std::vector<Path> paths_;               // by point, in the frame of the carpus; valid in near patches
   std::vector<SkinMeeting> meetings_;     // scratch of a search
   std::vector<std::int32_t> meeting_of_;  // by (point, part): place in `meetings_`; -1: none
   double reach_ = 0;
