@@ -115,7 +115,10 @@ int run_simulate(const SimulateArguments& arguments) {
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
     if (view.simulation->inverted_elements() > 0) ++inverted_steps;
-    skin.add(*view.simulation);
+    // The tracker may jump back to the start of the motion.
+    if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 <
+        motion->duration() - scene.options.tracker.start_time)
+      skin.add(*view.simulation);
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 

@@ -17,7 +17,7 @@ struct SkinGoal {
 
 class SkinOutcome {
  public:
-  /// After each step.
+  /// After each step of the motion.
   void add(const HandSimulation& simulation);
   /// Keys and meaning: docs/outcome.md. Null if the skin does not touch itself in this scene. With a goal it has
   /// `success` and `success_because`.
