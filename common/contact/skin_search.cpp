@@ -109,10 +109,11 @@ void SkinSearch::follow_paths(double margin) {
                        (local_ends_.col(n) - listed_.col(n)).squaredNorm()});
     longest = std::max(longest, (local_ends_.col(n) - local_starts_.col(n)).squaredNorm());
   }
-  const double room = 0.5 * (listed_margin_ - margin);
-  if (!(room >= 0 && square <= room * room)) {
+  const double room = 0.5 * (listed_margin_ - margin), wanted = margin + 2 * (std::sqrt(longest) + kRoom);
+  // A list that was made for fast motion is long.
+  if (!(room >= 0 && square <= room * room) || listed_margin_ > 2 * wanted) {
     listed_ = local_starts_;
-    listed_margin_ = margin + 2 * (std::sqrt(longest) + kRoom);
+    listed_margin_ = wanted;
     patches_.find_near(listed_, listed_margin_);
   }
   pairs_ = patches_.meet(local_starts_, local_ends_, margin);

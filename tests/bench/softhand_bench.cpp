@@ -538,6 +538,10 @@ Json run() {
       "step of a closed fist over the same without it, both to the same residual");
   put("fist_contact_over_chord_cost_ratio", skin_cost_ratio(closing, {}, kClosedFrom, kClosedTo),
       "the same if the hand without it takes chord steps, which end at a movement");
+  put("free_skin_cost_ratio", skin_cost_ratio(free_motion, {}, 0.5, 2.5),
+      "step of a wandering hand whose fingers touch now and then, over the same without it");
+  put("pinch_skin_cost_ratio", skin_cost_ratio(scene_path("pinch_lift.toml"), {}, 0.5, kGraspTo),
+      "step of a pinch, where no skin touches skin, over the same without it");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {
@@ -558,8 +562,6 @@ Json run() {
       "step with 100 near objects, 5 touched, over step with these 5 alone");
   put("slot_cost_ratio", slot_cost_ratio(),
       "fast step with 16 near, untouched objects in slots over step without them");
-  put("skin_contact_idle_cost_ratio", skin_cost_ratio(free_motion, {}, 0.5, 2.5),
-      "step in free motion with contact of skin with skin over step without it");
   put("settled_world_cost_ratio", settled_world_cost_ratio(),
       "step with 100 boxes at rest on a table over step while they settle");
 
