@@ -50,9 +50,12 @@ SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) : t
   boxes_.resize(patches_.size());
   slabs_.resize(patches_.size());
   is_near_.assign(patches_.size(), 0);
+  is_meeting_.assign(patches_.size(), 0);
   near_patches_.reserve(patches_.size());
+  meeting_patches_.reserve(patches_.size());
   exclude_near_at_rest(hand, points);
   near_.reserve(static_cast<std::size_t>(std::count(can_touch_.begin(), can_touch_.end(), std::uint8_t{1})) / 2);
+  meeting_.reserve(near_.capacity());
 }
 
 // Each new patch begins at the node of the part that is farthest from all patches so far.
@@ -148,8 +151,10 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
     const auto& corners = hand.surface[at(triangle)];
     return SkinFrame(rest.col(corners[0]), rest.col(corners[1]), rest.col(corners[2]));
   };
-  update_boxes(rest, rest);
-  for (std::size_t p = 0; p < count; ++p) update_slab(p, rest, rest);
+  for (std::size_t p = 0; p < count; ++p) {
+    bound_box(p, rest, rest);
+    bound_slab(p, rest, rest);
+  }
   for (int point = 0; point < points.count(); ++point) {
     const auto own = at(patch_of_point_[at(point)]);
     const Vector3 place = points.at(point, rest);
@@ -169,20 +174,16 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
   }
 }
 
-void SkinPatches::update_boxes(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
-  for (Eigen::AlignedBox3d& box : part_boxes_) box.setEmpty();
-  for (std::size_t p = 0; p < patches_.size(); ++p) {
-    Eigen::AlignedBox3d& box = boxes_[p];
-    box.setEmpty();
-    for (const std::int32_t node : patches_[p].nodes) {
-      box.extend(Vector3(starts.col(node)));
-      box.extend(Vector3(ends.col(node)));
-    }
-    part_boxes_[static_cast<std::size_t>(patches_[p].part)].extend(box);
+void SkinPatches::bound_box(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
+  Eigen::AlignedBox3d& box = boxes_[patch];
+  box.setEmpty();
+  for (const std::int32_t node : patches_[patch].nodes) {
+    box.extend(Vector3(starts.col(node)));
+    box.extend(Vector3(ends.col(node)));
   }
 }
 
-void SkinPatches::update_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
+void SkinPatches::bound_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends) {
   Slab& slab = slabs_[patch];
   slab.normal.setZero();
   for (const std::int32_t triangle : patches_[patch].triangles) {
@@ -200,8 +201,31 @@ void SkinPatches::update_slab(std::size_t patch, const Eigen::Matrix3Xd& starts,
   }
 }
 
-void SkinPatches::find_near(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends, double margin) {
-  update_boxes(starts, ends);
+std::span<const std::pair<std::int32_t, std::int32_t>> SkinPatches::meet(const Eigen::Matrix3Xd& starts,
+                                                                         const Eigen::Matrix3Xd& ends, double margin) {
+  for (const std::int32_t patch : near_patches_) bound_box(at(patch), starts, ends);
+  for (const std::int32_t patch : meeting_patches_) is_meeting_[at(patch)] = 0;
+  meeting_.clear();
+  meeting_patches_.clear();
+  for (const auto& [a, b] : near_) {
+    if (!(boxes_[at(a)].squaredExteriorDistance(boxes_[at(b)]) <= margin * margin)) continue;
+    meeting_.emplace_back(a, b);
+    for (const std::int32_t patch : {a, b}) {
+      if (std::exchange(is_meeting_[at(patch)], std::uint8_t{1}) != 0) continue;
+      meeting_patches_.push_back(patch);
+      bound_slab(at(patch), starts, ends);
+    }
+  }
+  return meeting_;
+}
+
+void SkinPatches::find_near(const Eigen::Matrix3Xd& positions, double margin) {
+  for (Eigen::AlignedBox3d& box : part_boxes_) box.setEmpty();
+  for (std::size_t p = 0; p < patches_.size(); ++p) {
+    boxes_[p].setEmpty();
+    for (const std::int32_t node : patches_[p].nodes) boxes_[p].extend(Vector3(positions.col(node)));
+    part_boxes_[static_cast<std::size_t>(patches_[p].part)].extend(boxes_[p]);
+  }
   near_.clear();
   for (const std::int32_t patch : near_patches_) is_near_[at(patch)] = 0;
   near_patches_.clear();
@@ -223,7 +247,6 @@ void SkinPatches::find_near(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3
       }
     }
   }
-  for (const std::int32_t patch : near_patches_) update_slab(at(patch), starts, ends);
 }
 
 }  // namespace softhand

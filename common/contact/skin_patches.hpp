@@ -50,15 +50,17 @@ class SkinPatches {
     return around_[static_cast<std::size_t>(node)];
   }
 
-  /// Lists the pairs of patches that can touch, and whose nodes may come within `margin` m of each other on their paths
-  /// from `starts` to `ends`. One query for each pair of parts. Does not allocate.
-  void find_near(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends, double margin);
-  /// Of the last `find_near`, always in the same order.
-  std::span<const std::pair<std::int32_t, std::int32_t>> near() const { return near_; }
-  /// The patches in `near`, each once.
-  std::span<const std::int32_t> near_patches() const { return near_patches_; }
-  /// Whether a place comes within `margin` m of the box and of the slab of a patch in `near`. The slab contains the
-  /// patch between two planes across its mean normal.
+  /// Lists the pairs of patches that can touch, and whose nodes are within `margin` m of each other or less than that
+  /// by their bounding boxes. One query for each pair of parts. Does not allocate.
+  void find_near(const Eigen::Matrix3Xd& positions, double margin);
+  /// Bounds the paths of the nodes from `starts` to `ends`. Returns the pairs of the last `find_near` that come within
+  /// `margin` m of each other, always in the same order.
+  std::span<const std::pair<std::int32_t, std::int32_t>> meet(const Eigen::Matrix3Xd& starts,
+                                                              const Eigen::Matrix3Xd& ends, double margin);
+  /// The patches in these pairs, each once.
+  std::span<const std::int32_t> meeting_patches() const { return meeting_patches_; }
+  /// Whether a place comes within `margin` m of the paths of a meeting patch. The patch is in a box, and in a slab
+  /// between two planes across its mean normal.
   bool is_near(const Vector3& place, int patch, double margin) const {
     const Slab& slab = slabs_[static_cast<std::size_t>(patch)];
     const double height = slab.normal.dot(place);
@@ -72,8 +74,8 @@ class SkinPatches {
   void divide(const HandModel& hand);
   void assign_points(const HandModel& hand, const ContactPoints& points);
   void exclude_near_at_rest(const HandModel& hand, const ContactPoints& points);
-  void update_boxes(const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
-  void update_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
+  void bound_box(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
+  void bound_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
 
   std::vector<std::array<std::int32_t, 3>> triangles_;
   std::vector<Patch> patches_;
@@ -88,10 +90,10 @@ class SkinPatches {
     Vector3 normal = Vector3::Zero();
     double low = 0, high = 0;
   };
-  std::vector<Slab> slabs_;  // by patch; valid for `near_patches_`
-  std::vector<std::pair<std::int32_t, std::int32_t>> near_;
-  std::vector<std::int32_t> near_patches_;
-  std::vector<std::uint8_t> is_near_;  // by patch
+  std::vector<Slab> slabs_;  // by patch
+  std::vector<std::pair<std::int32_t, std::int32_t>> near_, meeting_;
+  std::vector<std::int32_t> near_patches_, meeting_patches_;  // each once
+  std::vector<std::uint8_t> is_near_, is_meeting_;            // by patch
   std::uint64_t part_queries_ = 0;
 };
 

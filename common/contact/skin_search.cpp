@@ -10,7 +10,8 @@
 namespace softhand {
 namespace {
 
-constexpr double kSlack = 1e-3;   // m; the list of near patches holds while the nodes keep within this of their paths
+constexpr double kSlack = 1e-4;   // m; patches and points that come so near are searched
+constexpr double kRoom = 1e-3;    // m; so far nodes may move before the near patches are listed again
 constexpr double kEdge = 1e-6;    // relative; a place this far outside a triangle is still on it
 constexpr double kFacing = 0.25;  // cosine between the normals of skin that faces a triangle, with the opposite sign
 constexpr int kMostHops = 8;      // of an anchor from triangle to triangle
@@ -50,7 +51,7 @@ SkinSearch::SkinSearch(const HandModel& hand, const ContactPoints& points)
     neighbours_.erase(std::unique(neighbours_.begin() + begin, neighbours_.end()), neighbours_.end());
     first_neighbour_.push_back(neighbours_.size());
   }
-  starts_ = ends_ = local_starts_ = local_ends_ = boxed_ends_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+  starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
   const auto places = static_cast<std::size_t>(points.count()) * kSkinParts;
   paths_.resize(static_cast<std::size_t>(points.count()));
   meetings_.reserve(places);
@@ -89,30 +90,34 @@ void SkinSearch::begin_step(const State& state, double time_step, double reach) 
   set_local(state.body_poses.size() > kCarpus ? advanced(start, state.body_velocities[kCarpus], time_step) : start,
             ends_, local_ends_);
   reach_ = reach;
-  find_near(std::max(kSlack, reach));
+  follow_paths(std::max(kSlack, reach));
 }
 
 void SkinSearch::set_ends(const State& state) {
   ends_ = state.node_positions;
   set_local(wrist_of(state), ends_, local_ends_);
-  // The list of near patches still holds if no node is farther than half the slack from the path in the boxes.
-  if ((local_ends_ - boxed_ends_).colwise().squaredNorm().maxCoeff() > 0.25 * kSlack * kSlack) {
-    find_near(kSlack);
-  } else {
-    margin_ = kSlack;
-    set_paths();
-  }
+  follow_paths(kSlack);
 }
 
-void SkinSearch::find_near(double margin) {
+// Bounds the paths in the list of near patches. The list stays until a node has moved so far that a pair of patches
+// that is not in the list may have come within `margin`.
+void SkinSearch::follow_paths(double margin) {
   margin_ = margin;
-  boxed_ends_ = local_ends_;
-  patches_.find_near(local_starts_, local_ends_, margin);
-  set_paths();
-}
-
-void SkinSearch::set_paths() {
-  for (const std::int32_t patch : patches_.near_patches()) {
+  double square = 0, longest = 0;
+  for (Eigen::Index n = 0; n < listed_.cols(); ++n) {
+    square = std::max({square, (local_starts_.col(n) - listed_.col(n)).squaredNorm(),
+                       (local_ends_.col(n) - listed_.col(n)).squaredNorm()});
+    longest = std::max(longest, (local_ends_.col(n) - local_starts_.col(n)).squaredNorm());
+  }
+  const double room = 0.5 * (listed_margin_ - margin), wanted = margin + 2 * (std::sqrt(longest) + kRoom);
+  // A list that was made for fast motion is long.
+  if (!(room >= 0 && square <= room * room) || listed_margin_ > 2 * wanted) {
+    listed_ = local_starts_;
+    listed_margin_ = wanted;
+    patches_.find_near(listed_, listed_margin_);
+  }
+  pairs_ = patches_.meet(local_starts_, local_ends_, margin);
+  for (const std::int32_t patch : patches_.meeting_patches()) {
     for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(patch)].points) {
       const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
       paths_[static_cast<std::size_t>(point)] = {0.5 * (start + end), 0.5 * (end - start).norm()};

@@ -11,6 +11,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -97,7 +98,7 @@ class SkinSearch {
  private:
   template <typename Visit>
   void for_each_pair(Visit&& visit) const {
-    for (const auto& [a, b] : patches_.near()) {
+    for (const auto& [a, b] : pairs_) {
       for (const auto& [of_points, of_triangles] : {std::pair(a, b), std::pair(b, a)}) {
         const int part = patches_.patches()[static_cast<std::size_t>(of_triangles)].part;
         for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(of_points)].points) {
@@ -120,8 +121,7 @@ class SkinSearch {
     return static_cast<std::size_t>(point) * kSkinParts + static_cast<std::size_t>(part);
   }
   void keep(const SkinMeeting& meeting, int part);
-  void find_near(double margin);
-  void set_paths();
+  void follow_paths(double margin);
   bool turns_corner(SkinMeeting& meeting) const;
   double signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const;
   void set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
@@ -135,16 +135,19 @@ class SkinSearch {
   SkinPatches patches_;
   Eigen::Matrix3Xd starts_, ends_;  // by node
   // The same in the frame of the carpus. A motion of the whole hand brings nothing near.
-  Eigen::Matrix3Xd local_starts_, local_ends_, boxed_ends_;
+  Eigen::Matrix3Xd local_starts_, local_ends_;
+  Eigen::Matrix3Xd listed_;    // when the near patches were listed
+  double listed_margin_ = -1;  // m, of this list; < 0: there is none
   struct Path {
     Vector3 middle = Vector3::Zero();
     double half = 0;  // of its length, m
   };
-  std::vector<Path> paths_;               // by point, in the frame of the carpus; valid in near patches
-  std::vector<SkinMeeting> meetings_;     // scratch of a search
-  std::vector<std::int32_t> meeting_of_;  // by (point, part): place in `meetings_`; -1: none
+  std::vector<Path> paths_;  // by point, in the frame of the carpus; valid in meeting patches
+  std::span<const std::pair<std::int32_t, std::int32_t>> pairs_;  // patches that meet
+  std::vector<SkinMeeting> meetings_;                             // scratch of a search
+  std::vector<std::int32_t> meeting_of_;                          // by (point, part): place in `meetings_`; -1: none
   double reach_ = 0;
-  double margin_ = 0;  // of the list of near patches, m
+  double margin_ = 0;  // of the search, m
   std::uint64_t queries_ = 0;
 };
 
