@@ -81,19 +81,20 @@ TEST(Health, FollowsTheSamples) {
 
 TEST(Health, DoubtDegradesAndAnUnseenHandDoesNot) {
   HealthMonitor health;
-  const auto second = [&](Nanoseconds start, double confidence) {
+  Nanoseconds now = 1000 * kMillisecond;
+  const auto run = [&](int samples, double confidence) {
     Health last = Health::opening;
-    for (int i = 0; i < 100; ++i) {
-      health.sample(start + i * 10 * kMillisecond, confidence);
-      last = health.update(start + i * 10 * kMillisecond, {});
+    for (int i = 0; i < samples; ++i, now += 10 * kMillisecond) {
+      health.sample(now, confidence);
+      last = health.update(now, {});
     }
     return last;
   };
-  EXPECT_EQ(second(1000 * kMillisecond, 1), Health::live);
-  EXPECT_EQ(second(2000 * kMillisecond, 0), Health::live);
-  EXPECT_EQ(second(3000 * kMillisecond, 0.2), Health::degraded);
-  EXPECT_EQ(second(4000 * kMillisecond, 0.4), Health::degraded);  // the doubt is less than a second ago
-  EXPECT_EQ(second(5000 * kMillisecond, 0.4), Health::live);
+  EXPECT_EQ(run(100, 1), Health::live);
+  EXPECT_EQ(run(100, 0), Health::live);
+  EXPECT_EQ(run(100, 0.2), Health::degraded);
+  EXPECT_EQ(run(90, 0.4), Health::degraded);  // the doubt is less than a second ago
+  EXPECT_EQ(run(20, 0.4), Health::live);
 }
 
 TEST(Health, ManyRefusalsDegrade) {
