@@ -183,7 +183,10 @@ def run_checks(domain, rig, log, summary):
         check(number(output, "readers") >= 0, f"a tracker without own checks on {vendor} writes wrenches")
         check(second_writers(domain) == 0, "no glove receives them")
         check(read(log).count("Security manager returns an error") > before, "the rig logs it")
-    domain.peer("fast", "good", "hand", "write", "bone_wrench", 8).communicate()
+    for _ in range(3):  # an occasional handshake fails, see docs/security.md
+        domain.peer("fast", "good", "hand", "write", "bone_wrench", 4).communicate()
+        if second_writers(domain) > 0:
+            break
     check(second_writers(domain) > 0, "a glove receives those of a second hand, and counts them")
 
     modules = set(domain.status())
