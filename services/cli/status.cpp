@@ -44,13 +44,15 @@ int run_status(const StatusArguments& arguments) {
   bus::Reader reader(participant, bus::topics::loop_status);
   std::map<std::string, LoopStatus> modules;
   const bool terminal = isatty(STDOUT_FILENO) != 0;
+  // A snapshot waits long enough to discover every writer and to receive one message of each. A handshake with each of
+  // them takes longer.
+  const std::chrono::milliseconds discovery(bus::network_from_environment().security.empty() ? 1500 : 4000);
   const auto started = std::chrono::steady_clock::now();
   while (!stop.requested()) {
     std::this_thread::sleep_for(std::chrono::milliseconds(250));
     reader.take_all([&modules](const LoopStatus& status) { modules[std::string(get_text(status.module))] = status; });
     const bool snapshot = arguments.once || arguments.json;
-    // A snapshot waits long enough to discover every writer and to receive one message of each.
-    if (snapshot && std::chrono::steady_clock::now() - started < std::chrono::milliseconds(1500)) continue;
+    if (snapshot && std::chrono::steady_clock::now() - started < discovery) continue;
     if (arguments.json) {
       nlohmann::ordered_json json = nlohmann::ordered_json::object();
       for (const auto& [name, status] : modules) json[name] = status_json(status);

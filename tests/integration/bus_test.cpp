@@ -710,6 +710,40 @@ TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
   }));
 }
 
+// The stamp of a device may be anything, but only on the clock of this host.
+TEST(Bus, TrackersOfHostsWithAnUnknownClockAreRefused) {
+  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  Writer writer(writing, topics::tracked_skeleton);
+  Reader reader(reading, topics::tracked_skeleton, HandKey{0, 1});
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  Skeleton sample;
+  const auto write = [&](std::uint32_t clock) {
+    sample.stamp.clock_id = clock;
+    writer.write(sample);
+    std::this_thread::sleep_for(2ms);
+  };
+  Skeleton out;
+  for (int i = 0; i < 20; ++i) write(clock_id() + 1);
+  EXPECT_TRUE(eventually([&] { return reader.counters().refused_stamp == 20; }));
+  EXPECT_FALSE(reader.take_latest(out));
+  EXPECT_TRUE(eventually([&] {
+    write(clock_id());
+    return reader.take_latest(out);
+  }));
+}
+
+// Beacons and their threads are only for networks that leave the host.
+TEST(Bus, OnOneHostNoClocksAreExchanged) {
+  const Participant one("one", test_domain()), other("other", test_domain());
+  const Reader beacons(other, topics::clock_beacon);
+  Peer peer;
+  ASSERT_TRUE(eventually([&] { return other.find_peer(one.epoch(), peer); }));
+  EXPECT_EQ(peer.clock_id, clock_id());
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(beacons.writer_count(), 0);
+  EXPECT_EQ(one.clocks().size(), 0u);
+}
+
 TEST(Bus, InstancesThatRestMakeRoom) {
   const Participant writing("writing", testing::own_domain()), reading("reading", testing::own_domain());
   // A writer refuses more instances than the topic has, so the crowd has two.

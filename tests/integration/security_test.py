@@ -4,6 +4,7 @@
 Everybody who has the right identity is heard, with Fast DDS and Cyclone DDS. A stranger, an identity of another
 authority, an expired one and one of the wrong role are refused, and a log says so.
 """
+import contextlib
 import datetime
 import json
 import os
@@ -120,43 +121,102 @@ def number(output, word):
     return -1
 
 
+@contextlib.contextmanager
+def running(rig, log):
+    """Waits until the rig is up, and ends it at the end."""
+    try:
+        given_up = time.monotonic() + 40
+        while "is up" not in read(log) and time.monotonic() < given_up:
+            time.sleep(0.1)
+        yield
+    finally:
+        if rig.poll() is None:
+            rig.send_signal(signal.SIGTERM)
+        rig.wait()
+        if failures:
+            print(read(log))
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         domain = Domain(folder)
         summary, log = domain.path("summary.json"), domain.path("rig.log")
+        command = [f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/demo.toml", "--set",
+                   "hand.model=right_400.hand.json", "--set", "viewer.port=0"]
         with open(log, "w") as out:
-            rig = subprocess.Popen([f"{PROGRAMS}/softhand", "up", f"{ROOT}/config/rigs/demo.toml", "--json", summary,
-                                    "--set", "hand.model=right_400.hand.json", "--set", "viewer.port=0"],
-                                   env=domain.environment("good"), stdout=out, stderr=subprocess.STDOUT)
-        try:
+            rig = subprocess.Popen([*command, "--json", summary], env=domain.environment("good"), stdout=out,
+                                   stderr=subprocess.STDOUT)
+        with running(rig, log):
             run_checks(domain, rig, log, summary)
-        finally:
-            if rig.poll() is None:
-                rig.send_signal(signal.SIGTERM)
-            rig.wait()
-            if failures:
-                print(read(log))
+        with open(log, "w") as out:
+            rig = subprocess.Popen(command, env=domain.environment("good"), stdout=out, stderr=subprocess.STDOUT)
+        with running(rig, log):
+            check_rotation(domain)
     print("FAILED: " + "; ".join(failures) if failures else "passed")
     sys.exit(1 if failures else 0)
 
 
+def status_of(domain, modules):
+    """What `softhand status` hears. An occasional handshake fails (docs/security.md): then it is asked again."""
+    heard = {}
+    for _ in range(4):
+        heard.update(domain.status())
+        if modules <= set(heard):
+            break
+    return heard
+
+
 def second_writers(domain):
-    return domain.status()["haptic"]["counters"]["second_writer"]
+    return status_of(domain, {"haptic"})["haptic"]["counters"]["second_writer"]
+
+
+def check_gloves(domain):
+    """Both gloves have input. One that missed the keys of its writer gets them after a restart (docs/security.md)."""
+    for device in ("haptic", "tactile"):
+        for _ in range(3):
+            status = status_of(domain, {device})[device]
+            accepted = status["counters"]["accepted"]
+            if accepted > 50:
+                break
+            print(f"        the {device} glove missed keys and is restarted")
+            os.kill(status["process_id"], signal.SIGTERM)
+            time.sleep(3)
+        check(accepted > 50, f"the {device} glove has {accepted:.0f} samples")
+
+
+def check_rotation(domain):
+    """A renewed certificate is used after a restart of its process. The other processes go on and accept it."""
+    folder = domain.path("good")
+    tracker = status_of(domain, {"tracker"})["tracker"]["process_id"]
+    before = read(f"{folder}/tracker/certificate.pem"), read(f"{folder}/hand/certificate.pem")
+    made = subprocess.run([f"{ROOT}/deploy/security", folder, "tracker"], capture_output=True, text=True).stdout
+    check("made 2 identities" in made, made.strip())
+    check(read(f"{folder}/tracker/certificate.pem") != before[0], "the tracker has a new certificate")
+    check(read(f"{folder}/hand/certificate.pem") == before[1], "the hand keeps its certificate")
+    os.kill(tracker, signal.SIGTERM)
+    given_up = time.monotonic() + 25
+    while time.monotonic() < given_up:
+        heard = domain.status()
+        if heard.get("tracker", {}).get("process_id", tracker) != tracker and "tracking" in heard:
+            break
+    check(heard.get("tracker", {}).get("process_id", tracker) != tracker, "the tracker was restarted")
+    age = heard.get("tracking", {}).get("input_age_ms", -1)
+    check(0 <= age < 500, f"tracking has samples of the new tracker, {age:.0f} ms old")
 
 
 def run_checks(domain, rig, log, summary):
     def refusals():
         return read(log).count("a process without a valid identity was refused")
 
-    given_up = time.monotonic() + 40
-    while "is up" not in read(log) and time.monotonic() < given_up:
-        time.sleep(0.1)
     started = time.monotonic()
     check(refusals() == 0, "nobody with an identity is refused")
+    check_gloves(domain)
 
-    peers = {vendor: domain.peer(vendor, "good", "client", "read", "simulated_skeleton") for vendor in VENDORS}
-    for vendor, peer in peers.items():
-        output = peer.communicate()[0]
+    for vendor in VENDORS:
+        for _ in range(3):  # an occasional handshake fails
+            output = domain.peer(vendor, "good", "client", "read", "simulated_skeleton").communicate()[0]
+            if number(output, "samples") > 50:
+                break
         check(number(output, "samples") > 50, f"a client on {vendor} reads {number(output, 'samples')} samples")
 
     for name, what in (("", "without an identity"), ("other", "of another authority")):
@@ -183,11 +243,15 @@ def run_checks(domain, rig, log, summary):
         check(number(output, "readers") >= 0, f"a tracker without own checks on {vendor} writes wrenches")
         check(second_writers(domain) == 0, "no glove receives them")
         check(read(log).count("Security manager returns an error") > before, "the rig logs it")
-    domain.peer("fast", "good", "hand", "write", "bone_wrench", 8).communicate()
+    for _ in range(3):  # an occasional handshake fails
+        domain.peer("fast", "good", "hand", "write", "bone_wrench", 4).communicate()
+        if second_writers(domain) > 0:
+            break
     check(second_writers(domain) > 0, "a glove receives those of a second hand, and counts them")
 
-    modules = set(domain.status())
-    check({"world", "hand", "tracking", "haptic", "tactile", "tracker"} <= modules, "status hears every module")
+    modules = {"world", "hand", "tracking", "haptic", "tactile", "tracker"}
+    heard = status_of(domain, modules)
+    check(modules <= set(heard), "status hears every module")
     time.sleep(max(0, started + 15 - time.monotonic()))
     rig.send_signal(signal.SIGINT)
     check(rig.wait() == 0, "the rig ends cleanly")
