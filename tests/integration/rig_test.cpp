@@ -581,10 +581,11 @@ TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
     double farthest = 0;
     for (const auto& [time, at] : path)
       farthest = std::max(farthest, std::hypot(at[0] - before[0], at[1] - before[1], at[2] - before[2]));
-    // On a busy machine a tracker may be silent for 50 ms, and the hand goes to and fro.
+    // On a busy machine processes stall, a tracker may be silent for 50 ms, and the hand goes to and fro. 12 mm were
+    // seen at a load of 14. On the virtual clock the limit is 5 mm (grasp_test.cpp).
     std::printf("%s to %s: the cube moved by %.2f mm, %.0f swaps\n", way, to == kStrong ? "strong" : "other",
                 farthest * 1e3, listener.counter("tracking", "swapped") - swapped);
-    EXPECT_LT(farthest, 5e-3) << way;
+    EXPECT_LT(farthest, 0.015) << way;
     EXPECT_GT(listener.objects[kCube][1], 0.14) << way << ": dropped";
     swaps += owner() == to ? 1 : 0;
   };
