@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "cli/outcome.hpp"
+#include "cli/skin_outcome.hpp"
 #include "device/device_loop.hpp"
 #include "device/driver.hpp"
 #include "hand/hand_options.hpp"
@@ -45,6 +46,7 @@ struct JudgeOptions {
   std::string joint;
   Goal goal;
   std::int64_t times = 1;
+  SkinGoal skin;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
@@ -62,6 +64,14 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("closes", o.goal.closes, "rad or m", {0, 1000},
            "After each swing the coordinate falls to this much above its first value. 0 = not asked for.");
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
+  v.number("skin_penetration", o.skin.penetration, "m", {0, 0.1},
+           "With `hand.simulation.skin_contact`, a run of `softhand simulate` succeeds only if 95 % of the touching "
+           "points of the skin are at most this deep in the skin, and if no finger passes another one. 0 = not asked "
+           "for.");
+  v.number(
+      "skin_friction", o.skin.friction, "1", {0, 1},
+      "The same if friction of skin that slides on skin is `hand.simulation.skin_friction` times the normal force, "
+      "within this fraction. 0 = not asked for.");
 }
 
 struct HapticOptions : DeviceOptions<HapticLogOptions> {};

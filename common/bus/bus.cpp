@@ -11,6 +11,7 @@
 #include <atomic>
 #include <charconv>
 #include <chrono>
+#include <condition_variable>
 #include <cstdlib>
 #include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -30,6 +31,7 @@
 #include <mutex>
 #include <optional>
 #include <random>
+#include <set>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -37,6 +39,7 @@
 #include <thread>
 #include <vector>
 
+#include "bus/host_clocks.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "messages/followed_writer.hpp"
@@ -64,10 +67,21 @@ constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topi
 /// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
 constexpr int kProcessLeaseMs = 10000;
 /// First line of the user data of our participants and endpoints. Next lines of a participant: epoch, process id, host,
-/// name of the rig that the process holds. Next lines of an endpoint: epoch, hash of the type's definition, module.
+/// name of the rig that the process holds, clock id. Next lines of an endpoint: epoch, hash of the type's definition,
+/// module.
 constexpr std::string_view kUserData = "softhand 1\n";
 constexpr std::size_t kMostPeers = 256;  ///< anybody on the domain can invent participants
 constexpr std::size_t kMostEndpoints = 4096;
+/// Participant ids of our processes. They say which ports a process has. Ids 0..32 belong to Cyclone's automatic
+/// participants. Without multicast, announcements go to every port of every peer, so the range is small.
+constexpr std::uint32_t kFirstId = 33;
+constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
+constexpr std::chrono::milliseconds kBeaconPeriod{100};
+/// Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
+/// the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
+/// and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
+/// secured domain are larger.
+constexpr std::uint32_t kMessageSize = 1400;
 
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
@@ -82,15 +96,15 @@ Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(
 
 /// Returns a participant id, and with it a port number, that a just-killed process with the same name most likely did
 /// not have. Otherwise peers take the new process for the old one until its lease ends, and do not answer for seconds.
-/// Ids 0..32 belong to Cyclone's automatic participants.
-std::int32_t fresh_participant_id() {
+/// If another process has the id, Fast DDS takes the next free one.
+std::int32_t fresh_participant_id(std::uint32_t count) {
   static std::atomic<std::uint32_t> next = [] {
     std::uint32_t seed = 0;
     if (getrandom(&seed, sizeof seed, 0) != sizeof seed)
       seed = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
     return seed;
   }();
-  return static_cast<std::int32_t>(33 + next.fetch_add(1) % 80);
+  return static_cast<std::int32_t>(kFirstId + next.fetch_add(1) % count);
 }
 
 /// Lets Fast DDS send and receive our plain structs.
@@ -152,16 +166,19 @@ class PlainType final : public dds::TopicDataType {
 /// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Samples about other
 /// hands stay outside if the reader is about one hand. Anybody on the domain can invent instances (users, module
 /// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
-/// many. A new instance takes the place of one that rests. On topics with one writer, the filter follows one writer of
-/// each instance and refuses stamps that are not usable. Fast DDS 2.9 does not tell a filter who wrote a sample. So the
-/// epoch in the sample stands for the writer.
+/// many. A new instance takes the place of one that rests. The filter refuses streams of hosts whose clock is not
+/// known. On topics with one writer it follows one writer of each instance, and refuses stamps that are not usable.
+/// Fast DDS 2.9 does not tell a filter who wrote a sample. So the epoch in the sample stands for the writer.
 class AdmissionFilter final : public dds::IContentFilter {
  public:
-  AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only)
+  AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only,
+                  const HostClocks& clocks)
       : codec_(codec),
         received_(codec.create_received()),
         share_(static_cast<std::size_t>(row.max_instances)),
         has_one_writer_(row.writers == Writers::one),
+        is_stream_(row.writers != Writers::any),
+        clocks_(clocks),
         clock_id_(clock_id()) {
     admitted_.reserve(2 * share_);
     if (only) {
@@ -182,9 +199,10 @@ class AdmissionFilter final : public dds::IContentFilter {
     const std::size_t size = codec_.key(received_, bytes);
     const Key key = hash_of(std::span(bytes).first(size));
     if (only_ && key != *only_) return false;
-    const Stamp& stamp = codec_.stamp(received_);
+    Stamp& stamp = codec_.stamp(received_);
     const Nanoseconds time = now();
-    if (has_one_writer_ && !is_usable(stamp, time, clock_id_)) {
+    const bool is_local = clocks_.to_local(stamp);
+    if ((is_stream_ && !is_local) || (has_one_writer_ && !is_usable(stamp, time, clock_id_))) {
       refused_stamp_.fetch_add(1, std::memory_order_relaxed);
       return false;
     }
@@ -259,6 +277,8 @@ class AdmissionFilter final : public dds::IContentFilter {
   void* received_;
   std::size_t share_;
   bool has_one_writer_;
+  bool is_stream_;
+  const HostClocks& clocks_;
   std::uint32_t clock_id_;  // of this host
   std::optional<Key> only_;
   mutable std::vector<Admitted> admitted_;
@@ -356,7 +376,7 @@ std::string user_data_of(std::uint64_t epoch, const std::string& rig) {
   std::array<char, 256> host{};
   gethostname(host.data(), host.size() - 1);
   return std::string(kUserData) + std::to_string(epoch) + "\n" + std::to_string(getpid()) + "\n" + host.data() + "\n" +
-         rig;
+         rig + "\n" + std::to_string(clock_id());
 }
 
 /// Without control characters, for logs: anybody on the domain can write user data.
@@ -376,6 +396,7 @@ std::optional<Peer> peer_of(const std::string& name, std::string_view data) {
   std::string host, rig;
   std::getline(in, host);
   std::getline(in, rig);
+  in >> peer.clock_id;
   set_text(peer.name, printable(name));
   set_text(peer.host, printable(host));
   set_text(peer.rig, printable(rig));
@@ -408,10 +429,150 @@ std::optional<Endpoint> endpoint_of(const std::string& topic, const std::string&
   return endpoint;
 }
 
+/// Exchanges beacons with other hosts, from which `clocks` computes offsets. The reader takes the time of arrival in
+/// the thread that receives the beacon.
+class ClockExchange final : public dds::DataReaderListener {
+ public:
+  ClockExchange(HostClocks& clocks, std::uint64_t epoch, dds::DataWriter* writer) : clocks_(clocks), writer_(writer) {
+    beacon_.stamp.epoch = epoch;
+    beacon_.stamp.clock_id = clock_id();
+    thread_ = std::thread([this] { run(); });
+  }
+  ~ClockExchange() override {
+    {
+      const std::lock_guard lock(mutex_);
+      stops_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+  }
+  void on_data_available(dds::DataReader* reader) override {
+    dds::SampleInfo info;
+    while (reader->take_next_sample(&received_, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
+      if (info.valid_data && received_.well_formed) clocks_.heard(received_.value, now(), wall_clock());
+    }
+  }
+
+ private:
+  void run() {
+    std::unique_lock lock(mutex_);
+    while (!stops_) {
+      const WallClock wall = wall_clock();
+      beacon_.wall_offset = wall.offset;
+      beacon_.wall_uncertainty = wall.uncertainty;
+      clocks_.update(now(), beacon_.hosts);
+      ++beacon_.stamp.sequence;
+      beacon_.stamp.sample_time = beacon_.stamp.publish_time = now();
+      writer_->write(&beacon_);
+      wake_.wait_for(lock, kBeaconPeriod, [this] { return stops_; });
+    }
+  }
+
+  HostClocks& clocks_;
+  dds::DataWriter* writer_;
+  ClockBeacon beacon_;
+  Received<ClockBeacon> received_;  // of the receiving thread
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool stops_ = false;
+  std::thread thread_;
+};
+
+rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
+  rtps::Locator_t out;
+  out.kind = LOCATOR_KIND_UDPv4;
+  rtps::IPLocator::setIPv4(out, address);
+  out.port = port;
+  return out;
+}
+
+/// Sets transport and discovery of a participant.
+void apply_network(dds::DomainParticipantQos& qos, const Network& network, int domain) {
+  auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+  udp->interfaceWhiteList = network.addresses;
+  udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
+  if (network.has_small_messages()) udp->maxMessageSize = kMessageSize;
+  // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
+  // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
+  // With UDP it is heard after 20 ms (worst 0.44 s).
+  qos.transport().use_builtin_transports = false;
+  qos.transport().user_transports = {udp};
+  auto& wire = qos.wire_protocol();
+  const bool multicast = network.options.multicast;
+  wire.participant_id = fresh_participant_id(multicast ? kIds : kIdsWithoutMulticast);
+  auto& discovery = wire.builtin;
+  discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
+  discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
+  if (const std::string& server = network.options.discovery_server; !server.empty()) {
+    const std::size_t colon = server.find(':');
+    // The server sends to participants of its own host on the loopback interface.
+    udp->interfaceWhiteList.push_back("127.0.0.1");
+    eprosima::fastdds::rtps::RemoteServerAttributes remote;
+    remote.ReadguidPrefix("44.53.00.5f.45.50.52.4f.53.49.4d.41");  // of `fastdds discovery -i 0`
+    remote.metatrafficUnicastLocatorList.push_back(
+        locator(server.substr(0, colon), static_cast<std::uint32_t>(std::stoul(server.substr(colon + 1)))));
+    discovery.discovery_config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
+    discovery.discovery_config.m_DiscoveryServers.push_back(remote);
+    return;
+  }
+  // A list without a multicast address makes Fast DDS listen to none.
+  if (!multicast) {
+    for (const std::string& address : network.addresses)
+      discovery.metatrafficUnicastLocatorList.push_back(locator(address));
+  }
+  // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
+  // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
+  const auto number = static_cast<std::uint32_t>(domain);
+  if (multicast) discovery.initialPeersList.push_back(locator("239.255.0.1", wire.port.getMulticastPort(number)));
+  for (const auto* list : {&network.addresses, &network.peers}) {
+    for (const std::string& address : *list) {
+      discovery.initialPeersList.push_back(locator(address));
+      // A range that is twice as long has room for ids that were taken.
+      for (std::uint32_t id = kFirstId; !multicast && id < kFirstId + 2 * kIdsWithoutMulticast; ++id)
+        discovery.initialPeersList.push_back(locator(address, wire.port.getUnicastPort(number, id)));
+    }
+  }
+}
+
+/// Gives a participant the identity of a role.
+void apply_security(dds::DomainParticipantQos& qos, const std::string& folder, const std::string& role) {
+  auto& properties = qos.properties().properties();
+  const std::string all = "file://" + folder + "/", own = all + role + "/";
+  const std::string identity = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
+  properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
+  properties.emplace_back(identity + "identity_ca", all + "authority.pem");
+  properties.emplace_back(identity + "identity_certificate", own + "certificate.pem");
+  properties.emplace_back(identity + "private_key", own + "key.pem");
+  properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
+  properties.emplace_back(access + "permissions_ca", all + "authority.pem");
+  properties.emplace_back(access + "governance", all + "governance.p7s");
+  properties.emplace_back(access + "permissions", own + "permissions.p7s");
+  properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+}
+
 class ParticipantImpl final : public dds::DomainParticipantListener {
  public:
-  ParticipantImpl(const std::string& name, int domain, const std::string& rig) : name_(name), epoch_(make_epoch()) {
+  ParticipantImpl(const std::string& name, int domain, const std::string& rig, const std::string& role,
+                  const Network& network)
+      : clocks_(clock_id(), network.options.clock == "synchronised"),
+        name_(name),
+        role_(network.security.empty() ? "" : role),
+        epoch_(make_epoch()) {
     peers_.reserve(kMostPeers);
+    // The factory is never destroyed. Its destructor has nothing to do when our participants are gone, but sleeps 100
+    // ms. When a rig stops, that would be 100 ms for each process in turn.
+    static auto* const factory = (new auto(dds::DomainParticipantFactory::get_shared_instance()))->get();
+
+    dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
+    if (network.profile.empty()) {
+      apply_network(qos, network, domain);
+    } else {
+      constexpr auto kOk = eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK;
+      if (factory->load_XML_profiles_file(network.profile) != kOk ||
+          factory->get_participant_qos_from_profile("softhand", qos) != kOk)
+        fail(network.profile + ": expected an XML file of Fast DDS with the participant profile softhand");
+    }
+    if (!network.security.empty()) apply_security(qos, network.security, role);
     // Readers in the writer's own process receive samples like all other readers: in the receiving threads, not inside
     // write().
     auto library = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
@@ -419,43 +580,17 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       library.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
       eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
     }
-
-    // The factory is never destroyed. Its destructor has nothing to do when our participants are gone, but sleeps 100
-    // ms. When a rig stops, that would be 100 ms for each process in turn.
-    [[maybe_unused]] static const auto* const kept = new auto(dds::DomainParticipantFactory::get_shared_instance());
-
-    dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     qos.name(name.c_str());
     const std::string user_data = user_data_of(epoch_, rig);
     qos.user_data().data_vec({user_data.begin(), user_data.end()});
-    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList = {"127.0.0.1"};
-    udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
-    // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
-    // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
-    // With UDP it is heard after 20 ms (worst 0.44 s).
-    qos.transport().use_builtin_transports = false;
-    qos.transport().user_transports = {udp};
-    qos.wire_protocol().participant_id = fresh_participant_id();
-    auto& discovery = qos.wire_protocol().builtin;
-    discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
-    discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
-    // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
-    // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
-    rtps::Locator_t group;
-    group.kind = LOCATOR_KIND_UDPv4;
-    rtps::IPLocator::setIPv4(group, "239.255.0.1");
-    group.port = qos.wire_protocol().port.getMulticastPort(static_cast<std::uint32_t>(domain));
-    rtps::Locator_t host;
-    host.kind = LOCATOR_KIND_UDPv4;
-    rtps::IPLocator::setIPv4(host, "127.0.0.1");
-    discovery.initialPeersList.push_back(group);
-    discovery.initialPeersList.push_back(host);
 
-    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(
-        static_cast<std::uint32_t>(domain), qos, this, dds::StatusMask::none());
-    if (participant_ == nullptr)
-      fail("cannot join domain " + std::to_string(domain) + " on 127.0.0.1 (is the loopback interface up?)");
+    participant_ = factory->create_participant(static_cast<std::uint32_t>(domain), qos, this, dds::StatusMask::none());
+    if (participant_ == nullptr) {
+      fail("cannot join domain " + std::to_string(domain) + " on " + network.addresses.front() +
+           (network.security.empty()
+                ? " (is the interface up?)"
+                : " as " + role + " (is the interface up, and are the files in " + network.security + " valid?)"));
+    }
     participant_->register_content_filter_factory(filters_.name(), &filters_);
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
@@ -463,6 +598,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       close();
       fail("cannot create a publisher and a subscriber");
     }
+    if (network.leaves_host()) exchange_clocks();
   }
   ~ParticipantImpl() { close(); }
   ParticipantImpl(const ParticipantImpl&) = delete;
@@ -528,6 +664,21 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
     if (found.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER) discovered(found.info);
   }
 
+  void onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) override {
+    if (info.status != rtps::ParticipantAuthenticationInfo::UNAUTHORIZED_PARTICIPANT) return;
+    const std::lock_guard lock(peers_mutex_);
+    if (refused_.size() == kMostPeers || !refused_.insert(info.guid.guidPrefix).second) return;
+    std::ostringstream guid;
+    guid << info.guid.guidPrefix;
+    std::fprintf(stderr, "%s: a process without a valid identity was refused (participant %s)\n", name_.c_str(),
+                 guid.str().c_str());
+  }
+  /// Ends a message about an endpoint that DDS refused.
+  std::string possible_reason() const {
+    return role_.empty() ? "" : "; the permissions of the role " + role_ + " may forbid it";
+  }
+  const HostClocks& clocks() const { return clocks_; }
+
   dds::Publisher& publisher() { return *publisher_; }
   dds::Subscriber& subscriber() { return *subscriber_; }
 
@@ -553,22 +704,50 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
                  static_cast<unsigned long long>(other.hash), own.type.c_str(),
                  static_cast<unsigned long long>(own.hash));
   }
+  void exchange_clocks() {
+    const TopicRow& row = topics::clock_beacon;
+    const TypeCodec& codec = codec_of<ClockBeacon>(row.type);
+    const std::string data = user_data(row, codec);
+    dds::DataWriterQos write_qos = dds::DATAWRITER_QOS_DEFAULT;
+    apply(write_qos, row);
+    write_qos.user_data().data_vec({data.begin(), data.end()});
+    dds::DataReaderQos read_qos = dds::DATAREADER_QOS_DEFAULT;
+    apply(read_qos, row);
+    read_qos.user_data().data_vec({data.begin(), data.end()});
+    dds::Topic* beacons = topic(row, codec);
+    dds::DataWriter* writer = publisher_->create_datawriter(beacons, write_qos);
+    dds::DataReader* reader = subscriber_->create_datareader(beacons, read_qos);
+    if (writer == nullptr || reader == nullptr) {
+      close();
+      fail("cannot create a writer and a reader of " + std::string(row.name) + possible_reason());
+    }
+    exchange_ = std::make_unique<ClockExchange>(clocks_, epoch_, writer);
+    reader->set_listener(exchange_.get(), dds::StatusMask::data_available());
+    beacon_reader_ = reader;
+  }
   void close() {
     participant_->set_listener(nullptr);
+    if (beacon_reader_ != nullptr) beacon_reader_->set_listener(nullptr);
+    exchange_.reset();
     participant_->delete_contained_entities();
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
   }
 
   std::mutex mutex_;
   AdmissionFilters filters_;
+  HostClocks clocks_;
+  std::unique_ptr<ClockExchange> exchange_;  // only if the network leaves this host
+  dds::DataReader* beacon_reader_ = nullptr;
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;
   std::string name_;
+  std::string role_;  // empty if the domain is not secured
   std::uint64_t epoch_;
   mutable std::mutex peers_mutex_;
-  std::vector<Endpoint> own_;     // one for each topic
-  std::vector<Endpoint> others_;  // one for each topic of each other module
+  std::set<rtps::GuidPrefix_t> refused_;  // participants without a valid identity
+  std::vector<Endpoint> own_;             // one for each topic
+  std::vector<Endpoint> others_;          // one for each topic of each other module
   std::vector<std::pair<rtps::GUID_t, Peer>> peers_;
 };
 
@@ -588,7 +767,8 @@ class WriterImpl final : public dds::DataWriterListener {
     qos.user_data().data_vec({user_data.begin(), user_data.end()});
     writer_ = participant_->publisher().create_datawriter(participant_->topic(row, codec), qos, this,
                                                           dds::StatusMask::publication_matched());
-    if (writer_ == nullptr) fail("cannot create a writer of " + std::string(row.name));
+    if (writer_ == nullptr)
+      fail("cannot create a writer of " + std::string(row.name) + participant_->possible_reason());
   }
   ~WriterImpl() override {
     // The notice of departure uses another socket than the data. A reader that receives the notice first drops the last
@@ -609,6 +789,14 @@ class WriterImpl final : public dds::DataWriterListener {
     } catch (...) {
     }
     failed_.fetch_add(1, std::memory_order_relaxed);
+  }
+  void set_strength(int strength) noexcept {
+    try {
+      dds::DataWriterQos qos = writer_->get_qos();
+      qos.ownership_strength().value = static_cast<std::uint32_t>(std::max(strength, 0));
+      writer_->set_qos(qos);
+    } catch (...) {
+    }
   }
   void on_publication_matched(dds::DataWriter*, const dds::PublicationMatchedStatus& status) override {
     readers_.store(status.current_count);
@@ -634,6 +822,7 @@ class ReaderImpl final : public dds::DataReaderListener {
   ReaderImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec,
              const std::optional<HandKey>& only)
       : participant_(std::move(participant)),
+        codec_(codec),
         has_lease_(row.liveliness_ms > 0),
         most_samples_(2 * row.max_instances * row.depth) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
@@ -653,14 +842,15 @@ class ReaderImpl final : public dds::DataReaderListener {
          << dds::StatusMask::sample_lost();
     dds::TopicDescription* topic = participant_->topic(row, codec);
     if (has_key) {
-      filter_.emplace(codec, row, only);
+      filter_.emplace(codec, row, only, participant_->clocks());
       topic = filtered_ = participant_->topic(row, codec, *filter_);
     }
     const std::string user_data = participant_->user_data(row, codec);
     qos.user_data().data_vec({user_data.begin(), user_data.end()});
     reader_ = participant_->subscriber().create_datareader(topic, qos, this, mask);
     if (reader_ == nullptr && filtered_ != nullptr) participant_->remove(filtered_);
-    if (reader_ == nullptr) fail("cannot create a reader of " + std::string(row.name));
+    if (reader_ == nullptr)
+      fail("cannot create a reader of " + std::string(row.name) + participant_->possible_reason());
   }
   ~ReaderImpl() override {
     reader_->set_listener(nullptr);
@@ -678,6 +868,7 @@ class ReaderImpl final : public dds::DataReaderListener {
           refused_.fetch_add(1, std::memory_order_relaxed);
           continue;
         }
+        participant_->clocks().to_local(codec_.stamp(received));
         received_.fetch_add(1, std::memory_order_relaxed);
         source_time = info.source_timestamp.to_ns();
         return true;
@@ -717,6 +908,7 @@ class ReaderImpl final : public dds::DataReaderListener {
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
+  const TypeCodec& codec_;
   bool has_lease_;
   int most_samples_;
   std::optional<AdmissionFilter> filter_;  // outlives the reader
@@ -737,6 +929,7 @@ WriterEndpoint::~WriterEndpoint() = default;
 WriterEndpoint::WriterEndpoint(WriterEndpoint&&) noexcept = default;
 WriterEndpoint& WriterEndpoint::operator=(WriterEndpoint&&) noexcept = default;
 void WriterEndpoint::write(const void* message) noexcept { impl_->write(message); }
+void WriterEndpoint::set_strength(int strength) noexcept { impl_->set_strength(strength); }
 int WriterEndpoint::reader_count() const noexcept { return impl_->readers(); }
 WriterCounters WriterEndpoint::counters() const noexcept { return impl_->counters(); }
 
@@ -757,8 +950,10 @@ ReaderCounters ReaderEndpoint::counters() const noexcept { return impl_->counter
 
 }  // namespace detail
 
-Participant::Participant(const std::string& name, int domain, const std::string& rig)
-    : impl_(std::make_shared<detail::ParticipantImpl>(name, domain, rig)) {}
+Participant::Participant(const std::string& name, int domain, const std::string& rig, const std::string& role,
+                         const Network& network)
+    : impl_(std::make_shared<detail::ParticipantImpl>(name, domain, rig, role, network)) {}
+BoundedVector<HostClock, kMaxHosts> Participant::clocks() const noexcept { return impl_->clocks().hosts(); }
 std::uint64_t Participant::epoch() const { return impl_->epoch(); }
 std::vector<Peer> Participant::peers() const { return impl_->peers(); }
 bool Participant::find_peer(std::uint64_t epoch, Peer& out) const noexcept { return impl_->find_peer(epoch, out); }

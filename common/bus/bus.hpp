@@ -8,6 +8,7 @@
 //
 // Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be
 // ordinary: see runtime/scheduling.hpp. One thread at a time may use a Reader. Writers are thread-safe.
+// Times: a reader gives the stamps of other hosts the times of this host's clock.
 // Errors: constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other
 // members of Participant, Writer and Reader do not throw and do not allocate in our code.
 // Lifetime: writers and readers keep their participant alive.
@@ -23,6 +24,7 @@
 #include <vector>
 
 #include "bus/cdr.hpp"
+#include "bus/network.hpp"
 #include "bus/topics.hpp"
 
 namespace softhand::bus {
@@ -43,19 +45,25 @@ struct Peer {
   std::array<char, 64> name{};
   std::array<char, 64> host{};
   std::array<char, 64> rig{};  ///< name of the rig that it holds; empty: none
+  std::uint32_t clock_id = 0;  ///< of its host
 };
 
 /// Membership of a process in a DDS domain. Create one per process.
 class Participant {
  public:
-  /// `name` appears in discovery tools. `rig` is the name of the rig that this process holds, for its peers.
-  explicit Participant(const std::string& name, int domain = domain_from_environment(), const std::string& rig = {});
+  /// `name` appears in discovery tools. `rig` is the name of the rig that this process holds, for its peers. `role` is
+  /// one of `kRoles`: the identity in a secured domain.
+  explicit Participant(const std::string& name, int domain = domain_from_environment(), const std::string& rig = {},
+                       const std::string& role = "client", const Network& network = network_from_environment());
   /// For `Stamp::epoch` of all that this process writes. Peers know the process by this number.
   std::uint64_t epoch() const;
   /// The other processes that are known now. New ones are found within 0.5 s.
   std::vector<Peer> peers() const;
   /// Does not allocate or wait. May return false although the peer is known.
   bool find_peer(std::uint64_t epoch, Peer& out) const noexcept;
+  /// The clocks of other hosts, without the newest beacons. Empty if the network does not leave this host. Does not
+  /// allocate or wait.
+  BoundedVector<HostClock, kMaxHosts> clocks() const noexcept;
   const std::shared_ptr<detail::ParticipantImpl>& impl() const { return impl_; }
 
  private:
@@ -73,7 +81,7 @@ struct ReaderCounters {
   std::uint64_t lost = 0;             ///< lost samples, as far as DDS knows
   std::uint64_t deadline_missed = 0;  ///< continues to count after the writer is gone
   std::uint64_t crowded = 0;          ///< about an instance for which there was no room
-  std::uint64_t refused_stamp = 0;    ///< from the future, or from the clock of another host
+  std::uint64_t refused_stamp = 0;    ///< from the future, or from another host whose clock is not known
   std::uint64_t second_writer = 0;    ///< of another writer than the followed one
   std::uint64_t second_epoch = 0;     ///< `Stamp::epoch` of the last one of these
 };
@@ -87,6 +95,7 @@ class WriterEndpoint {
   WriterEndpoint(WriterEndpoint&&) noexcept;
   WriterEndpoint& operator=(WriterEndpoint&&) noexcept;
   void write(const void* message) noexcept;
+  void set_strength(int strength) noexcept;
   int reader_count() const noexcept;
   WriterCounters counters() const noexcept;
 
@@ -135,6 +144,8 @@ class Writer {
   /// Sends the message. On transient-local topics DDS also keeps it for late readers. Never waits for a reader.
   /// Failures are counted.
   void write(const T& message) noexcept { endpoint_.write(&message); }
+  /// Changes the strength. Readers follow within milliseconds. Allocates: DDS announces the writer again.
+  void set_strength(int strength) noexcept { endpoint_.set_strength(strength); }
   /// True while at least one reader is matched. Loops use it to skip outputs that nobody reads. Descriptions are
   /// written anyway, for late readers.
   bool has_readers() const noexcept { return endpoint_.reader_count() > 0; }

@@ -339,7 +339,7 @@ struct TypeCodec {
   void (*destroy_received)(void* received);
   void (*decode)(std::span<const std::byte> bytes, void* received);
   bool (*is_well_formed)(const void* received);
-  const Stamp& (*stamp)(const void* received);
+  Stamp& (*stamp)(void* received);
   std::size_t (*max_key_size)();
   /// Writes the big-endian key. `message` points to a T, or to a Received<T>, which has the T as its first member.
   std::size_t (*key)(const void* message, std::span<std::byte, 80> out);
@@ -362,9 +362,7 @@ inline const TypeCodec& codec_of(const char* type_name) {
         if (!sample.well_formed) sample.value = T{};
       },
       [](const void* received) { return static_cast<const detail::Received<T>*>(received)->well_formed; },
-      [](const void* received) -> const Stamp& {
-        return static_cast<const detail::Received<T>*>(received)->value.stamp;
-      },
+      [](void* received) -> Stamp& { return static_cast<detail::Received<T>*>(received)->value.stamp; },
       [] {
         detail::MeasureKey measure;
         visit_fields(measure, *std::make_unique<T>());

@@ -323,6 +323,24 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("counters", m.counters);
 }
 
+template <typename V, Is<HostClock> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("clock_id", m.clock_id);
+  v.field("sent", m.sent);
+  v.field("received", m.received);
+  v.field("offset", m.offset);
+  v.field("uncertainty", m.uncertainty);
+  v.field("drift", m.drift);
+}
+
+template <typename V, Is<ClockBeacon> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("stamp", m.stamp);
+  v.field("wall_offset", m.wall_offset);
+  v.field("wall_uncertainty", m.wall_uncertainty);
+  v.field("hosts", m.hosts);
+}
+
 template <typename V, Is<HandDescription> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.key("hand", m.hand);

@@ -7,11 +7,21 @@ namespace softhand::anchor_law {
 namespace {
 
 constexpr double kExitSpeed = 0.8;      // m/s, of the anchor of a point that started inside
+constexpr double kAtStart = 1e-12;      // m; a stretch that moved less than this is at the step's start: rounding
 constexpr double kLittleMotion = 1e-6;  // m per step; less than the stretch of the friction springs
 
 Vector3 tangential(const ContactAnchor& anchor, const Vector3& v) { return v - anchor.normal.dot(v) * anchor.normal; }
 
 }  // namespace
+
+Matrix3 tangential_stiffness(const ContactAnchor& anchor, const AnchorOffset& o, bool exact) {
+  const CoulombSpring spring = friction_of(anchor);
+  if (!exact && o.moved < kAtStart) {
+    if (anchor.fresh) return anchor.predicted_secant * (Matrix3::Identity() - o.normal * o.normal.transpose());
+    return spring.tangent(o.stretch, o.normal, anchor.sliding);
+  }
+  return spring.tangent(o.stretch, o.normal);
+}
 
 void move_out(ContactAnchor& anchor, double time_step) {
   const double out = std::min(anchor.recess, kExitSpeed * time_step);

@@ -115,6 +115,11 @@ inline Vector3 drag(const ContactAnchor& anchor, const AnchorOffset& o) {
   return -friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
 }
 
+/// d drag / d stretch at `o`, N/m, world. `exact`: at the stretch itself. Otherwise the stiffness at the step's start
+/// is a choice at the kink: an anchor that slid and moves on slides, and a fresh anchor has the secant to its predicted
+/// stretch.
+Matrix3 tangential_stiffness(const ContactAnchor& anchor, const AnchorOffset& o, bool exact);
+
 /// Start of a step: the anchor of a point that started inside moves out.
 void move_out(ContactAnchor& anchor, double time_step);
 /// Normal force at a place in front of the anchor, N.

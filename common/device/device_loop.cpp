@@ -6,11 +6,21 @@
 
 #include "device/answer.hpp"
 #include "messages/age.hpp"
+#include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 
 namespace softhand {
 namespace {
 constexpr double kSecondsPerNanosecond = 1e-9;
+}
+
+void add_closing_resistance(const BoneWrench& input, std::span<double> forces) {
+  for (std::size_t b = 2; b < kBodyCount; ++b) {  // after forearm and carpus
+    const Finger finger = finger_of(static_cast<Body>(b));
+    const BoneSample& distal = input.bones[static_cast<std::size_t>(index_of(distal_of(finger)))];
+    const Vector3 back = to_quaternion(distal.intermediate_orientation) * Vector3::UnitY();
+    forces[static_cast<std::size_t>(finger)] += to_vector(input.bones[b].coupling_force).dot(back);
+  }
 }
 
 void describe(OptionVisitor& v, DeviceLoopOptions& o) {

@@ -44,6 +44,10 @@ class DeviceDriver {
 using HapticDriver = DeviceDriver<BoneWrench>;
 using TactileDriver = DeviceDriver<Contacts>;
 
+/// Adds the force against closing of each finger, N, thumb first: the sum of the coupling forces on the finger's bones,
+/// projected on the dorsal axis of the distal bone. Negative: the simulated finger pulls. Real-time.
+void add_closing_resistance(const BoneWrench& input, std::span<double> forces);
+
 struct DeviceLoopOptions {
   double rate_hz = 1000;
   double stale_after = 0.04;
@@ -125,7 +129,7 @@ inline void observe(PassivityObserver&, const Contacts&) {}
 template <typename Input>
 class DeviceLoop {
  public:
-  DeviceLoop(const DeviceLoopOptions& options, std::unique_ptr<DeviceDriver<Input>> driver, std::uint32_t device,
+  DeviceLoop(const DeviceLoopOptions& options, std::shared_ptr<DeviceDriver<Input>> driver, std::uint32_t device,
              std::uint32_t kind)
       : driver_(std::move(driver)),
         guard_(options, driver_->limits(), device, kind),
@@ -166,7 +170,7 @@ class DeviceLoop {
   const PassivityObserver& passivity() const { return passivity_; }
 
  private:
-  std::unique_ptr<DeviceDriver<Input>> driver_;
+  std::shared_ptr<DeviceDriver<Input>> driver_;
   DeviceGuard guard_;
   PassivityObserver passivity_;
   std::size_t actuators_;

@@ -2,8 +2,9 @@
 
 namespace softhand {
 
-void HealthMonitor::sample(Nanoseconds now) {
-  if (newest_ != 0 && now - newest_ > kLate) degraded_until_ = now + kMemory;
+void HealthMonitor::sample(Nanoseconds now, double confidence) {
+  const bool is_in_doubt = confidence > 0 && confidence < kDoubt;
+  if (is_in_doubt || (newest_ != 0 && now - newest_ > kLate)) degraded_until_ = now + kMemory;
   newest_ = now;
   ++samples_;
 }

@@ -13,10 +13,17 @@ namespace softhand {
 enum class Health : std::uint8_t {
   opening = 0,   ///< no sample since the start
   live = 1,      ///< samples arrive
-  degraded = 2,  ///< samples arrive, but within the last second one came late or many packets were refused
+  degraded = 2,  ///< samples arrive, but within the last second one came late or in doubt, or many packets were refused
   lost = 3,      ///< samples arrived, but the device is disconnected or silent now
 };
 inline constexpr std::array<std::string_view, 4> kHealthNames{"opening", "live", "degraded", "lost"};
+
+/// Largest strength that a user may give a tracker.
+inline constexpr int kMostStrength = 999;
+/// Strength of a tracker among the writers of a hand: a healthy one is stronger than all that are not.
+constexpr int strength_of(int strength, Health health) {
+  return strength + (health == Health::opening || health == Health::live ? kMostStrength + 1 : 0);
+}
 
 class HealthMonitor {
  public:
@@ -24,9 +31,10 @@ class HealthMonitor {
   static constexpr Nanoseconds kSilent = 500'000'000;    ///< after a longer gap the device is lost
   static constexpr Nanoseconds kMemory = 1'000'000'000;  ///< a late sample or a refusal degrades for this time
   static constexpr double kRefusedShare = 0.1;           ///< of the packets of one such time
+  static constexpr double kDoubt = 0.3;                  ///< a sample with less confidence degrades
 
-  /// A sample arrived.
-  void sample(Nanoseconds now);
+  /// A sample arrived. Confidence 0 says that no hand is seen: the device is well.
+  void sample(Nanoseconds now, double confidence = 1);
   /// Call it at least ten times a second.
   Health update(Nanoseconds now, const SourceState& state);
 

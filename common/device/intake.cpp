@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <stdexcept>
 #include <thread>
@@ -28,6 +29,8 @@ namespace {
 
 constexpr std::size_t kMostConnections = 16;
 constexpr int kMostReads = 64;  // of one sender in a turn
+constexpr std::size_t kOutgoing = 64;
+constexpr Nanoseconds kLastPacketTime = 50'000'000;
 
 /// Owns a file descriptor.
 class File {
@@ -112,6 +115,12 @@ File open_port(const std::string& path, speed_t speed) {
   return file;
 }
 
+// A socket whose peer is gone must not raise SIGPIPE.
+ssize_t write_to(int file, std::string_view bytes) {
+  const ssize_t size = send(file, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+  return size < 0 && errno == ENOTSOCK ? write(file, bytes.data(), bytes.size()) : size;
+}
+
 // Closes connections of a peer that vanished without a word, 11 s after its last byte.
 void watch_peer(int socket) {
   const int yes = 1, idle = 5, interval = 2, count = 3;
@@ -119,6 +128,7 @@ void watch_peer(int socket) {
   setsockopt(socket, IPPROTO_TCP, TCP_KEEPIDLE, &idle, sizeof idle);
   setsockopt(socket, IPPROTO_TCP, TCP_KEEPINTVL, &interval, sizeof interval);
   setsockopt(socket, IPPROTO_TCP, TCP_KEEPCNT, &count, sizeof count);
+  setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);  // a command must not wait for the next one
 }
 
 }  // namespace
@@ -126,12 +136,16 @@ void watch_peer(int socket) {
 class Intake::Impl {
  public:
   Impl(std::size_t largest, std::size_t slots)
-      : largest_(largest), queue_(largest, slots), buffer_(largest + 1, '\0'), wake_(eventfd(0, EFD_CLOEXEC)) {
+      : largest_(largest),
+        queue_(largest, slots),
+        outgoing_(largest, kOutgoing),
+        buffer_(largest + 1, '\0'),
+        wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
     if (!wake_.open()) throw std::runtime_error(std::string("eventfd: ") + std::strerror(errno));
   }
   ~Impl() {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const ssize_t ignored = write(wake_.number(), &one, sizeof one);
+    stop_ = true;
+    wake();
     if (thread_.joinable()) thread_.join();
   }
 
@@ -156,11 +170,16 @@ class Intake::Impl {
     });
   }
 
+  void send(std::uint64_t connection, std::string_view bytes) {
+    outgoing_.push({bytes, 0, connection, false});
+    wake();
+  }
   ArrivalQueue& queue() { return queue_; }
   bool connected() const { return has_datagrams_ || connections_ > 0; }
   Counters counters() const {
     const std::uint64_t opened = opened_;
-    return {connections_, opened > 0 ? opened - first_ : 0, refused_size_, refused_cut_, queue_.passed_over()};
+    return {connections_,         opened > 0 ? opened - first_ : 0,     refused_size_, refused_cut_,
+            queue_.passed_over(), superseded_ + outgoing_.passed_over()};
   }
 
  private:
@@ -183,7 +202,14 @@ class Intake::Impl {
     std::string waiting;    // bytes of a packet without its end
     bool skipping = false;  // to the end of a packet that is too large
     bool is_closed = false;
+    // Bytes to the device: of the packet that has begun, and the newest packet that waits behind it.
+    std::string sending{}, next{};
   };
+
+  void wake() const {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t ignored = write(wake_.number(), &one, sizeof one);
+  }
 
   void run() {
     std::vector<pollfd> files;
@@ -193,9 +219,22 @@ class Intake::Impl {
       files.push_back({wake_.number(), POLLIN, 0});
       for (const File& socket : datagrams_) files.push_back({socket.number(), POLLIN, 0});
       for (const Listener& listener : listeners_) files.push_back({listener.socket.number(), POLLIN, 0});
-      for (const Stream& stream : streams_) files.push_back({stream.file.number(), POLLIN, 0});
+      for (const Stream& stream : streams_) {
+        const bool writes = !stream.sending.empty();
+        files.push_back({stream.file.number(), static_cast<short>(writes ? POLLIN | POLLOUT : POLLIN), 0});
+      }
       if (poll(files.data(), files.size(), milliseconds_to_next_attempt()) < 0 && errno != EINTR) return;
-      if (files[0].revents != 0) return;
+      // First of all the commands: a force that ends must not wait.
+      std::uint64_t wakes = 0;
+      [[maybe_unused]] const ssize_t ignored = read(wake_.number(), &wakes, sizeof wakes);
+      // A packet that was pushed before `stop_` was set is taken below.
+      const bool ends = stop_;
+      outgoing_.take([this](const Arrival& packet) {
+        for (Stream& stream : streams_)
+          if (packet.connection == 0 || packet.connection == stream.id) enqueue(stream, packet.bytes);
+      });
+      for (Stream& stream : streams_) write_bytes(stream);
+      if (ends) return write_last();
       std::size_t at = 1;
       for (const File& socket : datagrams_)
         if (files[at++].revents != 0) receive_datagrams(socket);
@@ -205,6 +244,33 @@ class Intake::Impl {
       for (const Listener& listener : listeners_)
         if (files[at++].revents != 0) accept_one(listener);
       close_streams();
+    }
+  }
+
+  void enqueue(Stream& stream, std::string_view bytes) {
+    if (!stream.next.empty()) ++superseded_;
+    (stream.sending.empty() ? stream.sending : stream.next) = bytes;
+  }
+  void write_bytes(Stream& stream) {
+    while (!stream.sending.empty() && !stream.is_closed) {
+      const ssize_t size = write_to(stream.file.number(), stream.sending);
+      if (size < 0 && errno == EINTR) continue;
+      if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
+      if (size <= 0) {
+        stream.is_closed = true;
+        return;
+      }
+      stream.sending.erase(0, static_cast<std::size_t>(size));
+      if (stream.sending.empty()) std::swap(stream.sending, stream.next);
+    }
+  }
+  // Waits until all devices have taken their last packet.
+  void write_last() {
+    const Nanoseconds end = now() + kLastPacketTime;
+    const auto waits = [](const Stream& stream) { return !stream.sending.empty() && !stream.is_closed; };
+    while (now() < end && std::any_of(streams_.begin(), streams_.end(), waits)) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      for (Stream& stream : streams_) write_bytes(stream);
     }
   }
 
@@ -231,7 +297,8 @@ class Intake::Impl {
 
   std::uint64_t add_stream(File file, char end) {
     streams_.push_back({std::move(file), end, ++opened_, {}});
-    streams_.back().waiting.reserve(largest_);
+    for (std::string* text : {&streams_.back().waiting, &streams_.back().sending, &streams_.back().next})
+      text->reserve(largest_);
     // Connections that are opened while another one exists are no reconnects: two hands have two connections.
     if (!closed_any_) first_ = opened_.load();
     ++connections_;
@@ -309,6 +376,7 @@ class Intake::Impl {
 
   const std::size_t largest_;
   ArrivalQueue queue_;
+  ArrivalQueue outgoing_;
   std::string buffer_;
   File wake_;
   std::vector<File> datagrams_;
@@ -318,7 +386,8 @@ class Intake::Impl {
   bool has_datagrams_ = false;
   bool closed_any_ = false;
   // Written by the thread, read by `counters`.
-  std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0};
+  std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0}, superseded_{0};
+  std::atomic<bool> stop_{false};
   std::thread thread_;
 };
 
@@ -334,6 +403,7 @@ void Intake::open_serial(const std::string& path, std::int64_t baud, char end) {
 void Intake::start() { impl_->start(); }
 bool Intake::connected() const { return impl_->connected(); }
 Intake::Counters Intake::counters() const { return impl_->counters(); }
+void Intake::send(std::uint64_t connection, std::string_view bytes) { impl_->send(connection, bytes); }
 ArrivalQueue& Intake::queue() { return impl_->queue(); }
 
 }  // namespace softhand

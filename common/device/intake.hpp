@@ -1,10 +1,11 @@
 // Receives the packets of a device by UDP, TCP or a serial port, in its own thread, and connects again when the device
-// comes back.
+// comes back. Writes packets to the device on the same connection.
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "device/arrival_queue.hpp"
 
@@ -18,6 +19,7 @@ class Intake {
     std::uint64_t refused_size = 0;  ///< packets above the largest size
     std::uint64_t refused_cut = 0;   ///< packets without an end when their connection closed
     std::uint64_t passed_over = 0;   ///< dropped because they were not taken in time
+    std::uint64_t superseded = 0;    ///< packets of `send` that a newer one replaced before the device took them
   };
 
   /// `largest`: bytes of a packet. Larger ones are refused. `slots`: packets that can wait for `take`, for devices that
@@ -42,6 +44,10 @@ class Intake {
   void take(F&& f) {
     queue().take(std::forward<F>(f));
   }
+  /// Writes a packet of at most `largest` bytes to a connection, or to all of them if it is 0. For a device that does
+  /// not take its bytes in time only the newest packet waits. The destructor waits up to 50 ms for the last one. Does
+  /// not block or allocate. One thread may call it.
+  void send(std::uint64_t connection, std::string_view bytes);
   /// False if no packet can arrive now: nothing listens to UDP, and nothing is connected.
   bool connected() const;
   Counters counters() const;

@@ -51,6 +51,8 @@ void describe(OptionVisitor& v, TrackedInputOptions& o) {
   v.number("maximum_speed", o.maximum_speed, "m/s", {1, 100},
            "If a joint or the head moves faster than this between two samples, the motion counts as a jump and gives "
            "no velocity.");
+  v.number("blend_time", o.blend_time, "s", {0, 2},
+           "When another tracker takes the hand over, its difference to the former one fades out in this time.");
   v.numbers("headset_mount_position", o.headset_mount_position.data(), 3, "m", {-10, 10},
             "Position of a device mounted on the headset, in the head's frame.");
   v.numbers("headset_mount_orientation", o.headset_mount_orientation.data(), 4, "1", {-1, 1},
@@ -202,13 +204,20 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   const double elapsed = static_cast<double>(time - time_) * kSecondsPerNanosecond;
   const bool jumped = any_ && placed[wrist] && tracks_[wrist].seen &&
                       (poses[wrist].position - tracks_[wrist].pose.position).norm() > options_.reposition_distance;
+  const bool swapped = any_ && !jumped && (sample.stamp.epoch != stamp_.epoch || sample.source != source_);
   if (jumped) ++counters_.repositioned;
+  if (swapped) ++counters_.swapped;
   if (jumped || !any_) repositioned_ = true;
   for (std::size_t j = 0; j < kJointCount; ++j) {
     if (!placed[j]) continue;
     Track& track = tracks_[j];
     if (!track.seen || jumped) {
       track.velocity = Twist{};
+      track.blend = {};
+    } else if (swapped) {
+      // Two trackers differ, so their difference over time is no velocity. That of the hand is the former one.
+      track.blend.begin(time, pose_of(track, time), poses[j]);
+      if (elapsed > options_.extrapolation_limit) track.velocity = Twist{};
     } else {
       estimate_velocity(track, poses[j], elapsed);
     }
@@ -229,17 +238,25 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   return true;
 }
 
+// World pose at `time`, extrapolated from the newest sample.
+Pose TrackedInput::pose_of(const Track& track, Nanoseconds time) const {
+  const double ahead = any_ ? std::clamp(age(time), 0.0, options_.extrapolation_limit) : 0.0;
+  const Pose pose = increment(track.pose, ahead * track.velocity.linear, ahead * track.velocity.angular);
+  return track.blend.apply(time, options_.blend_time, pose);
+}
+
 const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now) {
-  const double age_now = any_ ? age(now) : 0.0;
-  const double ahead = std::clamp(age_now, 0.0, options_.extrapolation_limit);
-  const bool held = age_now > options_.extrapolation_limit;
+  const bool held = any_ && age(now) > options_.extrapolation_limit;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Track& track = tracks_[index(joint_of(static_cast<Body>(b)))];
     BodyTarget& target = targets_[b];
     target.valid = track.seen;
     if (!track.seen) continue;
-    target.pose = increment(track.pose, ahead * track.velocity.linear, ahead * track.velocity.angular);
-    target.velocity = held ? Twist{} : track.velocity;
+    target.pose = pose_of(track, now);
+    target.velocity = track.blend.velocity(now, options_.blend_time);
+    if (held) continue;
+    target.velocity.linear += track.velocity.linear;
+    target.velocity.angular += track.velocity.angular;
   }
   return targets_;
 }

@@ -1,11 +1,13 @@
 // Converts the samples of a tracker into target poses in the world. It refuses samples that cannot be a hand, applies
-// the mount, estimates velocities and extrapolates to the time of the step. The tracking loop uses it. The hand
+// the mount, estimates velocities and extrapolates to the time of the step. When another tracker takes the hand over,
+// the difference between the two fades out. The tracking loop uses it. The hand
 // simulation uses it if it runs without the intermediate skeleton (figure 2B).
 #pragma once
 
 #include <array>
 #include <cstdint>
 
+#include "device/pose_blend.hpp"
 #include "math/types.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
@@ -18,6 +20,7 @@ struct TrackedInputOptions {
   double stale_after = 0.08;
   double reposition_distance = 0.5;
   double maximum_speed = 10;
+  double blend_time = 0.2;
   std::array<double, 3> headset_mount_position{0, 0, 0};
   std::array<double, 4> headset_mount_orientation{0, 0, 0, 1};
   std::array<double, 3> desk_mount_position{0, 0, 0};
@@ -45,6 +48,7 @@ struct TrackedInputCounters {
   std::uint64_t implausible_clock = 0;   ///< samples whose time was replaced by their arrival time
   std::uint64_t inferred = 0;            ///< refused or unseen joints that were moved rigidly with a neighbour
   std::uint64_t repositioned = 0;        ///< jumps of the wrist beyond the reposition distance
+  std::uint64_t swapped = 0;             ///< changes from one tracker to another
 };
 
 /// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than 5 ms in the
@@ -75,6 +79,8 @@ class TrackedInput {
   /// Stamp and confidence of the newest accepted sample, for messages derived from it.
   const Stamp& stamp() const { return stamp_; }
   double confidence() const { return confidence_; }
+  /// Time of the newest accepted sample: its sample time, or its arrival if its clock is implausible.
+  Nanoseconds time() const { return time_; }
 
   /// For writing and reading all that samples have changed (messages/plain_bytes.hpp).
   template <typename Self, typename Visit>
@@ -102,11 +108,13 @@ class TrackedInput {
     Twist velocity;       // filtered
     Pose from_neighbour;  // in the frame of the neighbour that this joint moves with when it is unseen; from the last
                           // sample with both
+    PoseBlend blend;      // from the former tracker
     bool seen = false;
     bool attached = false;  // from_neighbour is known
   };
 
   bool mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) const;
+  Pose pose_of(const Track& track, Nanoseconds time) const;
   void estimate_velocity(Track& track, const Pose& pose, double elapsed) const;
 
   TrackedInputOptions options_;

@@ -1,21 +1,6 @@
 #include "energies/friction.hpp"
 
 namespace softhand {
-namespace {
-
-// A stretch that moved less than this is at the step's start, metres. It allows for rounding.
-constexpr double kAtStart = 1e-12;
-
-Matrix3 stiffness_of(const ContactSet::Anchor& anchor, const ContactSet::Offset& o, Curvature curvature) {
-  const CoulombSpring spring = anchor_law::friction_of(anchor);
-  if (curvature == Curvature::projected && o.moved < kAtStart) {
-    if (anchor.fresh) return anchor.predicted_secant * (Matrix3::Identity() - o.normal * o.normal.transpose());
-    return spring.tangent(o.stretch, o.normal, anchor.sliding);
-  }
-  return spring.tangent(o.stretch, o.normal);
-}
-
-}  // namespace
 
 double FrictionEnergy::value(const State& state) const {
   double energy = 0;
@@ -43,7 +28,9 @@ void FrictionEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curva
     if (!(anchor.friction_bound > 0)) continue;
     const ContactSet::Offset o = contacts_.offset(anchor, state);
     const Vector3 y = anchor_law::friction_of(anchor).secant(o.stretch.norm()) * o.stretch;
-    contacts_.scatter_hessian(anchor, o.lever, y, stiffness_of(anchor, o, curvature), hessian, curvature);
+    contacts_.scatter_hessian(anchor, o.lever, y,
+                              anchor_law::tangential_stiffness(anchor, o, curvature == Curvature::exact), hessian,
+                              curvature);
   }
 }
 

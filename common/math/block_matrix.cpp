@@ -1,6 +1,7 @@
 #include "math/block_matrix.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -51,10 +52,15 @@ BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
   // Row by row of the border: all blocks of the core, then those of the border up to the diagonal.
   const auto core = static_cast<std::size_t>(core_count()), border = static_cast<std::size_t>(border_count_);
   const std::size_t border_blocks = border * core + border * (border + 1) / 2;
-  const std::size_t stored = row_.size() + border_blocks;
+  first_loose_ = static_cast<std::int32_t>(row_.size() + border_blocks);
+  const auto loose = static_cast<std::size_t>(pattern.loose_count());
+  loose_in_use_.reserve(loose);
+  loose_.reserve(loose);
+  if (loose > 0) loose_table_.assign(std::bit_ceil(2 * loose), -1);
+  const std::size_t stored = row_.size() + border_blocks + loose;
   values_.assign(9 * stored, 0.0);
   // Far less than the whole border is in use at a time.
-  const std::size_t used = row_.size() + std::min(border_blocks, kBorderInUse * (core + border));
+  const std::size_t used = row_.size() + std::min(border_blocks, kBorderInUse * (core + border)) + loose;
   in_use_.reserve(used);
   is_in_use_.assign(border_blocks, 0);
   journal_.reserve(used);
@@ -75,13 +81,54 @@ BlockSlot BlockMatrix::find(int row, int column) const {
     return {core_blocks() + border_row * core + border_row * (border_row + 1) / 2 + c, transposed};
   }
   if (c >= 0 && r < core) {
-    const auto begin = row_.begin() + column_start_[static_cast<std::size_t>(c)];
-    const auto end = row_.begin() + column_start_[static_cast<std::size_t>(c) + 1];
-    const auto found = std::lower_bound(begin, end, r);
-    if (found != end && *found == r) return {static_cast<std::int32_t>(found - row_.begin()), transposed};
+    const std::int32_t stored = find_core(r, c);
+    if (stored >= 0) return {stored, transposed};
   }
   throw std::out_of_range("BlockMatrix: no block (" + std::to_string(row) + ", " + std::to_string(column) +
                           ") in the pattern");
+}
+
+// The stored block of the core, row >= column. -1: the pattern has no such block.
+std::int32_t BlockMatrix::find_core(int row, int column) const {
+  const auto begin = row_.begin() + column_start_[static_cast<std::size_t>(column)];
+  const auto end = row_.begin() + column_start_[static_cast<std::size_t>(column) + 1];
+  const auto found = std::lower_bound(begin, end, row);
+  return found != end && *found == row ? static_cast<std::int32_t>(found - row_.begin()) : -1;
+}
+
+// The entry of the hash table that holds this loose block, or the empty entry where it belongs.
+std::size_t BlockMatrix::loose_place(std::int32_t row, std::int32_t column) const {
+  const std::size_t mask = loose_table_.size() - 1;
+  std::size_t place = (static_cast<std::size_t>(row) * 2654435761u + static_cast<std::size_t>(column) * 40503u) & mask;
+  while (loose_table_[place] >= 0 && loose_[static_cast<std::size_t>(loose_table_[place])] != std::pair(row, column))
+    place = (place + 1) & mask;
+  return place;
+}
+
+BlockSlot BlockMatrix::pair(int row, int column) {
+  const bool transposed = row < column;
+  const std::int32_t c = std::min(row, column), r = std::max(row, column);
+  const std::int32_t stored = find_core(r, c);
+  if (stored >= 0) return {stored, transposed};
+  if (loose_table_.empty()) return {};
+  std::int32_t& entry = loose_table_[loose_place(r, c)];
+  if (entry < 0) {
+    if (first_loose_ + static_cast<std::int32_t>(loose_.size()) == stored_blocks()) return {};
+    entry = static_cast<std::int32_t>(loose_.size());
+    loose_.emplace_back(r, c);
+    loose_in_use_.push_back(first_loose_ + entry);
+  }
+  return {first_loose_ + entry, transposed};
+}
+
+void BlockMatrix::clear_loose() {
+  // In reverse, so that the search for an entry never meets an entry that is already empty.
+  for (std::size_t k = loose_.size(); k-- > 0;) {
+    loose_table_[loose_place(loose_[k].first, loose_[k].second)] = -1;
+    std::fill_n(values_.begin() + 9 * (first_loose_ + static_cast<std::ptrdiff_t>(k)), 9, 0.0);
+  }
+  loose_.clear();
+  loose_in_use_.clear();
 }
 
 std::pair<std::int32_t, std::int32_t> BlockMatrix::position(std::int32_t stored) const {
@@ -89,6 +136,7 @@ std::pair<std::int32_t, std::int32_t> BlockMatrix::position(std::int32_t stored)
     const auto next = std::upper_bound(column_start_.begin(), column_start_.end(), stored);
     return {row_[static_cast<std::size_t>(stored)], static_cast<std::int32_t>(next - column_start_.begin()) - 1};
   }
+  if (stored >= first_loose_) return loose_[static_cast<std::size_t>(stored - first_loose_)];
   std::int32_t column = stored - core_blocks(), row = core_count();
   while (column > row) column -= ++row;
   return {row, column};
@@ -101,6 +149,7 @@ void BlockMatrix::set_zero() {
     is_in_use_[static_cast<std::size_t>(block - core_blocks())] = 0;
   }
   in_use_.clear();
+  clear_loose();
   begin_journal();
   journals_ = false;
 }
@@ -135,6 +184,7 @@ void BlockMatrix::take_back() {
       value[i] = before_[9 * k + i];
     }
   }
+  clear_loose();
   begin_journal();
 }
 
@@ -173,9 +223,11 @@ void BlockMatrix::for_each(Visit&& visit) const {
       visit(row_[static_cast<std::size_t>(k)], column, block(k));
     }
   }
-  for (const std::int32_t k : in_use_) {
-    const auto [row, column] = position(k);
-    visit(row, column, block(k));
+  for (const std::span<const std::int32_t> others : {border_in_use(), loose_in_use()}) {
+    for (const std::int32_t k : others) {
+      const auto [row, column] = position(k);
+      visit(row, column, block(k));
+    }
   }
 }
 

@@ -32,11 +32,15 @@ class BlockPattern {
   void add(int row, int column);
   /// Adds every pair of `blocks`.
   void add_clique(std::span<const int> blocks);
+  /// Makes room for `count` more loose blocks (`BlockMatrix::pair`).
+  void add_loose(int count) { loose_count_ += count; }
+  int loose_count() const { return loose_count_; }
   /// Sorted, unique (column, row) pairs of the core's lower triangle, diagonal included.
   std::vector<std::pair<int, int>> lower_triangle() const;
 
  private:
   int block_count_, border_count_;
+  int loose_count_ = 0;
   std::vector<std::pair<int, int>> pairs_;  // (column, row), row >= column
 };
 
@@ -55,7 +59,7 @@ class BlockMatrix {
   int block_count() const { return core_count() + border_count_; }
   int core_count() const { return static_cast<int>(column_start_.size()) - 1; }
   int border_count() const { return border_count_; }
-  /// Blocks with memory, of the core and in total. The blocks of the core come first.
+  /// Blocks with memory, of the core and in total. The blocks of the core come first, the loose blocks last.
   int core_blocks() const { return static_cast<int>(row_.size()); }
   int stored_blocks() const { return static_cast<int>(values_.size() / 9); }
   /// Row indices and start of each block column of the core, lower triangle.
@@ -65,17 +69,25 @@ class BlockMatrix {
   std::pair<std::int32_t, std::int32_t> position(std::int32_t stored) const;
   /// The stored blocks of the border that `add` changed since `set_zero`, in the order of their first use.
   std::span<const std::int32_t> border_in_use() const { return in_use_; }
-  /// Nine doubles per block, column-major: those of the core in the order of `row()`, then those of the border.
+  /// The stored loose blocks, in the order of their first use since `set_zero` or `take_back`.
+  std::span<const std::int32_t> loose_in_use() const { return loose_in_use_; }
+  /// Whether this is a block of the core's pattern, of which a factor can be made.
+  bool is_core(std::int32_t stored) const { return stored < core_blocks(); }
+  /// Nine doubles per block, column-major: those of the core in the order of `row()`, then the border, then the loose.
   std::span<const double> values() const { return values_; }
   std::span<double> values() { return values_; }
 
   /// The slot of block (row, column). Throws std::out_of_range if the pattern has no such block.
   BlockSlot find(int row, int column) const;
+  /// The slot of a block between two blocks of the core that the pattern need not have. A block outside the pattern is
+  /// loose: it is valid until `set_zero` or `take_back`, and no factor contains it. If there is no room for another
+  /// loose block, the result is invalid: its index is -1. Does not allocate.
+  BlockSlot pair(int row, int column);
   void set_zero();
   /// Adds `block` at the position (row, column) that `slot` was looked up for. A symmetric matrix stores each
   /// off-diagonal pair once, so add the block of a pair for one order only.
   void add(BlockSlot slot, const Matrix3& block) {
-    if (slot.index >= core_blocks()) use(slot.index);
+    if (slot.index >= core_blocks() && slot.index < first_loose_) use(slot.index);
     if (journals_) note(slot.index);
     Eigen::Map<Matrix3> stored(values_.data() + 9 * static_cast<std::ptrdiff_t>(slot.index));
     if (slot.transposed) {
@@ -93,7 +105,8 @@ class BlockMatrix {
     return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k])) -
            Eigen::Map<const Matrix3>(before_.data() + 9 * static_cast<std::ptrdiff_t>(k));
   }
-  /// Restores the previous values of these blocks, equal to the bit, and starts a new journal.
+  /// Restores the previous values of these blocks, equal to the bit, and starts a new journal. Loose blocks end: they
+  /// must have been added since `begin_journal`.
   void take_back();
   /// Relative change of the added part in the core. Let A be the sum of the blocks added since the last `take_back`,
   /// and R the part that this `take_back` removed. Returns |A - R| / max(|A|, |R|) with Frobenius norms. The border is
@@ -111,7 +124,14 @@ class BlockMatrix {
   int border_count_ = 0;
   std::vector<std::int32_t> in_use_;
   std::vector<std::uint8_t> is_in_use_;  // per stored block of the border
+  std::int32_t first_loose_ = 0;
+  std::vector<std::int32_t> loose_in_use_;
+  std::vector<std::pair<std::int32_t, std::int32_t>> loose_;  // per loose block in use: row and column
+  std::vector<std::int32_t> loose_table_;  // hash table of the loose blocks in use, open addressing; -1: empty
 
+  std::int32_t find_core(int row, int column) const;
+  std::size_t loose_place(std::int32_t row, std::int32_t column) const;
+  void clear_loose();
   void use(std::int32_t block) {
     std::uint8_t& used = is_in_use_[static_cast<std::size_t>(block - core_blocks())];
     if (used != 0) return;

@@ -25,9 +25,16 @@ inline double age_ms_of(Nanoseconds time, Nanoseconds now) {
   return age ? *age * 1e3 : -1;
 }
 
+/// A less certain offset of another host's clock counts as unknown, s. It is half of the tolerance, so that no sample
+/// seems to be of the future.
+inline constexpr double kMostClockUncertainty = 0.025;
+inline bool is_known(const HostClock& clock) {
+  return clock.uncertainty >= 0 && clock.uncertainty <= kMostClockUncertainty;
+}
+
 /// True if the stamp can be used at `now`, the time of this host: neither its sample nor its publication is in the
-/// future, and it was made by the clock `own_clock`. A clock id of 0 stands for this host. The offsets of other hosts
-/// are unknown.
+/// future, and it was made by the clock `own_clock`. A clock id of 0 stands for this host. The readers of the bus give
+/// stamps of other hosts the times of `own_clock`, if its offset is known.
 inline bool is_usable(const Stamp& stamp, Nanoseconds now, std::uint32_t own_clock) {
   return (stamp.clock_id == 0 || stamp.clock_id == own_clock) && age_of(stamp.sample_time, now) &&
          age_of(stamp.publish_time, now);

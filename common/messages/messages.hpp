@@ -380,6 +380,24 @@ struct LoopStatus {
   BoundedVector<NamedValue, kMaxCounters> counters;  ///< refused_nonfinite, refused_order, repositioned, ...
 };
 
+inline constexpr std::size_t kMaxHosts = 16;
+/// Another host, as the writer's host sees it.
+struct HostClock {
+  std::uint32_t clock_id = 0;  ///< of the other host
+  Nanoseconds sent = 0;        ///< publish time of its newest beacon, on its clock
+  Nanoseconds received = 0;    ///< arrival of that beacon, on the writer's clock
+  Nanoseconds offset = 0;      ///< time of the writer's clock = time of the other clock + offset
+  double uncertainty = -1;     ///< s, the true offset is within +- this; negative: the offset is not known
+  double drift = 0;            ///< s/s, growth of the offset
+};
+/// clock_beacon: stamps for the offsets of clocks. Only processes that communicate with other hosts write it.
+struct ClockBeacon {
+  Stamp stamp;
+  Nanoseconds wall_offset = 0;   ///< CLOCK_REALTIME minus CLOCK_MONOTONIC
+  double wall_uncertainty = -1;  ///< s, of the wall clock; negative: PTP or NTP does not keep it
+  BoundedVector<HostClock, kMaxHosts> hosts;
+};
+
 /// hand_description (transient local): data that a display needs once. About 1 MB, so allocate it on the heap.
 struct HandDescription {
   HandKey hand;

@@ -134,6 +134,14 @@ std::string assign(const toml::node& node, std::string& value) {
   return {};
 }
 
+std::string assign(const toml::node& node, std::string& value, const OptionVisitor::Check& check) {
+  std::string fresh;
+  if (std::string expected = assign(node, fresh); !expected.empty()) return expected;
+  if (std::string expected = check(fresh); !expected.empty()) return expected;
+  value = std::move(fresh);
+  return {};
+}
+
 std::string assign(const toml::node& node, std::string& value, const std::vector<std::string_view>& allowed) {
   const auto* text = node.as_string();
   if (text == nullptr || std::find(allowed.begin(), allowed.end(), text->get()) == allowed.end())
@@ -187,6 +195,9 @@ class TomlReader final : public OptionVisitor {
   }
   void string(std::string_view key, std::string& value, std::string_view) override {
     leaf(key, [&](const toml::node& node) { return assign(node, value); });
+  }
+  void string(std::string_view key, std::string& value, const Check& check, std::string_view) override {
+    leaf(key, [&](const toml::node& node) { return assign(node, value, check); });
   }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
               std::string_view) override {
@@ -275,6 +286,9 @@ class LeafVisitor : public OptionVisitor {
   void string(std::string_view key, std::string& value, std::string_view text) override {
     leaf(key, toml_string(value), "", "", text);
   }
+  void string(std::string_view key, std::string& value, const Check&, std::string_view text) override {
+    string(key, value, text);
+  }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
               std::string_view text) override {
     std::string all;
@@ -295,6 +309,7 @@ class LeafVisitor : public OptionVisitor {
 // Reads the string key `name` of a list's element; empty if the element has no such key.
 class NameProbe final : public LeafVisitor {
  public:
+  using LeafVisitor::string;
   void string(std::string_view key, std::string& value, std::string_view) override {
     if (key == "name") name = value;
   }
@@ -337,6 +352,11 @@ class Overrider final : public OptionVisitor {
   void string(std::string_view key, std::string& value, std::string_view) override {
     leaf(
         key, [&](const toml::node& node) { return assign(node, value); }, [&] { return toml_string(value); }, true);
+  }
+  void string(std::string_view key, std::string& value, const Check& check, std::string_view) override {
+    leaf(
+        key, [&](const toml::node& node) { return assign(node, value, check); }, [&] { return toml_string(value); },
+        true);
   }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
               std::string_view) override {
@@ -498,6 +518,7 @@ class JsonWriter final : public OptionVisitor {
   }
   void flag(std::string_view key, bool& value, std::string_view) override { at(key) = value; }
   void string(std::string_view key, std::string& value, std::string_view) override { at(key) = value; }
+  void string(std::string_view key, std::string& value, const Check&, std::string_view) override { at(key) = value; }
   void choice(std::string_view key, std::string& value, std::vector<std::string_view>, std::string_view) override {
     at(key) = value;
   }

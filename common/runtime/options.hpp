@@ -36,6 +36,9 @@ class OptionVisitor {
                        std::string_view text) = 0;
   virtual void flag(std::string_view key, bool& value, std::string_view text) = 0;
   virtual void string(std::string_view key, std::string& value, std::string_view text) = 0;
+  /// A string with a check. `check` returns an empty text, or what is expected instead.
+  using Check = std::function<std::string(const std::string&)>;
+  virtual void string(std::string_view key, std::string& value, const Check& check, std::string_view text) = 0;
   /// A string that must be one of `allowed`.
   virtual void choice(std::string_view key, std::string& value, std::vector<std::string_view> allowed,
                       std::string_view text) = 0;

@@ -18,6 +18,7 @@
 #include "energies/plane_contact.hpp"
 #include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
+#include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
 
@@ -139,6 +140,11 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     terms_.push_back(std::make_unique<ContactEnergy>(*contacts_));
     terms_.push_back(std::make_unique<FrictionEnergy>(*contacts_));
   }
+  if (options.skin_contact && tissue_ != nullptr) {
+    auto skin = std::make_unique<SkinContact>(hand_, masses, options.contact_stiffness, options.skin_friction);
+    skin_ = skin.get();
+    terms_.push_back(std::move(skin));
+  }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
     auto planes = std::make_unique<PlaneContact>(layout, kBodyCount, mirrored_slots_);
     planes_ = planes.get();
@@ -173,6 +179,14 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
           for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
             contacts_->points().for_each_bone(anchor.point, hand_.node_body,
                                               [&linkage](int bone, double) { linkage.set_touching(bone); });
+          }
+        }
+        if (skin_ != nullptr) {
+          for (const SkinAnchor& anchor : skin_->anchors()) {
+            skin_->points().for_each_bone(anchor.point, hand_.node_body,
+                                          [&linkage](int bone, double) { linkage.set_touching(bone); });
+            for (const std::int32_t node : skin_->search().corners(anchor.triangle))
+              linkage.set_touching(hand_.node_body[static_cast<std::size_t>(node)]);
           }
         }
         return !linkage.any_touching() && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
@@ -348,6 +362,7 @@ StepReport HandSimulation::step(double time_step) {
     if (due == Untangler::Due::quick_check)
       moved = untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_);
     if (moved > 0) {
+      if (skin_ != nullptr) skin_->reset();
       untangled_nodes_ += static_cast<std::uint64_t>(moved);
       untangled_ = true;
       stored_is_valid_ = false;
@@ -478,11 +493,19 @@ void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes
 
 void HandSimulation::collect_bone_contacts() {
   bone_contact_forces_.fill(Vector3::Zero());
-  if (!contacts_) return;
-  for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
-    contacts_->points().for_each_bone(anchor.point, hand_.node_body, [this, &anchor](std::size_t bone, double share) {
+  const auto add = [this](const ContactPoints& points, const ContactAnchor& anchor) {
+    points.for_each_bone(anchor.point, hand_.node_body, [this, &anchor](std::size_t bone, double share) {
       bone_contact_forces_[bone] += share * anchor.force;
     });
+  };
+  if (contacts_) {
+    for (const ContactSet::Anchor& anchor : contacts_->anchors()) add(contacts_->points(), anchor);
+  }
+  if (skin_ == nullptr) return;
+  for (const SkinAnchor& anchor : skin_->anchors()) {
+    add(skin_->points(), anchor);
+    for (const std::int32_t node : skin_->search().corners(anchor.triangle))
+      bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(node)]] -= anchor.force / 3;
   }
 }
 
@@ -500,8 +523,13 @@ double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(
 int HandSimulation::inverted_elements() const { return tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_); }
 
 WorkCounters HandSimulation::work() const {
-  return {tissue_ == nullptr ? 0 : tissue_->evaluated_elements(), contacts_ ? contacts_->queries() : 0,
-          factorised_steps_};
+  WorkCounters work;
+  work.tissue_elements = tissue_ == nullptr ? 0 : tissue_->evaluated_elements();
+  work.contact_queries = contacts_ ? contacts_->queries() : 0;
+  work.skin_part_queries = skin_ == nullptr ? 0 : skin_->search().patches().part_queries();
+  work.skin_queries = skin_ == nullptr ? 0 : skin_->search().queries();
+  work.factorised_steps = factorised_steps_;
+  return work;
 }
 
 }  // namespace softhand

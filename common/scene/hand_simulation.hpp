@@ -28,6 +28,7 @@ class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
 class PlaneContact;
+class SkinContact;
 class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
@@ -61,9 +62,11 @@ struct ObjectSpring {
 
 /// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
-  std::uint64_t tissue_elements = 0;   ///< evaluations of a tetrahedron
-  std::uint64_t contact_queries = 0;   ///< searches for the point where a node meets an object
-  std::uint64_t factorised_steps = 0;  ///< steps that factorised a matrix
+  std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron
+  std::uint64_t contact_queries = 0;    ///< searches for the point where a node meets an object
+  std::uint64_t skin_part_queries = 0;  ///< tests whether two parts of the skin are near each other
+  std::uint64_t skin_queries = 0;       ///< searches for the place where a point of the skin meets the skin
+  std::uint64_t factorised_steps = 0;   ///< steps that factorised a matrix
 };
 
 class HandSimulation {
@@ -161,7 +164,9 @@ class HandSimulation {
   /// Whether any node touched the object in the last step.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;
-  /// Sum of contact forces on the tissue around each bone, N.
+  /// Contact of the skin with itself. Null: it is switched off.
+  const SkinContact* skin() const { return skin_; }
+  /// Sum of contact forces on the tissue around each bone, N. Includes those of the skin on itself.
   const std::array<Vector3, kBodyCount>& bone_contact_forces() const { return bone_contact_forces_; }
   /// Kinetic energy of nodes and moving bodies, J.
   double kinetic_energy() const;
@@ -206,6 +211,7 @@ class HandSimulation {
   BodyCoupling* object_coupling_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
+  SkinContact* skin_ = nullptr;          // null: the skin does not touch itself
   ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects
   Tissue* tissue_ = nullptr;             // null: the hand has only bones
   std::uint64_t factorised_steps_ = 0;

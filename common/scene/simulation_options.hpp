@@ -35,6 +35,8 @@ inline void describe(OptionVisitor& v, RelaxationOptions& o) {
 struct SimulationOptions {
   double coupling_damping_ratio = 0.3;
   double contact_stiffness = 9e8;
+  bool skin_contact = false;
+  double skin_friction = 0.8;
   bool gravity = false;
   double untangle_patience = 0.1;
   std::int64_t threads = 1;
@@ -48,6 +50,10 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
            "tissue around it. With higher values the bone follows the noise of a tracker's velocity.");
   v.number("contact_stiffness", o.contact_stiffness, "N/m^3", {1e4, 1e12},
            "k_c of eqs. 32 and 33: the contact stiffness of the skin per area.");
+  v.flag("skin_contact", o.skin_contact,
+         "The skin of the hand touches itself: finger against finger, finger against palm, and the thumb across the "
+         "hand. Without it, fingers pass through each other and through the palm.");
+  v.number("skin_friction", o.skin_friction, "1", {0, 100}, "Friction coefficient of skin on skin.");
   v.flag("gravity", o.gravity,
          "Gravity acts on the hand itself. Off by default, because the user's arm carries the hand's weight.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},

@@ -88,7 +88,7 @@ void HessianFactor::keep_kinks(BlockMatrix& hessian, bool is_new) {
     kept_kinks_.clear();
     for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
       const std::int32_t stored = hessian.journal()[k];
-      if (hessian.position(stored).first < hessian.core_count()) kept_kinks_.push_back({stored, hessian.added(k)});
+      if (hessian.is_core(stored)) kept_kinks_.push_back({stored, hessian.added(k)});
     }
     hessian.take_back();
   }

@@ -97,10 +97,12 @@ void LocalNewton::for_each_pair(const BlockMatrix& hessian, Visit&& visit) const
       if (j >= 0) visit(k, j, static_cast<std::int32_t>(i));
     }
   }
-  for (const std::int32_t stored : hessian.border_in_use()) {
-    const auto [row, column] = hessian.position(stored);
-    const std::int32_t j = place_[static_cast<std::size_t>(row)], i = place_[static_cast<std::size_t>(column)];
-    if (i >= 0 && j >= 0) visit(stored, j, i);
+  for (const std::span<const std::int32_t> others : {hessian.border_in_use(), hessian.loose_in_use()}) {
+    for (const std::int32_t stored : others) {
+      const auto [row, column] = hessian.position(stored);
+      const std::int32_t j = place_[static_cast<std::size_t>(row)], i = place_[static_cast<std::size_t>(column)];
+      if (i >= 0 && j >= 0) visit(stored, j, i);
+    }
   }
 }
 

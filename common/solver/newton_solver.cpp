@@ -53,6 +53,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       line_search_(layout),
       predictor_(options, layout),
       linkage_(layout),
+      loose_solve_(layout.dof_count()),
       local_newton_(layout),
       compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
       best_(empty_state(layout)) {
@@ -263,7 +264,7 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
   const auto timer = meter.time(&StepTiming::solve);
   if (!condenses) {
     pull_ = -potential_.gradient();
-    factor_.solve(pull_, direction_, meter);
+    loose_solve_.solve(factor_, potential_.hessian(), pull_, direction_, meter);
     return true;
   }
   if (!factor_.is_without_kinks()) return false;

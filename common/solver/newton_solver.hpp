@@ -8,6 +8,7 @@
 // - LineSearch searches on E along the direction of an iteration.
 // - Predictor makes chord steps: steps in free motion without a new Hessian.
 // - Linkage moves bones by finite rotations, and tissue with its bone.
+// - LooseSolve solves with a Hessian that has blocks outside the pattern of the factor: contact of skin with skin.
 // - LocalNewton solves contact on the condensed hand. At the end of a truncated step it solves contact alone.
 // - Compliance holds how the touched nodes give way to forces on each other, under the last factor.
 //
@@ -28,6 +29,7 @@
 #include "solver/line_search.hpp"
 #include "solver/linkage.hpp"
 #include "solver/local_newton.hpp"
+#include "solver/loose_solve.hpp"
 #include "solver/predictor.hpp"
 #include "solver/solver_options.hpp"
 #include "solver/step_report.hpp"
@@ -87,6 +89,7 @@ class NewtonSolver {
   Predictor predictor_;
   Linkage linkage_;
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
+  LooseSolve loose_solve_;
   LocalNewton local_newton_;
   Compliance compliance_;  // of the last factor, if it is without terms with kinks
   VectorX pull_, direction_;

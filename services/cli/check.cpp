@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "bus/network.hpp"
 #include "cli/commands.hpp"
 #include "cli/rig.hpp"
 #include "math/tetrahedron.hpp"
@@ -53,6 +54,24 @@ void check_scene(const std::string& path) {
   fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
              scene.options.objects.size(), hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
              make_scene_motion(scene, hand)->duration());
+}
+
+bool is_network(const std::string& path) {
+  try {
+    return toml::parse_file(path).contains("network");
+  } catch (const toml::parse_error&) {
+    return false;
+  }
+}
+
+void check_network(const std::string& path) {
+  const bus::Network network = bus::read_network(path);
+  std::string addresses;
+  for (const std::string& address : network.addresses) addresses += " " + address;
+  fmt::print("{}: a network on{}, {} peers, {}, {}\n", path,
+             network.profile.empty() ? addresses : " the interfaces of " + network.profile, network.peers.size(),
+             network.security.empty() ? "not secured" : "secured by " + network.security,
+             network.leaves_host() ? "clocks of other hosts are " + network.options.clock : "this host only");
 }
 
 // Runs what a process does at its start. If the process would refuse to start, throws ConfigError with `where` before
@@ -109,6 +128,8 @@ int run_check(const std::string& path) {
     check_object(path);
   } else if (path.ends_with(".json")) {
     check_hand(path);
+  } else if (is_network(path)) {
+    check_network(path);
   } else if (is_rig(path)) {
     check_rig(path);
   } else {

@@ -36,8 +36,17 @@ struct StatusArguments {
 };
 int run_status(const StatusArguments& arguments);
 
-/// `softhand check FILE`: validates a scene, rig or hand file.
+/// `softhand trackers` lists the live trackers. `softhand trackers use MODULE` lets one own its hand.
+struct TrackersArguments {
+  std::string use;  ///< module; empty = list
+};
+int run_trackers(const TrackersArguments& arguments);
+
+/// `softhand check FILE`: validates a scene, rig, network, hand or object file.
 int run_check(const std::string& path);
+
+/// `softhand cyclone`: prints the network settings for a program on Cyclone DDS.
+int run_cyclone(const std::string& role);
 
 /// `softhand send MODULE KEY VALUE`: 0 when some module applied it, 1 otherwise.
 struct SendArguments {

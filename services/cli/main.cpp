@@ -5,7 +5,9 @@
 #include <cstdio>
 #include <exception>
 #include <functional>
+#include <iterator>
 
+#include "bus/network.hpp"
 #include "cli/commands.hpp"
 
 int main(int argc, char** argv) {
@@ -14,8 +16,9 @@ int main(int argc, char** argv) {
   CLI::App app(
       "Real-time simulation of a soft hand: tracked fingers grasp the objects of a physics engine through simulated "
       "tissue. The processes communicate over DDS.\n"
-      "All processes of one machine use the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, "
-      "default 0).",
+      "All processes use the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, default 0). "
+      "SOFTHAND_NETWORK names a file with the section [network]; without it they use the loopback interface "
+      "(docs/several-hosts.md).",
       "softhand");
   app.require_subcommand(1);
   app.footer(
@@ -86,13 +89,30 @@ int main(int argc, char** argv) {
   command->add_flag("--json", status.json, "Print one JSON object and end");
   command->callback([&] { run = [&status] { return run_status(status); }; });
 
+  TrackersArguments trackers;
+  command = app.add_subcommand(
+      "trackers", "List the live trackers with strength, health, rate, age and confidence, and who owns which hand");
+  command->callback([&] { run = [&trackers] { return run_trackers(trackers); }; });
+  command =
+      command->add_subcommand("use", "Make a tracker stronger than all others of its user, so that it owns the hand");
+  command->add_option("module", trackers.use, "Name of the tracker in the list")->required();
+
   std::string file;
-  command = app.add_subcommand("check",
-                               "Check a scene, rig (.toml), hand or object (.json) file: print what it contains, or "
-                               "the errors with line, key or "
-                               "field");
+  command =
+      app.add_subcommand("check",
+                         "Check a scene, rig, network (.toml), hand or object (.json) file: print what it contains, or "
+                         "the errors with line, key or "
+                         "field");
   command->add_option("file", file, "The file")->required()->type_name("FILE");
   command->callback([&] { run = [&file] { return run_check(file); }; });
+
+  std::string role = "client";
+  command = app.add_subcommand("cyclone",
+                               "Print the settings of SOFTHAND_NETWORK for a program on Cyclone DDS (CYCLONEDDS_URI)");
+  command->add_option("--role", role, "Identity in a secured domain")
+      ->capture_default_str()
+      ->check(CLI::IsMember(std::vector<std::string>(std::begin(bus::kRoles), std::end(bus::kRoles))));
+  command->callback([&] { run = [&role] { return run_cyclone(role); }; });
 
   SendArguments send;
   command =
@@ -211,7 +231,8 @@ int main(int argc, char** argv) {
   });
 
   command = app.add_subcommand(
-      "reference", "Print every option of scenes and rigs with default, unit, range and meaning (docs/reference.md)");
+      "reference",
+      "Print every option of scenes, rigs and networks with default, unit, range and meaning (docs/reference.md)");
   command->callback([&] { run = [] { return run_reference(); }; });
 
   CLI11_PARSE(app, argc, argv);

@@ -28,6 +28,7 @@ RigOptions read(const std::string& path, std::set<fs::path>& seen) {
   if (rig.extends.empty()) return rig;
   RigOptions base = read((folder / rig.extends).lexically_normal().string(), seen);
   base.name = rig.name;
+  base.part = rig.part;
   if (!rig.scene.empty()) base.scene = rig.scene;
   base.choose += " " + rig.choose;
   base.processes.insert(base.processes.end(), rig.processes.begin(), rig.processes.end());
@@ -40,7 +41,10 @@ RigOptions read_rig(const std::string& path) {
   std::set<fs::path> seen;
   RigOptions rig = read(path, seen);
   if (rig.scene.empty()) throw ConfigError(path + ": scene: expected a scene file");
-  if (rig.name.size() >= sizeof(ShortText)) throw ConfigError(path + ": name: expected at most 63 characters");
+  if (full_name(rig).size() >= sizeof(ShortText) || rig.part.size() > 58)
+    throw ConfigError(path + ": name: expected at most 63 characters with its part, and 58 in the part");
+  if (rig.name.find('/') != std::string::npos || rig.part.find('/') != std::string::npos)
+    throw ConfigError(path + ": name: expected a name and a part without '/'");
   for (const RigProcess& process : rig.processes) {
     if (process.name.empty() || process.name.size() >= sizeof(ShortText))
       throw ConfigError(path + ": process: name '" + process.name + "': expected 1 to 63 characters");
@@ -63,6 +67,13 @@ RigOptions read_rig(const std::string& path) {
                         "'; expected the choice of a process");
   }
   return rig;
+}
+
+std::string full_name(const RigOptions& rig) { return rig.part.empty() ? rig.name : rig.name + "/" + rig.part; }
+
+bool share_domain(std::string_view one, std::string_view other) {
+  const std::size_t slash = one.find('/');
+  return slash != std::string_view::npos && one != other && other.substr(0, slash + 1) == one.substr(0, slash + 1);
 }
 
 std::string choice_text(const std::string& what, const std::string& choice) { return what + " " + choice; }

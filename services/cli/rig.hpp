@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "runtime/options.hpp"
@@ -41,13 +42,19 @@ inline void describe(OptionVisitor& v, RigProcess& o) {
 
 struct RigOptions {
   std::string name = "rig";
+  std::string part;
   std::string extends;
   std::string scene;
   std::string choose;
   std::vector<RigProcess> processes;
 };
 inline void describe(OptionVisitor& v, RigOptions& o) {
-  v.string("name", o.name, "Name of the rig, at most 63 characters.");
+  v.string("name", o.name,
+           "Name of the rig, at most 63 characters. Name and part have at most 62 characters together.");
+  v.string(
+      "part", o.part,
+      "Name of the part of the rig that runs on this host. Parts of one rig share a domain. Empty = the rig runs on "
+      "one host.");
   v.string(
       "extends", o.extends,
       "Another rig, relative to this one. Its processes come first. Its scene is used if this rig names no scene.");
@@ -60,6 +67,11 @@ inline void describe(OptionVisitor& v, RigOptions& o) {
 /// Reads a rig and the rigs that it extends. The returned `scene` is relative to the working directory. Throws
 /// ConfigError, also for an unknown choice, and if processes of the same name are not distinguished by their choices.
 RigOptions read_rig(const std::string& path);
+
+/// How a rig appears to others: NAME, or NAME/PART.
+std::string full_name(const RigOptions& rig);
+/// True if rigs with these full names share a domain: different parts of one rig.
+bool share_domain(std::string_view one, std::string_view other);
 
 /// How the status of the rig names what can be chosen. It has room for 31 characters.
 std::string choice_text(const std::string& what, const std::string& choice);

@@ -36,6 +36,8 @@ int run_send(const SendArguments& arguments) {
   }
   message.id = make_epoch();
   message.stamp.sequence = 1;
+  message.stamp.epoch = participant.epoch();
+  message.stamp.clock_id = clock_id();
   message.stamp.publish_time = message.stamp.sample_time = now();
   writer.write(message);
 

@@ -10,7 +10,9 @@
 #include <optional>
 
 #include "cli/commands.hpp"
+#include "cli/skin_outcome.hpp"
 #include "cli/virtual_rig.hpp"
+#include "energies/skin_contact.hpp"
 #include "flight/repeat.hpp"
 #include "messages/convert.hpp"
 #include "scene/rest_error.hpp"
@@ -108,10 +110,15 @@ int run_simulate(const SimulateArguments& arguments) {
   const auto started = std::chrono::steady_clock::now();
   std::uint64_t inverted_steps = 0;
   std::vector<double> work_of_steps;
+  SkinOutcome skin;
   rig.run(seconds, [&](const HandStepView& view) {
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
     if (view.simulation->inverted_elements() > 0) ++inverted_steps;
+    // The tracker may jump back to the start of the motion.
+    if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 <
+        motion->duration() - scene.options.tracker.start_time)
+      skin.add(*view.simulation);
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
@@ -129,11 +136,20 @@ int run_simulate(const SimulateArguments& arguments) {
   json["simulated_seconds"] = seconds;
   json.update(rig.outcome().summary(frame));
   const HandSimulation& simulation = rig.hand().simulation();
+  json["skin"] = skin.summary(scene.options.judge.skin, scene.options.hand.simulation.skin_friction);
+  // A goal of the skin comes in addition to those of the object.
+  if (const auto& of_skin = json["skin"]; of_skin.contains("success")) {
+    json["success"] = of_skin["success"].get<bool>() && json.value("success", true);
+    json["success_because"] =
+        (json.contains("success_because") ? json["success_because"].get<std::string>() + "; " : "") +
+        of_skin["success_because"].get<std::string>();
+  }
   json["inverted_end"] = simulation.inverted_elements();
   json["inverted_steps_fraction"] =
       static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
-  json["rest_error_mm"] =
-      simulation.contact_count() > 0 ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
+  const bool touches =
+      simulation.contact_count() > 0 || (simulation.skin() != nullptr && !simulation.skin()->anchors().empty());
+  json["rest_error_mm"] = touches ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
   const EnergyLedger& ledger = simulation.ledger();
   json["energy_ledger_defect"] = ledger.defect();
   json["energy_excess"] = ledger.excess();
@@ -157,6 +173,8 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"factorised_steps", work.factorised_steps},
                            {"tissue_elements", work.tissue_elements},
                            {"contact_queries", work.contact_queries},
+                           {"skin_part_queries", work.skin_part_queries},
+                           {"skin_queries", work.skin_queries},
                            {"objects_without_slot", counters.objects_without_slot}};
   json["step_work"] = {{"p50", percentile(work_of_steps, 0.5)},
                        {"p90", percentile(work_of_steps, 0.9)},

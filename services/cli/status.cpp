@@ -1,20 +1,42 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "bus/bus.hpp"
 #include "cli/commands.hpp"
 #include "cli/status_table.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/signals.hpp"
 
 namespace softhand {
+namespace {
+
+// One line for each other host.
+std::string clock_lines(const bus::Participant& participant) {
+  std::string out;
+  const std::vector<bus::Peer> peers = participant.peers();
+  for (const HostClock& clock : participant.clocks()) {
+    const auto is_there = [&clock](const bus::Peer& peer) { return peer.clock_id == clock.clock_id; };
+    const auto peer = std::find_if(peers.begin(), peers.end(), is_there);
+    out += fmt::format("clock of {} ({:08x}): ", peer == peers.end() ? "a host" : get_text(peer->host), clock.clock_id);
+    out += is_known(clock)
+               ? fmt::format("offset {:+.6f} s +- {:.3f} ms, drift {:+.1f} ppm\n",
+                             1e-9 * static_cast<double>(clock.offset), 1e3 * clock.uncertainty, 1e6 * clock.drift)
+               : "unknown\n";
+  }
+  return out;
+}
+
+}  // namespace
 
 int run_status(const StatusArguments& arguments) {
   const StopSignal stop;
@@ -22,20 +44,23 @@ int run_status(const StatusArguments& arguments) {
   bus::Reader reader(participant, bus::topics::loop_status);
   std::map<std::string, LoopStatus> modules;
   const bool terminal = isatty(STDOUT_FILENO) != 0;
+  // A snapshot waits long enough to discover every writer and to receive one message of each. A handshake with each of
+  // them takes longer.
+  const std::chrono::milliseconds discovery(bus::network_from_environment().security.empty() ? 1500 : 4000);
   const auto started = std::chrono::steady_clock::now();
   while (!stop.requested()) {
     std::this_thread::sleep_for(std::chrono::milliseconds(250));
     reader.take_all([&modules](const LoopStatus& status) { modules[std::string(get_text(status.module))] = status; });
     const bool snapshot = arguments.once || arguments.json;
-    // A snapshot waits long enough to discover every writer and to receive one message of each.
-    if (snapshot && std::chrono::steady_clock::now() - started < std::chrono::milliseconds(1500)) continue;
+    if (snapshot && std::chrono::steady_clock::now() - started < discovery) continue;
     if (arguments.json) {
       nlohmann::ordered_json json = nlohmann::ordered_json::object();
       for (const auto& [name, status] : modules) json[name] = status_json(status);
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
-      fmt::print("{}{}", status_table(modules, now()), modules.empty() ? "no module found on this domain\n" : "");
+      fmt::print("{}{}{}", status_table(modules, now()), clock_lines(participant),
+                 modules.empty() ? "no module found on this domain\n" : "");
     }
     std::fflush(stdout);
     if (snapshot) return modules.empty() ? 1 : 0;

@@ -50,8 +50,9 @@ void say(std::string_view name, std::string_view text) {
 // do not compute topics without a subscriber.
 class Listener {
  public:
-  Listener(const bus::Participant& participant, bool everything)
-      : status_(participant, with_history(bus::topics::loop_status, kHistory)) {
+  /// `user`: of the hands that are judged. Tracked hands of other users are the sources of a fusion.
+  Listener(const bus::Participant& participant, bool everything, std::uint32_t user)
+      : user_(user), status_(participant, with_history(bus::topics::loop_status, kHistory)) {
     if (everything) streams_.emplace(participant);
   }
 
@@ -59,12 +60,14 @@ class Listener {
   void poll(Supervisor* watched = nullptr) {
     status_.take_all([&](const LoopStatus& status) {
       const std::string module(get_text(status.module));
-      if (module == kRigModule) return;
+      if (module == kRigModule || module.starts_with(std::string(kRigModule) + "-")) return;
       modules_[module] = status;
       if (watched != nullptr) watched->heard(module, static_cast<pid_t>(status.process_id));
     });
     if (!streams_) return;
-    streams_->tracked.take_all([this](const Skeleton& m) { outcome_.on_tracked(m); });
+    streams_->tracked.take_all([this](const Skeleton& m) {
+      if (m.hand.user == user_) outcome_.on_tracked(m);
+    });
     streams_->simulated.take_all([this](const Skeleton& m) { outcome_.on_simulated(m); });
     streams_->contacts.take_all([this](const Contacts& m) { outcome_.on_contacts(m); });
     streams_->coupling.take_all([this](const ObjectCoupling& m) { outcome_.on_coupling(m); });
@@ -79,9 +82,12 @@ class Listener {
     modules_.clear();
   }
   const Outcome& outcome() const { return outcome_; }
-  /// Start of the tracker's motion on the clock of the messages; 0 = not received.
-  Nanoseconds motion_start() const {
+  /// Start of the motion of a tracker in `rig`, on the clock of this host; 0 = not received.
+  Nanoseconds motion_start(const RigOptions& rig) const {
     for (const auto& [name, status] : modules_) {
+      // A counter of another host is on another clock.
+      if (std::none_of(rig.processes.begin(), rig.processes.end(), [&name](auto& each) { return each.name == name; }))
+        continue;
       for (const NamedValue& counter : status.counters) {
         if (get_text(counter.name) == "motion_start_s") return static_cast<Nanoseconds>(counter.value * 1e9);
       }
@@ -107,6 +113,7 @@ class Listener {
     bus::Reader<BoneWrench> wrench;
     bus::Reader<DeviceState> device;
   };
+  std::uint32_t user_;
   bus::Reader<LoopStatus> status_;
   std::optional<Streams> streams_;
   std::map<std::string, LoopStatus> modules_;
@@ -120,10 +127,12 @@ class RigControl {
   RigControl(const bus::Participant& participant, const UpArguments& arguments)
       : arguments_(arguments),
         rig_(read_rig(arguments.rig)),
+        module_(std::string(kRigModule) + (rig_.part.empty() ? "" : "-" + rig_.part)),
         messages_(participant, bus::topics::message),
         replies_(participant, bus::topics::message_reply),
         statuses_(participant, bus::topics::loop_status),
-        epoch_(participant.epoch()) {
+        epoch_(participant.epoch()),
+        clock_id_(clock_id()) {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
@@ -158,7 +167,7 @@ class RigControl {
 
   void poll() {
     messages_.take_all([this](const Message& message) {
-      const auto steered = time_control_.answer(message, kRigModule, now());
+      const auto steered = time_control_.answer(message, module_, now());
       // Processes that start later inherit the commanded state of the clock.
       if (steered) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
       MessageReply reply = steered ? *steered : answer(message);
@@ -168,7 +177,7 @@ class RigControl {
     if (Clock::now() < next_status_) return;
     next_status_ = Clock::now() + milliseconds(500);
     LoopStatus status;
-    set_text(status.module, kRigModule);
+    set_text(status.module, module_);
     status.process_id = static_cast<std::uint32_t>(getpid());
     status.input_age_ms = -1;
     const std::string running = fs::path(rig_.scene).stem().string();
@@ -194,14 +203,16 @@ class RigControl {
   void stamp(Stamp& stamp, std::uint64_t sequence) const {
     stamp.sequence = sequence;
     stamp.epoch = epoch_;
+    stamp.clock_id = clock_id_;
     stamp.sample_time = stamp.publish_time = now();
   }
 
   MessageReply answer(const Message& message) {
-    if (!is_addressed(message, kRigModule)) return reply_to(message, kRigModule, kReplyIgnored, "not for this module");
-    const auto reply = [&message](std::uint32_t result, std::string_view text) {
-      return reply_to(message, kRigModule, result, text);
+    const auto reply = [&](std::uint32_t result, std::string_view text) {
+      return reply_to(message, module_, result, text);
     };
+    if (!is_addressed(message, kRigModule) && !is_addressed(message, module_))
+      return reply(kReplyIgnored, "not for this module");
     const std::string what(get_text(message.key)), choice(get_text(message.value));
     if (what == "stop") {
       if (choice != std::to_string(epoch_)) return reply(kReplyRefused, "not the number of this rig");
@@ -231,6 +242,7 @@ class RigControl {
 
   const UpArguments& arguments_;
   RigOptions rig_;
+  std::string module_;  // "rig"; a part of a rig also answers to messages to "rig"
   std::vector<std::string> overrides_;
   Scene scene_;
   std::vector<std::string> scenes_;  // file names without extension in the folder of the rig's scene
@@ -240,14 +252,15 @@ class RigControl {
   TimeControl time_control_;
   Clock::time_point next_status_{};
   std::uint64_t epoch_;
+  std::uint32_t clock_id_;
   std::uint64_t replied_ = 0;
   std::uint64_t published_ = 0;
   bool changed_ = false;
   bool stop_requested_ = false;
 };
 
-// Makes this process the only one on the domain that holds a rig. Returns the holder if that is another one. With
-// `replace` it is asked to stop first.
+// Makes this process the only one on the domain that holds a rig, or this part of it. Returns the holder if that is
+// another one. With `replace` it is asked to stop first.
 std::optional<RigHolder> take_domain(RigLock& lock, const bus::Participant& participant, const RigHolder& self,
                                      bool replace, const StopSignal& stop) {
   std::optional<bus::Writer<Message>> messages;
@@ -258,6 +271,7 @@ std::optional<RigHolder> take_domain(RigLock& lock, const bus::Participant& part
     Message message;
     message.id = make_epoch();
     message.stamp.epoch = participant.epoch();
+    message.stamp.clock_id = clock_id();
     message.stamp.sequence = asked.size();
     message.stamp.sample_time = message.stamp.publish_time = now();
     set_text(message.module, kRigModule);
@@ -269,7 +283,7 @@ std::optional<RigHolder> take_domain(RigLock& lock, const bus::Participant& part
   for (;;) {
     std::optional<RigHolder> holder = lock.take(self);
     for (const bus::Peer& peer : participant.peers()) {
-      if (get_text(peer.rig).empty()) continue;
+      if (get_text(peer.rig).empty() || share_domain(self.rig, get_text(peer.rig))) continue;
       if (replace) ask_to_stop(peer);
       if (!holder)
         holder = RigHolder{std::string(get_text(peer.rig)), std::string(get_text(peer.host)), peer.process_id};
@@ -323,7 +337,7 @@ void start_processes(Supervisor& supervisor, Listener& listener, RigControl& con
       say(process.name, fmt::format("not ready after {:g} s; starting the next process", process.ready_timeout));
   }
   say("softhand", fmt::format("{} is up: {} processes, scene {}. Try `softhand status`. Ctrl-C stops it.",
-                              control.rig().name, started, control.rig().scene));
+                              full_name(control.rig()), started, control.rig().scene));
 }
 
 nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl& control, const Listener& listener,
@@ -336,7 +350,7 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
   for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
-  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start())));
+  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start(control.rig()))));
   return summary;
 }
 
@@ -347,7 +361,7 @@ int run_up(const UpArguments& arguments) {
   // The processes inherit the folder. Programs of others ignore the variable.
   if (!arguments.flight.empty())
     setenv("SOFTHAND_FLIGHT", fs::absolute(arguments.flight).lexically_normal().c_str(), 1);
-  const RigHolder self = this_process(read_rig(arguments.rig).name);
+  const RigHolder self = this_process(full_name(read_rig(arguments.rig)));
   const int domain = bus::domain_from_environment();
   RigLock lock(domain);  // released after the participant has left
   const bus::Participant participant("softhand up", domain, self.rig);
@@ -357,7 +371,7 @@ int run_up(const UpArguments& arguments) {
                arguments.replace ? "it was asked to stop and has not stopped" : "stop it, or start with --replace");
     return kExitHeld;
   }
-  Listener listener(participant, !arguments.json.empty());
+  Listener listener(participant, !arguments.json.empty(), hand_key(control.scene()).user);
   nlohmann::ordered_json summary;
   bool clean = true;
   do {

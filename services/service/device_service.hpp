@@ -1,9 +1,11 @@
-// main() of a haptic or tactile driver: `run_device<MyGlove>(argc, argv, "haptic-my-glove")`.
+// main() of a haptic or tactile driver: `run_device<MyGlove>(argc, argv, "haptic-my-glove")`. main() of a device that
+// also tracks: `run_tracking_device<MyGlove>(argc, argv, "haptic-my-glove")`.
 #pragma once
 
 #include "device/device_loop.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
+#include "service/tracker_service.hpp"
 
 namespace softhand {
 
@@ -13,6 +15,47 @@ inline constexpr const bus::Topic<Contacts>& topic_of(const Contacts*) { return 
 inline constexpr std::uint32_t kind_of(const BoneWrench*) { return 0; }
 inline constexpr std::uint32_t kind_of(const Contacts*) { return 1; }
 
+/// The side of a device that pushes or touches: subscribes to its input, runs the safety loop around the driver, and
+/// publishes its commands.
+template <typename Input>
+class DeviceFace {
+ public:
+  DeviceFace(const Service& service, const DeviceLoopOptions& options, std::shared_ptr<DeviceDriver<Input>> driver,
+             const HandKey& hand, std::uint32_t device)
+      : service_(service),
+        hand_(hand),
+        reader_(service.participant(), topic_of(kInput), hand),
+        writer_(service.participant(), bus::topics::device_state),
+        loop_(options, std::move(driver), device, kind_of(kInput)) {}
+
+  void step(Nanoseconds now) {
+    const DeviceState& state = loop_.step(now, reader_.take_latest(*input_) ? input_.get() : nullptr);
+    if (writer_.has_readers()) publish(state);
+  }
+  MessageReply answer(const Message& message, const std::string& module) { return loop_.answer(message, module); }
+  void fill_status(LoopStatus& status, Nanoseconds now) const {
+    loop_.fill_status(status, now);
+    count_inputs(status, service_.participant(), reader_);
+  }
+  /// Sets the commands to zero at the end of the process.
+  void stop() { publish(loop_.stop(now())); }
+
+ private:
+  static constexpr const Input* kInput = nullptr;
+  void publish(DeviceState state) {
+    service_.stamp(state.stamp);
+    state.hand = hand_;
+    writer_.write(state);
+  }
+
+  const Service& service_;
+  HandKey hand_;
+  bus::Reader<Input> reader_;
+  bus::Writer<DeviceState> writer_;
+  DeviceLoop<Input> loop_;
+  std::unique_ptr<Input> input_ = std::make_unique<Input>();
+};
+
 /// `Driver` is a HapticDriver or a TactileDriver that is made from its `Driver::Options`. Its driver.cpp registered
 /// DeviceOptions<Driver::Options>. `options_of` names another part of the scene with `.loop` and `.driver`.
 template <typename Driver, typename OptionsOf>
@@ -20,35 +63,52 @@ int run_device(int argc, char** argv, const std::string& module, OptionsOf optio
   return guarded_main("softhand-" + module, [&] {
     using Input = typename Driver::Input;
     constexpr const Input* kInput = nullptr;
-    const DeviceArguments arguments = parse_device_arguments(argc, argv, module);
+    const char* const role = kind_of(kInput) == 0 ? "haptic" : "tactile";
+    const DeviceArguments arguments = parse_device_arguments(argc, argv, role, module);
     const Scene scene = read_scene(arguments.config, arguments.overrides);
-    const HandKey hand = hand_key(scene);
     const auto& options = options_of(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);
-    bus::Reader<Input> reader(service.participant(), topic_of(kInput), hand);
-    bus::Writer<DeviceState> writer(service.participant(), bus::topics::device_state);
-    DeviceLoop<Input> loop(options.loop, std::make_unique<Driver>(options.driver), arguments.device, kind_of(kInput));
-    auto input = std::make_unique<Input>();
-    const auto publish = [&](DeviceState state) {
-      service.stamp(state.stamp);
-      state.hand = hand;
-      writer.write(state);
-    };
-    const auto step = [&](Nanoseconds now) {
-      const DeviceState& state = loop.step(now, reader.take_latest(*input) ? input.get() : nullptr);
-      if (writer.has_readers()) publish(state);
-    };
-    service.run({step, [&](const Message& message) { return loop.answer(message, arguments.module); },
-                 [&](LoopStatus& status, Nanoseconds now) {
-                   loop.fill_status(status, now);
-                   count_inputs(status, service.participant(), reader);
-                 }});
-    publish(loop.stop(now()));
+    DeviceFace<typename Driver::Input> device(service, options.loop, std::make_shared<Driver>(options.driver),
+                                              hand_key(scene), arguments.device);
+    service.run({[&](Nanoseconds now) { device.step(now); },
+                 [&](const Message& message) { return device.answer(message, arguments.module); },
+                 [&](LoopStatus& status, Nanoseconds now) { device.fill_status(status, now); }});
+    device.stop();
   });
 }
 template <typename Driver>
 int run_device(int argc, char** argv, const std::string& module) {
   return run_device<Driver>(argc, argv, module, &driver_options<DeviceOptions<typename Driver::Options>>);
+}
+
+/// A device with both faces in one process. `Device` is a TrackerSource and a HapticDriver or TactileDriver that is
+/// made from its `Device::Options` and the hand of the scene. One loop, at `rate_hz` of the device, polls it and then
+/// lets it write.
+template <typename Device>
+int run_tracking_device(int argc, char** argv, const std::string& module) {
+  return guarded_main("softhand-" + module, [&] {
+    const TrackingDeviceArguments arguments = parse_tracking_device_arguments(argc, argv, module);
+    const Scene scene = read_scene(arguments.config, arguments.overrides);
+    const HandKey hand = hand_key(scene);
+    const auto& options = driver_options<DeviceOptions<typename Device::Options>>(scene.options);
+    Service service(arguments, options.loop.rate_hz, Pacing::real);
+    const auto device = std::make_shared<Device>(options.driver, load_scene_hand(scene));
+    TrackerFace tracker(service, Pacing::real, arguments, hand.user);
+    DeviceFace<typename Device::Input> back(service, options.loop, device, hand, arguments.device);
+    service.run({[&](Nanoseconds now) {
+                   tracker.poll(*device, now);
+                   back.step(now);
+                 },
+                 [&](const Message& message) {
+                   const auto reply = tracker.answer(message, arguments.module);
+                   return reply ? *reply : back.answer(message, arguments.module);
+                 },
+                 [&](LoopStatus& status, Nanoseconds now) {
+                   back.fill_status(status, now);
+                   tracker.fill_status(*device, status, now);
+                 }});
+    back.stop();
+  });
 }
 
 }  // namespace softhand

@@ -9,6 +9,8 @@
 #include <exception>
 
 #include "device/answer.hpp"
+#include "device/health.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "runtime/config.hpp"
 #include "runtime/exit_codes.hpp"
@@ -33,10 +35,25 @@ std::string with_urgency(const ServiceArguments& arguments, double rate_hz, Urge
   return arguments.module;
 }
 
+// The number of other hosts, how many of their clocks are not known, and the largest uncertainty of the others.
+void count_clocks(LoopStatus& status, const bus::Participant& participant) {
+  const auto clocks = participant.clocks();
+  if (clocks.empty()) return;
+  double unknown = 0, uncertainty = 0;
+  for (const HostClock& clock : clocks) {
+    unknown += is_known(clock) ? 0 : 1;
+    uncertainty = std::max(uncertainty, is_known(clock) ? clock.uncertainty : 0);
+  }
+  add_counter(status, "other_hosts", static_cast<double>(clocks.size()));
+  add_counter(status, "unknown_clocks", unknown);
+  add_counter(status, "clock_uncertainty_ms", 1e3 * uncertainty);
+}
+
 // `extend` adds options to those that every service has.
-ServiceArguments parse_with(int argc, char** argv, const std::string& module, const std::string& about,
-                            const std::function<void(CLI::App&)>& extend) {
+ServiceArguments parse_with(int argc, char** argv, const std::string& role, const std::string& module,
+                            const std::string& about, const std::function<void(CLI::App&)>& extend) {
   ServiceArguments arguments;
+  arguments.role = role;
   arguments.module = module;
   CLI::App app(about);
   app.add_option("--config", arguments.config, "Scene file (TOML); keys: `softhand reference`")
@@ -80,31 +97,50 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& module, co
   return arguments;
 }
 
+void add_tracker_options(CLI::App& app, TrackerArguments& arguments) {
+  app.add_option("--strength", arguments.strength,
+                 "Priority among several trackers of one hand: the strongest healthy one owns the hand")
+      ->capture_default_str()
+      ->check(CLI::Range(0, kMostStrength));
+  app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
+  app.add_option(
+         "--user", arguments.user,
+         "User of the published hands and heads. Default: `user` of the scene. With another one this tracker is "
+         "a source of softhand-tracker-fusion")
+      ->check(CLI::Range(0, 15));
+}
+void add_device_option(CLI::App& app, std::uint32_t& device) {
+  app.add_option("--device", device, "Id of this device (key of device_state)")->capture_default_str();
+}
+
 }  // namespace
 
-ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about) {
-  return parse_with(argc, argv, module, about, [](CLI::App&) {});
+ServiceArguments parse_arguments(int argc, char** argv, const std::string& role, const std::string& about) {
+  return parse_with(argc, argv, role, role, about, [](CLI::App&) {});
 }
 
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about) {
   TrackerArguments arguments;
-  static_cast<ServiceArguments&>(arguments) = parse_with(argc, argv, "tracker", about, [&](CLI::App& app) {
-    app.add_option("--strength", arguments.strength,
-                   "Priority among several trackers of one hand: the strongest one owns the hand")
-        ->capture_default_str()
-        ->check(CLI::NonNegativeNumber);
-    app.add_option("--source", arguments.source, "Id of this source")->capture_default_str();
-  });
+  static_cast<ServiceArguments&>(arguments) =
+      parse_with(argc, argv, "tracker", "tracker", about, [&](CLI::App& app) { add_tracker_options(app, arguments); });
   return arguments;
 }
 
-DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module) {
+DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& role, const std::string& module) {
   DeviceArguments arguments;
-  const auto extend = [&](CLI::App& app) {
-    app.add_option("--device", arguments.device, "Id of this device (key of device_state)")->capture_default_str();
-  };
   static_cast<ServiceArguments&>(arguments) =
-      parse_with(argc, argv, module, "Driver of a haptic or tactile device", extend);
+      parse_with(argc, argv, role, module, "Driver of a haptic or tactile device",
+                 [&](CLI::App& app) { add_device_option(app, arguments.device); });
+  return arguments;
+}
+
+TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, const std::string& module) {
+  TrackingDeviceArguments arguments;
+  static_cast<ServiceArguments&>(arguments) =
+      parse_with(argc, argv, "glove", module, "Driver of a device that tracks and pushes back", [&](CLI::App& app) {
+        add_tracker_options(app, arguments);
+        add_device_option(app, arguments.device);
+      });
   return arguments;
 }
 
@@ -112,7 +148,7 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
     : module_(with_urgency(arguments, rate_hz, urgency)),
       rate_hz_(rate_hz),
       pacing_(pacing),
-      participant_(module_),
+      participant_(module_, bus::domain_from_environment(), {}, arguments.role),
       messages_(participant_, bus::topics::message),
       replies_(participant_, bus::topics::message_reply),
       status_writer_(participant_, bus::topics::loop_status),
@@ -174,6 +210,7 @@ void Service::run(const Callbacks& callbacks) {
       add_counter(status, "pace", clock().pace(real));
       add_counter(status, "behind_s", static_cast<double>(real - clock().at(real)) * 1e-9);
     }
+    count_clocks(status, participant_);
     status.stamp.sequence = ++status_sequence;
     status.stamp.sample_time = real;
     stamp(status.stamp);

@@ -15,6 +15,7 @@
 namespace softhand {
 
 struct ServiceArguments {
+  std::string role;                    ///< identity in a secured domain, one of bus::kRoles
   std::string module;                  ///< name for messages and status
   std::string config;                  ///< scene file; all services of a rig read the same file, each its own sections
   std::vector<std::string> overrides;  ///< values of `--set`
@@ -23,22 +24,29 @@ struct ServiceArguments {
   std::string cores;                   ///< for the loop; empty: all
 };
 
-/// Reads `--config`, `--set` and `--module`. Prints the help and exits on `--help`. Prints the error and exits on a
-/// wrong command line.
-ServiceArguments parse_arguments(int argc, char** argv, const std::string& module, const std::string& about);
+/// Reads `--config`, `--set` and `--module`. `role` is also the default of the module name. Prints the help and exits
+/// on `--help`. Prints the error and exits on a wrong command line.
+ServiceArguments parse_arguments(int argc, char** argv, const std::string& role, const std::string& about);
 
 struct TrackerArguments : ServiceArguments {
-  int strength = 0;          ///< of several trackers of one hand, the strongest one owns it
-  std::uint32_t source = 0;  ///< source id in the published samples
+  int strength = 0;                   ///< of several trackers of one hand, the strongest one owns it
+  std::uint32_t source = 0;           ///< source id in the published samples
+  std::optional<std::uint32_t> user;  ///< in the published samples; empty: the user of the scene
 };
-/// The same for a tracker, with `--strength` and `--source` added.
+/// The same for a tracker, with `--strength`, `--source` and `--user` added.
 TrackerArguments parse_tracker_arguments(int argc, char** argv, const std::string& about);
 
 struct DeviceArguments : ServiceArguments {
   std::uint32_t device = 0;  ///< id of the device, the key of device_state
 };
 /// The same for a haptic or tactile device, with `--device` added.
-DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& module);
+DeviceArguments parse_device_arguments(int argc, char** argv, const std::string& role, const std::string& module);
+
+struct TrackingDeviceArguments : TrackerArguments {
+  std::uint32_t device = 0;
+};
+/// The same for a device that tracks and pushes back, with the options of both.
+TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, const std::string& module);
 
 enum class Urgency {
   real_time,  ///< memory locked and priority raised (`--priority`); prints a warning if this is refused

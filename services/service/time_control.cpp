@@ -5,6 +5,7 @@
 
 #include "device/answer.hpp"
 #include "messages/age.hpp"
+#include "runtime/clock.hpp"
 
 namespace softhand {
 namespace {
@@ -16,7 +17,7 @@ constexpr double kOldestCommand = 2;  // s
 
 }  // namespace
 
-TimeControl::TimeControl() {
+TimeControl::TimeControl() : clock_id_(clock_id()) {
   if (const char* text = std::getenv(kVariable)) clock_ = SimulatedClock::from_text(text);
 }
 
@@ -26,9 +27,8 @@ std::optional<MessageReply> TimeControl::answer(const Message& message, std::str
   if (get_text(message.module) != "*")
     return reply_to(message, module, kReplyRefused, "this concerns all modules: send it to *");
   const Nanoseconds sent = message.stamp.publish_time;
-  const std::optional<double> age = age_of(sent, now);
-  if (!age || *age > kOldestCommand)
-    return reply_to(message, module, kReplyRefused, "the stamp is too old or not from this host's clock");
+  if (!is_usable(message.stamp, now, clock_id_) || age_of(sent, now).value_or(0) > kOldestCommand)
+    return reply_to(message, module, kReplyRefused, "the stamp is too old, or from a clock that is not known");
   const Nanoseconds from = sent + kNotice;
   if (key == "reset") {
     reset_ = std::max(reset_.value_or(from), from);

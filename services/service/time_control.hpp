@@ -30,6 +30,7 @@ class TimeControl {
   std::optional<Nanoseconds> take_reset(Nanoseconds now);
 
  private:
+  std::uint32_t clock_id_;  // of this host
   SimulatedClock clock_;
   std::optional<Nanoseconds> reset_;  // real time
 };

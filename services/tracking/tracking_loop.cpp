@@ -455,6 +455,7 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add("implausible_clock", c.implausible_clock);
   add("inferred", c.inferred);
   add("repositioned", c.repositioned);
+  add("swapped", c.swapped);
   add("simulated_refused", simulated_refused_);
   add("stale", input_.stale(now) ? 1 : 0);
 }

@@ -52,6 +52,8 @@ constexpr double kGraspFrom = 3.4, kGraspTo = 5.4;  // s of pinch_lift.toml; the
 // s of the recording; the fist is closed around the cylinder
 constexpr double kRecordedFistFrom = 2, kRecordedFistTo = 4;
 
+constexpr double kClosedFrom = 1.6, kClosedTo = 2.4;  // s of fist.toml; the fist is closed
+
 constexpr int kPeerSteps = 15;
 
 struct Size {
@@ -153,6 +155,45 @@ double idle_hand_cost_fraction(const Size& size) {
     free.go_on(time);
   }
   return median(free.steps) / median(held.steps);
+}
+
+// Median step of a scene with contact of skin with skin over the median step without it, from `from` to `to` seconds of
+// the scene. Two rigs take turns of a tenth of a second, so that other load affects both alike.
+double skin_cost_ratio(const std::string& file, const std::vector<std::string>& overrides, double from, double to) {
+  constexpr double kTurn = 0.1;  // s
+  struct Side {
+    Side(const std::string& scene_file, std::vector<std::string> keys, const char* skin_contact)
+        : scene(by_thread_time(read_scene(scene_file, with(std::move(keys), skin_contact)))),
+          hand(load_scene_hand(scene)),
+          rig(scene, hand,
+              std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene))) {
+    }
+    static std::vector<std::string> with(std::vector<std::string> keys, const char* skin_contact) {
+      keys.push_back(std::string("hand.simulation.skin_contact=") + skin_contact);
+      keys.push_back("hand.model=" SOFTHAND_SOURCE_DIR "/config/hands/" + hand_name(1450));
+      return keys;
+    }
+    static Scene by_thread_time(Scene read) {
+      read.options.hand.simulation.solver.clock = thread_seconds;
+      return read;
+    }
+    void go_on(double until, double from_time) {
+      rig.run(until, [this, from_time](const HandStepView& view) {
+        if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 >= from_time)
+          steps.push_back(view.output->report.timing.total());
+      });
+    }
+    Scene scene;
+    HandModel hand;
+    VirtualRig rig;
+    std::vector<double> steps;
+  };
+  Side with(file, overrides, "true"), without(file, overrides, "false");
+  for (double time = kTurn; time <= to; time += kTurn) {
+    with.go_on(time, from);
+    without.go_on(time, from);
+  }
+  return median(with.steps) / median(without.steps);
 }
 
 // Median default step of the solver over CHOLMOD's factorisation and solve of the same Hessian, without the objects.
@@ -506,6 +547,18 @@ Json run() {
                         median(work_of_steps("pinch_lift.toml", {}, kGraspFrom, kGraspTo))
                   : std::nan(""),
       "median work of the closed recorded fist over a held pinch");
+
+  fmt::print("contact of skin with skin, 1,450 nodes\n");
+  const std::string closing = scene_path("fist.toml");
+  put("fist_contact_cost_ratio",
+      skin_cost_ratio(closing, {"hand.simulation.solver.chord_tolerance=0"}, kClosedFrom, kClosedTo),
+      "step of a closed fist over the same without it, both to the same residual");
+  put("fist_contact_over_chord_cost_ratio", skin_cost_ratio(closing, {}, kClosedFrom, kClosedTo),
+      "the same if the hand without it takes chord steps, which end at a movement");
+  put("free_skin_cost_ratio", skin_cost_ratio(free_motion, {}, 0.5, 2.5),
+      "step of a wandering hand whose fingers touch now and then, over the same without it");
+  put("pinch_skin_cost_ratio", skin_cost_ratio(scene_path("pinch_lift.toml"), {}, 0.5, kGraspTo),
+      "step of a pinch, where no skin touches skin, over the same without it");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {

@@ -8,9 +8,9 @@
 #include "error_runtime/trial.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "model/kinematics.hpp"
 #include "scene_file.hpp"
 #include "trackers/replay/generator.hpp"
-#include "trackers/replay/kinematics.hpp"
 
 namespace softhand::error_runtime {
 namespace {

@@ -11,6 +11,9 @@
 #include "bus/cdr.hpp"
 #include "bus/topics.hpp"
 #include "fuzz/fuzzer.hpp"
+#include "fuzz/tracker_fuzzer.hpp"
+#include "haptics/opengloves/alpha_line.hpp"
+#include "haptics/opengloves/simulated_glove.hpp"
 #include "mesh_files/mesh_file.hpp"
 #include "model/hand_model.hpp"
 #include "model/object_model.hpp"
@@ -18,7 +21,10 @@
 #include "support/block_hand.hpp"
 #include "support/webxr_frame.hpp"
 #include "trackers/landmarks/landmarks.hpp"
+#include "trackers/osc/simulated_performer.hpp"
 #include "trackers/replay/recording.hpp"
+#include "trackers/streamer/simulated_streamer.hpp"
+#include "trackers/streamer/streamer.hpp"
 #include "trackers/webxr/webxr_frames.hpp"
 #include "viewer/frames.hpp"
 
@@ -142,6 +148,50 @@ void add_webxr(Seeds& seeds) {
   seeds.add("webxr", frame);
 }
 
+void add_streamer(Seeds& seeds) {
+  const JointFrames joints = shipped_hand().rest_joints;
+  const StreamerHeader header{1, 5};
+  for (const std::string& text :
+       {streamer_hand(Side::right, joints), streamer_hand(Side::right, joints, header) + "\n",
+        streamer_head({Vector3(1, 2, 3), Quaternion::Identity()}), streamer_head({}, header)}) {
+    StreamerDecoder decoder(shipped_hand());
+    CheckedSink sink;
+    decoder.take({text, kArrival, 0, false}, sink);
+    expect(sink.count == 1, "streamer: the seed is accepted");
+    seeds.add("streamer", text);
+  }
+}
+
+void add_osc(Seeds& seeds) {
+  const HandModel left = mirrored(shipped_hand());
+  const auto add = [&seeds](const std::string& packet, int samples) {
+    PerformerDecoder decoder(shipped_hand(), {.left_tracker = 1, .right_tracker = 2});
+    CheckedSink sink;
+    decoder.take({packet, kArrival, 0, false}, sink);
+    expect(sink.count == samples, "osc: the seed is accepted");
+    seeds.add("osc", packet);
+  };
+  add(osc_bundle(performer_frame(1, {}, {}, {left.rest_joints, shipped_hand().rest_joints})), 3);
+  add(osc_bundle({osc_message("/tracking/trackers/1/position", "", {0.1, 1, 0.2}),
+                  osc_message("/tracking/trackers/1/rotation", "", {10, 20, 30})}),
+      1);
+}
+
+void add_opengloves(Seeds& seeds) {
+  const std::array<int, 5> values{0, 1000, 2047, 3000, 4095};
+  const auto add = [&seeds](const std::string& lines) {
+    AlphaDecoder decoder(Side::right, 4095);
+    int used = 0;
+    for_each_line(lines, [&](const Arrival& line) { used += decoder.take(line) != nullptr ? 1 : 0; });
+    expect(used > 0 && decoder.refusals().total() == 0, "opengloves: the seed is accepted");
+    seeds.add("opengloves", lines);
+  };
+  add(glove_line(values) + glove_line(values));
+  add("Z(ZV)42(ZG)0(ZH)1\n" + glove_line(values, &values) + glove_line(values, &values));
+  add("A1023(AB)2047(AAB)2047(AAC)3071(AAD)4095B0JLM\nA1023(AB)2047(AAB)2047(AAC)3071(AAD)4095B0JLM\n");
+  add("0&1023&512&0&0&512&512&0&0&0&0&1&0\n0&1023&512&0&0&512&512&0&0&0&0&1&0\n");
+}
+
 void add_page(Seeds& seeds) {
   const auto add = [&seeds](viewer::FrameType type, const std::string& payload) {
     const std::string frame =
@@ -216,6 +266,9 @@ int main(int argc, char** argv) {
   fuzz::add_hand_recording(seeds);
   fuzz::add_landmarks(seeds);
   fuzz::add_webxr(seeds);
+  fuzz::add_streamer(seeds);
+  fuzz::add_osc(seeds);
+  fuzz::add_opengloves(seeds);
   fuzz::add_page(seeds);
   fuzz::add_mesh_files(seeds);
 }

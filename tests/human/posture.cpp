@@ -5,8 +5,9 @@
 
 #include "energies/corotational.hpp"
 #include "math/rotation.hpp"
+#include "model/kinematics.hpp"
 #include "scene/hand_simulation.hpp"
-#include "trackers/replay/kinematics.hpp"
+#include "trackers/replay/motion.hpp"
 
 namespace softhand::human {
 namespace {

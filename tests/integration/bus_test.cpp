@@ -343,6 +343,37 @@ TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
   EXPECT_GT(of_strong, 80);
 }
 
+TEST(Bus, AWriterThatBecomesStrongerTakesOver) {
+  const Participant here("here", test_domain());
+  const Participant there("there", test_domain()), elsewhere("elsewhere", test_domain());
+  Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
+  Writer first(there, topics::tracked_skeleton, 2);
+  Writer second(elsewhere, topics::tracked_skeleton, 1);
+  ASSERT_TRUE(
+      eventually([&] { return reader.live_writer_count() == 2 && first.has_readers() && second.has_readers(); }));
+  Skeleton skeleton, out;
+  // True if only `source` is heard for 200 ms, at most 2 s from now.
+  const auto is_owner = [&](std::uint32_t source) {
+    int alone = 0;
+    for (int i = 0; i < 200 && alone < 20; ++i) {
+      skeleton.source = 1;
+      first.write(skeleton);
+      skeleton.source = 2;
+      second.write(skeleton);
+      std::this_thread::sleep_for(10ms);
+      while (reader.take_latest(out)) alone = out.source == source ? alone + 1 : 0;
+    }
+    return alone >= 20;
+  };
+  EXPECT_TRUE(is_owner(1));
+  second.set_strength(3);
+  EXPECT_TRUE(is_owner(2));
+  second.set_strength(1);
+  EXPECT_TRUE(is_owner(1));
+  first.set_strength(0);
+  EXPECT_TRUE(is_owner(2));
+}
+
 TEST(Bus, NegativeStrengthIsWeakerThanAPositiveOne) {
   const Participant here("here", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
@@ -677,6 +708,40 @@ TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
     write(0, clock_id());
     return heard > 0;
   }));
+}
+
+// The stamp of a device may be anything, but only on the clock of this host.
+TEST(Bus, TrackersOfHostsWithAnUnknownClockAreRefused) {
+  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  Writer writer(writing, topics::tracked_skeleton);
+  Reader reader(reading, topics::tracked_skeleton, HandKey{0, 1});
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  Skeleton sample;
+  const auto write = [&](std::uint32_t clock) {
+    sample.stamp.clock_id = clock;
+    writer.write(sample);
+    std::this_thread::sleep_for(2ms);
+  };
+  Skeleton out;
+  for (int i = 0; i < 20; ++i) write(clock_id() + 1);
+  EXPECT_TRUE(eventually([&] { return reader.counters().refused_stamp == 20; }));
+  EXPECT_FALSE(reader.take_latest(out));
+  EXPECT_TRUE(eventually([&] {
+    write(clock_id());
+    return reader.take_latest(out);
+  }));
+}
+
+// Beacons and their threads are only for networks that leave the host.
+TEST(Bus, OnOneHostNoClocksAreExchanged) {
+  const Participant one("one", test_domain()), other("other", test_domain());
+  const Reader beacons(other, topics::clock_beacon);
+  Peer peer;
+  ASSERT_TRUE(eventually([&] { return other.find_peer(one.epoch(), peer); }));
+  EXPECT_EQ(peer.clock_id, clock_id());
+  std::this_thread::sleep_for(300ms);
+  EXPECT_EQ(beacons.writer_count(), 0);
+  EXPECT_EQ(one.clocks().size(), 0u);
 }
 
 TEST(Bus, InstancesThatRestMakeRoom) {

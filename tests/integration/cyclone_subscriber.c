@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "bone_wrench.h"
+#include "clock.h"
 #include "contacts.h"
 #include "coupling.h"
 #include "dds/dds.h"
@@ -70,6 +71,7 @@ static const struct {
     {"softhand/v1/message", &softhand_v1_Message_desc, print_nothing},
     {"softhand/v1/message_reply", &softhand_v1_MessageReply_desc, print_nothing},
     {"softhand/v1/loop_status", &softhand_v1_LoopStatus_desc, print_status},
+    {"softhand/v1/clock_beacon", &softhand_v1_ClockBeacon_desc, print_nothing},
     {"softhand/v1/object_description", &softhand_v1_ObjectDescription_desc, print_nothing},
     {"softhand/v1/object_joint", &softhand_v1_ObjectJointDescription_desc, print_nothing},
     {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},

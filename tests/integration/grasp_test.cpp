@@ -291,5 +291,73 @@ TEST(RecordedGrasp, FollowsAndHolds) {
   EXPECT_LE(number(result, "hand_coupling_max_n"), 100);
 }
 
+// The samples of a replay, but every second another tracker owns the hand. The trackers differ by 3 mm, and some swaps
+// come after a silence, as when a tracker dies.
+class SwappedTracker final : public TrackerSource, private TrackerSink {
+ public:
+  SwappedTracker(std::unique_ptr<TrackerSource> played, double first, const Vector3& offset)
+      : played_(std::move(played)), first_(first), offset_(offset) {}
+  void poll(Nanoseconds now, TrackerSink& out) override {
+    now_ = now;
+    out_ = &out;
+    played_->poll(now, *this);
+  }
+
+ private:
+  void hand(const Skeleton& sample) override {
+    const double since = static_cast<double>(now_ - VirtualRig::kStart) * 1e-9 - first_;
+    const int swaps = since < 0 ? 0 : 1 + static_cast<int>(since);
+    const double silence = swaps % 5 == 0 ? 0.1 : swaps % 5 == 1 ? 0.06 : 0;  // s
+    if (swaps > 0 && since - std::floor(since) < silence) return;
+    Skeleton swapped = sample;
+    swapped.stamp.epoch = swapped.source = static_cast<std::uint32_t>(swaps % 2);
+    if (swaps % 2 == 1) {
+      for (JointSample& joint : swapped.joints) joint.position = to_wire(Vector3(to_vector(joint.position) + offset_));
+    }
+    out_->hand(swapped);
+  }
+  void head(const HeadPose&) override {}
+
+  std::unique_ptr<TrackerSource> played_;
+  double first_;
+  Vector3 offset_;
+  Nanoseconds now_ = 0;
+  TrackerSink* out_ = nullptr;
+};
+
+TEST(Grasp, HeldCubeSurvivesTwentySwapsOfTrackers) {
+  constexpr double kFirst = 6;  // s; the cube is held from 5.3 s on
+  constexpr int kSwaps = 20;
+  for (const Vector3& offset : {Vector3(0.003, 0, 0), Vector3(0, 0.003, 0), Vector3(0, 0, 0.003)}) {
+    const Scene scene = read_scene(kScenes + "pinch.toml", {"hand.model=right_400.hand.json", "generator.hold_time=60",
+                                                            "generator.approach_time=3"});
+    const HandModel hand = load_scene_hand(scene);
+    auto played =
+        std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene));
+    VirtualRig rig(scene, hand, std::make_unique<SwappedTracker>(std::move(played), kFirst, offset));
+    const OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart);
+    Vector3 before = Vector3::Zero();
+    std::vector<double> moved(kSwaps, 0);  // m, in the second after each swap
+    double height = 1;
+    rig.run(kFirst + kSwaps, [&](const HandStepView& view) {
+      const double since = static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 - kFirst;
+      for (const ObjectState& object : rig.world().objects().objects) {
+        if (object.object != frame.object || since < -0.05) continue;
+        const Vector3 position = to_vector(object.position);
+        if (since < 0 || since - std::floor(since) > 0.95) before = position;
+        if (since < 0) continue;
+        const auto swap = static_cast<std::size_t>(since);
+        if (swap < moved.size()) moved[swap] = std::max(moved[swap], (position - before).norm());
+        height = std::min(height, position.y());
+      }
+    });
+    std::printf("offset (%.0f %.0f %.0f) mm: the cube moved by at most %.2f mm\n", offset.x() * 1e3, offset.y() * 1e3,
+                offset.z() * 1e3, *std::max_element(moved.begin(), moved.end()) * 1e3);
+    EXPECT_EQ(rig.tracking()->input().counters().swapped, static_cast<std::uint64_t>(kSwaps));
+    EXPECT_GT(height, 0.14);
+    for (const double distance : moved) EXPECT_LT(distance, 4e-3);  // without the blend up to 4.9 mm
+  }
+}
+
 }  // namespace
 }  // namespace softhand

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -516,6 +517,94 @@ TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   std::printf("the cube moved by %.2f mm in height during the handover and 3 s after it\n", (highest - lowest) * 1e3);
   EXPECT_GT(lowest, 0.14);
   EXPECT_LT(highest - lowest, 3e-3);
+}
+
+// A held cube while its hand goes from one tracker to another and back: by hand, by silence, by doubt, by SIGTERM and
+// by SIGKILL. The trackers differ by 2 mm, as trackers do.
+TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
+  constexpr std::uint32_t kCube = 2, kOther = 0, kStrong = 2;  // kOther, kStrong: sources
+  const std::vector<std::string> hold{"--set", "generator.hold_time=600",       "--set", "generator.approach_time=8",
+                                      "--set", "hand.model=right_400.hand.json"};
+  RigListener listener;
+  std::optional<Program> strong;
+  const auto start_strong = [&](const char* strength, const std::vector<std::string>& settings) {
+    std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand-tracker-replay",
+                                     "--config",
+                                     SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml",
+                                     "--module",
+                                     "strong",
+                                     "--strength",
+                                     strength,
+                                     "--source",
+                                     "2",
+                                     "--set",
+                                     "tracker.teleport_at=12",
+                                     "--set",
+                                     "tracker.teleport_time=3600",
+                                     "--set",
+                                     "tracker.teleport_offset=[0.002,0,0]"};
+    command.insert(command.end(), hold.begin(), hold.end());
+    for (const std::string& setting : settings) {
+      command.emplace_back("--set");
+      command.push_back(setting);
+    }
+    strong.emplace(command);
+  };
+  start_strong("5", {"tracker.freeze_at=34", "tracker.freeze_time=2", "tracker.doubt_at=42", "tracker.doubt_time=2"});
+  Up up(kDemo, hold);
+  const auto motion_time = [&](const char* module) {
+    const double start = listener.counter(module, "motion_start_s");
+    return start > 0 ? static_cast<double>(now()) * 1e-9 - start : -1.0;
+  };
+  const auto owner = [&] { return listener.tracked.empty() ? 99u : listener.tracked.back().source; };
+  ASSERT_TRUE(listener.wait(40s, [&] {
+    return all_present(listener) && motion_time("tracker") > 14 && motion_time("strong") > 14 && owner() == kStrong;
+  })) << up.output();
+  ASSERT_GT(listener.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
+
+  // Waits for the owner. Measures how far the cube moves from where it was 0.2 s before the swap, until 1 s after it.
+  int swaps = 0;
+  const auto swap = [&](const char* way, std::uint32_t to, const std::function<void()>& cause) {
+    std::deque<std::pair<Nanoseconds, Vec3>> path;
+    const auto follow = [&] {
+      path.emplace_back(now(), listener.objects[kCube]);
+      return false;
+    };
+    listener.wait(500ms, follow);
+    const double swapped = listener.counter("tracking", "swapped");
+    cause();
+    EXPECT_TRUE(listener.wait(20s, [&] { return follow() || owner() == to; })) << way;
+    const Nanoseconds since = now() - 200'000'000;
+    listener.wait(1s, follow);
+    while (path.front().first < since && path.size() > 1) path.pop_front();
+    const Vec3 before = path.front().second;
+    double farthest = 0;
+    for (const auto& [time, at] : path)
+      farthest = std::max(farthest, std::hypot(at[0] - before[0], at[1] - before[1], at[2] - before[2]));
+    // On a busy machine processes stall, a tracker may be silent for 50 ms, and the hand goes to and fro. 12 mm were
+    // seen at a load of 14. On the virtual clock the limit is 5 mm (grasp_test.cpp).
+    std::printf("%s to %s: the cube moved by %.2f mm, %.0f swaps\n", way, to == kStrong ? "strong" : "other",
+                farthest * 1e3, listener.counter("tracking", "swapped") - swapped);
+    EXPECT_LT(farthest, 0.015) << way;
+    EXPECT_GT(listener.objects[kCube][1], 0.14) << way << ": dropped";
+    swaps += owner() == to ? 1 : 0;
+  };
+  for (const auto& [module, to] : {std::pair("tracker", kOther), std::pair("strong", kStrong)}) {
+    std::optional<Program> command;
+    swap("by hand", to, [&, name = module] {
+      command.emplace(std::vector<std::string>{SOFTHAND_PROGRAMS "/softhand", "trackers", "use", name});
+    });
+    EXPECT_EQ(command->wait(10s), 0) << command->output();
+  }
+  swap("silence", kOther, [] {});
+  swap("silence", kStrong, [] {});
+  swap("doubt", kOther, [] {});
+  swap("doubt", kStrong, [] {});
+  for (const auto& [way, signal] : {std::pair("SIGTERM", SIGTERM), std::pair("SIGKILL", SIGKILL)}) {
+    swap(way, kOther, [&, number = signal] { strong->send_signal(number); });
+    swap(way, kStrong, [&] { start_strong("50", {"tracker.start_time=20"}); });
+  }
+  EXPECT_EQ(swaps, 10);
 }
 
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {

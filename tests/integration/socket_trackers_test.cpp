@@ -186,7 +186,7 @@ TEST_F(SocketTrackers, LatencyAdded) {
   testing::check_latency(listener, "landmarks, WebSocket", [&] { page.send(text, false); });
 }
 
-TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {
+TEST_F(SocketTrackers, AnswerMessagesOfUnknownKeys) {
   testing::TrackerListener listener;
   const Tracker tracker("softhand-tracker-webxr", "tracker_webxr");
   bus::Writer messages(listener.participant, bus::topics::message);
@@ -211,7 +211,7 @@ TEST_F(SocketTrackers, AnswerMessagesAlthoughTheyHaveNoKeys) {
         });
     return answer;
   };
-  EXPECT_EQ(says("tracker"), "unknown key; this module has none");
+  EXPECT_EQ(says("tracker"), "unknown key; known: strength");
   EXPECT_EQ(says("hand"), "not for this module");
 }
 

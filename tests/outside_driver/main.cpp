@@ -28,9 +28,10 @@ class OutsideTracker final : public TrackerSource {
 };
 
 int main(int argc, char** argv) {
-  return run_tracker(
-      argc, argv,
-      {.name = "outside", .about = "Tracker of a test outside the repository", .make_source = [](const Scene& scene) {
-         return std::make_unique<OutsideTracker>(driver_options<OutsideOptions>(scene.options));
-       }});
+  return run_tracker(argc, argv,
+                     {.name = "outside",
+                      .about = "Tracker of a test outside the repository",
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
+                        return std::make_unique<OutsideTracker>(driver_options<OutsideOptions>(scene.options));
+                      }});
 }

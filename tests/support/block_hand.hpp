@@ -39,15 +39,8 @@ inline std::array<Pose, kJointCount> flat_rest_joints() {
   return joints;
 }
 
-/// `cells` is the number of cells along the block's shortest edge. A value of 1 gives about 100 nodes.
-inline HandModel block_hand(int cells = 1) {
-  HandModel hand =
-      box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});
-  hand.name = "block";
-  for (Vector3& node : hand.nodes) node += Vector3(-0.12, -0.018, -0.2);
-  hand.rest_joints = flat_rest_joints();
-  hand.joint_radii.fill(0.01);
-  // Boundary triangles: the faces that only one tetrahedron has.
+/// Sets the boundary triangles: the faces that only one tetrahedron has.
+inline void add_surface(HandModel& hand) {
   std::vector<std::pair<std::array<std::int32_t, 3>, std::array<std::int32_t, 3>>> all;
   for (const auto& t : hand.tetrahedra) {
     for (const auto& corners : kTetrahedronFaces) {
@@ -63,6 +56,17 @@ inline HandModel block_hand(int cells = 1) {
     const bool after = f + 1 < all.size() && all[f + 1].first == all[f].first;
     if (!before && !after) hand.surface.push_back(all[f].second);
   }
+}
+
+/// `cells` is the number of cells along the block's shortest edge. A value of 1 gives about 100 nodes.
+inline HandModel block_hand(int cells = 1) {
+  HandModel hand =
+      box_mesh({5 * cells, cells, 6 * cells}, 0.036 * Vector3(5, 1, 6), {"palm", 1000, 1e5, 0.45, 1000, 1000});
+  hand.name = "block";
+  for (Vector3& node : hand.nodes) node += Vector3(-0.12, -0.018, -0.2);
+  hand.rest_joints = flat_rest_joints();
+  hand.joint_radii.fill(0.01);
+  add_surface(hand);
 
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Body which = static_cast<Body>(b);

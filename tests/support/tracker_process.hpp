@@ -81,9 +81,13 @@ struct TrackerListener {
     for (int i = 0; i < 1000; ++i) {
       send();
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
-      skeletons.take_all([&](const Skeleton& skeleton) { hands[skeleton.hand.side] = skeleton, ++count; });
+      skeletons.take_all([&](const Skeleton& skeleton) {
+        if (skeleton.hand.user == 0) hands[skeleton.hand.side] = skeleton, ++count;
+      });
       heads.take_all([&](const HeadPose& pose) { head = pose; });
-      statuses.take_all([&](const LoopStatus& newest) { status = newest; });
+      statuses.take_all([&](const LoopStatus& newest) {
+        if (module.empty() || get_text(newest.module) == module) status = newest;
+      });
       if (done()) return true;
     }
     return false;
@@ -101,7 +105,8 @@ struct TrackerListener {
   std::array<Skeleton, 2> hands{};  ///< left, right: the newest ones
   HeadPose head;
   LoopStatus status;
-  int count = 0;  ///< of hands
+  int count = 0;       ///< of hands of user 0
+  std::string module;  ///< whose status is read; empty: of any module
 };
 
 /// Latency that a tracker adds: from the sending of a packet to the publication of its right hand, on one machine.

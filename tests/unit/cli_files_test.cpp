@@ -65,7 +65,7 @@ class FilesTest : public ::testing::Test {
 
 TEST_F(FilesTest, ShippedRigsAndScenesAreValid) {
   for (const char* kind : {"scenes", "rigs"}) {
-    for (const auto& entry : fs::directory_iterator(kSource / "config" / kind)) {
+    for (const auto& entry : fs::recursive_directory_iterator(kSource / "config" / kind)) {
       if (entry.path().extension() == ".toml") {
         EXPECT_EQ(complaint(entry.path().string()), "") << entry.path();
       }
@@ -197,6 +197,18 @@ TEST_F(FilesTest, ARigExtendsAnotherAndChoosesAmongProcessesOfOneName) {
   EXPECT_THROW(read_rig(write("b.toml", "extends = \"base.toml\"\nchoose = \"telepathy\"\n")), ConfigError);
   EXPECT_THROW(read_rig(write("c.toml", "extends = \"base.toml\"\n[[process]]\nname = \"world\"\nprogram = \"x\"\n")),
                ConfigError);
+}
+
+TEST_F(FilesTest, OnlyDifferentPartsOfOneRigShareADomain) {
+  EXPECT_EQ(full_name(read_rig(SOFTHAND_SOURCE_DIR "/config/rigs/hosts/solver.toml")), "hosts/solver");
+  EXPECT_EQ(full_name(read_rig(SOFTHAND_SOURCE_DIR "/config/rigs/demo.toml")), "demo");
+  EXPECT_TRUE(share_domain("hosts/solver", "hosts/world"));
+  EXPECT_FALSE(share_domain("hosts/solver", "hosts/solver"));
+  EXPECT_FALSE(share_domain("hosts/solver", "other/world"));
+  EXPECT_FALSE(share_domain("hosts/solver", "hosts"));
+  EXPECT_FALSE(share_domain("hosts", "hosts/solver"));
+  EXPECT_FALSE(share_domain("demo", "demo"));
+  EXPECT_FALSE(share_domain("demo", "other"));
 }
 
 TEST_F(FilesTest, RigsWithLongNamesAreRefused) {

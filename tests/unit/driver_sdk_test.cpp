@@ -79,6 +79,24 @@ TEST(Health, FollowsTheSamples) {
   EXPECT_EQ(run(3000, 150), Health::degraded);  // too slow
 }
 
+TEST(Health, DoubtDegradesAndAnUnseenHandDoesNot) {
+  HealthMonitor health;
+  Nanoseconds now = 1000 * kMillisecond;
+  const auto run = [&](int samples, double confidence) {
+    Health last = Health::opening;
+    for (int i = 0; i < samples; ++i, now += 10 * kMillisecond) {
+      health.sample(now, confidence);
+      last = health.update(now, {});
+    }
+    return last;
+  };
+  EXPECT_EQ(run(100, 1), Health::live);
+  EXPECT_EQ(run(100, 0), Health::live);
+  EXPECT_EQ(run(100, 0.2), Health::degraded);
+  EXPECT_EQ(run(90, 0.4), Health::degraded);  // the doubt is less than a second ago
+  EXPECT_EQ(run(20, 0.4), Health::live);
+}
+
 TEST(Health, ManyRefusalsDegrade) {
   HealthMonitor health;
   SourceState state;
@@ -268,6 +286,18 @@ class SerialDevice {
     close(master_);
   }
   void send(const std::string& text) { send_text(master_, text); }
+  /// All bytes that arrived, after at most 2 s until they end with `end`.
+  std::string receive(const std::string& end) {
+    std::string text;
+    fcntl(master_, F_SETFL, O_NONBLOCK);
+    for (int i = 0; i < 400 && !text.ends_with(end); ++i) {
+      char bytes[256];
+      const ssize_t size = read(master_, bytes, sizeof bytes);
+      if (size > 0) text.append(bytes, static_cast<std::size_t>(size));
+      if (size <= 0) std::this_thread::sleep_for(5ms);
+    }
+    return text;
+  }
 
  private:
   std::string path_;
@@ -294,6 +324,104 @@ TEST(Intake, OpensASerialPortWhenItAppearsAndAgainAfterAPowerCycle) {
   EXPECT_TRUE(received.until([&] { return !intake.connected(); }));
 }
 
+std::string receive_line(int number) {
+  std::string text;
+  for (char c = 0; read(number, &c, 1) == 1 && c != '\n';) text += c;
+  return text;
+}
+
+TEST(Intake, SendsToOneConnectionOrToAll) {
+  Intake intake(32);
+  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
+  intake.start();
+  Received received(intake);
+  const int first = connected_socket(SOCK_STREAM, port);
+  send_text(first, "1\n");
+  ASSERT_TRUE(received.count(1));
+  const int second = connected_socket(SOCK_STREAM, port);
+  send_text(second, "2\n");
+  ASSERT_TRUE(received.count(2));
+  intake.send(received.connections[1], "to the second\n");
+  intake.send(received.connections[0], "to the first\n");
+  EXPECT_EQ(receive_line(first), "to the first");
+  EXPECT_EQ(receive_line(second), "to the second");
+  intake.send(0, "to both\n");
+  EXPECT_EQ(receive_line(first), "to both");
+  EXPECT_EQ(receive_line(second), "to both");
+  intake.send(99, "to nobody\n");
+  close(first);
+  ASSERT_TRUE(received.until([&] { return intake.counters().connections == 1; }));
+  intake.send(received.connections[0], "to a closed one\n");
+  intake.send(0, "to the rest\n");
+  EXPECT_EQ(receive_line(second), "to the rest");
+  close(second);
+}
+
+// A device that takes nothing for a while gets whole packets, and the newest one last.
+TEST(Intake, OnlyTheNewestPacketWaitsForASlowDevice) {
+  Intake intake(1024);
+  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
+  intake.start();
+  Received received(intake);
+  const int peer = connected_socket(SOCK_STREAM, port);
+  send_text(peer, "1\n");
+  ASSERT_TRUE(received.count(1));
+  int sent = 0;
+  for (; intake.counters().superseded < 20 && sent < 100'000; ++sent) {
+    intake.send(0, std::string(1000, 'x') + std::to_string(sent) + "\n");
+    std::this_thread::sleep_for(20us);
+  }
+  ASSERT_GE(intake.counters().superseded, 20u);
+  std::this_thread::sleep_for(20ms);  // the queue is empty
+  intake.send(0, "newest\n");
+  int lines = 0;
+  for (std::string line; (line = receive_line(peer)) != "newest"; ++lines) {
+    ASSERT_GT(line.size(), 1000u);
+    ASSERT_EQ(line.find_first_not_of('x'), 1000u);
+    ASSERT_EQ(line.find('x', 1000), std::string::npos);
+  }
+  EXPECT_GT(lines, 1);
+  EXPECT_LT(lines, sent - 10);
+  close(peer);
+}
+
+TEST(Intake, WritesItsLastPacketAtTheEnd) {
+  const std::string path = ::testing::TempDir() + "softhand_serial_out_" + std::to_string(getpid());
+  SerialDevice device(path);
+  auto intake = std::make_unique<Intake>(32);
+  intake->open_serial(path, 115200, '\n');
+  intake->start();
+  Received received(*intake);
+  ASSERT_TRUE(received.until([&] { return intake->connected(); }));
+  intake->send(0, "A1000\n");
+  EXPECT_EQ(device.receive("A1000\n"), "A1000\n");
+  intake->send(0, "A0\n");
+  intake.reset();
+  EXPECT_EQ(device.receive("A0\n"), "A0\n");
+}
+
+TEST(Intake, SendingDoesNotAllocate) {
+  Intake intake(64);
+  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
+  intake.start();
+  Received received(intake);
+  const int peer = connected_socket(SOCK_STREAM, port);
+  send_text(peer, "1\n");
+  ASSERT_TRUE(received.count(1));
+  const std::string text = std::string(63, 'x') + "\n";
+  char bytes[64];
+  counting = true;
+  const long before = allocations;
+  for (int i = 0; i < 200; ++i) {
+    intake.send(0, text);
+    std::this_thread::sleep_for(100us);
+    EXPECT_GE(recv(peer, bytes, sizeof bytes, MSG_DONTWAIT), -1);
+  }
+  counting = false;
+  EXPECT_EQ(allocations, before);
+  close(peer);
+}
+
 TEST(Intake, TakingDoesNotAllocate) {
   Intake intake(64);
   const std::uint16_t port = intake.listen_udp("127.0.0.1", 0);
@@ -303,6 +431,7 @@ TEST(Intake, TakingDoesNotAllocate) {
   std::size_t taken = 0;
   send_text(sender, text);
   std::this_thread::sleep_for(50ms);  // the thread has started
+  const long before = allocations;
   counting = true;
   for (int i = 0; i < 200; ++i) {
     ::send(sender, text.data(), text.size(), 0);
@@ -311,7 +440,7 @@ TEST(Intake, TakingDoesNotAllocate) {
   }
   counting = false;
   EXPECT_GT(taken, 100 * text.size());
-  EXPECT_EQ(allocations, 0);
+  EXPECT_EQ(allocations, before);
   close(sender);
 }
 

@@ -15,7 +15,7 @@ using testing::opposing_hand;
 
 TEST(Generator, MotionIsContinuousAndGentle) {
   const HandModel hand = opposing_hand();
-  for (const char* name : {"pinch", "power_grasp", "unscrew", "scissors", "fist", "free_motion"}) {
+  for (const char* name : {"pinch", "power_grasp", "unscrew", "scissors", "fist", "rub", "free_motion"}) {
     GeneratorOptions options;
     options.motion = name;
     options.shake_time = 1;

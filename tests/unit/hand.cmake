@@ -4,3 +4,5 @@ softhand_test(hand_loop ${CMAKE_CURRENT_LIST_DIR}/hand_loop_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/hand_loop_objects_test.cpp LINK softhand_hand)
 softhand_test(hand_joint ${CMAKE_CURRENT_LIST_DIR}/hand_joint_test.cpp LINK softhand_hand)
 softhand_test(hand_size ${CMAKE_CURRENT_LIST_DIR}/hand_size_test.cpp LINK softhand_hand softhand_scene_file)
+softhand_test(skin_simulation ${CMAKE_CURRENT_LIST_DIR}/skin_simulation_test.cpp
+  LINK softhand_scene softhand_tracker_replay)

@@ -213,13 +213,14 @@ TEST_P(ShippedGrip, MotionsDoNotDependOnTheFlexionAtRest) {
   // The motions without an object start and end in the rest pose.
   EXPECT_LT(farthest("fist", 1, 9), 1e-3);
   EXPECT_LT(farthest("free_motion", 1, 9), 1e-3);
+  EXPECT_LT(farthest("rub", 1, 9), 1e-3);
   EXPECT_LT(farthest("power_grasp", 1.8, 5), 5e-3) << "the closed hand";
   expect_pinch(other, pinch_of(0.04), 6e-3, 14e-3);
 }
 
 TEST_P(ShippedGrip, MotionsAreGentleInRangeAndRepeatable) {
   const HandModel hand = load(GetParam());
-  for (const char* name : {"pinch", "power_grasp", "fist", "free_motion"}) {
+  for (const char* name : {"pinch", "power_grasp", "fist", "rub", "free_motion"}) {
     GeneratorOptions o;
     o.motion = name;
     const auto motion = make_motion(hand, o), again = make_motion(hand, o);

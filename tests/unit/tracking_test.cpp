@@ -316,6 +316,44 @@ TEST(Tracking, DuplicatesReorderedSamplesAndEqualStampsAreIgnored) {
   EXPECT_TRUE(input.add_sample(restarted, kStart + 2 * kMillisecond));
 }
 
+// Two trackers of a moving hand differ by 20 mm and 0.2 rad. The hand goes from one to the other.
+TEST(Tracking, ASwapOfTrackersIsNoJump) {
+  TrackedInput input({});
+  const auto wrist_at = [](double time, bool second) {
+    return Pose{Vector3(0.3 * time, second ? 0.02 : 0, 0), rotation_exp(Vector3(0, 0, second ? 0.2 : 0))};
+  };
+  std::uint64_t sequence = 0;
+  Pose last;
+  double fastest = 0, fastest_turn = 0, largest_error = 0;
+  for (int i = 0; i < 1000; ++i) {  // 1 kHz, samples at 100 Hz
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const double time = 1e-3 * i;
+    const bool second = i >= 500;
+    if (i % 10 == 0) {
+      Skeleton sample = skeleton_at(wrist_at(time, second), ++sequence, now);
+      sample.stamp.epoch = second ? 8 : 7;
+      ASSERT_TRUE(input.add_sample(sample, now));
+    }
+    const BodyTarget& target = input.targets(now)[1];
+    if (i > 100) {
+      fastest = std::max(fastest, (target.pose.position - last.position).norm() * 1e3);
+      fastest_turn = std::max(fastest_turn, target.pose.orientation.angularDistance(last.orientation) * 1e3);
+      if (i % 10 != 0)  // the velocity is that of the motion between samples
+        largest_error =
+            std::max(largest_error, (1e3 * (target.pose.position - last.position) - target.velocity.linear).norm());
+    }
+    last = target.pose;
+  }
+  EXPECT_EQ(input.counters().swapped, 1u);
+  EXPECT_EQ(input.counters().repositioned, 0u);
+  EXPECT_LT((last.position - wrist_at(0.999, true).position).norm(), 1e-6);
+  // The difference fades out in 0.2 s, at most 1.5 times as fast as its mean: 0.15 m/s and 1.5 rad/s.
+  EXPECT_LT(fastest, 0.36);
+  EXPECT_GT(fastest, 0.32);
+  EXPECT_LT(fastest_turn, 1.6);
+  EXPECT_LT(largest_error, 0.01);
+}
+
 TEST(Tracking, UsesTheTimeOfArrivalIfTheTrackersClockIsImplausible) {
   for (const Nanoseconds shift : {3'600'000 * kMillisecond, -3'600'000 * kMillisecond}) {
     TrackedInput input({});

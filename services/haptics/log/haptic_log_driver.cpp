@@ -41,12 +41,7 @@ HapticLogDriver::HapticLogDriver(const Options& options) : options_(options) {
 
 void HapticLogDriver::command(const BoneWrench& input, std::span<double> requested) {
   record_.input = input;
-  for (std::size_t b = 2; b < kBodyCount; ++b) {
-    const Finger finger = finger_of(static_cast<Body>(b));
-    const BoneSample& distal = input.bones[static_cast<std::size_t>(index_of(distal_of(finger)))];
-    const Vector3 back = to_quaternion(distal.intermediate_orientation) * Vector3::UnitY();
-    requested[static_cast<std::size_t>(finger)] += to_vector(input.bones[b].coupling_force).dot(back);
-  }
+  add_closing_resistance(input, requested);
 }
 
 void HapticLogDriver::write(Nanoseconds now, std::span<const double> commands) {

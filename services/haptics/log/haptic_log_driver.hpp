@@ -29,8 +29,7 @@ class HapticLogDriver : public HapticDriver {
   explicit HapticLogDriver(const Options& options);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.maximum_force, options_.slew}; }
-  /// Commands the sum of the coupling forces on the finger's bones, projected on the dorsal axis of the distal bone.
-  /// This force resists closing. A negative force (a pull) is not rendered.
+  /// Commands the force against closing of each finger. A negative force (a pull) is not rendered.
   void command(const BoneWrench& input, std::span<double> requested) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
 

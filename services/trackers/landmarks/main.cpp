@@ -66,7 +66,7 @@ int main(int argc, char** argv) {
   return run_tracker(argc, argv,
                      {.name = "landmarks",
                       .about = "Tracker that receives 21 landmarks per hand over WebSocket or UDP",
-                      .make_source = [](const Scene& scene) {
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
                         return std::make_unique<LandmarkTracker>(load_scene_hand(scene),
                                                                  driver_options<LandmarksOptions>(scene.options));
                       }});

@@ -34,9 +34,11 @@ class OscTracker final : public TrackerSource {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return run_tracker(
-      argc, argv,
-      {.name = "osc", .about = "Tracker that receives VMC and OSC trackers", .make_source = [](const Scene& scene) {
-         return std::make_unique<OscTracker>(load_scene_hand(scene), driver_options<OscOptions>(scene.options));
-       }});
+  return run_tracker(argc, argv,
+                     {.name = "osc",
+                      .about = "Tracker that receives VMC and OSC trackers",
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
+                        return std::make_unique<OscTracker>(load_scene_hand(scene),
+                                                            driver_options<OscOptions>(scene.options));
+                      }});
 }

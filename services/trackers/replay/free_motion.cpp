@@ -90,9 +90,65 @@ class FreeMotion : public Motion {
   JointAngles fist_;
 };
 
+// The thumb presses on the pad of the index finger and slides along it, forth and back. The motion starts and ends with
+// the thumb away from the finger.
+class Rub : public Motion {
+ public:
+  Rub(const HandModel& model, const GeneratorOptions& options) : model_(model), options_(options) {
+    const GripHand hand(model_);
+    JointAngles start = hand.open();
+    hand.flex(start, Finger::index, -0.6, -0.5, -0.3);
+    hand.flex(start, Finger::thumb, -0.3, -0.3, -0.3);
+    start = hand.limited(start);
+    for (std::size_t k = 0; k <= kPlaces; ++k) {
+      PostureSolver one(hand, Pose{}, {k == 0 ? start : postures_.back()});
+      one.free_finger(Finger::thumb, {0});
+      // Posture 0 is the first place with the thumb away from the finger.
+      const double place = kStroke * (static_cast<double>(k < 1 ? 0 : k - 1) / (kPlaces - 1) - 0.5);
+      const double depth = k == 0 ? -kAway : options_.closing_depth;
+      one.solve([&](PostureSolver& s) {
+        const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
+        s.add_point_goal(kPerMetre, 0, thumb.body, thumb.centre,
+                         index.centre + (index.radius + thumb.radius - depth) * index.normal + place * index.along);
+        s.add_direction_goal(0.3, 0, thumb.body, thumb.normal, -index.normal);
+        s.add_start_goal(0.05);
+      });
+      postures_.push_back(one.angles(0));
+    }
+  }
+  double duration() const override { return options_.free_time; }
+  const std::array<double, kJointCount>& radii() const override { return model_.joint_radii; }
+  JointFrames at(double time) const override {
+    const double t = std::clamp(time, 0.0, options_.free_time);
+    const double open = minimum_jerk(t) * minimum_jerk(options_.free_time - t);
+    const double pressed = minimum_jerk((t - 1) / 0.5) * minimum_jerk((options_.free_time - 1 - t) / 0.5);
+    const double place = 0.5 - 0.5 * std::cos(2 * M_PI * std::max(0.0, t - 1.5) / kPeriod);
+    const double at = place * (kPlaces - 1);
+    const auto k = static_cast<std::size_t>(std::min(at, kPlaces - 2.0));
+    JointAngles angles;
+    for (std::size_t b = 0; b < angles.size(); ++b) {
+      const double part = at - static_cast<double>(k);
+      const Vector3 on = (1 - part) * postures_[k + 1][b] + part * postures_[k + 2][b];
+      angles[b] = open * (postures_[0][b] + pressed * (on - postures_[0][b]));
+    }
+    return forward_kinematics(model_, Pose{to_vector(options_.object_position), Quaternion::Identity()}, angles);
+  }
+
+ private:
+  static constexpr std::size_t kPlaces = 9;  // along the stroke
+  static constexpr double kStroke = 0.010;   // m
+  static constexpr double kAway = 0.010;     // m
+  static constexpr double kPeriod = 2;       // s
+
+  HandModel model_;
+  GeneratorOptions options_;
+  std::vector<JointAngles> postures_;
+};
+
 }  // namespace
 
 std::unique_ptr<Motion> make_free_motion(const HandModel& hand, const GeneratorOptions& options) {
+  if (options.motion == "rub") return std::make_unique<Rub>(hand, options);
   return std::make_unique<FreeMotion>(hand, options);
 }
 

@@ -5,8 +5,8 @@
 #include <memory>
 
 #include "model/hand_model.hpp"
+#include "model/kinematics.hpp"
 #include "runtime/options.hpp"
-#include "trackers/replay/kinematics.hpp"
 #include "trackers/replay/motion.hpp"
 
 namespace softhand {
@@ -56,11 +56,12 @@ struct GeneratorOptions {
 };
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
-  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "free_motion"},
+  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "rub", "free_motion"},
            "In a pinch, thumb and index finger grip a cube on a table. In a power_grasp, all fingers grip an upright "
            "cylinder. In a press, the index finger pushes down by lower_depth. With unscrew, the pinch grips, turns, "
            "lets go and turns back, again and again. With scissors, thumb and index finger enter two rings, and open "
-           "and close. A fist opens and closes the hand in the air. A free_motion has no object.");
+           "and close. A fist opens and closes the hand in the air. With rub, the thumb slides along the index finger. "
+           "A free_motion has no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
@@ -125,7 +126,7 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   time("place_time", o.place_time, "Pause between putting down and release.");
   time("release_time", o.release_time, "Duration of the opening.");
   time("retreat_time", o.retreat_time, "Duration of the retreat.");
-  time("free_time", o.free_time, "Duration of fist and free_motion.");
+  time("free_time", o.free_time, "Duration of fist, rub and free_motion.");
 }
 
 /// Throws std::invalid_argument if the hand cannot reach the requested grip. The message says what it reaches.

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "math/types.hpp"
+#include "model/kinematics.hpp"
 #include "trackers/replay/generator.hpp"
-#include "trackers/replay/kinematics.hpp"
 
 namespace softhand {
 

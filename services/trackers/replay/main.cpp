@@ -4,7 +4,7 @@
 
 int main(int argc, char** argv) {
   using namespace softhand;
-  const auto make_source = [](const Scene& scene) {
+  const auto make_source = [](const Scene& scene, const bus::Participant&) {
     return std::make_unique<ReplayTracker>(make_scene_motion(scene, load_scene_hand(scene)), scene.options.tracker,
                                            hand_key(scene));
   };

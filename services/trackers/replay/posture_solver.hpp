@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "model/hand_model.hpp"
-#include "trackers/replay/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 namespace softhand {
 

@@ -100,7 +100,7 @@ void ReplayTracker::fill(std::int64_t i, Skeleton& out) const {
   out = Skeleton{};
   out.hand = hand_;
   out.source = source_;
-  out.confidence = 1;
+  out.confidence = within(now, options_.doubt_at, options_.doubt_time) ? 0.1 : 1;
   for (std::size_t j = 0; j < kJointCount; ++j) {
     Pose pose = frames[j];
     const std::uint64_t n = static_cast<std::uint64_t>(i) * kJointCount + j;

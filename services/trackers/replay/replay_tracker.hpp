@@ -29,6 +29,8 @@ struct ReplayOptions {
   std::string nan_joint = "index_intermediate";
   double freeze_at = -1;
   double freeze_time = 2;
+  double doubt_at = -1;
+  double doubt_time = 2;
   bool flip_signs = false;
   bool duplicate = false;
 };
@@ -55,6 +57,8 @@ inline void describe(OptionVisitor& v, ReplayOptions& o) {
   v.string("nan_joint", o.nan_joint, "Joint that becomes NaN: an OpenXR name such as index_intermediate.");
   v.number("freeze_at", o.freeze_at, "s", {-1, 86400}, "Time at which the samples stop. Negative = never.");
   v.number("freeze_time", o.freeze_time, "s", {0, 3600}, "Duration without samples.");
+  v.number("doubt_at", o.doubt_at, "s", {-1, 86400}, "Time at which the confidence falls to 0.1. Negative = never.");
+  v.number("doubt_time", o.doubt_time, "s", {0, 3600}, "Duration of the low confidence.");
   v.flag("flip_signs", o.flip_signs, "Negate the quaternions of every second sample. The rotations stay the same.");
   v.flag("duplicate", o.duplicate, "Deliver every sample twice.");
 }

@@ -48,7 +48,7 @@ int main(int argc, char** argv) {
   return run_tracker(argc, argv,
                      {.name = "sample",
                       .about = "Tracker of one wrist: a sample for authors of drivers",
-                      .make_source = [](const Scene& scene) {
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
                         return std::make_unique<SampleTracker>(driver_options<SampleOptions>(scene.options));
                       }});
 }

@@ -44,7 +44,7 @@ int main(int argc, char** argv) {
   return run_tracker(argc, argv,
                      {.name = "streamer",
                       .about = "Tracker that receives hands and head from the app Hand Tracking Streamer on a Quest",
-                      .make_source = [](const Scene& scene) {
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
                         return std::make_unique<StreamerTracker>(load_scene_hand(scene),
                                                                  driver_options<StreamerOptions>(scene.options));
                       }});

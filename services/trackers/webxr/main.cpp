@@ -47,7 +47,7 @@ int main(int argc, char** argv) {
   return run_tracker(argc, argv,
                      {.name = "webxr",
                       .about = "Tracker that receives hands and head from a headset's browser",
-                      .make_source = [](const Scene& scene) {
+                      .make_source = [](const Scene& scene, const bus::Participant&) {
                         return std::make_unique<WebXrTracker>(driver_options<WebXrOptions>(scene.options));
                       }});
 }

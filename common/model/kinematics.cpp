@@ -1,4 +1,4 @@
-#include "trackers/replay/kinematics.hpp"
+#include "model/kinematics.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "model/hand_model.hpp"
-#include "trackers/replay/motion.hpp"
 
 namespace softhand {
 

@@ -1,0 +1,209 @@
+#include "contact/skin_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "geometry/triangle.hpp"
+#include "math/rotation.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kSlack = 1e-4;   // m; patches and points that come so near are searched
+constexpr double kRoom = 1e-3;    // m; so far nodes may move before the near patches are listed again
+constexpr double kEdge = 1e-6;    // relative; a place this far outside a triangle is still on it
+constexpr double kFacing = 0.25;  // cosine between the normals of skin that faces a triangle, with the opposite sign
+constexpr int kMostHops = 8;      // of an anchor from triangle to triangle
+
+constexpr std::size_t kCarpus = 1;
+static_assert(index_of(Body::carpus) == kCarpus);
+
+Pose wrist_of(const State& state) { return state.body_poses.size() > kCarpus ? state.body_poses[kCarpus] : Pose{}; }
+
+// Barycentric weights of the projection of `place`.
+Vector3 weights_of(const SkinFrame& frame, const Vector3& place) {
+  const Vector3 from_middle = place - frame.pose.position;
+  Vector3 weights;
+  for (std::size_t k = 0; k < 3; ++k)
+    weights[static_cast<Eigen::Index>(k)] =
+        1.0 / 3 + frame.n.cross(frame.opposite[k]).dot(from_middle) / frame.twice_area;
+  return weights;
+}
+
+}  // namespace
+
+SkinSearch::SkinSearch(const HandModel& hand, const ContactPoints& points)
+    : points_(&points), triangles_(hand.surface), first_neighbour_{0}, patches_(hand, points) {
+  std::vector<std::vector<std::int32_t>> around(hand.nodes.size());
+  for (std::size_t t = 0; t < triangles_.size(); ++t) {
+    for (const std::int32_t node : triangles_[t])
+      around[static_cast<std::size_t>(node)].push_back(static_cast<std::int32_t>(t));
+  }
+  for (std::size_t t = 0; t < triangles_.size(); ++t) {
+    const auto begin = static_cast<std::ptrdiff_t>(neighbours_.size());
+    for (const std::int32_t node : triangles_[t]) {
+      for (const std::int32_t other : around[static_cast<std::size_t>(node)]) {
+        if (other != static_cast<std::int32_t>(t)) neighbours_.push_back(other);
+      }
+    }
+    std::sort(neighbours_.begin() + begin, neighbours_.end());
+    neighbours_.erase(std::unique(neighbours_.begin() + begin, neighbours_.end()), neighbours_.end());
+    first_neighbour_.push_back(neighbours_.size());
+  }
+  starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+  const auto places = static_cast<std::size_t>(points.count()) * kSkinParts;
+  paths_.resize(static_cast<std::size_t>(points.count()));
+  meetings_.reserve(places);
+  meeting_of_.assign(places, -1);
+}
+
+void SkinSearch::keep(const SkinMeeting& meeting, int part) {
+  std::int32_t& place = meeting_of_[place_of(meeting.point, part)];
+  if (place < 0) {
+    place = static_cast<std::int32_t>(meetings_.size());
+    meetings_.push_back(meeting);
+    return;
+  }
+  SkinMeeting& other = meetings_[static_cast<std::size_t>(place)];
+  const auto rank = [](const SkinMeeting& m) { return m.recess > 0 ? m.recess - SkinPatches::deepest : m.crossed_at; };
+  if (rank(meeting) < rank(other)) other = meeting;
+}
+
+// Has the sign of the height of `place` above the triangle. Nearly all triangles need no more.
+double SkinSearch::signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const {
+  const auto& c = corners(triangle);
+  const Vector3 a = node_positions.col(c[0]);
+  return (node_positions.col(c[1]) - a).cross(node_positions.col(c[2]) - a).dot(place - a);
+}
+
+void SkinSearch::set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const {
+  const Matrix3 turn = wrist.orientation.toRotationMatrix().transpose();
+  for (Eigen::Index n = 0; n < positions.cols(); ++n) local.col(n) = turn * (positions.col(n) - wrist.position);
+}
+
+void SkinSearch::begin_step(const State& state, double time_step, double reach) {
+  starts_ = state.node_positions;
+  ends_ = starts_ + time_step * state.node_velocities;
+  const Pose start = wrist_of(state);
+  set_local(start, starts_, local_starts_);
+  set_local(state.body_poses.size() > kCarpus ? advanced(start, state.body_velocities[kCarpus], time_step) : start,
+            ends_, local_ends_);
+  reach_ = reach;
+  follow_paths(std::max(kSlack, reach));
+}
+
+void SkinSearch::set_ends(const State& state) {
+  ends_ = state.node_positions;
+  set_local(wrist_of(state), ends_, local_ends_);
+  follow_paths(kSlack);
+}
+
+// Bounds the paths in the list of near patches. The list stays until a node has moved so far that a pair of patches
+// that is not in the list may have come within `margin`.
+void SkinSearch::follow_paths(double margin) {
+  margin_ = margin;
+  double square = 0, longest = 0;
+  for (Eigen::Index n = 0; n < listed_.cols(); ++n) {
+    square = std::max({square, (local_starts_.col(n) - listed_.col(n)).squaredNorm(),
+                       (local_ends_.col(n) - listed_.col(n)).squaredNorm()});
+    longest = std::max(longest, (local_ends_.col(n) - local_starts_.col(n)).squaredNorm());
+  }
+  const double room = 0.5 * (listed_margin_ - margin), wanted = margin + 2 * (std::sqrt(longest) + kRoom);
+  // A list that was made for fast motion is long.
+  if (!(room >= 0 && square <= room * room) || listed_margin_ > 2 * wanted) {
+    listed_ = local_starts_;
+    listed_margin_ = wanted;
+    patches_.find_near(listed_, listed_margin_);
+  }
+  pairs_ = patches_.meet(local_starts_, local_ends_, margin);
+  for (const std::int32_t patch : patches_.meeting_patches()) {
+    for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(patch)].points) {
+      const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
+      paths_[static_cast<std::size_t>(point)] = {0.5 * (start + end), 0.5 * (end - start).norm()};
+    }
+  }
+}
+
+std::optional<SkinMeeting> SkinSearch::inside(int patch, int point) const {
+  const Vector3 place = points_->at(point, starts_);
+  std::optional<SkinMeeting> result;
+  double least = reach_;
+  for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
+    if (!(signed_volume(triangle, starts_, place) < 0)) continue;
+    const SkinFrame there = frame(triangle, starts_);
+    const double height = there.n.dot(place - there.pose.position);
+    if (-height >= least || weights_of(there, place).minCoeff() < -kEdge) continue;
+    least = -height;
+    result = SkinMeeting{point, triangle, there.pose.inverse() * place, least};
+  }
+  if (result) {
+    Vector3 outward = Vector3::Zero();
+    for (const std::int32_t triangle : patches_.triangles_around(patches_.node_of_point(point)))
+      outward += frame(triangle, starts_).n;
+    result->faces = outward.dot(frame(result->triangle, starts_).n) < -kFacing * outward.norm();
+  }
+  return result;
+}
+
+std::optional<SkinMeeting> SkinSearch::crossed(int patch, int point) const {
+  const Vector3 start = points_->at(point, starts_), end = points_->at(point, ends_);
+  std::optional<SkinMeeting> result;
+  double first = std::numeric_limits<double>::infinity();
+  for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
+    if (!(signed_volume(triangle, starts_, start) >= 0) || !(signed_volume(triangle, ends_, end) < 0)) continue;
+    const SkinFrame before = frame(triangle, starts_), after = frame(triangle, ends_);
+    const double from = std::max(0.0, before.n.dot(start - before.pose.position));
+    const double to = after.n.dot(end - after.pose.position);
+    const double part = from - to > 0 ? from / (from - to) : 0.0;
+    if (part >= first) continue;
+    const Vector3 weights = (1 - part) * weights_of(before, start) + part * weights_of(after, end);
+    if (weights.minCoeff() < -kEdge) continue;
+    first = part;
+    const auto& c = corners(triangle);
+    const Vector3 place =
+        weights[0] * starts_.col(c[0]) + weights[1] * starts_.col(c[1]) + weights[2] * starts_.col(c[2]);
+    result = SkinMeeting{point, triangle, before.pose.inverse() * place, 0, false, part};
+  }
+  return result;
+}
+
+// A point that went round a corner of the skin is far behind the triangle that it crossed, and just behind or in front
+// of the next one. Moves the meeting to that triangle. Returns false if the point is outside there.
+bool SkinSearch::turns_corner(SkinMeeting& meeting) const {
+  const Vector3 end = points_->at(meeting.point, ends_);
+  const SkinFrame crossed = frame(meeting.triangle, ends_);
+  const Place nearest = follow(meeting.triangle, crossed.pose.inverse() * end, ends_);
+  if (nearest.triangle == meeting.triangle) return true;
+  const SkinFrame there = frame(nearest.triangle, ends_);
+  // The skin on the far side of a finger does not count: the point passed through the finger.
+  if (!(there.n.dot(crossed.n) > kFacing)) return true;
+  if (part_of_triangle(nearest.triangle) != part_of_triangle(meeting.triangle)) return true;
+  meeting.triangle = nearest.triangle;
+  meeting.place = nearest.place;
+  return there.n.dot(end - there.pose.position) < 0;
+}
+
+SkinSearch::Place SkinSearch::follow(int triangle, const Vector3& place, const Eigen::Matrix3Xd& node_positions) const {
+  const Vector3 target = frame(triangle, node_positions).pose * place;
+  const auto nearest_on = [&](int t) {
+    const auto& c = corners(t);
+    return nearest_on_triangle(target, node_positions.col(c[0]), node_positions.col(c[1]), node_positions.col(c[2]))
+        .point;
+  };
+  Vector3 best = nearest_on(triangle);
+  for (int hop = 0; hop < kMostHops; ++hop) {
+    const int from = triangle;
+    for (std::size_t k = first_neighbour_[static_cast<std::size_t>(from)];
+         k < first_neighbour_[static_cast<std::size_t>(from) + 1]; ++k) {
+      const Vector3 there = nearest_on(neighbours_[k]);
+      if ((there - target).squaredNorm() >= (best - target).squaredNorm() * (1 - kEdge)) continue;
+      best = there;
+      triangle = neighbours_[k];
+    }
+    if (triangle == from) break;
+  }
+  return {triangle, frame(triangle, node_positions).pose.inverse() * best};
+}
+
+}  // namespace softhand

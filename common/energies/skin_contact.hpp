@@ -1,0 +1,132 @@
+// Contact of a hand's skin with its own skin, and friction there: finger against finger, finger against palm, and the
+// thumb across the hand (ES2725128A1 eqs. 32 and 33, figure 4; the source leaves skin against skin out).
+//
+//   U = sum 1/2 k min(0, u)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|T e - s_0|),   k = 1/2 k_c A
+//   u = n . e,   e = R^T (x_p - x_t) - a,   T = 1 - n n^T
+//
+// x_p is a contact point of the skin (contact/contact_point.hpp) with area A. (x_t, R) is the frame of a triangle of
+// the skin (contact/skin_frame.hpp). a and n are the anchor on that triangle and its normal, in this frame. Degrees of
+// freedom: the nodes of the point and the corners of the triangle. Units: J, m, m^2, N, N/m^3.
+//
+// The anchor follows the law of contact with objects (contact/anchor_law.hpp). contact.hpp and friction.hpp list what
+// that law changes in the source. In addition:
+//
+// - Both sides of a contact have points, and both sides push. So each side has half the stiffness k_c A.
+// - The frame turns with the triangle. So the energy is invariant under a rigid motion of the hand, and all forces and
+//   torques balance.
+// - The projected Hessian leaves out the second derivative of the frame, as contact with objects does.
+// - Skin that is near at rest does not touch (contact/skin_patches.hpp), and a digit does not touch itself.
+// - A contact begins at the first triangle that the point crosses in a step, however fast. A point that starts inside
+//   moves out at 0.8 m/s at most.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "contact/anchor_law.hpp"
+#include "contact/collider.hpp"
+#include "contact/contact_point.hpp"
+#include "contact/skin_search.hpp"
+#include "energies/memory.hpp"
+#include "model/hand_model.hpp"
+
+namespace softhand {
+
+/// An anchor on the skin. `slot` is the part of the skin that it is on (`skin_part`).
+struct SkinAnchor : ContactAnchor {
+  std::int32_t triangle = 0;  ///< of HandModel::surface
+};
+
+class SkinContact final : public EnergyWithMemory<SkinContact> {
+ public:
+  /// `stiffness` is k_c, N/m^3. `friction` is Coulomb's mu, >= 0. `node_masses` (kg) are used only to estimate the
+  /// normal force of a fresh contact. Throws std::invalid_argument if k_c or mu is out of range.
+  SkinContact(const HandModel& hand, const std::vector<double>& node_masses, double stiffness, double friction);
+
+  std::string_view name() const override { return "skin"; }
+  bool has_kinks() const override { return true; }
+  void add_pattern(BlockPattern& pattern) const override;
+  void bind(const BlockMatrix& matrix) override;
+  void begin_step(const State& state, double time_step) override;
+  double value(const State& state) const override;
+  double add_gradient(const State& state, VectorX& gradient) const override;
+  void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  bool revise(const State& state) override;
+  void end_step(State& state) override;
+  void cancel_step() override;
+  EnergyFlow flow(double, double, double) const override { return flow_; }
+
+  struct Memory {
+    struct Item {
+      AnchorMemory anchor;
+      std::int32_t triangle = 0;
+    };
+    std::vector<Item> anchors;           // in the order in which they began
+    bool is_deep = true;                 // points may be far inside another part
+    double dissipated = 0, cleared = 0;  // J
+  };
+  const Memory& save() const;
+  /// Throws std::invalid_argument if the memory is that of another hand.
+  void load(const Memory& memory);
+  /// All contacts end. Call it after nodes were teleported. The next step looks for points that are far inside.
+  void reset();
+
+  /// In the order in which they began.
+  std::span<const SkinAnchor> anchors() const { return anchors_; }
+  const ContactPoints& points() const { return points_; }
+  const SkinSearch& search() const { return search_; }
+  AnchorOffset offset(const SkinAnchor& anchor, const State& state) const {
+    return anchor_law::offset(anchor, search_.frame(anchor.triangle, state.node_positions).pose,
+                              points_.at(anchor.point, state.node_positions));
+  }
+  /// Largest penetration in `state`, m. 0 without contact.
+  double deepest_penetration(const State& state) const;
+  /// Heat of sliding since construction, J.
+  double dissipated() const { return dissipated_; }
+  /// Number of anchors since construction that were dropped because the list was full.
+  std::uint64_t dropped() const { return dropped_; }
+
+ private:
+  std::uint8_t& has_anchor(int point, int part) {
+    return has_anchor_[static_cast<std::size_t>(point) * kSkinParts + static_cast<std::size_t>(part)];
+  }
+  SkinAnchor* create(const SkinMeeting& meeting);
+  void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
+  template <typename Found>
+  void find_crossed(const State& state, Found&& found);
+  template <typename Ends>
+  void remove_if(Ends&& ends);
+  void mark_anchors();
+  void account(SkinAnchor& anchor, const SkinFrame& frame, const AnchorOffset& end, const Vector3& push,
+               const Vector3& drag, const State& state);
+  void settle(SkinAnchor& anchor, const AnchorOffset& offset);
+  bool slide(SkinAnchor& anchor, double drag, const SkinFrame& frame, const State& state);
+  bool follow(SkinAnchor& anchor, const Vector3& place, const State& state);
+  void scatter_exact(const SkinAnchor& anchor, const State& state, BlockMatrix& hessian) const;
+  void scatter(const SkinAnchor& anchor, const Matrix3& of_point, const std::array<Matrix3, 3>& of_corners,
+               const std::array<Matrix3, 6>& between_corners, BlockMatrix& hessian) const;
+
+  double stiffness_, friction_;
+  std::vector<double> node_masses_;
+  ContactPoints points_;
+  PointBlocks blocks_;
+  SkinSearch search_;
+  std::vector<std::array<BlockSlot, 6>> corner_blocks_;  // by triangle: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2)
+  std::vector<SkinAnchor> anchors_;
+  std::vector<std::uint8_t> has_anchor_;  // by (point, part)
+  double time_step_ = 0;
+  bool is_deep_ = true;
+  bool found_deep_ = false;  // in this step
+  double dissipated_ = 0;
+  double cleared_ = 0;  // energy of the contacts removed since the last step, J
+  // For `cancel_step`: as before the step.
+  bool in_step_ = false;
+  std::vector<SkinAnchor> anchors_before_;
+  double cleared_before_ = 0;
+  mutable Memory saved_;
+  EnergyFlow flow_;
+  std::uint64_t dropped_ = 0;
+};
+
+}  // namespace softhand

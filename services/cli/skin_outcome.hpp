@@ -1,0 +1,36 @@
+// Judges contact of the hand's skin with itself in a run. The messages do not carry it, so only `simulate` can do this.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <vector>
+
+#include "scene/hand_simulation.hpp"
+
+namespace softhand {
+
+/// What a scene asks of contact of skin with skin. Zero = not asked for.
+struct SkinGoal {
+  double penetration = 0;  ///< m, of 95 % of the touching (point, step) pairs; and no finger passes another one
+  double friction = 0;     ///< relative; friction of skin that slides is mu times the normal force within this
+  bool any() const { return penetration > 0 || friction > 0; }
+};
+
+class SkinOutcome {
+ public:
+  /// After each step of the motion.
+  void add(const HandSimulation& simulation);
+  /// Keys and meaning: docs/outcome.md. Null if the skin does not touch itself in this scene. With a goal it has
+  /// `success` and `success_because`.
+  nlohmann::ordered_json summary(const SkinGoal& goal, double friction) const;
+
+ private:
+  std::vector<double> depths_;  // m, of the touching pairs
+  double deepest_ = 0;
+  std::size_t most_contacts_ = 0, steps_ = 0, touching_steps_ = 0;
+  double sliding_push_ = 0, sliding_drag_ = 0;  // sums over all sliding contacts, N
+  double gap_ = 1;                              // m
+  double heat_ = 0;                             // J
+  bool is_on_ = false;
+};
+
+}  // namespace softhand

@@ -1,0 +1,96 @@
+#include "cli/tracker_table.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "messages/age.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand {
+namespace {
+
+constexpr double kSilent = 1;  // s without a status: the process is gone
+
+std::optional<double> counter(const LoopStatus& status, std::string_view name) {
+  for (const NamedValue& each : status.counters)
+    if (get_text(each.name) == name) return each.value;
+  return std::nullopt;
+}
+
+bool is_alive(const TrackerRow& row, Nanoseconds now) {
+  const auto silent = age_of(row.heard, now);
+  return silent && *silent <= kSilent;
+}
+
+}  // namespace
+
+void TrackerTable::add(const LoopStatus& status) {
+  const auto strength = counter(status, "strength"), published = counter(status, "published");
+  const auto health = counter(status, "health");
+  if (!strength || !published || !health) return;
+  TrackerRow& row = rows_[std::string(get_text(status.module))];
+  if (row.epoch != status.stamp.epoch) row = {};
+  row.heard = status.stamp.publish_time;
+  const double elapsed = static_cast<double>(row.heard - row.counted) * 1e-9;
+  if (row.counted == 0 || elapsed > 0.9) {
+    if (row.counted != 0) row.rate_hz = (*published - row.published) / elapsed;
+    row.published = *published;
+    row.counted = row.heard;
+  }
+  row.epoch = status.stamp.epoch;
+  row.user = static_cast<std::uint32_t>(counter(status, "user").value_or(0));
+  row.strength = static_cast<int>(*strength);
+  row.health = static_cast<Health>(std::clamp(*health, 0.0, static_cast<double>(kHealthNames.size() - 1)));
+  row.age_ms = status.input_age_ms;
+  row.confidence = counter(status, "confidence").value_or(0);
+}
+
+void TrackerTable::add(const Skeleton& hand) {
+  if (hand.hand.side > 1) return;
+  for (auto& [name, row] : rows_) {
+    // A played motion that starts over counts its epoch up.
+    if (row.user == hand.hand.user) row.owns[hand.hand.side] = hand.stamp.epoch - row.epoch < 1'000'000;
+  }
+}
+
+bool TrackerTable::owns(const std::string& module) const {
+  const auto found = rows_.find(module);
+  return found != rows_.end() && (found->second.owns[0] || found->second.owns[1]);
+}
+
+std::string TrackerTable::hands_of(const std::string& module) const {
+  const auto found = rows_.find(module);
+  if (found == rows_.end() || !owns(module)) return "no hand";
+  const auto& [left, right] = found->second.owns;
+  return fmt::format("{} of user {}",
+                     left && right ? "both hands"
+                     : left        ? "the left hand"
+                                   : "the right hand",
+                     found->second.user);
+}
+
+std::optional<int> TrackerTable::strength_to_own(const std::string& module, Nanoseconds now) const {
+  const auto own = rows_.find(module);
+  if (own == rows_.end() || !is_alive(own->second, now)) return std::nullopt;
+  int strength = own->second.strength;
+  for (const auto& [name, row] : rows_)
+    if (name != module && row.user == own->second.user && is_alive(row, now))
+      strength = std::max(strength, row.strength + 1);
+  return strength;
+}
+
+std::string TrackerTable::text(Nanoseconds now) const {
+  if (rows_.empty()) return "no tracker found on this domain\n";
+  std::string out = fmt::format("{:<18} {:>4} {:>8} {:<8} {:>8} {:>8} {:>10}  {}\n", "module", "user", "strength",
+                                "health", "rate Hz", "age ms", "confidence", "owns");
+  for (const auto& [name, row] : rows_) {
+    out += fmt::format("{:<18} {:>4} {:>8} {:<8} {:>8.1f} {:>8} {:>10.2f}  {}\n", name, row.user, row.strength,
+                       is_alive(row, now) ? kHealthNames[static_cast<std::size_t>(row.health)] : "gone", row.rate_hz,
+                       row.age_ms < 0 ? "-" : fmt::format("{:.1f}", row.age_ms), row.confidence,
+                       owns(name) ? hands_of(name) : "-");
+  }
+  return out;
+}
+
+}  // namespace softhand

@@ -1,0 +1,90 @@
+// Several trackers of one hand as processes: the strongest healthy one owns it, and `softhand trackers` switches.
+#include <cstdio>
+#include <optional>
+
+#include "device/health.hpp"
+#include "support/tracker_process.hpp"
+
+namespace softhand {
+namespace {
+
+// Output and exit code of `softhand trackers ARGUMENTS`.
+std::pair<std::string, int> trackers(const std::string& arguments) {
+  std::FILE* const pipe =
+      popen((std::string(SOFTHAND_PROGRAMS) + "/softhand trackers " + arguments + " 2>&1").c_str(), "r");
+  std::string text;
+  for (int c; (c = std::fgetc(pipe)) != EOF;) text += static_cast<char>(c);
+  return {text, WEXITSTATUS(pclose(pipe))};
+}
+
+class Trackers : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static std::vector<std::string> arguments(const char* module, const char* strength, const char* source,
+                                            const std::vector<std::string>& settings = {}) {
+    std::vector<std::string> out{"--config",   std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml",
+                                 "--module",   module,
+                                 "--strength", strength,
+                                 "--source",   source};
+    for (const std::string& setting : settings) {
+      out.emplace_back("--set");
+      out.push_back(setting);
+    }
+    return out;
+  }
+  // Readers hear only this source, for 200 ms.
+  bool owner(std::uint32_t source) {
+    int alone = 0;
+    return listener_.until([&] { listener_.hands[1].source = 99; },
+                           [&] {
+                             const std::uint32_t heard = listener_.hands[1].source;
+                             if (heard != 99) alone = heard == source ? alone + 1 : 0;
+                             return alone >= 20;
+                           });
+  }
+  testing::TrackerListener listener_;
+};
+
+TEST_F(Trackers, AreListedAndSwitchedByHand) {
+  EXPECT_EQ(trackers("").second, 1);  // none
+  const testing::Process weak("softhand-tracker-replay", arguments("weak", "1", "1"), false);
+  const testing::Process strong("softhand-tracker-replay", arguments("strong", "5", "2"), false);
+  ASSERT_TRUE(owner(2));
+  const auto [list, code] = trackers("");
+  std::printf("%s", list.c_str());
+  EXPECT_EQ(code, 0);
+  const std::size_t of_strong = list.find("\nstrong"), of_weak = list.find("\nweak");
+  ASSERT_TRUE(of_strong != std::string::npos && of_weak != std::string::npos);
+  EXPECT_NE(list.find("the right hand of user 0", of_strong), std::string::npos);
+  EXPECT_LT(list.find("the right hand of user 0"), of_weak);  // strong is listed first, and weak owns nothing
+  EXPECT_EQ(list.find("the right hand of user 0", of_weak), std::string::npos);
+  EXPECT_NE(list.find(" live "), std::string::npos);
+
+  EXPECT_EQ(trackers("use weak"), std::pair(std::string("weak owns the right hand of user 0 (strength 6)\n"), 0));
+  EXPECT_TRUE(owner(1));
+  EXPECT_EQ(trackers("use strong").second, 0);
+  EXPECT_TRUE(owner(2));
+  EXPECT_EQ(trackers("use nobody").second, 1);
+}
+
+// The stronger tracker is in doubt for a second, and later silent for a second. Then the weaker one owns the hand until
+// the other has been healthy for a second.
+TEST_F(Trackers, AHealthyTrackerOwnsBeforeAStrongerOneThatIsNot) {
+  const testing::Process weak("softhand-tracker-replay", arguments("weak", "1", "1"), false);
+  ASSERT_TRUE(owner(1));
+  const testing::Process strong(
+      "softhand-tracker-replay",
+      arguments("strong", "5", "2",
+                {"tracker.doubt_at=1", "tracker.doubt_time=1", "tracker.freeze_at=4", "tracker.freeze_time=1"}),
+      false);
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE(owner(2)) << i;
+    ASSERT_TRUE(owner(1)) << i;
+    const Nanoseconds since = now();
+    ASSERT_TRUE(owner(2)) << i;
+    EXPECT_GT(now() - since, 1'000'000'000) << i;
+  }
+}
+
+}  // namespace
+}  // namespace softhand

@@ -1,0 +1,1 @@
+softhand_test(bus_network ${CMAKE_CURRENT_LIST_DIR}/bus_network_test.cpp LINK softhand_bus)
