@@ -1,4 +1,4 @@
-// Publish and subscribe over DDS with plain structs. This header includes no DDS header.
+// Publish and subscribe over DDS with plain structs. This header includes no DDS header. An example:
 //
 //   bus::Participant participant("tracking");
 //   bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
@@ -6,12 +6,15 @@
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //
-// Threads: the threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be
-// ordinary: see runtime/scheduling.hpp. One thread at a time may use a Reader. Writers are thread-safe.
-// Times: a reader gives the stamps of other hosts the times of this host's clock.
-// Errors: constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other
-// members of Participant, Writer and Reader do not throw and do not allocate in our code.
-// Lifetime: writers and readers keep their participant alive.
+// The threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be ordinary
+// (runtime/scheduling.hpp). One thread at a time may use a Reader. Writers are thread-safe.
+//
+// A reader gives the stamps of other hosts the times of this host's clock.
+//
+// Constructors throw std::runtime_error if DDS refuses. `take_all` throws what its callback throws. All other members
+// of Participant, Writer and Reader do not throw and do not allocate in our code.
+//
+// Writers and readers keep their participant alive.
 #pragma once
 
 #include <array>

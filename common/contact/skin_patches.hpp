@@ -1,10 +1,9 @@
 // Patches of the skin, and which pairs of them can touch: the broad phase of contact of skin with skin.
 //
 // The skin is divided into parts: five digits, and the palm with the wrist. Contact is between different parts. Each
-// part is divided into patches of about a centimetre. Two patches of a hand can touch unless they are near at rest:
-//
-// - their distance along the skin is less than `near_at_rest`, for example on both sides of a web or a crease, or
-// - only a thin sheet of tissue lies between them, so each is seen from inside by the other.
+// part is divided into patches of about a centimetre. Two patches cannot touch if they are near at rest. They are near
+// if their distance along the skin is less than `near_at_rest`, for example on both sides of a web or a crease. They
+// are also near if only a sheet of tissue thinner than `deepest` lies between them.
 #pragma once
 
 #include <array>

@@ -6,14 +6,16 @@
 
 namespace softhand {
 
-/// Takes the samples of a tracker. The source fills in these fields:
+/// Takes the samples of a tracker.
 ///
-/// - `stamp.sample_time`: time of the measurement (not of the delivery), on the clock of `poll`'s `now`.
-/// - `stamp.sequence`: counts up by one for each sample of the device, delivered or not, for each hand and for the
+/// The source sets `stamp.sample_time` to the time of the measurement, not of the delivery, on the clock of `poll`'s
+/// `now`. `stamp.sequence` counts up by one for each sample of the device, delivered or not, for each hand and for the
 /// head.
-/// - A hand: `hand.side`, `frame`, `confidence` and the joints. kJointValid is not set on joints that the device does
-///   not see. So a wrist alone, single joints, or fingers without a wrist are hands too.
-/// - The head: `position`, `orientation`, `valid`.
+///
+/// For a hand it fills in `hand.side`, `frame`, `confidence` and the joints. kJointValid is not set on joints that the
+/// device does not see. So a wrist alone, single joints, or fingers without a wrist are hands too.
+///
+/// For the head it fills in `position`, `orientation` and `valid`.
 ///
 /// `run_tracker` fills in the rest: user, source, epoch and times of publishing.
 class TrackerSink {

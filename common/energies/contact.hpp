@@ -11,28 +11,34 @@
 //
 // These are the departures from the source.
 //
-// - In eq. 32 the normal n is fixed in the world. Here n rotates with the object, so the energy is invariant under a
-//   rigid motion of point and object. Then force and torque balance exactly: the opposite of the point's force acts on
-//   the object at the point's position.
-// - A contact is one-sided: it only pushes, where u < 0. The exception is a point that is predicted to cross the
-// surface
-//   within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration has
-//   moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing. Then
-//   a tip at 1 m/s would sink 11 mm.
-// - Contact is revised after iterations. A point that crossed a surface without being predicted to gets an anchor at
-//   the crossing. Then no anchor is two-sided any more.
-// - A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
-//   at 0.8 m/s at most.
-// - The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
-//   position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick
-//   cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
-// - A corner or needle of an object (ShapeGeometry::sharp_points) can pass between two contact points. If it enters the
-//   skin, it gets an anchor of its own. The contact point is then the place of the skin that it entered, the normal is
-//   that of the skin, and the skin slides below the anchor.
-// - An anchor that slides moves to the nearest surface, but never to the far side of a thin wall.
-// - A fixed object moves within the step by its velocity. The energy uses the pose at the step's end, because it is a
-//   function of the positions at the step's end. Paths and the friction bound use the pose at the step's start. So only
-//   relative motion counts.
+// In eq. 32 the normal n is fixed in the world. Here n rotates with the object, so the energy is invariant under a
+// rigid motion of point and object. Then force and torque balance exactly: the opposite of the point's force acts on
+// the object at the point's position.
+//
+// A contact is one-sided, so it only pushes, where u < 0. The exception is a point that is predicted to cross the
+// surface within the step. Its anchor is put at the crossing at the step's start. It is two-sided until an iteration
+// has moved the point. Otherwise the first iteration would miss the contact, because it starts before the crossing.
+// Then a tip at 1 m/s would sink 11 mm.
+//
+// Contact is revised after iterations. A point that crossed a surface without being predicted to gets an anchor at the
+// crossing. Then no anchor is two-sided any more.
+//
+// A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
+// at 0.8 m/s at most.
+//
+// The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
+// position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick
+// cylinder by (v dt)^2 / 2R = 0.8 mm, and the contact would chatter.
+//
+// A corner or needle of an object (ShapeGeometry::sharp_points) can pass between two contact points. If it enters the
+// skin, it gets an anchor of its own. The contact point is then the place of the skin that it entered. The normal is
+// that of the skin. The skin slides below the anchor.
+//
+// An anchor that slides moves to the nearest surface, but never to the far side of a thin wall.
+//
+// A fixed object moves within the step by its velocity. The energy uses the pose at the step's end, because it is a
+// function of the positions at the step's end. Paths and the friction bound use the pose at the step's start. So only
+// relative motion counts.
 #pragma once
 
 #include <cstdint>

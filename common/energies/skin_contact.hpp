@@ -9,15 +9,17 @@
 // freedom: the nodes of the point and the corners of the triangle. Units: J, m, m^2, N, N/m^3.
 //
 // The anchor follows the law of contact with objects (contact/anchor_law.hpp). contact.hpp and friction.hpp list what
-// that law changes in the source. In addition:
+// that law changes in the source. The following comes in addition.
 //
-// - Both sides of a contact have points, and both sides push. So each side has half the stiffness k_c A.
-// - The frame turns with the triangle. So the energy is invariant under a rigid motion of the hand, and all forces and
-//   torques balance.
-// - The projected Hessian leaves out the second derivative of the frame, as contact with objects does.
-// - Skin that is near at rest does not touch (contact/skin_patches.hpp), and a digit does not touch itself.
-// - A contact begins at the first triangle that the point crosses in a step, however fast. A point that starts inside
-//   moves out at 0.8 m/s at most.
+// Both sides of a contact have points, and both sides push. So each side has half the stiffness k_c A.
+//
+// The frame turns with the triangle. So the energy is invariant under a rigid motion of the hand, and all forces and
+// torques balance. The projected Hessian leaves out the second derivative of the frame, as contact with objects does.
+//
+// Skin that is near at rest does not touch (contact/skin_patches.hpp), and a digit does not touch itself.
+//
+// A contact begins at the first triangle that the point crosses in a step, at any speed. A point that starts inside
+// moves out at 0.8 m/s at most.
 #pragma once
 
 #include <cstdint>

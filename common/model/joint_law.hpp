@@ -4,11 +4,11 @@
 // A joint has a frame on the parent and a frame on the child. The joint's axis is +y of both. The kind says what the
 // coordinate q is.
 //
-// - Fixed: nothing is free. There is no q.
-// - Hinge: the rotation about the axis is free. q is the angle, rad.
-// - Slider: the translation along the axis is free. q is the distance, m.
-// - Ball: all rotations are free. q is the chord 2 sin(angle/2) between the two axes. Only a limit uses it.
-// - Screw: the rotation is free and moves the child by pitch q / (2 pi) along +y. q is the angle, rad.
+// In a fixed joint nothing is free, and there is no q.
+// In a hinge the rotation about the axis is free. q is the angle, rad.
+// In a slider the translation along the axis is free. q is the distance, m.
+// In a ball joint all rotations are free. q is the chord 2 sin(angle/2) between the two axes. Only a limit uses it.
+// In a screw the rotation is free and moves the child by pitch q / (2 pi) along +y. q is the angle, rad.
 //
 // The angle is the twist 2 atan2(y, w) of the relative rotation (x, y, z, w) about the axis. It is finite at any
 // rotation, except where the axes are opposed: there its derivative is cut off.

@@ -1,16 +1,16 @@
 // The step: minimises the incremental potential E(q) = inertia + U(q) of a list of terms (ES2725128A1 eqs. 10-17).
 // Inertia is one of the terms.
 //
-// - NewtonSolver makes the step, and in it Newton's iterations.
-// - IncrementalPotential evaluates the terms: E, its gradient and its Hessian.
-// - HessianFactor holds the factor of the Hessian, in float or double.
-// - FactorPolicy decides when a factor is renewed, and when the work budget ends the step.
-// - LineSearch searches on E along the direction of an iteration.
-// - Predictor makes chord steps: steps in free motion without a new Hessian.
-// - Linkage moves bones by finite rotations, and tissue with its bone.
-// - LooseSolve solves with a Hessian that has blocks outside the pattern of the factor: contact of skin with skin.
-// - LocalNewton solves contact on the condensed hand. At the end of a truncated step it solves contact alone.
-// - Compliance holds how the touched nodes give way to forces on each other, under the last factor.
+// NewtonSolver makes the step, and in it Newton's iterations. These modules help it.
+// IncrementalPotential evaluates E, its gradient and its Hessian from the terms.
+// HessianFactor holds the factor of the Hessian, in float or double.
+// FactorPolicy decides when a factor is renewed, and when the work budget ends the step.
+// LineSearch searches on E along the direction of an iteration.
+// Predictor makes chord steps, which are steps in free motion without a new Hessian.
+// Linkage moves bones by finite rotations, and tissue with its bone.
+// LooseSolve solves with a Hessian that has blocks outside the pattern of the factor, from contact of skin with skin.
+// LocalNewton solves contact on the condensed hand. At the end of a truncated step it solves contact alone.
+// Compliance holds how the touched nodes give way to forces on each other, under the last factor.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //

@@ -344,8 +344,8 @@ TEST(Bus, WeakerTrackerErasesNoSamplesOfTheOwner) {
 }
 
 TEST(Bus, AWriterThatBecomesStrongerTakesOver) {
-  const Participant here("here", test_domain());
-  const Participant there("there", test_domain()), elsewhere("elsewhere", test_domain());
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain()), elsewhere("elsewhere", testing::own_domain());
   Reader reader(here, topics::tracked_skeleton, HandKey{0, 1});
   Writer first(there, topics::tracked_skeleton, 2);
   Writer second(elsewhere, topics::tracked_skeleton, 1);
@@ -712,7 +712,7 @@ TEST(Bus, StampsOfTheFutureAndOfOtherHostsAreRefused) {
 
 // The stamp of a device may be anything, but only on the clock of this host.
 TEST(Bus, TrackersOfHostsWithAnUnknownClockAreRefused) {
-  const Participant writing("writing", test_domain()), reading("reading", test_domain());
+  const Participant writing("writing", testing::own_domain()), reading("reading", testing::own_domain());
   Writer writer(writing, topics::tracked_skeleton);
   Reader reader(reading, topics::tracked_skeleton, HandKey{0, 1});
   ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
@@ -734,7 +734,7 @@ TEST(Bus, TrackersOfHostsWithAnUnknownClockAreRefused) {
 
 // Beacons and their threads are only for networks that leave the host.
 TEST(Bus, OnOneHostNoClocksAreExchanged) {
-  const Participant one("one", test_domain()), other("other", test_domain());
+  const Participant one("one", testing::own_domain()), other("other", testing::own_domain());
   const Reader beacons(other, topics::clock_beacon);
   Peer peer;
   ASSERT_TRUE(eventually([&] { return other.find_peer(one.epoch(), peer); }));

@@ -13,7 +13,7 @@ using testing::at;
 
 class FusionProcess : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
   static std::vector<std::string> with_scene(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml"});
     return arguments;

@@ -17,6 +17,8 @@ import sys
 import tempfile
 import time
 
+from checks import check, failures, read
+
 PROGRAMS, FORWARDER, BUS_PEER, CYCLONE_PEER = sys.argv[1:5]
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PARTS = {"solver": 0, "world": 1000, "devices": 3600}  # offset of each host's clock, s
@@ -24,13 +26,6 @@ MEASURING = 500  # of the host's process that measures, s
 DROP, DELAY = 0.05, 0.05
 # The motion takes 12.2 s and is repeated. The weight is that of the first grip; the cable is cut in the second one.
 STATUS_AT, CUT_AT, CUT_FOR, SECONDS = 8, 17, 2, 24  # s after the start of the tracker
-failures = []
-
-
-def check(condition, what):
-    print(("ok      " if condition else "FAILED  ") + what, flush=True)
-    if not condition:
-        failures.append(what)
 
 
 def skip(reason):
@@ -94,11 +89,6 @@ def stop(process):
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGTERM)
     return process.wait()
-
-
-def read(path):
-    with open(path) as text:
-        return text.read()
 
 
 PROFILE = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">

@@ -57,7 +57,7 @@ class Glove {
 
 class OpenGlovesProcess : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
   void start(std::vector<std::string> settings) {
     std::vector<std::string> arguments{
         "--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml", "--source", "6", "--device", "3"};

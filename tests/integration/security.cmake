@@ -9,4 +9,4 @@ target_link_libraries(cyclone_peer PRIVATE softhand_idl_cyclone)
 find_program(PYTHON3 python3 REQUIRED)
 add_test(NAME secured_domain COMMAND ${PYTHON3} ${CMAKE_CURRENT_LIST_DIR}/security_test.py ${PROJECT_BINARY_DIR}/bin
   $<TARGET_FILE:bus_peer> $<TARGET_FILE:cyclone_peer>)
-set_tests_properties(secured_domain PROPERTIES RUN_SERIAL TRUE TIMEOUT 180)
+set_tests_properties(secured_domain PROPERTIES RUN_SERIAL TRUE TIMEOUT 480)

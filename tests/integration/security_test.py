@@ -15,22 +15,19 @@ import sys
 import tempfile
 import time
 
+from checks import check, failures, own_domain, read
+
 PROGRAMS, BUS_PEER, CYCLONE_PEER = sys.argv[1:4]
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-DOMAIN = str(100 + os.getpid() % 100)
+DOMAIN, _reservation = own_domain()
 VENDORS = ("fast", "cyclone")
-failures = []
+missed = []  # what failed and can be a pair of processes that Fast DDS missed (docs/security.md)
 
 
-def check(condition, what):
-    print(("ok      " if condition else "FAILED  ") + what, flush=True)
-    if not condition:
-        failures.append(what)
-
-
-def read(path):
-    with open(path) as text:
-        return text.read()
+def check_paired(condition, what):
+    """A check that also fails if Fast DDS missed a pair of processes."""
+    if not check(condition, what):
+        missed.append(what)
 
 
 def edit(path, old, new):
@@ -137,7 +134,7 @@ def running(rig, log):
             print(read(log))
 
 
-def main():
+def run():
     with tempfile.TemporaryDirectory() as folder:
         domain = Domain(folder)
         summary, log = domain.path("summary.json"), domain.path("rig.log")
@@ -152,6 +149,18 @@ def main():
             rig = subprocess.Popen(command, env=domain.environment("good"), stdout=out, stderr=subprocess.STDOUT)
         with running(rig, log):
             check_rotation(domain)
+
+
+def main():
+    """Fast DDS 2.9 misses a pair of processes in about one of ten starts (docs/security.md). If nothing else failed,
+    the rig is started again, twice at most. A check of who is refused is never repeated."""
+    for _ in range(3):
+        failures.clear()
+        missed.clear()
+        run()
+        if failures != missed or not failures:
+            break
+        print("missed a pair: " + "; ".join(missed), flush=True)
     print("FAILED: " + "; ".join(failures) if failures else "passed")
     sys.exit(1 if failures else 0)
 
@@ -181,27 +190,33 @@ def check_gloves(domain):
             print(f"        the {device} glove missed keys and is restarted")
             os.kill(status["process_id"], signal.SIGTERM)
             time.sleep(3)
-        check(accepted > 50, f"the {device} glove has {accepted:.0f} samples")
+        check_paired(accepted > 50, f"the {device} glove has {accepted:.0f} samples")
 
 
 def check_rotation(domain):
     """A renewed certificate is used after a restart of its process. The other processes go on and accept it."""
     folder = domain.path("good")
-    tracker = status_of(domain, {"tracker"})["tracker"]["process_id"]
+    first = tracker = status_of(domain, {"tracker"})["tracker"]["process_id"]
     before = read(f"{folder}/tracker/certificate.pem"), read(f"{folder}/hand/certificate.pem")
     made = subprocess.run([f"{ROOT}/deploy/security", folder, "tracker"], capture_output=True, text=True).stdout
     check("made 2 identities" in made, made.strip())
     check(read(f"{folder}/tracker/certificate.pem") != before[0], "the tracker has a new certificate")
     check(read(f"{folder}/hand/certificate.pem") == before[1], "the hand keeps its certificate")
-    os.kill(tracker, signal.SIGTERM)
-    given_up = time.monotonic() + 25
-    while time.monotonic() < given_up:
-        heard = domain.status()
-        if heard.get("tracker", {}).get("process_id", tracker) != tracker and "tracking" in heard:
+    age = -1
+    for _ in range(3):  # a tracker that missed the keys of a reader gets them after a restart (docs/security.md)
+        os.kill(tracker, signal.SIGTERM)
+        given_up = time.monotonic() + 10
+        while time.monotonic() < given_up and not 0 <= age < 500:
+            heard = status_of(domain, {"tracker", "tracking"})
+            if heard.get("tracker", {}).get("process_id", tracker) != tracker:
+                age = heard.get("tracking", {}).get("input_age_ms", -1)
+        restarted = heard.get("tracker", {}).get("process_id", tracker)
+        if 0 <= age < 500 or restarted == tracker:
             break
-    check(heard.get("tracker", {}).get("process_id", tracker) != tracker, "the tracker was restarted")
-    age = heard.get("tracking", {}).get("input_age_ms", -1)
-    check(0 <= age < 500, f"tracking has samples of the new tracker, {age:.0f} ms old")
+        print(f"        the tracker missed keys and is restarted, input {age:.0f} ms old")
+        tracker = restarted
+    check(restarted != first, "the tracker was restarted")
+    check_paired(0 <= age < 500, f"tracking has samples of the new tracker, {age:.0f} ms old")
 
 
 def run_checks(domain, rig, log, summary):
@@ -217,7 +232,7 @@ def run_checks(domain, rig, log, summary):
             output = domain.peer(vendor, "good", "client", "read", "simulated_skeleton").communicate()[0]
             if number(output, "samples") > 50:
                 break
-        check(number(output, "samples") > 50, f"a client on {vendor} reads {number(output, 'samples')} samples")
+        check_paired(number(output, "samples") > 50, f"a client on {vendor} reads {number(output, 'samples')} samples")
 
     for name, what in (("", "without an identity"), ("other", "of another authority")):
         for vendor in VENDORS:
@@ -240,23 +255,23 @@ def run_checks(domain, rig, log, summary):
     for vendor in VENDORS:
         before = read(log).count("Security manager returns an error")
         output = domain.peer(vendor, "lax", "tracker", "write", "bone_wrench").communicate()[0]
-        check(number(output, "readers") >= 0, f"a tracker without own checks on {vendor} writes wrenches")
+        check_paired(number(output, "readers") >= 0, f"a tracker without own checks on {vendor} writes wrenches")
         check(second_writers(domain) == 0, "no glove receives them")
         check(read(log).count("Security manager returns an error") > before, "the rig logs it")
     for _ in range(3):  # an occasional handshake fails
         domain.peer("fast", "good", "hand", "write", "bone_wrench", 4).communicate()
         if second_writers(domain) > 0:
             break
-    check(second_writers(domain) > 0, "a glove receives those of a second hand, and counts them")
+    check_paired(second_writers(domain) > 0, "a glove receives those of a second hand, and counts them")
 
     modules = {"world", "hand", "tracking", "haptic", "tactile", "tracker"}
     heard = status_of(domain, modules)
-    check(modules <= set(heard), "status hears every module")
+    check_paired(modules <= set(heard), "status hears every module")
     time.sleep(max(0, started + 15 - time.monotonic()))
     rig.send_signal(signal.SIGINT)
     check(rig.wait() == 0, "the rig ends cleanly")
     weight = json.loads(read(summary))["carried_weight_ratio"]
-    check(weight is not None and 0.98 <= weight <= 1.02, f"weight of the cube: {weight}")
+    check_paired(weight is not None and 0.98 <= weight <= 1.02, f"weight of the cube: {weight}")
 
 
 main()

@@ -19,7 +19,7 @@ std::pair<std::string, int> trackers(const std::string& arguments) {
 
 class Trackers : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() { testing::use_domain_of_this_process(); }
+  static void SetUpTestSuite() { testing::use_own_domain(); }
   static std::vector<std::string> arguments(const char* module, const char* strength, const char* source,
                                             const std::vector<std::string>& settings = {}) {
     std::vector<std::string> out{"--config",   std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml",
