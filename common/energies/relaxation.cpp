@@ -118,64 +118,67 @@ void RelaxationEnergy::begin_step(const State& state, double time_step) {
   }
 }
 
-double RelaxationEnergy::value(const State& state) const {
-  double energy = 0;
-  for (const Element& element : elements_) {
-    const Strain strain = green_strain(deformation_gradient(state, element));
-    energy += element.quadratic * product(strain, strain) + 2 * product(element.linear, strain) + element.constant;
-  }
-  return energy;
-}
-
-double RelaxationEnergy::add_gradient(const State& state, VectorX& gradient) const {
-  double energy = 0;
-  for (const Element& element : elements_) {
-    const Matrix3 f = deformation_gradient(state, element);
-    const Strain strain = green_strain(f);
-    Strain stress;  // V times the second Piola-Kirchhoff stress
-    for (std::size_t k = 0; k < 6; ++k) stress[k] = 2 * (element.quadratic * strain[k] + element.linear[k]);
-    energy += 0.5 * product(stress, strain) + product(element.linear, strain) + element.constant;
-    Matrix3 first;  // V times the first Piola-Kirchhoff stress
-    first.col(0) = stress[0] * f.col(0) + stress[5] * f.col(1) + stress[4] * f.col(2);
-    first.col(1) = stress[5] * f.col(0) + stress[1] * f.col(1) + stress[3] * f.col(2);
-    first.col(2) = stress[4] * f.col(0) + stress[3] * f.col(1) + stress[2] * f.col(2);
-    Vector3 rest = Vector3::Zero();
-    for (std::size_t k = 1; k < 4; ++k) {
-      const Vector3 force = first * element.shape[k];
-      gradient.segment<3>(3 * element.nodes[k]) += force;
-      rest += force;
-    }
-    gradient.segment<3>(3 * element.nodes[0]) -= rest;
-  }
-  return energy;
-}
-
 // With dF = sum dx_a b_a^T, the second derivative of K E:E + 2 M:E is
 //   sum_ab dx_a . [ (b_a . S b_b) 1 + K ((b_a . b_b) F F^T + (F b_b)(F b_a)^T) ] dx_b,   S = 2 (K E + M).
-void RelaxationEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+// The four b_a sum to zero, so the blocks of the nodes 1 to 3 determine those of node 0.
+double RelaxationEnergy::evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian,
+                                  Curvature curvature) const {
+  double energy = 0;
   for (std::size_t e = 0; e < elements_.size(); ++e) {
     const Element& element = elements_[e];
     const Matrix3 f = deformation_gradient(state, element);
-    const Matrix3 left = f * f.transpose();
-    Matrix3 stress = Matrix3::Zero();
-    if (curvature == Curvature::exact) {
-      const Strain strain = green_strain(f);
-      const auto at = [&](std::size_t k) { return 2 * (element.quadratic * strain[k] + element.linear[k]); };
-      stress << at(0), at(5), at(4), at(5), at(1), at(3), at(4), at(3), at(2);
+    const Strain strain = green_strain(f);
+    energy += element.quadratic * product(strain, strain) + 2 * product(element.linear, strain) + element.constant;
+    if (gradient == nullptr && hessian == nullptr) continue;
+    Matrix3 stress;  // V times the second Piola-Kirchhoff stress
+    const auto at = [&](std::size_t k) { return 2 * (element.quadratic * strain[k] + element.linear[k]); };
+    stress << at(0), at(5), at(4), at(5), at(1), at(3), at(4), at(3), at(2);
+    Matrix3 shape;
+    for (int a = 0; a < 3; ++a) shape.col(a) = element.shape[static_cast<std::size_t>(a) + 1];
+    const Matrix3 moved = f * shape;  // F b_a
+    if (gradient != nullptr) {
+      const Matrix3 forces = f * (stress * shape);
+      for (int a = 0; a < 3; ++a)
+        gradient->segment<3>(3 * element.nodes[static_cast<std::size_t>(a) + 1]) += forces.col(a);
+      gradient->segment<3>(3 * element.nodes[0]) -= forces.rowwise().sum();
     }
-    std::array<Vector3, 4> moved;  // F b_a
-    for (std::size_t a = 0; a < 4; ++a) moved[a] = f * element.shape[a];
+    if (hessian == nullptr) continue;
+    const Matrix3 left = element.quadratic * f * f.transpose();
     Clique<4>::Hessian local;
-    for (std::size_t a = 0; a < 4; ++a) {
-      for (std::size_t b = 0; b <= a; ++b) {
+    std::array<Matrix3, 3> of_first;  // blocks (a, 0)
+    of_first.fill(Matrix3::Zero());
+    for (int a = 0; a < 3; ++a) {
+      for (int b = 0; b <= a; ++b) {
         Matrix3 block =
-            element.quadratic * (element.shape[a].dot(element.shape[b]) * left + moved[b] * moved[a].transpose());
-        if (curvature == Curvature::exact) block.diagonal().array() += element.shape[a].dot(stress * element.shape[b]);
-        local.block<3, 3>(3 * static_cast<int>(a), 3 * static_cast<int>(b)) = block;
+            shape.col(a).dot(shape.col(b)) * left + (element.quadratic * moved.col(b)) * moved.col(a).transpose();
+        if (curvature == Curvature::exact) block.diagonal().array() += shape.col(a).dot(stress * shape.col(b));
+        local.block<3, 3>(3 * a + 3, 3 * b + 3) = block;
+        of_first[static_cast<std::size_t>(a)] -= block;
+        if (a != b) of_first[static_cast<std::size_t>(b)] -= block.transpose();
       }
     }
-    blocks_[e].add(hessian, local);
+    for (int a = 0; a < 3; ++a) local.block<3, 3>(3 * a + 3, 0) = of_first[static_cast<std::size_t>(a)];
+    local.block<3, 3>(0, 0) = -(of_first[0] + of_first[1] + of_first[2]);
+    blocks_[e].add(*hessian, local);
   }
+  return energy;
+}
+
+double RelaxationEnergy::value(const State& state) const {
+  return evaluate(state, nullptr, nullptr, Curvature::projected);
+}
+
+double RelaxationEnergy::add_gradient(const State& state, VectorX& gradient) const {
+  return evaluate(state, &gradient, nullptr, Curvature::projected);
+}
+
+void RelaxationEnergy::add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const {
+  evaluate(state, nullptr, &hessian, curvature);
+}
+
+double RelaxationEnergy::add_all(const State& state, VectorX& gradient, BlockMatrix& hessian,
+                                 Curvature curvature) const {
+  return evaluate(state, &gradient, &hessian, curvature);
 }
 
 void RelaxationEnergy::end_step(State& state) {

@@ -60,11 +60,14 @@ class RelaxationEnergy final : public EnergyWithMemory<RelaxationEnergy> {
   double value(const State& state) const override;
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
+  double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
   void end_step(State& state) override;
   /// Stored: the springs. Damping: the heat of the dampers, for a strain that changes evenly within the step.
   EnergyFlow flow(double start, double end, double taken) const override;
 
  private:
+  /// Returns the energy. Adds to what is not null.
+  double evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const;
   using Strain = std::array<double, 6>;
   struct Element {
     std::array<std::int32_t, 4> nodes{};

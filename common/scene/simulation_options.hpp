@@ -14,7 +14,7 @@ struct RelaxationOptions {
   using Branches = std::array<double, 3>;
   bool active = false;
   Branches time_constants{0.004, 0.07, 1.4};
-  Branches pulp{0.5, 0.5, 0.5}, palm{0.5, 0.5, 0.5}, back{0.5, 0.5, 0.5}, knuckle{0.5, 0.5, 0.5};
+  Branches pulp{0.5, 0.5, 0.5}, palm{}, back{}, knuckle{};
 };
 
 inline void describe(OptionVisitor& v, RelaxationOptions& o) {
