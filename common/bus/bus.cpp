@@ -1,17 +1,12 @@
 #include "bus/bus.hpp"
 
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
-#include <fastrtps/utils/md5.h>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
-#include <sys/random.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <chrono>
-#include <condition_variable>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -24,25 +19,21 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/ContentFilteredTopic.hpp>
-#include <fastdds/dds/topic/IContentFilter.hpp>
-#include <fastdds/dds/topic/IContentFilterFactory.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
 #include <mutex>
 #include <optional>
-#include <random>
 #include <set>
-#include <span>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "bus/admission.hpp"
+#include "bus/clock_exchange.hpp"
 #include "bus/host_clocks.hpp"
-#include "messages/age.hpp"
-#include "messages/convert.hpp"
-#include "messages/followed_writer.hpp"
+#include "bus/plain_type.hpp"
+#include "bus/qos.hpp"
+#include "bus/user_data.hpp"
 #include "runtime/clock.hpp"
 
 namespace softhand::bus {
@@ -52,308 +43,21 @@ namespace dds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
-/// Above this domain, the ports of the participants with ids above 33 would exceed 65535.
-constexpr int kMaxDomain = 230;
-/// Types up to this size use sample pools that are allocated at start. Larger types use buffers that grow when needed
-/// and are reused. Bytes.
-constexpr std::size_t kPooledSize = 32 * 1024;
+/// A participant's largest port is 7400 + 250 * domain + 11 + 2 * id. In the next domain, the ids that qos.cpp chooses
+/// (up to 112) would have ports above 65535.
+constexpr int kMaxDomain = 231;
 /// A writer lives at least this long after a last sample that matters. 20 ms were once too short on a machine with six
 /// busy threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
-constexpr int kOwnersDepth = 4;  ///< history depth of readers of exclusive topics
-/// A process without a sign of life for this time counts as dead. Fast DDS 2.9 checks each peer once in this period. It
-/// aborts with a failed assertion if a peer leaves at the moment of the check (PDP.cpp,
-/// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
-/// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
-constexpr int kProcessLeaseMs = 10000;
-/// First line of the user data of our participants and endpoints. Next lines of a participant: epoch, process id, host,
-/// name of the rig that the process holds, clock id. Next lines of an endpoint: epoch, hash of the type's definition,
-/// module.
-constexpr std::string_view kUserData = "softhand 1\n";
+constexpr int kOwnersDepth = 4;          ///< history depth of readers of exclusive topics
 constexpr std::size_t kMostPeers = 256;  ///< anybody on the domain can invent participants
 constexpr std::size_t kMostEndpoints = 4096;
-/// Participant ids of our processes. They say which ports a process has. Ids 0..32 belong to Cyclone's automatic
-/// participants. Without multicast, announcements go to every port of every peer, so the range is small.
-constexpr std::uint32_t kFirstId = 33;
-constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
-constexpr std::chrono::milliseconds kBeaconPeriod{100};
-/// Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
-/// the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
-/// and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
-/// secured domain are larger.
-constexpr std::uint32_t kMessageSize = 1400;
-
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
 /// out of reach. `AdmissionFilter` bounds what comes in.
 constexpr int kHistoryInstances = 100000;
-/// An instance without a sample for this time makes room for another.
-constexpr double kInstanceRest = 1;  // s
-
-Duration_t milliseconds(int ms) { return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u}; }
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error("DDS: " + what); }
-
-/// Returns a participant id, and with it a port number, that a just-killed process with the same name most likely did
-/// not have. Otherwise peers take the new process for the old one until its lease ends, and do not answer for seconds.
-/// If another process has the id, Fast DDS takes the next free one.
-std::int32_t fresh_participant_id(std::uint32_t count) {
-  static std::atomic<std::uint32_t> next = [] {
-    std::uint32_t seed = 0;
-    if (getrandom(&seed, sizeof seed, 0) != sizeof seed)
-      seed = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
-    return seed;
-  }();
-  return static_cast<std::int32_t>(kFirstId + next.fetch_add(1) % count);
-}
-
-/// Lets Fast DDS send and receive our plain structs.
-class PlainType final : public dds::TopicDataType {
- public:
-  explicit PlainType(const TypeCodec& codec) : codec_(codec) {
-    const std::size_t size = codec.max_size();
-    m_typeSize = static_cast<std::uint32_t>(size + 3);  // the payload may be padded to a multiple of 4
-    m_isGetKeyDefined = codec.max_key_size() > 0;
-    setName(codec.name);
-    // Cyclone and Fast disagree about type information. Without it, types match by name.
-    auto_fill_type_information(false);
-    auto_fill_type_object(false);
-  }
-
-  bool serialize(void* message, rtps::SerializedPayload_t* payload) override {
-    const std::size_t size = codec_.encode(message, {reinterpret_cast<std::byte*>(payload->data), payload->max_size});
-    payload->length = static_cast<std::uint32_t>(size);
-    payload->encapsulation = CDR_LE;
-    return size > 0;
-  }
-  bool deserialize(rtps::SerializedPayload_t* payload, void* received) override {
-    codec_.decode({reinterpret_cast<const std::byte*>(payload->data), payload->length}, received);
-    return true;  // `well_formed` in the sample reports errors; with false the sample would stay in the history
-  }
-  std::function<std::uint32_t()> getSerializedSizeProvider(void* message) override {
-    return [this, message] { return static_cast<std::uint32_t>(codec_.size(message)); };
-  }
-  void* createData() override { return codec_.create_received(); }
-  void deleteData(void* received) override { codec_.destroy_received(received); }
-  bool getKey(void* message, rtps::InstanceHandle_t* handle, bool force_md5) override {
-    if (!m_isGetKeyDefined) return false;
-    std::array<std::byte, 80> key{};
-    const std::size_t size = codec_.key(message, key);
-    std::array<std::uint8_t, 16> hash{};
-    if (force_md5 || codec_.max_key_size() > 16) {
-      MD5 md5;
-      md5.init();
-      md5.update(reinterpret_cast<unsigned char*>(key.data()), static_cast<unsigned int>(size));
-      md5.finalize();
-      std::memcpy(hash.data(), md5.digest, hash.size());
-    } else {
-      std::memcpy(hash.data(), key.data(), size);
-    }
-    for (std::size_t i = 0; i < hash.size(); ++i) handle->value[i] = hash[i];
-    return true;
-  }
-  bool is_bounded() const override { return false; }  // with true, the readers' buffers could not grow, see ReaderImpl
-  bool is_plain() const override { return false; }
-
- private:
-  const TypeCodec& codec_;
-};
-
-// The interfaces of Fast DDS have no virtual destructors. Nobody deletes through them.
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wnon-virtual-dtor"
-
-/// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Samples about other
-/// hands stay outside if the reader is about one hand. Anybody on the domain can invent instances (users, module
-/// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
-/// many. A new instance takes the place of one that rests. The filter refuses streams of hosts whose clock is not
-/// known. On topics with one writer it follows one writer of each instance, and refuses stamps that are not usable.
-/// Fast DDS 2.9 does not tell a filter who wrote a sample. So the epoch in the sample stands for the writer.
-class AdmissionFilter final : public dds::IContentFilter {
- public:
-  AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only,
-                  const HostClocks& clocks)
-      : codec_(codec),
-        received_(codec.create_received()),
-        share_(static_cast<std::size_t>(row.max_instances)),
-        has_one_writer_(row.writers == Writers::one),
-        is_stream_(row.writers != Writers::any),
-        clocks_(clocks),
-        clock_id_(clock_id()) {
-    admitted_.reserve(2 * share_);
-    if (only) {
-      EncodeKey key;
-      key(*only);
-      only_ = hash_of(std::span(key.bytes).first(key.size));
-    }
-  }
-  ~AdmissionFilter() { codec_.destroy_received(received_); }
-  AdmissionFilter(const AdmissionFilter&) = delete;
-  AdmissionFilter& operator=(const AdmissionFilter&) = delete;
-
-  /// DDS calls it under the lock of the reader.
-  bool evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const override {
-    codec_.decode({reinterpret_cast<const std::byte*>(payload.data), payload.length}, received_);
-    if (!codec_.is_well_formed(received_)) return true;  // `take_next` counts it
-    std::array<std::byte, 80> bytes{};
-    const std::size_t size = codec_.key(received_, bytes);
-    const Key key = hash_of(std::span(bytes).first(size));
-    if (only_ && key != *only_) return false;
-    Stamp& stamp = codec_.stamp(received_);
-    const Nanoseconds time = now();
-    const bool is_local = clocks_.to_local(stamp);
-    if ((is_stream_ && !is_local) || (has_one_writer_ && !is_usable(stamp, time, clock_id_))) {
-      refused_stamp_.fetch_add(1, std::memory_order_relaxed);
-      return false;
-    }
-    Admitted* place = place_of(key, stamp.epoch, time);
-    if (place == nullptr) {
-      crowded_.fetch_add(1, std::memory_order_relaxed);
-      return false;
-    }
-    if (has_one_writer_ && !place->followed.accept(stamp, time)) {
-      second_epoch_.store(stamp.epoch, std::memory_order_relaxed);
-      second_writer_.fetch_add(1, std::memory_order_relaxed);
-      return false;
-    }
-    place->writer = stamp.epoch;
-    place->last = time;
-    return true;
-  }
-  void count(ReaderCounters& out) const {
-    out.crowded = crowded_.load(std::memory_order_relaxed);
-    out.refused_stamp = refused_stamp_.load(std::memory_order_relaxed);
-    out.second_writer = second_writer_.load(std::memory_order_relaxed);
-    out.second_epoch = second_epoch_.load(std::memory_order_relaxed);
-  }
-
- private:
-  using EncodeKey = detail::EncodeKey;
-  using Key = std::array<std::uint8_t, 16>;  // the key itself, or its MD5 if it is longer
-  struct Admitted {
-    Key key;
-    std::uint64_t writer;
-    Nanoseconds last;
-    FollowedWriter followed{};
-  };
-
-  static Key hash_of(std::span<const std::byte> bytes) {
-    Key key{};
-    if (bytes.size() <= key.size()) {
-      std::memcpy(key.data(), bytes.data(), bytes.size());
-      return key;
-    }
-    std::array<std::byte, 80> copy{};
-    std::memcpy(copy.data(), bytes.data(), bytes.size());
-    MD5 md5;
-    md5.init();
-    md5.update(reinterpret_cast<unsigned char*>(copy.data()), static_cast<unsigned int>(bytes.size()));
-    md5.finalize();
-    std::memcpy(key.data(), md5.digest, key.size());
-    return key;
-  }
-
-  // The place of the instance. Null if there is none.
-  Admitted* place_of(const Key& key, std::uint64_t writer, Nanoseconds time) const {
-    std::size_t of_writer = 0;
-    Admitted* oldest = nullptr;
-    Admitted* oldest_of_writer = nullptr;
-    for (Admitted& entry : admitted_) {
-      if (entry.key == key) return &entry;
-      if (oldest == nullptr || entry.last < oldest->last) oldest = &entry;
-      if (entry.writer != writer) continue;
-      ++of_writer;
-      if (oldest_of_writer == nullptr || entry.last < oldest_of_writer->last) oldest_of_writer = &entry;
-    }
-    const Admitted entry{key, writer, time};
-    Admitted* place = of_writer >= share_ ? oldest_of_writer : admitted_.size() >= 2 * share_ ? oldest : nullptr;
-    if (place == nullptr) return &admitted_.emplace_back(entry);
-    if (age_of(place->last, time).value_or(0) <= kInstanceRest) return nullptr;
-    *place = entry;
-    return place;
-  }
-
-  const TypeCodec& codec_;
-  void* received_;
-  std::size_t share_;
-  bool has_one_writer_;
-  bool is_stream_;
-  const HostClocks& clocks_;
-  std::uint32_t clock_id_;  // of this host
-  std::optional<Key> only_;
-  mutable std::vector<Admitted> admitted_;
-  mutable std::atomic<std::uint64_t> crowded_ = 0;
-  mutable std::atomic<std::uint64_t> refused_stamp_ = 0;
-  mutable std::atomic<std::uint64_t> second_writer_ = 0;
-  mutable std::atomic<std::uint64_t> second_epoch_ = 0;
-};
-
-/// Makes the filters of a participant known to Fast DDS.
-class AdmissionFilters final : public dds::IContentFilterFactory {
- public:
-  /// Other participants would use a filter of a name that they know already when they send.
-  AdmissionFilters() : name_("softhand-filter-" + std::to_string(std::random_device()())) {}
-  const char* name() const { return name_.c_str(); }
-
-  dds::ContentFilteredTopic* topic(dds::DomainParticipant& participant, dds::Topic* topic, AdmissionFilter& filter) {
-    const std::lock_guard lock(mutex_);
-    requested_ = &filter;
-    requesting_thread_ = std::this_thread::get_id();
-    auto* filtered = participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic,
-                                                             "filter", {}, name());
-    requesting_thread_ = std::thread::id();
-    return filtered;
-  }
-  /// A writer of the same participant asks for a filter, too. It sends everything.
-  ReturnCode_t create_content_filter(const char*, const char*, const dds::TopicDataType*, const char*,
-                                     const ParameterSeq&, dds::IContentFilter*& filter) override {
-    filter = requesting_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(requested_)
-                                                                     : &everything_;
-    return ReturnCode_t::RETCODE_OK;
-  }
-  ReturnCode_t delete_content_filter(const char*, dds::IContentFilter*) override { return ReturnCode_t::RETCODE_OK; }
-
- private:
-  struct Everything final : dds::IContentFilter {
-    bool evaluate(const SerializedPayload&, const FilterSampleInfo&, const GUID_t&) const override { return true; }
-  };
-  std::string name_;
-  std::mutex mutex_;
-  AdmissionFilter* requested_ = nullptr;
-  std::atomic<std::thread::id> requesting_thread_{};
-  std::uint64_t count_ = 0;
-  Everything everything_;
-};
-
-#pragma GCC diagnostic pop
-
-template <typename Qos>
-void apply(Qos& qos, const TopicRow& row) {
-  qos.reliability().kind =
-      row.reliability == Reliability::reliable ? dds::RELIABLE_RELIABILITY_QOS : dds::BEST_EFFORT_RELIABILITY_QOS;
-  qos.durability().kind = row.durability == Durability::transient_local ? dds::TRANSIENT_LOCAL_DURABILITY_QOS
-                                                                        : dds::VOLATILE_DURABILITY_QOS;
-  qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = row.depth;
-  if (row.deadline_ms > 0) qos.deadline().period = milliseconds(row.deadline_ms);
-  if (row.liveliness_ms > 0) {
-    qos.liveliness().kind = dds::AUTOMATIC_LIVELINESS_QOS;
-    qos.liveliness().lease_duration = milliseconds(row.liveliness_ms);
-    qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
-  }
-  if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
-  if (row.writers == Writers::strongest) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
-  qos.resource_limits().max_instances = row.max_instances;
-  qos.resource_limits().max_samples_per_instance = row.depth;
-  qos.resource_limits().max_samples = row.max_instances * row.depth;
-  qos.resource_limits().allocated_samples = std::min(row.max_instances * row.depth, 8);
-  // Data sharing is off anyway for keyed types. A killed process would leave its files in /dev/shm.
-  qos.data_sharing().off();
-}
-
-rtps::MemoryManagementPolicy memory_policy(const TypeCodec& codec) {
-  return codec.max_size() <= kPooledSize ? rtps::PREALLOCATED_MEMORY_MODE : rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-}
 
 }  // namespace
 
@@ -370,185 +74,6 @@ int domain_from_environment() {
 }
 
 namespace detail {
-
-/// What a participant of ours says about itself in its user data.
-std::string user_data_of(std::uint64_t epoch, const std::string& rig) {
-  std::array<char, 256> host{};
-  gethostname(host.data(), host.size() - 1);
-  return std::string(kUserData) + std::to_string(epoch) + "\n" + std::to_string(getpid()) + "\n" + host.data() + "\n" +
-         rig + "\n" + std::to_string(clock_id());
-}
-
-/// Without control characters, for logs: anybody on the domain can write user data.
-std::string printable(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c == 127; }, '?');
-  return text;
-}
-
-/// Empty unless the data is that of a participant of ours.
-std::optional<Peer> peer_of(const std::string& name, std::string_view data) {
-  if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
-  std::istringstream in{std::string(data.substr(kUserData.size()))};
-  Peer peer;
-  if (!(in >> peer.epoch >> peer.process_id)) return std::nullopt;
-  in.ignore();
-  std::string host, rig;
-  std::getline(in, host);
-  std::getline(in, rig);
-  in >> peer.clock_id;
-  set_text(peer.name, printable(name));
-  set_text(peer.host, printable(host));
-  set_text(peer.rig, printable(rig));
-  return peer;
-}
-
-/// What an endpoint of ours says about itself in its user data.
-struct Endpoint {
-  std::string topic, type, module;
-  std::uint64_t hash = 0;  ///< of the definition of the type
-  std::uint64_t epoch = 0;
-  bool operator==(const Endpoint&) const = default;
-};
-
-std::string user_data_of(const Endpoint& endpoint) {
-  char hash[17];
-  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(endpoint.hash));
-  return std::string(kUserData) + std::to_string(endpoint.epoch) + "\n" + hash + "\n" + endpoint.module;
-}
-
-/// Empty unless the data is that of an endpoint of ours.
-std::optional<Endpoint> endpoint_of(const std::string& topic, const std::string& type, std::string_view data) {
-  if (data.substr(0, kUserData.size()) != kUserData) return std::nullopt;
-  std::istringstream in{std::string(data.substr(kUserData.size()))};
-  Endpoint endpoint{topic, printable(type), {}};
-  if (!(in >> endpoint.epoch >> std::hex >> endpoint.hash)) return std::nullopt;
-  in.ignore();
-  std::getline(in, endpoint.module);
-  endpoint.module = printable(endpoint.module);
-  return endpoint;
-}
-
-/// Exchanges beacons with other hosts, from which `clocks` computes offsets. The reader takes the time of arrival in
-/// the thread that receives the beacon.
-class ClockExchange final : public dds::DataReaderListener {
- public:
-  ClockExchange(HostClocks& clocks, std::uint64_t epoch, dds::DataWriter* writer) : clocks_(clocks), writer_(writer) {
-    beacon_.stamp.epoch = epoch;
-    beacon_.stamp.clock_id = clock_id();
-    thread_ = std::thread([this] { run(); });
-  }
-  ~ClockExchange() override {
-    {
-      const std::lock_guard lock(mutex_);
-      stops_ = true;
-    }
-    wake_.notify_all();
-    thread_.join();
-  }
-  void on_data_available(dds::DataReader* reader) override {
-    dds::SampleInfo info;
-    while (reader->take_next_sample(&received_, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK) {
-      if (info.valid_data && received_.well_formed) clocks_.heard(received_.value, now(), wall_clock());
-    }
-  }
-
- private:
-  void run() {
-    std::unique_lock lock(mutex_);
-    while (!stops_) {
-      const WallClock wall = wall_clock();
-      beacon_.wall_offset = wall.offset;
-      beacon_.wall_uncertainty = wall.uncertainty;
-      clocks_.update(now(), beacon_.hosts);
-      ++beacon_.stamp.sequence;
-      beacon_.stamp.sample_time = beacon_.stamp.publish_time = now();
-      writer_->write(&beacon_);
-      wake_.wait_for(lock, kBeaconPeriod, [this] { return stops_; });
-    }
-  }
-
-  HostClocks& clocks_;
-  dds::DataWriter* writer_;
-  ClockBeacon beacon_;
-  Received<ClockBeacon> received_;  // of the receiving thread
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  bool stops_ = false;
-  std::thread thread_;
-};
-
-rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
-  rtps::Locator_t out;
-  out.kind = LOCATOR_KIND_UDPv4;
-  rtps::IPLocator::setIPv4(out, address);
-  out.port = port;
-  return out;
-}
-
-/// Sets transport and discovery of a participant.
-void apply_network(dds::DomainParticipantQos& qos, const Network& network, int domain) {
-  auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  udp->interfaceWhiteList = network.addresses;
-  udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
-  if (network.has_small_messages()) udp->maxMessageSize = kMessageSize;
-  // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
-  // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
-  // With UDP it is heard after 20 ms (worst 0.44 s).
-  qos.transport().use_builtin_transports = false;
-  qos.transport().user_transports = {udp};
-  auto& wire = qos.wire_protocol();
-  const bool multicast = network.options.multicast;
-  wire.participant_id = fresh_participant_id(multicast ? kIds : kIdsWithoutMulticast);
-  auto& discovery = wire.builtin;
-  discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
-  discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
-  if (const std::string& server = network.options.discovery_server; !server.empty()) {
-    const std::size_t colon = server.find(':');
-    // The server sends to participants of its own host on the loopback interface.
-    udp->interfaceWhiteList.push_back("127.0.0.1");
-    eprosima::fastdds::rtps::RemoteServerAttributes remote;
-    remote.ReadguidPrefix("44.53.00.5f.45.50.52.4f.53.49.4d.41");  // of `fastdds discovery -i 0`
-    remote.metatrafficUnicastLocatorList.push_back(
-        locator(server.substr(0, colon), static_cast<std::uint32_t>(std::stoul(server.substr(colon + 1)))));
-    discovery.discovery_config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
-    discovery.discovery_config.m_DiscoveryServers.push_back(remote);
-    return;
-  }
-  // A list without a multicast address makes Fast DDS listen to none.
-  if (!multicast) {
-    for (const std::string& address : network.addresses)
-      discovery.metatrafficUnicastLocatorList.push_back(locator(address));
-  }
-  // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
-  // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
-  const auto number = static_cast<std::uint32_t>(domain);
-  if (multicast) discovery.initialPeersList.push_back(locator("239.255.0.1", wire.port.getMulticastPort(number)));
-  for (const auto* list : {&network.addresses, &network.peers}) {
-    for (const std::string& address : *list) {
-      discovery.initialPeersList.push_back(locator(address));
-      // A range that is twice as long has room for ids that were taken.
-      for (std::uint32_t id = kFirstId; !multicast && id < kFirstId + 2 * kIdsWithoutMulticast; ++id)
-        discovery.initialPeersList.push_back(locator(address, wire.port.getUnicastPort(number, id)));
-    }
-  }
-}
-
-/// Gives a participant the identity of a role.
-void apply_security(dds::DomainParticipantQos& qos, const std::string& folder, const std::string& role) {
-  auto& properties = qos.properties().properties();
-  const std::string all = "file://" + folder + "/", own = all + role + "/";
-  const std::string identity = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
-  properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
-  properties.emplace_back(identity + "identity_ca", all + "authority.pem");
-  properties.emplace_back(identity + "identity_certificate", own + "certificate.pem");
-  properties.emplace_back(identity + "private_key", own + "key.pem");
-  properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
-  properties.emplace_back(access + "permissions_ca", all + "authority.pem");
-  properties.emplace_back(access + "governance", all + "governance.p7s");
-  properties.emplace_back(access + "permissions", own + "permissions.p7s");
-  properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
-}
 
 class ParticipantImpl final : public dds::DomainParticipantListener {
  public:

@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "device/health.hpp"
+#include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/scheduling.hpp"
 
@@ -176,6 +177,7 @@ class Intake::Impl {
   }
   ArrivalQueue& queue() { return queue_; }
   bool connected() const { return has_datagrams_ || connections_ > 0; }
+  bool has_streams() const { return !listeners_.empty() || !ports_.empty(); }
   Counters counters() const {
     const std::uint64_t opened = opened_;
     return {connections_,         opened > 0 ? opened - first_ : 0,     refused_size_, refused_cut_,
@@ -403,6 +405,14 @@ void Intake::open_serial(const std::string& path, std::int64_t baud, char end) {
 void Intake::start() { impl_->start(); }
 bool Intake::connected() const { return impl_->connected(); }
 Intake::Counters Intake::counters() const { return impl_->counters(); }
+void Intake::fill_status(LoopStatus& status) const {
+  const Counters now = counters();
+  add_counter(status, "passed_over", static_cast<double>(now.passed_over));
+  if (!impl_->has_streams()) return;
+  add_counter(status, "connections", static_cast<double>(now.connections));
+  add_counter(status, "reconnects", static_cast<double>(now.reconnects));
+  add_counter(status, "refused_cut", static_cast<double>(now.refused_cut));
+}
 void Intake::send(std::uint64_t connection, std::string_view bytes) { impl_->send(connection, bytes); }
 ArrivalQueue& Intake::queue() { return impl_->queue(); }
 

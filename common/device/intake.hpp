@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "device/arrival_queue.hpp"
+#include "messages/messages.hpp"
 
 namespace softhand {
 
@@ -20,11 +21,13 @@ class Intake {
     std::uint64_t refused_cut = 0;   ///< packets without an end when their connection closed
     std::uint64_t passed_over = 0;   ///< dropped because they were not taken in time
     std::uint64_t superseded = 0;    ///< packets of `send` that a newer one replaced before the device took them
+    std::uint64_t refused() const { return refused_size + refused_cut; }
   };
 
+  static constexpr std::size_t kDefaultSlots = 64;
   /// `largest`: bytes of a packet. Larger ones are refused. `slots`: packets that can wait for `take`, for devices that
   /// send many at once.
-  explicit Intake(std::size_t largest, std::size_t slots = 64);
+  explicit Intake(std::size_t largest, std::size_t slots = kDefaultSlots);
   ~Intake();
 
   /// Any number of these, each before `start`. A packet is a datagram, or the bytes of a stream up to `end`. The
@@ -51,6 +54,9 @@ class Intake {
   /// False if no packet can arrive now: nothing listens to UDP, and nothing is connected.
   bool connected() const;
   Counters counters() const;
+  /// Adds passed_over, and for streams also connections, reconnects and refused_cut. refused_size belongs to the
+  /// decoder's refusals (device/refusals.hpp). Does not allocate.
+  void fill_status(LoopStatus& status) const;
 
  private:
   class Impl;

@@ -341,7 +341,7 @@ struct MessageReply {
   std::array<char, 128> text{};
 };
 
-inline constexpr std::size_t kMaxCounters = 24;
+inline constexpr std::size_t kMaxCounters = 32;
 inline constexpr std::size_t kMaxEnergyTerms = 12;
 inline constexpr std::size_t kMaxLedgerRows = 12;
 struct NamedValue {

@@ -9,7 +9,8 @@ target_compile_definitions(softhand_rig_harness PUBLIC SOFTHAND_PROGRAMS="${PROJ
 if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
   return()
 endif()
-add_executable(test_rig ${CMAKE_CURRENT_LIST_DIR}/rig_test.cpp)
+add_executable(test_rig ${CMAKE_CURRENT_LIST_DIR}/rig_test.cpp ${CMAKE_CURRENT_LIST_DIR}/rig_processes_test.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/rig_swap_test.cpp)
 target_link_libraries(test_rig PRIVATE softhand_options softhand_rig_harness softhand_runtime GTest::gtest
   GTest::gtest_main)
 target_compile_definitions(test_rig PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")

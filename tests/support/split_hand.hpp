@@ -9,6 +9,7 @@
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "support/moving_hand.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/recording.hpp"
 
@@ -21,8 +22,8 @@ inline std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(jo
 
 /// The recorded Quest hand, or a generated motion on a machine without it.
 inline std::shared_ptr<const Motion> quest_hand() {
-  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
-  if (std::filesystem::exists(path)) return std::make_shared<Recording>(Recording::load(path));
+  if (std::filesystem::exists(recorded_hand_path()))
+    return std::make_shared<Recording>(Recording::load(recorded_hand_path()));
   std::printf("no recording; a generated motion instead\n");
   GeneratorOptions options;
   options.motion = "free_motion";

@@ -199,6 +199,18 @@ int connected_socket(int type, std::uint16_t port) {
   EXPECT_EQ(connect(number, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
   return number;
 }
+
+// An intake that takes lines by TCP, and what it received.
+struct LineIntake {
+  explicit LineIntake(std::size_t largest) : intake(largest), port(intake.listen_tcp("127.0.0.1", 0, '\n')) {
+    intake.start();
+  }
+  int connect() const { return connected_socket(SOCK_STREAM, port); }
+  Intake intake;
+  std::uint16_t port;
+  Received received{intake};
+};
+
 void send_text(int number, const std::string& text) {
   EXPECT_EQ(write(number, text.data(), text.size()), static_cast<ssize_t>(text.size()));
 }
@@ -219,12 +231,10 @@ TEST(Intake, ReceivesDatagramsAndRefusesLargeOnes) {
 }
 
 TEST(Intake, JoinsAndSplitsTheLinesOfAStream) {
-  Intake intake(8);
-  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
-  intake.start();
+  LineIntake lines(8);
+  auto& [intake, port, received] = lines;
   EXPECT_FALSE(intake.connected());
-  Received received(intake);
-  int peer = connected_socket(SOCK_STREAM, port);
+  int peer = lines.connect();
   for (const char* part : {"a", "b", "c\nde\n\nf", "g\n", "12345", "6789", "0\nlast\ncut"}) {
     send_text(peer, part);
     std::this_thread::sleep_for(5ms);
@@ -238,7 +248,7 @@ TEST(Intake, JoinsAndSplitsTheLinesOfAStream) {
   EXPECT_EQ(intake.counters().refused_cut, 1u);
   EXPECT_EQ(intake.counters().reconnects, 0u);
 
-  peer = connected_socket(SOCK_STREAM, port);
+  peer = lines.connect();
   send_text(peer, "again\n");
   ASSERT_TRUE(received.count(6));
   EXPECT_EQ(received.packets.back(), "again");
@@ -248,13 +258,11 @@ TEST(Intake, JoinsAndSplitsTheLinesOfAStream) {
 }
 
 TEST(Intake, TheOldestOfTooManyConnectionsIsClosed) {
-  Intake intake(8);
-  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
-  intake.start();
-  Received received(intake);
+  LineIntake lines(8);
+  auto& [intake, port, received] = lines;
   std::vector<int> peers;
   for (std::size_t i = 1; i <= 17; ++i) {
-    peers.push_back(connected_socket(SOCK_STREAM, port));
+    peers.push_back(lines.connect());
     send_text(peers.back(), "x\n");
     ASSERT_TRUE(received.count(i));
   }
@@ -331,14 +339,12 @@ std::string receive_line(int number) {
 }
 
 TEST(Intake, SendsToOneConnectionOrToAll) {
-  Intake intake(32);
-  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
-  intake.start();
-  Received received(intake);
-  const int first = connected_socket(SOCK_STREAM, port);
+  LineIntake lines(32);
+  auto& [intake, port, received] = lines;
+  const int first = lines.connect();
   send_text(first, "1\n");
   ASSERT_TRUE(received.count(1));
-  const int second = connected_socket(SOCK_STREAM, port);
+  const int second = lines.connect();
   send_text(second, "2\n");
   ASSERT_TRUE(received.count(2));
   intake.send(received.connections[1], "to the second\n");
@@ -359,11 +365,9 @@ TEST(Intake, SendsToOneConnectionOrToAll) {
 
 // A device that takes nothing for a while gets whole packets, and the newest one last.
 TEST(Intake, OnlyTheNewestPacketWaitsForASlowDevice) {
-  Intake intake(1024);
-  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
-  intake.start();
-  Received received(intake);
-  const int peer = connected_socket(SOCK_STREAM, port);
+  LineIntake lines(1024);
+  auto& [intake, port, received] = lines;
+  const int peer = lines.connect();
   send_text(peer, "1\n");
   ASSERT_TRUE(received.count(1));
   int sent = 0;
@@ -374,14 +378,14 @@ TEST(Intake, OnlyTheNewestPacketWaitsForASlowDevice) {
   ASSERT_GE(intake.counters().superseded, 20u);
   std::this_thread::sleep_for(20ms);  // the queue is empty
   intake.send(0, "newest\n");
-  int lines = 0;
-  for (std::string line; (line = receive_line(peer)) != "newest"; ++lines) {
+  int count = 0;
+  for (std::string line; (line = receive_line(peer)) != "newest"; ++count) {
     ASSERT_GT(line.size(), 1000u);
     ASSERT_EQ(line.find_first_not_of('x'), 1000u);
     ASSERT_EQ(line.find('x', 1000), std::string::npos);
   }
-  EXPECT_GT(lines, 1);
-  EXPECT_LT(lines, sent - 10);
+  EXPECT_GT(count, 1);
+  EXPECT_LT(count, sent - 10);
   close(peer);
 }
 
@@ -401,11 +405,9 @@ TEST(Intake, WritesItsLastPacketAtTheEnd) {
 }
 
 TEST(Intake, SendingDoesNotAllocate) {
-  Intake intake(64);
-  const std::uint16_t port = intake.listen_tcp("127.0.0.1", 0, '\n');
-  intake.start();
-  Received received(intake);
-  const int peer = connected_socket(SOCK_STREAM, port);
+  LineIntake lines(64);
+  auto& [intake, port, received] = lines;
+  const int peer = lines.connect();
   send_text(peer, "1\n");
   ASSERT_TRUE(received.count(1));
   const std::string text = std::string(63, 'x') + "\n";

@@ -20,6 +20,7 @@
 #include "scene_file.hpp"
 #include "support/block_hand.hpp"
 #include "support/count_allocations.hpp"
+#include "support/counters.hpp"
 #include "support/shapes.hpp"
 #include "support/skeleton.hpp"
 #include "unit/world_objects.hpp"
@@ -357,9 +358,7 @@ TEST(WorldRestore, ASleepingObjectSleepsOn) {
   const auto asleep = [&loop] {
     LoopStatus status;
     loop.fill_status(status, 0);
-    for (const NamedValue& counter : status.counters)
-      if (get_text(counter.name) == "asleep") return counter.value;
-    return -1.0;
+    return testing::counter_of(status, "asleep");
   };
   int i = 0;
   while (i < 5000 && asleep() < 1) loop.step(kStart + Nanoseconds{++i} * 4'000'000, {});

@@ -11,12 +11,15 @@
 
 #include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
+#include "support/counters.hpp"
+#include "support/moving_hand.hpp"
 #include "trackers/osc/performer.hpp"
 #include "trackers/osc/simulated_performer.hpp"
-#include "trackers/replay/recording.hpp"
 
 namespace softhand {
 namespace {
+
+using testing::Deviations;
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
 
@@ -40,12 +43,11 @@ class Osc : public ::testing::Test {
   void send(const std::vector<std::string>& packets) {
     for (const std::string& packet : packets) send(packet);
   }
+  Deviations follow(const testing::MovingHand& moving);
   double refused(const std::string& name) const {
     LoopStatus status;
     decoder_.refusals().fill_status(status, 0);
-    for (const NamedValue& counter : status.counters)
-      if (get_text(counter.name) == "refused_" + name) return counter.value;
-    return -1;
+    return testing::counter_of(status, "refused_" + name);
   }
   std::vector<std::string> frame(double time = 1) const {
     return performer_frame(time, {Vector3(0.3, 0, -0.2), Quaternion(Eigen::AngleAxisd(1, Vector3::UnitY()))},
@@ -142,32 +144,33 @@ TEST_F(Osc, APerformersFrameIsTwoHandsAndAHead) {
   EXPECT_EQ(decoder_.refusals().total(), 0u);
 }
 
-TEST_F(Osc, FollowsARecordedHand) {
-  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
-  const Recording recording = Recording::load(path);
-  PerformerDecoder decoder(fitted(hand_, measure_skeleton(recording.frames(), recording.radii())), OscOptions{});
-  std::vector<double> distances, turns;
-  for (const JointFrames& real : recording.frames()) {
-    const auto packet = osc_bundle(performer_frame(0, Pose{}, Pose{}, {real, real}));
+Deviations Osc::follow(const testing::MovingHand& moving) {
+  PerformerDecoder decoder(moving.hand, OscOptions{});
+  Deviations deviations;
+  for (const JointFrames& sent : moving.frames) {
+    const auto packet = osc_bundle(performer_frame(0, Pose{}, Pose{}, {sent, sent}));
     arrival_ += kMillisecond;
     decoder.take({packet, arrival_, 0, false}, sink_);
-    for (std::size_t j = 1; j < kJointCount; ++j) {
-      const Pose seen = softhand::to_pose(sink_.hands[1].joints[j]);
-      distances.push_back(1e3 * (seen.position - real[j].position).norm());
-      turns.push_back(seen.orientation.angularDistance(real[j].orientation) * 180 / M_PI);
-    }
+    for (std::size_t j = 0; j < kJointCount; ++j)
+      deviations.add(j, softhand::to_pose(sink_.hands[1].joints[j]), sent[j]);
   }
-  std::sort(distances.begin(), distances.end());
-  std::sort(turns.begin(), turns.end());
-  const auto quantile = [](const std::vector<double>& sorted, double q) {
-    return sorted[static_cast<std::size_t>(q * static_cast<double>(sorted.size() - 1))];
-  };
-  std::printf("median %.2f mm, 99 %% below %.2f mm; median %.1f, 99 %% below %.1f degrees\n", quantile(distances, 0.5),
-              quantile(distances, 0.99), quantile(turns, 0.5), quantile(turns, 0.99));
-  EXPECT_LT(quantile(distances, 0.5), 1);
-  EXPECT_LT(quantile(distances, 0.99), 18);
-  EXPECT_LT(quantile(turns, 0.5), 3);
+  EXPECT_EQ(decoder.refusals().total(), 0u);
+  deviations.print("performer");
+  return deviations;
+}
+
+TEST_F(Osc, FollowsAGeneratedHand) {
+  Deviations deviations = follow(testing::generated_hand(hand_));
+  EXPECT_LT(deviations.distance(1), 0.01);
+  EXPECT_LT(deviations.turn(1), 0.1);
+}
+
+TEST_F(Osc, FollowsARecordedHand) {
+  if (!std::filesystem::exists(testing::recorded_hand_path())) GTEST_SKIP() << "no " << testing::recorded_hand_path();
+  Deviations deviations = follow(testing::recorded_hand(hand_));
+  EXPECT_LT(deviations.distance(0.5), 1);
+  EXPECT_LT(deviations.distance(0.99), 18);
+  EXPECT_LT(deviations.turn(0.5), 3);
 }
 
 TEST_F(Osc, AFrameWithoutSomeBonesIsRefused) {

@@ -5,9 +5,12 @@
 
 #include <cmath>
 #include <filesystem>
+#include <iomanip>
+#include <memory>
 #include <sstream>
 
 #include "messages/convert.hpp"
+#include "support/moving_hand.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 #include "unit/opposing_hand.hpp"
 
@@ -78,9 +81,8 @@ TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
 }
 
 TEST(Recording, RecordedHandHasConstantBoneLengths) {
-  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
-  const Recording recording = Recording::load(path);
+  if (!std::filesystem::exists(testing::recorded_hand_path())) GTEST_SKIP() << "no " << testing::recorded_hand_path();
+  const Recording recording = Recording::load(testing::recorded_hand_path());
   EXPECT_EQ(recording.frames().size(), 756u);
   EXPECT_NEAR(recording.start(), 20.4612, 1e-9);
   double sum = 0, square = 0;
@@ -93,21 +95,39 @@ TEST(Recording, RecordedHandHasConstantBoneLengths) {
   const double mean = sum / 756;
   EXPECT_NEAR(mean, 0.040, 0.005);
   EXPECT_LT(std::sqrt(square / 756 - mean * mean), 0.9e-3);
-  // The tracker plays every frame at its own time.
-  ReplayTracker tracker(std::make_shared<Recording>(recording), {}, {});
-  Skeleton sample;
-  std::size_t count = 0;
-  for (Nanoseconds now = 0; now < 8'600 * kMillisecond; now += kMillisecond) {
-    if (!tracker.sample(now, sample)) continue;
-    if (count < recording.frames().size()) {
-      EXPECT_EQ(to_vector(sample.joints[1].position),
-                recording.frames()[static_cast<std::size_t>(sample.stamp.sequence - 1)][1].position);
-      EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9,
-                  recording.times()[static_cast<std::size_t>(sample.stamp.sequence - 1)], 1e-9);
+}
+
+// Written with every digit at uneven times, as a headset's frames come. The hand moves in each frame.
+TEST(Recording, TheTrackerPlaysEveryFrameAtItsOwnTime) {
+  const std::shared_ptr<const Motion> motion = testing::free_motion();
+  std::ostringstream text;
+  text << csv_header() << std::setprecision(17);
+  for (int i = 0; i < 200; ++i) {
+    const double time = 0.011 * i + (i % 3 == 1 ? 0.002 : 0);
+    text << 20 + time;
+    for (std::size_t j = 1; j < kJointCount; ++j) {
+      const Pose joint = motion->at(time)[j];
+      for (const double x : joint.position) text << "," << x;
+      for (const double x : joint.orientation.coeffs()) text << "," << x;
+      text << ",0.01";
     }
-    ++count;
+    text << "\n";
   }
-  EXPECT_GE(count, 750u);
+  std::istringstream in(text.str());
+  const auto recording = std::make_shared<Recording>(Recording::parse(in, "hand.csv"));
+  ASSERT_EQ(recording->frames().size(), 200u);
+  ReplayTracker tracker(recording, {}, {});
+  Skeleton sample;
+  std::size_t played = 0;
+  for (Nanoseconds now = 0; now < 2'500 * kMillisecond && played < 200; now += kMillisecond) {
+    if (!tracker.sample(now, sample)) continue;
+    ASSERT_EQ(sample.stamp.sequence, played + 1);
+    EXPECT_LT((to_vector(sample.joints[1].position) - motion->at(recording->times()[played])[1].position).norm(),
+              1e-12);
+    EXPECT_NEAR(static_cast<double>(sample.stamp.sample_time) * 1e-9, recording->times()[played], 1e-9);
+    ++played;
+  }
+  EXPECT_EQ(played, 200u);
 }
 
 }  // namespace

@@ -14,11 +14,14 @@
 
 #include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
-#include "trackers/replay/recording.hpp"
+#include "support/counters.hpp"
+#include "support/moving_hand.hpp"
 #include "trackers/streamer/simulated_streamer.hpp"
 
 namespace softhand {
 namespace {
+
+using testing::Deviations;
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
 
@@ -60,12 +63,11 @@ class Streamer : public ::testing::Test {
       begin = end + 1;
     }
   }
+  Deviations follow(const testing::MovingHand& moving);
   double refused(const std::string& name) const {
     LoopStatus status;
     decoder_.refusals().fill_status(status, 0);
-    for (const NamedValue& counter : status.counters)
-      if (get_text(counter.name) == "refused_" + name) return counter.value;
-    return -1;
+    return testing::counter_of(status, "refused_" + name);
   }
   Vector3 place(Joint joint) const { return to_vector(sink_.newest.joints[at(joint)].position); }
 
@@ -112,49 +114,45 @@ TEST_F(Streamer, OnlyALittleFingerFromItsMetacarpalIsMended) {
   EXPECT_LT((shifted[20] - rest[20]).norm(), 0.006);
 }
 
-// The recorded Quest hand as the app would send it. Its errors are those of 21 landmarks (socket_trackers_test.cpp) and
-// of the app's decimals.
-TEST_F(Streamer, FollowsARecordedHandOnBothSides) {
-  const std::string path = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "skipped: no data";
-  const Recording recording = Recording::load(path);
-  const HandModel fitted_hand = fitted(hand_, measure_skeleton(recording.frames(), recording.radii()));
-  StreamerDecoder decoder(fitted_hand);
+// A hand in motion as the app would send it, on both sides. Its errors are those of 21 landmarks
+// (socket_trackers_test.cpp) and of the app's decimals.
+Deviations Streamer::follow(const testing::MovingHand& moving) {
+  Deviations deviations;
+  StreamerDecoder decoder(moving.hand);
   for (const Side side : {Side::right, Side::left}) {
-    std::vector<double> distances, turns, wrists;
-    for (const JointFrames& recorded : recording.frames()) {
-      JointFrames real = recorded;
+    for (const JointFrames& frame : moving.frames) {
+      JointFrames sent = frame;
       if (side == Side::left) {
-        for (Pose& joint : real) {
+        for (Pose& joint : sent) {
           joint.position.x() *= -1;
           joint.orientation =
               Quaternion(joint.orientation.w(), joint.orientation.x(), -joint.orientation.y(), -joint.orientation.z());
         }
       }
       arrival_ += 11 * kMillisecond;
-      decoder.take({streamer_hand(side, real), arrival_, 0, false}, sink_);
-      for (std::size_t j = 1; j < kJointCount; ++j) {
-        const Pose seen = to_pose(sink_.newest.joints[j]);
-        distances.push_back(1e3 * (seen.position - real[j].position).norm());
-        turns.push_back(seen.orientation.angularDistance(real[j].orientation) * 180 / M_PI);
-        if (j == 1) wrists.push_back(turns.back());
-      }
+      decoder.take({streamer_hand(side, sent), arrival_, 0, false}, sink_);
+      for (std::size_t j = 0; j < kJointCount; ++j) deviations.add(j, to_pose(sink_.newest.joints[j]), sent[j]);
     }
-    const auto quantile = [](std::vector<double>& values, double q) {
-      std::sort(values.begin(), values.end());
-      return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
-    };
-    std::printf(
-        "side %d: median %.2f mm, 99 %% below %.2f mm; median %.1f, 99 %% below %.1f degrees; wrist %.1f, %.1f\n",
-        static_cast<int>(side), quantile(distances, 0.5), quantile(distances, 0.99), quantile(turns, 0.5),
-        quantile(turns, 0.99), quantile(wrists, 0.5), quantile(wrists, 0.99));
-    EXPECT_LT(quantile(distances, 0.5), 0.8);
-    EXPECT_LT(quantile(distances, 0.99), 11);
-    EXPECT_LT(quantile(turns, 0.5), 2.4);
-    EXPECT_LT(quantile(turns, 0.99), 10);
     EXPECT_EQ(sink_.newest.hand.side, static_cast<std::uint32_t>(side));
   }
   EXPECT_EQ(decoder.refusals().total(), 0u);
+  deviations.print("streamer");
+  return deviations;
+}
+
+TEST_F(Streamer, FollowsAGeneratedHandOnBothSides) {
+  Deviations deviations = follow(testing::generated_hand(hand_));
+  EXPECT_LT(deviations.distance(1), 0.5);
+  EXPECT_LT(deviations.turn(1), 0.6);
+}
+
+TEST_F(Streamer, FollowsARecordedHandOnBothSides) {
+  if (!std::filesystem::exists(testing::recorded_hand_path())) GTEST_SKIP() << "no " << testing::recorded_hand_path();
+  Deviations deviations = follow(testing::recorded_hand(hand_));
+  EXPECT_LT(deviations.distance(0.5), 0.8);
+  EXPECT_LT(deviations.distance(0.99), 11);
+  EXPECT_LT(deviations.turn(0.5), 2.4);
+  EXPECT_LT(deviations.turn(0.99), 10);
 }
 
 TEST_F(Streamer, TakesLinesOfSeveralConnections) {

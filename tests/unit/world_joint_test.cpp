@@ -10,6 +10,7 @@
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "support/counters.hpp"
 #include "unit/world_objects.hpp"
 #include "world/world_loop.hpp"
 
@@ -368,10 +369,7 @@ TEST(WorldJoint, JointedObjectsDoNotCollideAndSleepTogether) {
   EXPECT_LE((position(run.child()) - Vector3(0, 0.01, 0)).norm(), 2e-5);
   LoopStatus status;
   run.world.fill_status(status, run.steps * 4000000LL);
-  double asleep = -1;
-  for (const NamedValue& counter : status.counters)
-    if (get_text(counter.name) == "asleep") asleep = counter.value;
-  EXPECT_EQ(asleep, 1);
+  EXPECT_EQ(testing::counter_of(status, "asleep"), 1);
 }
 
 TEST(WorldJoint, TwoFreeLinksKeepTheirMomentum) {

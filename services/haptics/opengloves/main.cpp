@@ -42,15 +42,11 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
     });
   }
   SourceState state() const override {
-    const Intake::Counters counters = intake_.counters();
-    return {intake_.connected(), decoder_.refusals().total() + counters.refused_size + counters.refused_cut};
+    return {intake_.connected(), decoder_.refusals().total() + intake_.counters().refused()};
   }
   void fill_status(LoopStatus& status) const override {
-    const Intake::Counters counters = intake_.counters();
-    add_counter(status, "connections", static_cast<double>(counters.connections));
-    add_counter(status, "reconnects", static_cast<double>(counters.reconnects));
-    add_counter(status, "refused_cut", static_cast<double>(counters.refused_cut));
-    decoder_.refusals().fill_status(status, counters.refused_size);
+    intake_.fill_status(status);
+    decoder_.refusals().fill_status(status, intake_.counters().refused_size);
   }
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.blocking_force, options_.slew}; }

@@ -1,0 +1,112 @@
+#include "bus/admission.hpp"
+
+#include <array>
+#include <random>
+#include <span>
+
+#include "messages/age.hpp"
+#include "messages/convert.hpp"
+
+namespace softhand::bus::detail {
+
+namespace dds = eprosima::fastdds::dds;
+
+// An instance without a sample for this time makes room for another.
+static constexpr double kInstanceRest = 1;  // s
+
+AdmissionFilter::AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only,
+                                 const HostClocks& clocks)
+    : codec_(codec),
+      received_(codec.create_received()),
+      share_(static_cast<std::size_t>(row.max_instances)),
+      has_one_writer_(row.writers == Writers::one),
+      is_stream_(row.writers != Writers::any),
+      clocks_(clocks),
+      clock_id_(clock_id()) {
+  admitted_.reserve(2 * share_);
+  if (only) {
+    EncodeKey key;
+    key(*only);
+    only_ = key_hash(std::span(key.bytes).first(key.size));
+  }
+}
+
+bool AdmissionFilter::evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const {
+  codec_.decode({reinterpret_cast<const std::byte*>(payload.data), payload.length}, received_);
+  if (!codec_.is_well_formed(received_)) return true;  // `take_next` counts it
+  std::array<std::byte, kMostKeyBytes> bytes{};
+  const std::size_t size = codec_.key(received_, bytes);
+  const KeyHash key = key_hash(std::span(bytes).first(size));
+  if (only_ && key != *only_) return false;
+  Stamp& stamp = codec_.stamp(received_);
+  const Nanoseconds time = now();
+  const bool is_local = clocks_.to_local(stamp);
+  if ((is_stream_ && !is_local) || (has_one_writer_ && !is_usable(stamp, time, clock_id_))) {
+    refused_stamp_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  Admitted* place = place_of(key, stamp.epoch, time);
+  if (place == nullptr) {
+    crowded_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  if (has_one_writer_ && !place->followed.accept(stamp, time)) {
+    second_epoch_.store(stamp.epoch, std::memory_order_relaxed);
+    second_writer_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  place->writer = stamp.epoch;
+  place->last = time;
+  return true;
+}
+
+void AdmissionFilter::count(ReaderCounters& out) const {
+  out.crowded = crowded_.load(std::memory_order_relaxed);
+  out.refused_stamp = refused_stamp_.load(std::memory_order_relaxed);
+  out.second_writer = second_writer_.load(std::memory_order_relaxed);
+  out.second_epoch = second_epoch_.load(std::memory_order_relaxed);
+}
+
+AdmissionFilter::Admitted* AdmissionFilter::place_of(const KeyHash& key, std::uint64_t writer, Nanoseconds time) const {
+  std::size_t of_writer = 0;
+  Admitted* oldest = nullptr;
+  Admitted* oldest_of_writer = nullptr;
+  for (Admitted& entry : admitted_) {
+    if (entry.key == key) return &entry;
+    if (oldest == nullptr || entry.last < oldest->last) oldest = &entry;
+    if (entry.writer != writer) continue;
+    ++of_writer;
+    if (oldest_of_writer == nullptr || entry.last < oldest_of_writer->last) oldest_of_writer = &entry;
+  }
+  const Admitted entry{key, writer, time};
+  Admitted* place = of_writer >= share_ ? oldest_of_writer : admitted_.size() >= 2 * share_ ? oldest : nullptr;
+  if (place == nullptr) return &admitted_.emplace_back(entry);
+  if (age_of(place->last, time).value_or(0) <= kInstanceRest) return nullptr;
+  *place = entry;
+  return place;
+}
+
+// Other participants would use a filter of a name that they know already when they send.
+AdmissionFilters::AdmissionFilters() : name_("softhand-filter-" + std::to_string(std::random_device()())) {}
+
+dds::ContentFilteredTopic* AdmissionFilters::topic(dds::DomainParticipant& participant, dds::Topic* topic,
+                                                   AdmissionFilter& filter) {
+  const std::lock_guard lock(mutex_);
+  requested_ = &filter;
+  requesting_thread_ = std::this_thread::get_id();
+  auto* filtered = participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic,
+                                                           "filter", {}, name());
+  requesting_thread_ = std::thread::id();
+  return filtered;
+}
+
+AdmissionFilters::ReturnCode_t AdmissionFilters::create_content_filter(const char*, const char*,
+                                                                       const dds::TopicDataType*, const char*,
+                                                                       const ParameterSeq&,
+                                                                       dds::IContentFilter*& filter) {
+  filter = requesting_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(requested_)
+                                                                   : &everything_;
+  return ReturnCode_t::RETCODE_OK;
+}
+
+}  // namespace softhand::bus::detail

@@ -1,0 +1,154 @@
+#include "bus/qos.hpp"
+
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <sys/random.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+namespace softhand::bus::detail {
+namespace {
+
+namespace dds = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+
+// Types up to this size use sample pools that are allocated at start. Larger types use buffers that grow when needed
+// and are reused. Bytes.
+constexpr std::size_t kPooledSize = 32 * 1024;
+// A process without a sign of life for this time counts as dead. Fast DDS 2.9 checks each peer once in this period. It
+// aborts with a failed assertion if a peer leaves at the moment of the check (PDP.cpp,
+// check_remote_participant_liveliness). We saw this once in 160 tests with 2 s, so the check must be rare. Nothing
+// urgent depends on this time: streams become stale earlier, and the leases of trackers are 50 ms.
+constexpr int kProcessLeaseMs = 10000;
+// Participant ids of our processes. They say which ports a process has. Ids 0..32 belong to Cyclone's automatic
+// participants. Without multicast, announcements go to every port of every peer, so the range is small.
+constexpr std::uint32_t kFirstId = 33;
+constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
+// Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
+// the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
+// and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
+// secured domain are larger.
+constexpr std::uint32_t kMessageSize = 1400;
+
+// Returns a participant id, and with it a port number, that a just-killed process with the same name most likely did
+// not have. Otherwise peers take the new process for the old one until its lease ends, and do not answer for seconds.
+// If another process has the id, Fast DDS takes the next free one.
+std::int32_t fresh_participant_id(std::uint32_t count) {
+  static std::atomic<std::uint32_t> next = [] {
+    std::uint32_t seed = 0;
+    if (getrandom(&seed, sizeof seed, 0) != sizeof seed)
+      seed = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
+    return seed;
+  }();
+  return static_cast<std::int32_t>(kFirstId + next.fetch_add(1) % count);
+}
+
+rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
+  rtps::Locator_t out;
+  out.kind = LOCATOR_KIND_UDPv4;
+  rtps::IPLocator::setIPv4(out, address);
+  out.port = port;
+  return out;
+}
+
+template <typename Qos>
+void apply_row(Qos& qos, const TopicRow& row) {
+  qos.reliability().kind =
+      row.reliability == Reliability::reliable ? dds::RELIABLE_RELIABILITY_QOS : dds::BEST_EFFORT_RELIABILITY_QOS;
+  qos.durability().kind = row.durability == Durability::transient_local ? dds::TRANSIENT_LOCAL_DURABILITY_QOS
+                                                                        : dds::VOLATILE_DURABILITY_QOS;
+  qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = row.depth;
+  if (row.deadline_ms > 0) qos.deadline().period = milliseconds(row.deadline_ms);
+  if (row.liveliness_ms > 0) {
+    qos.liveliness().kind = dds::AUTOMATIC_LIVELINESS_QOS;
+    qos.liveliness().lease_duration = milliseconds(row.liveliness_ms);
+    qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
+  }
+  if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
+  if (row.writers == Writers::strongest) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
+  qos.resource_limits().max_instances = row.max_instances;
+  qos.resource_limits().max_samples_per_instance = row.depth;
+  qos.resource_limits().max_samples = row.max_instances * row.depth;
+  qos.resource_limits().allocated_samples = std::min(row.max_instances * row.depth, 8);
+  // Data sharing is off anyway for keyed types. A killed process would leave its files in /dev/shm.
+  qos.data_sharing().off();
+}
+
+}  // namespace
+
+void apply(dds::DataWriterQos& qos, const TopicRow& row) { apply_row(qos, row); }
+void apply(dds::DataReaderQos& qos, const TopicRow& row) { apply_row(qos, row); }
+
+rtps::MemoryManagementPolicy_t memory_policy(const TypeCodec& codec) {
+  return codec.max_size() <= kPooledSize ? rtps::PREALLOCATED_MEMORY_MODE : rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+}
+
+void apply_network(dds::DomainParticipantQos& qos, const Network& network, int domain) {
+  auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+  udp->interfaceWhiteList = network.addresses;
+  udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
+  if (network.has_small_messages()) udp->maxMessageSize = kMessageSize;
+  // No shared-memory transport. On one host it is not faster than UDP (51 against 52 us), and killed processes leave
+  // segments behind. A process restarted after SIGKILL was heard after 140 ms with it (median of 30, worst 3.3 s).
+  // With UDP it is heard after 20 ms (worst 0.44 s).
+  qos.transport().use_builtin_transports = false;
+  qos.transport().user_transports = {udp};
+  auto& wire = qos.wire_protocol();
+  const bool multicast = network.options.multicast;
+  wire.participant_id = fresh_participant_id(multicast ? kIds : kIdsWithoutMulticast);
+  auto& discovery = wire.builtin;
+  discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
+  discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);
+  if (const std::string& server = network.options.discovery_server; !server.empty()) {
+    const std::size_t colon = server.find(':');
+    // The server sends to participants of its own host on the loopback interface.
+    udp->interfaceWhiteList.push_back("127.0.0.1");
+    eprosima::fastdds::rtps::RemoteServerAttributes remote;
+    remote.ReadguidPrefix("44.53.00.5f.45.50.52.4f.53.49.4d.41");  // of `fastdds discovery -i 0`
+    remote.metatrafficUnicastLocatorList.push_back(
+        locator(server.substr(0, colon), static_cast<std::uint32_t>(std::stoul(server.substr(colon + 1)))));
+    discovery.discovery_config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
+    discovery.discovery_config.m_DiscoveryServers.push_back(remote);
+    return;
+  }
+  // A list without a multicast address makes Fast DDS listen to none.
+  if (!multicast) {
+    for (const std::string& address : network.addresses)
+      discovery.metatrafficUnicastLocatorList.push_back(locator(address));
+  }
+  // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
+  // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
+  const auto number = static_cast<std::uint32_t>(domain);
+  if (multicast) discovery.initialPeersList.push_back(locator("239.255.0.1", wire.port.getMulticastPort(number)));
+  for (const auto* list : {&network.addresses, &network.peers}) {
+    for (const std::string& address : *list) {
+      discovery.initialPeersList.push_back(locator(address));
+      // A range that is twice as long has room for ids that were taken.
+      for (std::uint32_t id = kFirstId; !multicast && id < kFirstId + 2 * kIdsWithoutMulticast; ++id)
+        discovery.initialPeersList.push_back(locator(address, wire.port.getUnicastPort(number, id)));
+    }
+  }
+}
+
+void apply_security(dds::DomainParticipantQos& qos, const std::string& folder, const std::string& role) {
+  auto& properties = qos.properties().properties();
+  const std::string all = "file://" + folder + "/", own = all + role + "/";
+  const std::string identity = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
+  properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
+  properties.emplace_back(identity + "identity_ca", all + "authority.pem");
+  properties.emplace_back(identity + "identity_certificate", own + "certificate.pem");
+  properties.emplace_back(identity + "private_key", own + "key.pem");
+  properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
+  properties.emplace_back(access + "permissions_ca", all + "authority.pem");
+  properties.emplace_back(access + "governance", all + "governance.p7s");
+  properties.emplace_back(access + "permissions", own + "permissions.p7s");
+  properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+}
+
+}  // namespace softhand::bus::detail

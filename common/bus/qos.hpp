@@ -1,0 +1,30 @@
+// Quality of service of participants and endpoints.
+#pragma once
+
+#include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
+#include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
+#include <fastdds/dds/subscriber/qos/DataReaderQos.hpp>
+#include <string>
+
+#include "bus/bus.hpp"
+#include "bus/network.hpp"
+
+namespace softhand::bus::detail {
+
+inline eprosima::fastrtps::Duration_t milliseconds(int ms) {
+  return {ms / 1000, static_cast<std::uint32_t>(ms % 1000) * 1000000u};
+}
+
+/// What docs/topics.md says about the topic.
+void apply(eprosima::fastdds::dds::DataWriterQos& qos, const TopicRow& row);
+void apply(eprosima::fastdds::dds::DataReaderQos& qos, const TopicRow& row);
+/// Of the history of an endpoint.
+eprosima::fastrtps::rtps::MemoryManagementPolicy_t memory_policy(const TypeCodec& codec);
+
+/// Sets transport and discovery of a participant.
+void apply_network(eprosima::fastdds::dds::DomainParticipantQos& qos, const Network& network, int domain);
+/// Gives a participant the identity of a role. `folder`: the files of the secured domain.
+void apply_security(eprosima::fastdds::dds::DomainParticipantQos& qos, const std::string& folder,
+                    const std::string& role);
+
+}  // namespace softhand::bus::detail
