@@ -12,8 +12,6 @@
 namespace softhand {
 namespace {
 
-constexpr std::size_t slot_of(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
-
 [[noreturn]] void refuse(std::size_t element, const char* what) {
   throw std::invalid_argument("Tissue: tetrahedron " + std::to_string(element) + ": " + what);
 }
@@ -73,10 +71,10 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
       position_[e] = static_cast<std::int32_t>(order.size());
       order.push_back(e);
     }
-    while (order.size() % kTissueBatch != 0) order.push_back(order.back());
-    group_[g + 1] = order.size() / kTissueBatch;
+    while (order.size() % kElementBatch != 0) order.push_back(order.back());
+    group_[g + 1] = order.size() / kElementBatch;
   }
-  batches_.resize(order.size() / kTissueBatch);
+  batches_.resize(order.size() / kElementBatch);
   corners_.resize(count);
   for (std::size_t position = 0; position < order.size(); ++position) {
     const std::size_t e = order[position];
@@ -90,16 +88,14 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     const double volume = std::abs(edges.determinant()) / 6.0;
     const double longest = edges.colwise().norm().maxCoeff();
     if (!(volume > 1e-12 * longest * longest * longest) || !std::isfinite(volume)) refuse(e, "no volume");
-    const Matrix3 inverse = edges.inverse();
-    TissueBatch& batch = batches_[position / kTissueBatch];
-    const std::size_t lane = position % kTissueBatch;
+    TissueBatch& batch = batches_[position / kElementBatch];
+    const std::size_t lane = position % kElementBatch;
     if (position_[e] == static_cast<std::int32_t>(position)) ++batch.count;
     corners_[e] = nodes;
     if (edges.determinant() < 0.0) std::swap(corners_[e][2], corners_[e][3]);
-    for (std::size_t a = 0; a < 4; ++a) batch.node[a][lane] = nodes[a];
-    for (std::size_t k = 0; k < 9; ++k)
-      batch.shape[k][lane] = inverse(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
-    for (auto& slot : batch.slot) slot[lane] = -1;
+    std::array<double, 9> inverse;
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(inverse.data()) = edges.inverse();
+    batch.set(lane, nodes, inverse);
     batch.volume[lane] = volume;
     const CorotationalMaterial& m = materials[hand.tetrahedron_material[e]];
     batch.mu[lane] = m.mu;
@@ -110,29 +106,16 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
 }
 
 void Tissue::add_pattern(BlockPattern& pattern) const {
-  for (const TissueBatch& batch : batches_) {
-    for (std::size_t lane = 0; lane < batch.count; ++lane) {
-      const std::array<int, 4> blocks{batch.node[0][lane], batch.node[1][lane], batch.node[2][lane],
-                                      batch.node[3][lane]};
-      pattern.add_clique(blocks);
-    }
-  }
+  for (const TissueBatch& batch : batches_) batch.add_pattern(pattern);
 }
 
 void Tissue::bind(const BlockMatrix& matrix) {
-  for (TissueBatch& batch : batches_) {
-    for (std::size_t lane = 0; lane < kTissueBatch; ++lane) {
-      for (std::size_t a = 0; a < 4; ++a) {
-        for (std::size_t b = 0; b <= a; ++b)
-          batch.slot[slot_of(a, b)][lane] = matrix.find(batch.node[a][lane], batch.node[b][lane]).index;
-      }
-    }
-  }
+  for (TissueBatch& batch : batches_) batch.bind(matrix);
 }
 
 Tissue::Place Tissue::place_of(int element) const {
   const auto position = static_cast<std::size_t>(position_[static_cast<std::size_t>(element)]);
-  return {position / kTissueBatch, position % kTissueBatch};
+  return {position / kElementBatch, position % kElementBatch};
 }
 
 CorotationalMaterial Tissue::material(int element) const {
@@ -153,7 +136,7 @@ Matrix3 Tissue::deformation_gradient(const State& state, int element) const {
   return f;
 }
 
-double Tissue::evaluate(const State& state, const TissueOutput& output) const {
+double Tissue::evaluate(const State& state, const ElementOutput& output) const {
   evaluated_elements_ += static_cast<std::uint64_t>(element_count_);
   const auto energy_of = [&](std::size_t group) {
     return kernel_(batches_.data() + group_[group], group_[group + 1] - group_[group], state.node_positions.data(),

@@ -64,7 +64,7 @@ class Tissue final : public Energy {
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
 
  private:
-  double evaluate(const State& state, const TissueOutput& output) const;
+  double evaluate(const State& state, const ElementOutput& output) const;
   Matrix3 deformation_gradient(const State& state, int element) const;
   CorotationalMaterial material(int element) const;
 
@@ -81,7 +81,7 @@ class Tissue final : public Energy {
   mutable std::uint64_t evaluated_elements_ = 0;
   std::vector<TissueBatch> batches_;    // of the first half, the second half and the crossed elements
   std::array<std::size_t, 4> group_{};  // begin and end of these three groups
-  std::vector<std::int32_t> position_;  // per element: kTissueBatch times its batch, plus its lane
+  std::vector<std::int32_t> position_;  // per element: kElementBatch times its batch, plus its lane
 };
 
 }  // namespace softhand

@@ -5,9 +5,9 @@
 namespace softhand {
 
 double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
-                          const TissueOutput& output);
+                          const ElementOutput& output);
 double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
-                          const TissueOutput& output) {
+                          const ElementOutput& output) {
   return tissue_energy(batches, count, positions, output);
 }
 

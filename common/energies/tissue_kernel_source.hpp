@@ -3,15 +3,12 @@
 // Otherwise the linker could give the whole program a shared function with this file's instructions.
 #pragma once
 
+#include "energies/element_lanes.hpp"
 #include "energies/tissue_kernel.hpp"
-#include "math/lanes.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr std::size_t tissue_slot(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
-
-static_assert(kTissueBatch % kLanes == 0);
 constexpr int kMaxSweeps = 12;         // one-sided Jacobi converges quadratically; usually 3 to 5 sweeps
 constexpr double kOrthogonal = 1e-29;  // squared cosine
 // Below this, squares lose digits and the columns have no reliable direction.
@@ -214,80 +211,12 @@ SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<
   }
 }
 
-SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std::size_t component) {
-  Lanes result;
-#pragma GCC unroll 4
-  for (std::size_t k = 0; k < kVectorsPerLanes; ++k) {
-    const std::int32_t* of = index + k * kVectorWidth;
-    const auto at = [&](std::size_t i) {
-      return base[3 * static_cast<std::ptrdiff_t>(of[i]) + static_cast<std::ptrdiff_t>(component)];
-    };
-#if defined(__AVX512F__)
-    result.part[k] = Vector{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
-#elif defined(__AVX2__)
-    result.part[k] = Vector{at(0), at(1), at(2), at(3)};
-#else
-    result.part[k] = Vector{at(0), at(1)};
-#endif
-  }
-  return result;
-}
-
-// Results of a batch, to be added to gradient and Hessian. The Hessian's blocks consist of rows of type `Row`: Lanes,
-// or Singles if single precision is enough.
-template <typename Row>
-struct alignas(64) BatchResult;
-template <>
-struct alignas(64) BatchResult<Lanes> {
-  using Scalar = double;
-  double energy[kTissueBatch];
-  double force[12][kTissueBatch];     // gradient, node by node
-  double block[10][9][kTissueBatch];  // as TissueBatch::slot, column-major
-};
-template <>
-struct alignas(64) BatchResult<Singles> {
-  using Scalar = float;
-  double energy[kTissueBatch];
-  double force[12][kTissueBatch];
-  float block[10][9][kTissueBatch];
-};
-
-// Adds the sum over k of left_k right_k^T to a 3x3 block. `column[l]` holds the entries (i, l).
-template <typename Row, std::size_t kTerms>
-SOFTHAND_INLINE void add_products(const Row3<Row> (&left)[kTerms], const Row3<Row> (&right)[kTerms],
-                                  Row3<Row> (&column)[3]) {
-#pragma GCC unroll 5
-  for (std::size_t k = 0; k < kTerms; ++k) {
-    column[0] = column[0] + right[k].x * left[k];
-    column[1] = column[1] + right[k].y * left[k];
-    column[2] = column[2] + right[k].z * left[k];
-  }
-}
-
-template <typename Row, bool kGradient, bool kHessian>
+template <bool kGradient, bool kHessian, typename Row>
 SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions,
                                     bool projected, BatchResult<Row>& result) {
-  const auto row = [first](const double(&values)[kTissueBatch]) { return load_lanes(values + first); };
-  Lanes3 f[3];
-  Lanes3 shape[3];
-  {
-    Lanes3 point[4];
-#pragma GCC unroll 4
-    for (std::size_t n = 0; n < 4; ++n) {
-      const std::int32_t* node = batch.node[n] + first;
-      point[n] = {gather(positions, node, 0), gather(positions, node, 1), gather(positions, node, 2)};
-    }
-#pragma GCC unroll 3
-    for (std::size_t n = 0; n < 3; ++n) {
-      shape[n] = {row(batch.shape[3 * n]), row(batch.shape[3 * n + 1]), row(batch.shape[3 * n + 2])};
-      const Lanes3 edge = point[n + 1] - point[0];
-      if (n == 0) {
-        f[0] = shape[n].x * edge, f[1] = shape[n].y * edge, f[2] = shape[n].z * edge;
-      } else {
-        f[0] = f[0] + shape[n].x * edge, f[1] = f[1] + shape[n].y * edge, f[2] = f[2] + shape[n].z * edge;
-      }
-    }
-  }
+  const auto row = [first](const double(&values)[kElementBatch]) { return load_lanes(values + first); };
+  Lanes3 f[3], shape[3];
+  load_deformation_gradient(batch, first, positions, f, shape);
   const Lanes mu = row(batch.mu), lambda = row(batch.lambda), volume = row(batch.volume);
   const Lanes limit_energy = row(batch.limit_energy), limit_stiffness = row(batch.limit_stiffness);
   Lanes3 rotation[3];
@@ -329,19 +258,8 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) pull[n] = times(stress, shape[n]);
   if constexpr (kGradient) {
-    Lanes3 sum;
-#pragma GCC unroll 3
-    for (std::size_t n = 0; n < 3; ++n) {
-      const Lanes3 force = weight * pull[n];
-      sum = n == 0 ? force : sum + force;
-      store(result.force[3 * n + 3] + first, force.x);
-      store(result.force[3 * n + 4] + first, force.y);
-      store(result.force[3 * n + 5] + first, force.z);
-    }
-    sum = -sum;
-    store(result.force[0] + first, sum.x);
-    store(result.force[1] + first, sum.y);
-    store(result.force[2] + first, sum.z);
+    const Lanes3 force[3] = {weight * pull[0], weight * pull[1], weight * pull[2]};
+    store_forces(force, first, result);
   }
   if constexpr (!kHessian) return;
 
@@ -399,7 +317,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
       const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
       Row3<Row> column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
       add_products(scaled, factor_of[m], column);
-      put(tissue_slot(n + 1, m + 1), column);
+      put(element_slot(n + 1, m + 1), column);
 #pragma GCC unroll 3
       for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
       if (m < n) {
@@ -411,7 +329,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   }
   Row3<Row> corner[3];
 #pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) put(tissue_slot(n + 1, 0), to_first[n]);
+  for (std::size_t n = 0; n < 3; ++n) put(element_slot(n + 1, 0), to_first[n]);
 #pragma GCC unroll 3
   for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
   // This block is symmetric in exact arithmetic. The mean of the block and its transpose is symmetric in floating point
@@ -419,69 +337,15 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x),
             yz = half_row * (corner[1].z + corner[2].y);
   const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
-  put(tissue_slot(0, 0), symmetric);
-}
-
-// Adds the blocks of a batch: block by block, and inside a block element by element. So the order does not depend on
-// the width of the vectors.
-template <typename Row>
-SOFTHAND_INLINE void scatter_blocks(const TissueBatch& batch, const BatchResult<Row>& result, double* blocks) {
-  for (std::size_t slot = 0; slot < 10; ++slot) {
-    const std::int32_t* index = batch.slot[slot];
-    const auto& entries = result.block[slot];
-    for (std::size_t first = 0; first < batch.count; first += kVectorWidth) {
-      Vector tile[8 / kVectorWidth][kVectorWidth];
-#pragma GCC unroll 4
-      for (std::size_t t = 0; t < 8 / kVectorWidth; ++t) {
-#pragma GCC unroll 8
-        for (std::size_t k = 0; k < kVectorWidth; ++k) tile[t][k] = load(&entries[t * kVectorWidth + k][first]);
-        transpose(tile[t]);
-      }
-#pragma GCC unroll 8
-      for (std::size_t lane = 0; lane < kVectorWidth; ++lane) {
-        if (first + lane >= batch.count) break;
-        double* stored = blocks + 9 * static_cast<std::ptrdiff_t>(index[first + lane]);
-#pragma GCC unroll 4
-        for (std::size_t t = 0; t < 8 / kVectorWidth; ++t)
-          store(stored + t * kVectorWidth, load(stored + t * kVectorWidth) + tile[t][lane]);
-        stored[8] += entries[8][first + lane];
-      }
-    }
-  }
-}
-
-template <typename Row, bool kGradient, bool kHessian>
-double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
-                     const TissueOutput& output) {
-  double energy = 0;
-  BatchResult<Row> result;
-  for (const TissueBatch* batch = batches; batch != batches + count; ++batch) {
-    for (std::size_t first = 0; first < batch->count; first += kLanes) {
-      evaluate_lanes<Row, kGradient, kHessian>(*batch, first, positions, output.projected, result);
-    }
-    for (std::size_t lane = 0; lane < batch->count; ++lane) energy += result.energy[lane];
-    if constexpr (kGradient) {
-      for (std::size_t n = 0; n < 4; ++n) {
-        for (std::size_t lane = 0; lane < batch->count; ++lane) {
-          double* stored = output.gradient + 3 * static_cast<std::ptrdiff_t>(batch->node[n][lane]);
-          for (std::size_t c = 0; c < 3; ++c) stored[c] += result.force[3 * n + c][lane];
-        }
-      }
-    }
-    if constexpr (kHessian) scatter_blocks(*batch, result, output.blocks);
-  }
-  return energy;
+  put(element_slot(0, 0), symmetric);
 }
 
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
-                     const TissueOutput& output) {
-  if (output.blocks == nullptr) {
-    return output.gradient != nullptr ? tissue_energy<Lanes, true, false>(batches, count, positions, output)
-                                      : tissue_energy<Lanes, false, false>(batches, count, positions, output);
-  }
-  if (output.gradient == nullptr) return tissue_energy<Lanes, false, true>(batches, count, positions, output);
-  return output.single_blocks ? tissue_energy<Singles, true, true>(batches, count, positions, output)
-                              : tissue_energy<Lanes, true, true>(batches, count, positions, output);
+                     const ElementOutput& output) {
+  return evaluate_batches(
+      batches, count, output, [&](const auto& kind, const TissueBatch& batch, std::size_t first, auto& result) {
+        evaluate_lanes<kind.gradient, kind.hessian>(batch, first, positions, output.projected, result);
+      });
 }
 
 }  // namespace
