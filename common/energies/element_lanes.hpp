@@ -99,6 +99,44 @@ SOFTHAND_INLINE void store_forces(const Lanes3 (&force)[3], std::size_t first, R
   store(result.force[2] + first, sum.z);
 }
 
+// Stores a 3x3 block, column by column.
+template <typename Row>
+SOFTHAND_INLINE void store_block(std::size_t slot, const Row3<Row> (&column)[3], std::size_t first,
+                                 BatchResult<Row>& result) {
+#pragma GCC unroll 3
+  for (std::size_t l = 0; l < 3; ++l) {
+    store(result.block[slot][3 * l] + first, column[l].x);
+    store(result.block[slot][3 * l + 1] + first, column[l].y);
+    store(result.block[slot][3 * l + 2] + first, column[l].z);
+  }
+}
+
+template <typename Row>
+SOFTHAND_INLINE void subtract_transposed(const Row3<Row> (&column)[3], Row3<Row> (&from)[3]) {
+  from[0] = from[0] - Row3<Row>{column[0].x, column[1].x, column[2].x};
+  from[1] = from[1] - Row3<Row>{column[0].y, column[1].y, column[2].y};
+  from[2] = from[2] - Row3<Row>{column[0].z, column[1].z, column[2].z};
+}
+
+// Stores the blocks of node 0. The rows of the element's Hessian sum to zero. So block (n, 0) = -sum of (n, 1) to
+// (n, 3), which is `to_first[n - 1]`, and likewise for the corner block (0, 0).
+template <typename Row>
+SOFTHAND_INLINE void store_first_blocks(const Row3<Row> (&to_first)[3][3], std::size_t first,
+                                        BatchResult<Row>& result) {
+  Row3<Row> corner[3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) store_block(element_slot(n + 1, 0), to_first[n], first, result);
+#pragma GCC unroll 3
+  for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
+  // This block is symmetric in exact arithmetic. The mean of the block and its transpose is symmetric in floating point
+  // too.
+  const Row half = rounded<Row>(splat(0.5));
+  const Row xy = half * (corner[0].y + corner[1].x), xz = half * (corner[0].z + corner[2].x),
+            yz = half * (corner[1].z + corner[2].y);
+  const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
+  store_block(element_slot(0, 0), symmetric, first, result);
+}
+
 // Adds the blocks of a batch: block by block, and inside a block element by element. So the order does not depend on
 // the width of the vectors.
 template <typename Row>

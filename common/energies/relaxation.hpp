@@ -11,7 +11,8 @@
 //
 // Only shear and length relax: the branches have no bulk modulus. Green's strain makes U_r invariant under rotations,
 // so force and torque balance exactly. All branches together are one quadratic function of E within a step. So their
-// number does not change the cost of an iteration.
+// number does not change the cost of an iteration. Elements are evaluated in parallel lanes (relaxation_kernel.hpp),
+// with the same bits for every instruction set.
 //
 // Projected Hessian: without the curvature of E (Gauss-Newton), a sum of squares. Degrees of freedom: the nodes.
 // Units: J, m, Pa, s.
@@ -21,31 +22,31 @@
 #include <cstdint>
 #include <vector>
 
-#include "energies/clique.hpp"
 #include "energies/memory.hpp"
+#include "energies/relaxation_kernel.hpp"
 #include "model/hand_model.hpp"
 
 namespace softhand {
-
-inline constexpr std::size_t kRelaxationBranches = 3;
 
 class RelaxationEnergy final : public EnergyWithMemory<RelaxationEnergy> {
  public:
   using Branches = std::array<double, kRelaxationBranches>;
   /// Node n of the hand is node n of the state. `time_constants` in s, > 0. `weights[m]`: w of material m of the hand,
   /// >= 0. Tetrahedra whose weights are all zero have no branches and cost nothing. Throws std::invalid_argument if a
-  /// number is out of range, or if the count of weights is not that of the materials.
-  RelaxationEnergy(const HandModel& hand, const Branches& time_constants, const std::vector<Branches>& weights);
+  /// number is out of range, or if the count of weights is not that of the materials. The processor must support `set`.
+  RelaxationEnergy(const HandModel& hand, const Branches& time_constants, const std::vector<Branches>& weights,
+                   InstructionSet set = widest_instruction_set());
+  /// From now on `add_all` computes the products of the Hessian in float, for a solver that factorises in float.
+  void use_single_hessian() { single_hessian_ = true; }
 
-  int element_count() const { return static_cast<int>(elements_.size()); }
+  int element_count() const { return element_count_; }
   /// Heat of the dampers since construction or reset, J.
   double dissipated() const { return memory_.dissipated; }
 
   struct Memory {
-    /// h of each branch, one tetrahedron after the other: xx, yy, zz, yz, zx, xy.
-    std::vector<std::array<double, 6>> strains;
-    double stored = 0;      // J, after the last step
-    double dissipated = 0;  // J
+    std::vector<double> springs;  // h, batch by batch
+    double stored = 0;            // J, after the last step
+    double dissipated = 0;        // J
   };
   const Memory& save() const { return memory_; }
   void load(const Memory& memory);
@@ -66,34 +67,14 @@ class RelaxationEnergy final : public EnergyWithMemory<RelaxationEnergy> {
   EnergyFlow flow(double start, double end, double taken) const override;
 
  private:
-  /// Returns the energy. Adds to what is not null.
-  double evaluate(const State& state, VectorX* gradient, BlockMatrix* hessian, Curvature curvature) const;
-  using Strain = std::array<double, 6>;
-  struct Element {
-    std::array<std::int32_t, 4> nodes{};
-    std::array<Vector3, 4> shape;  // rest gradients of the nodes' shape functions
-    double modulus = 0;            // V mu, J
-    std::uint8_t material = 0;
-    // Fixed within the step: U = K E:E + 2 M:E + C.
-    Strain start{};  // E_0
-    double quadratic = 0;
-    Strain linear{};
-    double constant = 0;
-  };
-  // Of a branch in this step.
-  struct Decay {
-    double kept = 1;   // e^-a
-    double taken = 1;  // g
-  };
-  static Matrix3 deformation_gradient(const State& state, const Element& element);
-  static Strain green_strain(const Matrix3& deformation_gradient);
+  double evaluate(const State& state, const ElementOutput& output) const;
 
+  RelaxationKernel kernel_;
+  bool single_hessian_ = false;
   Branches time_constants_{};
-  std::vector<Branches> weights_;
-  std::vector<Element> elements_;
-  std::vector<Clique<4>> blocks_;  // per element
-  std::array<Decay, kRelaxationBranches> decay_{};
-  double time_step_ = 0;
+  int element_count_ = 0;
+  std::vector<RelaxationBatch> batches_;
+  RelaxationDecay decay_[kRelaxationBranches];
   Memory memory_;
   double before_ = 0;  // J, stored after the step before the last
   double heat_ = 0;    // J, of the last step

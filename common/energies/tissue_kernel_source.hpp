@@ -294,18 +294,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     factor_of[n][3] = b[2] * u[1] - b[1] * u[2];
     factor_of[n][4] = rounded<Row>(pull[n]);
   }
-  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic,
-            half_row = rounded<Row>(splat(0.5));
-  const auto put = [&](std::size_t slot, const Row3<Row>(&column)[3]) {
-#pragma GCC unroll 3
-    for (std::size_t l = 0; l < 3; ++l) {
-      store(result.block[slot][3 * l] + first, column[l].x);
-      store(result.block[slot][3 * l + 1] + first, column[l].y);
-      store(result.block[slot][3 * l + 2] + first, column[l].z);
-    }
-  };
-  // The rows of the element's Hessian sum to zero. So block (n, 0) = -sum of (n, 1) to (n, 3), and likewise for the
-  // corner block (0, 0).
+  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic;
   Row3<Row> to_first[3][3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
@@ -317,27 +306,13 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
       const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
       Row3<Row> column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
       add_products(scaled, factor_of[m], column);
-      put(element_slot(n + 1, m + 1), column);
+      store_block(element_slot(n + 1, m + 1), column, first, result);
 #pragma GCC unroll 3
       for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
-      if (m < n) {
-        to_first[m][0] = to_first[m][0] - Row3<Row>{column[0].x, column[1].x, column[2].x};
-        to_first[m][1] = to_first[m][1] - Row3<Row>{column[0].y, column[1].y, column[2].y};
-        to_first[m][2] = to_first[m][2] - Row3<Row>{column[0].z, column[1].z, column[2].z};
-      }
+      if (m < n) subtract_transposed(column, to_first[m]);
     }
   }
-  Row3<Row> corner[3];
-#pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) put(element_slot(n + 1, 0), to_first[n]);
-#pragma GCC unroll 3
-  for (std::size_t l = 0; l < 3; ++l) corner[l] = -(to_first[0][l] + to_first[1][l] + to_first[2][l]);
-  // This block is symmetric in exact arithmetic. The mean of the block and its transpose is symmetric in floating point
-  // too.
-  const Row xy = half_row * (corner[0].y + corner[1].x), xz = half_row * (corner[0].z + corner[2].x),
-            yz = half_row * (corner[1].z + corner[2].y);
-  const Row3<Row> symmetric[3] = {{corner[0].x, xy, xz}, {xy, corner[1].y, yz}, {xz, yz, corner[2].z}};
-  put(element_slot(0, 0), symmetric);
+  store_first_blocks(to_first, first, result);
 }
 
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,

@@ -101,11 +101,13 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
     if (helper_) tissue->use(*helper_);
-    if (options.solver.factor == "float" && options.solver.curvature != "exact") tissue->use_single_hessian();
+    const bool single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact";
+    if (single_hessian) tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
     if (options.relaxation.active) {
       auto relaxation = std::make_unique<RelaxationEnergy>(hand_, options.relaxation.time_constants,
                                                            relaxation_weights(hand_, options.relaxation));
+      if (single_hessian) relaxation->use_single_hessian();
       if (relaxation->element_count() > 0) terms_.push_back(std::move(relaxation));
     }
     auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);

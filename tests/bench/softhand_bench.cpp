@@ -253,32 +253,9 @@ std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>
   return costs;
 }
 
-// Median fast step of a hand with 17 objects in slots, of which it touches one, over that of a hand with this one
-// alone. The two take turns.
-double slot_cost_ratio() {
-  constexpr int kIdle = 16, kSteps = 120;
-  HandOptions fast;
-  fast.simulation.solver.max_iterations = 1;
-  fast.near_distance = 0.3;
-  std::array<Pressing, 2> hands{Pressing(1, kIdle, 0.02, hand_name(1450), fast, kIdle + 1),
-                                Pressing(1, 0, 0.02, hand_name(1450), fast, 1)};
-  std::array<std::vector<double>, 2> times;
-  for (Pressing& hand : hands) hand.settle();
-  for (int i = 0; i < kSteps; ++i) {
-    for (std::size_t k = 0; k < hands.size(); ++k)
-      times[k].push_back(hands[k].step([](auto&& work) { return seconds_of(work); }));
-  }
-  const bool valid = hands[0].mirrored_objects() == kIdle + 1 && hands[0].touched_objects() == 1;
-  return valid ? median(times[0]) / median(times[1]) : std::nan("");
-}
-
-// Median step of a pressing hand whose tissue relaxes over that of a hand whose tissue does not. The two take turns.
-double relaxation_cost_ratio() {
+// Median step of the first hand over that of the second. The two take turns.
+double cost_ratio(std::array<Pressing, 2>& hands) {
   constexpr int kSteps = 120;
-  HandOptions relaxing;
-  relaxing.simulation.relaxation.active = true;
-  std::array<Pressing, 2> hands{Pressing(1, 0, 0.02, hand_name(1450), relaxing, 1),
-                                Pressing(1, 0, 0.02, hand_name(1450), {}, 1)};
   std::array<std::vector<double>, 2> times;
   for (Pressing& hand : hands) hand.settle();
   for (int i = 0; i < kSteps; ++i) {
@@ -286,6 +263,28 @@ double relaxation_cost_ratio() {
       times[k].push_back(hands[k].step([](auto&& work) { return seconds_of(work); }));
   }
   return median(times[0]) / median(times[1]);
+}
+
+// Of a hand with 17 objects in slots, of which it touches one, over a hand with this one alone.
+double slot_cost_ratio() {
+  constexpr int kIdle = 16;
+  HandOptions fast;
+  fast.simulation.solver.max_iterations = 1;
+  fast.near_distance = 0.3;
+  std::array<Pressing, 2> hands{Pressing(1, kIdle, 0.02, hand_name(1450), fast, kIdle + 1),
+                                Pressing(1, 0, 0.02, hand_name(1450), fast, 1)};
+  const double ratio = cost_ratio(hands);
+  const bool valid = hands[0].mirrored_objects() == kIdle + 1 && hands[0].touched_objects() == 1;
+  return valid ? ratio : std::nan("");
+}
+
+// Of a hand whose tissue relaxes over a hand whose tissue does not.
+double relaxation_cost_ratio(HandOptions options) {
+  HandOptions relaxing = options;
+  relaxing.simulation.relaxation.active = true;
+  std::array<Pressing, 2> hands{Pressing(1, 0, 0.02, hand_name(1450), relaxing, 1),
+                                Pressing(1, 0, 0.02, hand_name(1450), options, 1)};
+  return cost_ratio(hands);
 }
 
 // Seconds of a step of all hands by the number of hands. Each hand has a loop of its own, as its service has.
@@ -579,7 +578,11 @@ Json run() {
       "step with 100 near objects, 5 touched, over step with these 5 alone");
   put("slot_cost_ratio", slot_cost_ratio(),
       "fast step with 16 near, untouched objects in slots over step without them");
-  put("relaxation_cost_ratio", relaxation_cost_ratio(), "step of a pressing hand with relaxation over step without it");
+  put("relaxation_cost_ratio", relaxation_cost_ratio({}),
+      "step of a pressing hand with relaxation over step without it");
+  HandOptions fast;
+  fast.simulation.solver.max_iterations = 1;
+  put("relaxation_fast_step_ratio", relaxation_cost_ratio(fast), "the same with one iteration");
   put("settled_world_cost_ratio", settled_world_cost_ratio(),
       "step with 100 boxes at rest on a table over step while they settle");
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -136,6 +137,24 @@ TEST(HandSimulation, HasNoObjectTermsWithoutSlots) {
     EXPECT_NE(report.terms[t].name, "friction");
     EXPECT_NE(report.terms[t].name, "plane_contact");
   }
+}
+
+TEST(HandSimulation, RelaxesOnlyIfAsked) {
+  HandModel with_pulp = hand();
+  for (Material& material : with_pulp.materials) material.name = "pulp";
+  const auto has_term = [&](const SimulationOptions& with) {
+    HandSimulation simulation(with_pulp, with, 0, 0);
+    set_rest_targets(simulation, {});
+    const StepReport report = simulation.step(kStep);
+    return std::any_of(report.terms.begin(), report.terms.begin() + static_cast<std::ptrdiff_t>(report.term_count),
+                       [](const auto& term) { return term.name == "relaxation"; });
+  };
+  SimulationOptions with = options();
+  EXPECT_FALSE(has_term(with));
+  with.relaxation.active = true;
+  EXPECT_TRUE(has_term(with));
+  with.relaxation.pulp = {};
+  EXPECT_FALSE(has_term(with)) << "no material has weights";
 }
 
 TEST(HandSimulation, HandWithoutTissueEvaluatesNoTissue) {

@@ -1,0 +1,161 @@
+// The only source of the kernels of relaxation: see relaxation_kernel.hpp. One file per instruction set includes it.
+#pragma once
+
+#include "energies/element_lanes.hpp"
+#include "energies/relaxation_kernel.hpp"
+
+namespace softhand {
+namespace {
+
+// a : b of symmetric tensors.
+SOFTHAND_INLINE Lanes product(const Lanes (&a)[6], const Lanes (&b)[6]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + 2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5]);
+}
+
+SOFTHAND_INLINE void green_strain(const Lanes3 (&f)[3], Lanes (&strain)[6]) {
+  for (std::size_t k = 0; k < 3; ++k) strain[k] = 0.5 * (dot(f[k], f[k]) - 1.0);
+  strain[3] = 0.5 * dot(f[1], f[2]);
+  strain[4] = 0.5 * dot(f[2], f[0]);
+  strain[5] = 0.5 * dot(f[0], f[1]);
+}
+
+// With dF = sum dx_a b_a^T, the second derivative of K E:E + 2 M:E is
+//   sum_ab dx_a . [ (b_a . S b_b) 1 + K ((b_a . b_b) F F^T + (F b_b)(F b_a)^T) ] dx_b,   S = 2 (K E + M).
+// The four b_a sum to zero, so the blocks of the nodes 1 to 3 determine those of node 0.
+template <bool kGradient, bool kHessian, typename Row>
+SOFTHAND_INLINE void evaluate_lanes(const RelaxationBatch& batch, std::size_t first, const double* positions,
+                                    bool projected, BatchResult<Row>& result) {
+  Lanes3 f[3], shape[3];
+  load_deformation_gradient(batch, first, positions, f, shape);
+  Lanes strain[6], linear[6];
+  green_strain(f, strain);
+  for (std::size_t k = 0; k < 6; ++k) linear[k] = load_lanes(batch.linear[k] + first);
+  const Lanes quadratic = load_lanes(batch.quadratic + first);
+  store(result.energy + first,
+        quadratic * product(strain, strain) + 2.0 * product(linear, strain) + load_lanes(batch.constant + first));
+  if constexpr (!kGradient && !kHessian) return;
+
+  Lanes stress[6];  // V times the second Piola-Kirchhoff stress
+  for (std::size_t k = 0; k < 6; ++k) stress[k] = 2.0 * (quadratic * strain[k] + linear[k]);
+  const auto stressed = [&](const Lanes3& b) -> Lanes3 {
+    return {stress[0] * b.x + stress[5] * b.y + stress[4] * b.z, stress[5] * b.x + stress[1] * b.y + stress[3] * b.z,
+            stress[4] * b.x + stress[3] * b.y + stress[2] * b.z};
+  };
+  const Lanes3 pull[3] = {stressed(shape[0]), stressed(shape[1]), stressed(shape[2])};  // S b
+  const auto times = [](const auto(&matrix)[3], const auto& b) {
+    return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2];
+  };
+  if constexpr (kGradient) {
+    const Lanes3 force[3] = {times(f, pull[0]), times(f, pull[1]), times(f, pull[2])};
+    store_forces(force, first, result);
+  }
+  if constexpr (!kHessian) return;
+
+  Row3<Row> columns[3], moved[3], gradient_of[3];  // of F; F b
+  for (std::size_t k = 0; k < 3; ++k) columns[k] = rounded<Row>(f[k]), gradient_of[k] = rounded<Row>(shape[k]);
+  for (std::size_t n = 0; n < 3; ++n) moved[n] = times(columns, gradient_of[n]);
+  const Row stiffness = rounded<Row>(quadratic), none = stiffness - stiffness;
+  Row3<Row> left[3] = {{none, none, none}, {none, none, none}, {none, none, none}};  // K F F^T
+  const Row3<Row> scaled[3] = {stiffness * columns[0], stiffness * columns[1], stiffness * columns[2]};
+  add_products(scaled, columns, left);
+  Row3<Row> to_first[3][3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) {
+#pragma GCC unroll 3
+    for (std::size_t m = 0; m <= n; ++m) {
+      const Row both = dot(gradient_of[n], gradient_of[m]);
+      Row3<Row> column[3] = {both * left[0], both * left[1], both * left[2]};
+      const Row3<Row> one[1] = {stiffness * moved[m]}, other[1] = {moved[n]};
+      add_products(one, other, column);
+      if (!projected) {
+        const Row same = rounded<Row>(dot(shape[n], pull[m]));
+        column[0].x = column[0].x + same, column[1].y = column[1].y + same, column[2].z = column[2].z + same;
+      }
+      store_block(element_slot(n + 1, m + 1), column, first, result);
+#pragma GCC unroll 3
+      for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
+      if (m < n) subtract_transposed(column, to_first[m]);
+    }
+  }
+  store_first_blocks(to_first, first, result);
+}
+
+double relaxation_energy(const RelaxationBatch* batches, std::size_t count, const double* positions,
+                         const ElementOutput& output) {
+  return evaluate_batches(
+      batches, count, output, [&](const auto& kind, const RelaxationBatch& batch, std::size_t first, auto& result) {
+        evaluate_lanes<kind.gradient, kind.hessian>(batch, first, positions, output.projected, result);
+      });
+}
+
+// How often a component counts in a : b of symmetric tensors.
+constexpr double kTwice[6] = {1, 1, 1, 2, 2, 2};
+
+SOFTHAND_INLINE void strain_of(const RelaxationBatch& batch, std::size_t first, const double* positions,
+                               Lanes (&strain)[6]) {
+  Lanes3 f[3], shape[3];
+  load_deformation_gradient(batch, first, positions, f, shape);
+  green_strain(f, strain);
+}
+
+// The sum over the branches of V mu w/g |e^-a h + g (E - E_0)|^2 is K E:E + 2 M:E + C.
+void relaxation_begin(RelaxationBatch& batch, const double* springs, const double* positions,
+                      const RelaxationDecay (&decay)[kRelaxationBranches]) {
+  for (std::size_t first = 0; first < kElementBatch; first += kLanes) {
+    Lanes strain[6];
+    strain_of(batch, first, positions, strain);
+    Lanes quadratic = splat(0), constant = splat(0);
+    for (std::size_t i = 0; i < kRelaxationBranches; ++i)
+      quadratic = quadratic + decay[i].taken * load_lanes(batch.stiffness[i] + first);
+    for (std::size_t k = 0; k < 6; ++k) {
+      Lanes sum = splat(0);  // of V mu w e^-a h
+      for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
+        const Lanes h = load_lanes(springs + (6 * i + k) * kElementBatch + first);
+        const Lanes stress = decay[i].kept * load_lanes(batch.stiffness[i] + first) * h;
+        sum = sum + stress;
+        constant = constant + (kTwice[k] * decay[i].kept / decay[i].taken) * stress * h;
+      }
+      constant = constant + kTwice[k] * (quadratic * strain[k] - 2.0 * sum) * strain[k];
+      store(batch.linear[k] + first, sum - quadratic * strain[k]);
+      store(batch.start[k] + first, strain[k]);
+    }
+    store(batch.quadratic + first, quadratic);
+    store(batch.constant + first, constant);
+  }
+}
+
+// Within the step, h = steady + (h_0 - steady) e^(-t/tau). The damper's power is 2 mu w |h|^2 / tau.
+void relaxation_end(const RelaxationBatch& batch, double* springs, const double* positions,
+                    const RelaxationDecay (&decay)[kRelaxationBranches], double& stored, double& heat) {
+  alignas(64) double stored_of[kElementBatch], heat_of[kElementBatch];
+  for (std::size_t first = 0; first < kElementBatch; first += kLanes) {
+    Lanes strain[6];
+    strain_of(batch, first, positions, strain);
+    Lanes all_stored = splat(0), all_heat = splat(0);
+    for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
+      const RelaxationDecay d = decay[i];
+      Lanes squares = splat(0), power = splat(0);
+      for (std::size_t k = 0; k < 6; ++k) {
+        double* place = springs + (6 * i + k) * kElementBatch + first;
+        const Lanes h = load_lanes(place), change = strain[k] - load_lanes(batch.start[k] + first);
+        const Lanes steady = (1 / d.duration) * change, decaying = h - steady;
+        power =
+            power + (2 * kTwice[k]) * (d.duration * steady * steady + (2 * d.duration * d.taken) * steady * decaying +
+                                       (0.5 * (1 - d.kept * d.kept)) * decaying * decaying);
+        const Lanes moved = d.kept * h + d.taken * change;
+        squares = squares + kTwice[k] * moved * moved;
+        store(place, moved);
+      }
+      const Lanes stiffness = load_lanes(batch.stiffness[i] + first);
+      all_stored = all_stored + stiffness * squares;
+      all_heat = all_heat + stiffness * power;
+    }
+    store(stored_of + first, all_stored);
+    store(heat_of + first, all_heat);
+  }
+  // In the order of the elements, so the sums do not depend on the width of the vectors.
+  for (std::size_t lane = 0; lane < kElementBatch; ++lane) stored += stored_of[lane], heat += heat_of[lane];
+}
+
+}  // namespace
+}  // namespace softhand
