@@ -248,6 +248,10 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("coupling_force", m.coupling_force);
   v.field("coupling_torque", m.coupling_torque);
   v.field("contact_force", m.contact_force);
+  v.field("contact_point", m.contact_point);
+  v.field("contact_normal", m.contact_normal);
+  v.field("contact_stiffness", m.contact_stiffness);
+  v.field("contact_damping", m.contact_damping);
 }
 
 template <typename V, Is<BoneWrench> M>

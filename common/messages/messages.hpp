@@ -299,7 +299,16 @@ struct BoneSample {
   Vec3 coupling_force{};   ///< from the simulated hand on the user's bone through the coupling, N
   Vec3 coupling_torque{};  ///< N m, about the joint's origin
   Vec3 contact_force{};    ///< sum of contact-point forces on this bone's tissue, N
+  /// Local model: what the bone feels of its contacts until the next message. `coupling_force` is valid at the tracked
+  /// pose and at `stamp.sample_time`. If the user's bone moves by d from there, with velocity v, the part of the force
+  /// along the normal n changes by -(contact_stiffness n . d + contact_damping n . v). It never pulls.
+  Vec3 contact_point{};          ///< world, centre of pressure of the bone's contacts
+  Vec3 contact_normal{};         ///< unit, world, from the objects to the bone; 0 = no local model
+  double contact_stiffness = 0;  ///< N/m, 0 to kMaxContactStiffness
+  double contact_damping = 0;    ///< N s/m, 0 to kMaxContactDamping
 };
+inline constexpr double kMaxContactStiffness = 1e5;
+inline constexpr double kMaxContactDamping = 1e3;
 struct BoneWrench {
   HandKey hand;
   Stamp stamp;

@@ -30,6 +30,8 @@ struct Result {
   double rest_error = 0;  // m
   TrackedInputCounters tracker;
   EnergyLedger hand_ledger, tracking_ledger;
+  double glove_energy = 0, glove_energy_min = 0;  // J that the user put into the glove and did not get back
+  double glove_force_max = 0;                     // N
   double stale_after =
       std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
 };
@@ -41,6 +43,7 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
+  rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat);
   const OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart);
   Result result;
   rig.run(seconds > 0 ? seconds : motion->duration() + 0.5, [&](const HandStepView& view) {
@@ -49,6 +52,8 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
       result.object_speed_max = std::max(result.object_speed_max, to_vector(object.linear_velocity).norm());
       result.object_height_max = std::max(result.object_height_max, object.position[1]);
     }
+    for (const double command : rig.haptic().commands())
+      result.glove_force_max = std::max(result.glove_force_max, command);
     result.touched_steps += view.output->contacts.contacts.size() > 0 ? 1 : 0;
     if (rig.tracking() != nullptr && rig.tracking()->input().stale(view.time)) {
       result.stale_after = std::min(result.stale_after, static_cast<double>(view.time - VirtualRig::kStart) * 1e-9);
@@ -56,6 +61,8 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   });
   result.summary = rig.outcome().summary(frame);
   result.hash = rig.state_hash();
+  result.glove_energy = rig.haptic().feedback().passivity().energy();
+  result.glove_energy_min = rig.haptic().feedback().passivity().lowest_energy();
   result.hand_ledger = rig.hand().simulation().ledger();
   result.untangled_nodes = rig.hand().simulation().untangled_nodes();
   result.inverted_end = rig.hand().simulation().inverted_elements();
@@ -105,6 +112,53 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_LE(result.hand_ledger.defect(), 0.01);
   EXPECT_LE(result.hand_ledger.excess(), 0.01);
   EXPECT_LE(result.tracking_ledger.defect(), 0.01);
+  // The glove pushes, and gives its user no energy.
+  EXPECT_GT(result.glove_force_max, 0.5);
+  EXPECT_GE(result.glove_energy, -1e-3);
+  EXPECT_GE(result.glove_energy_min, -1e-3);
+}
+
+// Stops one loop while the fingers hold the cube, and measures when the glove is off.
+class Hang final : public RigWitness {
+ public:
+  using RigWitness::published;
+  explicit Hang(RigLoop loop) : loop_(loop) {}
+  bool runs(RigLoop loop, Nanoseconds now) override { return loop != loop_ || now < kFrom; }
+  void published(RigLoop, const DeviceState& state) override {
+    const bool pushes = std::any_of(state.commands.begin(), state.commands.end(), [](double c) { return c != 0; });
+    if (!pushes) return;
+    (state.stamp.publish_time < kFrom ? pushed_before : last_push) = state.stamp.publish_time;
+  }
+
+  static constexpr Nanoseconds kFrom = VirtualRig::kStart + 4'000'000'000;
+  Nanoseconds pushed_before = 0, last_push = kFrom;
+
+ private:
+  RigLoop loop_;
+};
+
+TEST(PinchLift, GloveIsOffWithin50MillisecondsAfterALoopHangs) {
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  for (const RigLoop loop : {RigLoop::hand, RigLoop::tracking}) {
+    Hang hang(loop);
+    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)), &hang);
+    rig.set_user(motion, 0, false);
+    rig.run(4.5, nullptr);
+    EXPECT_GT(hang.pushed_before, Hang::kFrom - 2'000'000);
+    const double off = static_cast<double>(hang.last_push - Hang::kFrom) * 1e-6;
+    std::printf("  %s hangs: last force after %.1f ms\n", loop == RigLoop::hand ? "hand" : "tracking", off);
+    EXPECT_LT(off, 50);
+    EXPECT_GE(rig.haptic().feedback().passivity().lowest_energy(), -1e-3);
+  }
+}
+
+// Without the controller this user would get 7 mJ.
+TEST(PinchLift, GloveIsPassiveWithANoisyTracker) {
+  const Result result = run("pinch_lift.toml", {"tracker.position_noise=0.001", "tracker.rotation_noise=0.0175"});
+  EXPECT_GT(result.glove_force_max, 0.5);
+  EXPECT_GE(result.glove_energy_min, -1e-3);
 }
 
 // Cylinders with a radius of 15 to 40 mm, in the whole motion with a shorter hold. Every finger carries its share.
