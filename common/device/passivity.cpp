@@ -35,8 +35,7 @@ void PassivityControl::control(std::span<double> commands, const DeviceMotion& m
   // clear motion against the command, the device may move by one step of its sensor.
   const auto work_of = [&](std::size_t i) {
     const double mean = commands[i] * velocities[i] * seconds;
-    const double newest = commands[i] * std::max(step[i], 2 * step[i] - before[i],
-                                                 [&](double x, double y) { return commands[i] * x < commands[i] * y; });
+    const double newest = std::max(commands[i] * step[i], commands[i] * (2 * step[i] - before[i]));
     if (mean < 0 && newest <= 0) return mean;
     return std::max({mean, newest, std::abs(commands[i]) * resolution_[i]});
   };
