@@ -154,6 +154,42 @@ TEST(PinchLift, GloveIsOffWithin50MillisecondsAfterALoopHangs) {
   }
 }
 
+// Counts the contact planes of thumb and index fingertip while they hold the cube.
+class Planes final : public RigWitness {
+ public:
+  using RigWitness::published;
+  void published(RigLoop, const BoneWrench& wrench) override { add(wrench); }
+  void published(RigLoop, const HandOutput& output) override { add(output.bone_wrench); }
+  void add(const BoneWrench& wrench) {
+    if (wrench.stamp.sample_time < VirtualRig::kStart + 4'000'000'000) return;
+    const auto& thumb = wrench.bones[static_cast<std::size_t>(index_of(Body::thumb_distal))];
+    const auto& index = wrench.bones[static_cast<std::size_t>(index_of(Body::index_distal))];
+    ++messages;
+    if (thumb.contact_stiffness == 0 || index.contact_stiffness == 0) return;
+    ++with_planes;
+    // The faces of the cube are opposite to each other.
+    facing = std::max(facing, to_vector(thumb.contact_normal).dot(to_vector(index.contact_normal)));
+  }
+  int messages = 0, with_planes = 0;
+  double facing = -1;
+};
+
+TEST(PinchLift, WrenchHasThePlanesOfTheHeldCubeWithAndWithoutTheIntermediateLayer) {
+  for (const char* direct : {"false", "true"}) {
+    const Scene scene = read_scene(kScenes + "pinch_lift.toml",
+                                   {"hand.model=right_400.hand.json", std::string("hand.direct=") + direct});
+    const HandModel hand = load_scene_hand(scene);
+    const auto motion = make_scene_motion(scene, hand);
+    Planes planes;
+    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
+                   &planes);
+    rig.run(5, nullptr);
+    EXPECT_GT(planes.messages, 50) << direct;
+    EXPECT_GT(planes.with_planes, 0.9 * planes.messages) << direct;
+    EXPECT_LT(planes.facing, -0.8) << direct;
+  }
+}
+
 // Without the controller this user would get 7 mJ.
 TEST(PinchLift, GloveIsPassiveWithANoisyTracker) {
   const Result result = run("pinch_lift.toml", {"tracker.position_noise=0.001", "tracker.rotation_noise=0.0175"});
