@@ -20,6 +20,7 @@ bool is_plausible(const BoneSample& bone) {
   const auto within = [](double value, double most) { return value >= 0 && value <= most; };
   return std::abs(to_vector(bone.contact_normal).norm() - 1) <= 0.01 &&
          within(bone.contact_stiffness, kMaxContactStiffness) && within(bone.contact_damping, kMaxContactDamping) &&
+         std::abs(bone.contact_gap) <= kMaxContactGap &&
          (to_vector(bone.contact_point) - to_vector(bone.tracked_position)).norm() <= kReach;
 }
 
@@ -89,7 +90,9 @@ void LocalModel::take(const BoneWrench& input, const DeviceMotion& motion, Hapti
       if (!has_plane(bone)) continue;
       const Vector3 normal = to_vector(bone.contact_normal);
       Plane plane;
-      plane.force = to_vector(bone.coupling_force).dot(normal);
+      const bool touches = bone.contact_gap == 0;
+      plane.held = touches ? to_vector(bone.coupling_force).dot(normal) : 0;
+      plane.force = touches ? plane.held : -bone.contact_stiffness * bone.contact_gap;
       plane.stiffness = bone.contact_stiffness;
       plane.damping = bone.contact_damping;
       input_.bones[b].coupling_force = bone.contact_normal;
@@ -100,7 +103,7 @@ void LocalModel::take(const BoneWrench& input, const DeviceMotion& motion, Hapti
         ++refused_;
         continue;
       }
-      if (plane.force > 0) planes_[count_++] = plane;
+      if (plane.force > 0 || !touches) planes_[count_++] = plane;
     }
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       input_.bones[b].coupling_force = input.bones[b].coupling_force;
@@ -110,7 +113,7 @@ void LocalModel::take(const BoneWrench& input, const DeviceMotion& motion, Hapti
   }
   driver.command(input_, {held_.data(), actuators_});
   for (std::size_t p = 0; p < count_; ++p) {
-    for (std::size_t i = 0; i < actuators_; ++i) held_[i] -= planes_[p].row[i] * planes_[p].force;
+    for (std::size_t i = 0; i < actuators_; ++i) held_[i] -= planes_[p].row[i] * planes_[p].held;
   }
 }
 
@@ -134,6 +137,7 @@ void LocalModel::limit_gains() {
   const double softer = share(stiffness, largest_stiffness_), lighter = share(damping, largest_damping_);
   for (std::size_t p = 0; p < count_; ++p) {
     planes_[p].stiffness *= softer;
+    if (planes_[p].held == 0) planes_[p].force *= softer;  // the gap stays
     planes_[p].damping *= lighter;
   }
 }

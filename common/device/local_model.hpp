@@ -79,7 +79,7 @@ class LocalModel {
  private:
   struct Plane {
     ActuatorValues row{};
-    double force = 0, stiffness = 0, damping = 0;
+    double held = 0, force = 0, stiffness = 0, damping = 0;
   };
   void limit_gains();
 

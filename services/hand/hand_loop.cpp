@@ -260,7 +260,7 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
       sample.coupling_torque = to_wire(Vector3(-coupled.torque));
       const BodyModel& model = simulation_->hand().bodies[b];
       write_local_model(contacts[b], {model.coupling_linear_stiffness, model.coupling_force_cap, model.mass},
-                        (pose.position - targets[b].pose.position).norm(), sample);
+                        (pose.position - targets[b].pose.position).norm(), Vector3::Zero(), sample);
       sample.contact_force = to_wire(simulation_->bone_contact_forces()[b]);
     }
   }

@@ -411,7 +411,8 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
     if (!contacts_fresh) continue;
     sample.contact_force = to_wire(bone_contacts_[b].force);
     const BoneCoupling coupling{bone.coupling_linear, bone.force_cap, bone.mass / options_.mass_fraction};
-    write_local_model(bone_contacts_[b], coupling, stretch.norm(), sample);
+    write_local_model(bone_contacts_[b], coupling, stretch.norm(), bone.pose.position - bone.simulated.position,
+                      sample);
   }
 }
 

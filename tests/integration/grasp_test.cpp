@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <tuple>
 
 #include "cli/virtual_rig.hpp"
@@ -188,6 +189,51 @@ TEST(PinchLift, WrenchHasThePlanesOfTheHeldCubeWithAndWithoutTheIntermediateLaye
     EXPECT_GT(planes.with_planes, 0.9 * planes.messages) << direct;
     EXPECT_LT(planes.facing, -0.8) << direct;
   }
+}
+
+// A device must know a wall before the hand touches it: a force is 11 ms old and stays for 11 ms.
+class Approach final : public RigWitness {
+ public:
+  using RigWitness::published;
+  void published(RigLoop, const HandOutput& output) override {
+    std::set<std::uint32_t> touching;
+    for (const Contact& contact : output.contacts.contacts) touching.insert(contact.body);
+    touched = touched || touching.contains(kIndex);
+    for (const NearContact& near : output.contacts.near) {
+      EXPECT_FALSE(touching.contains(near.body));
+      EXPECT_NEAR(to_vector(near.normal).norm(), 1, 1e-9);
+      EXPECT_GT(near.gap, 0);
+      EXPECT_LE(near.gap, 0.015);
+      if (near.body != kIndex || touched) continue;
+      // The cube stands at the origin: half of its edge is 20 mm.
+      const Vector3 place = to_vector(near.point) - Vector3(0, 0.02, 0);
+      EXPECT_NEAR(place.cwiseAbs().maxCoeff(), 0.02, 2e-3);
+      gaps.push_back(near.gap);
+    }
+  }
+  void published(RigLoop, const BoneWrench& wrench) override {
+    if (!touched && wrench.bones[kIndex].contact_gap != 0) wrench_gaps.push_back(wrench.bones[kIndex].contact_gap);
+  }
+
+  static constexpr std::uint32_t kIndex = static_cast<std::uint32_t>(Body::index_distal);
+  bool touched = false;
+  std::vector<double> gaps, wrench_gaps;
+};
+
+TEST(PinchLift, WrenchHasThePlaneOfTheCubeBeforeTheTouch) {
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  Approach approach;
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
+                 &approach);
+  rig.run(2.5, nullptr);
+  ASSERT_TRUE(approach.touched);
+  ASSERT_GT(approach.gaps.size(), 5u);
+  EXPECT_LT(approach.gaps.back(), 2e-3);
+  EXPECT_GT(approach.gaps.front(), 5e-3);
+  ASSERT_GT(approach.wrench_gaps.size(), 50u);
+  EXPECT_LT(approach.wrench_gaps.back(), 2e-3);
 }
 
 // Without the controller this user would get 7 mJ.

@@ -133,7 +133,7 @@ int main(int argc, char** argv) {
   command = app.add_subcommand(
       "wall",
       "A virtual wall through simulated haptic devices, with and without the local model; exit code 1 if a wall of "
-      "five times the stiffness that is stable without it gives energy");
+      "five times the stiffness that is stable without it is not stable or gives energy");
   command->add_option("--markdown", wall.markdown, "File for the same tables")->type_name("FILE");
   command->callback([&] { run = [&wall] { return wall::run_wall(wall); }; });
 

@@ -81,6 +81,20 @@ TEST(LocalModel, FollowsThePlaneAlongItsNormalAndHoldsTheRest) {
   expect(0.05 * normal, 0);  // a wall does not pull
 }
 
+TEST(LocalModel, PlaneThatIsNearPushesOnceItIsReached) {
+  Grounded device;
+  device.stiffness = 500;
+  BoneWrench w = touching({0.3, 0, 0.2}, {1, 0, 0}, 1000);
+  for (const double gap : {0.004, -0.001}) {
+    w.bones[kBone].contact_gap = gap;
+    for (const double x : {0.01, -0.003, -0.005, -0.006}) {
+      // The force of the coupling is held. The device renders half of the stiffness, and the gap stays.
+      const double expected = 0.3 + std::max(0.0, 500 * (-x - gap));
+      EXPECT_LT((commands_at({x, 0, 0}, w, device) - Vector3(expected, 0, 0.2)).norm(), 1e-12) << gap << ' ' << x;
+    }
+  }
+}
+
 TEST(LocalModel, AgeOfAMessageDoesNotMoveThePlane) {
   Grounded device;
   for (const int age : {0, 7, 15, 40}) {
@@ -133,6 +147,8 @@ TEST(LocalModel, RefusesAndCountsImplausiblePlanesAndHoldsTheirForce) {
       [&](BoneSample& b) { b.contact_damping = nan; },
       [&](BoneSample& b) { b.contact_damping = -1; },
       [&](BoneSample& b) { b.contact_damping = std::numeric_limits<double>::infinity(); },
+      [&](BoneSample& b) { b.contact_gap = nan; },
+      [&](BoneSample& b) { b.contact_gap = -2 * kMaxContactGap; },
       [&](BoneSample& b) { b.contact_normal = {}; },
       [&](BoneSample& b) {
         b.contact_normal = {0.9, 0, 0};
@@ -332,12 +348,19 @@ TEST(BoneContacts, MakeOnePlanePerBone) {
   contacts->contacts.push_back(contact(Body::thumb_distal, {0, 1, 0}, up, {0, 0, 0}));
   contacts->contacts.push_back(contact(Body::thumb_distal, {0, -1, 0}, -up, {0, 0.02, 0}));  // between two walls
   contacts->contacts.push_back(contact(Body::ring_distal, {0, std::nan(""), 0}, up, {0, 0, 0}));
+  NearContact near;
+  near.normal = to_wire(up);
+  near.gap = 0.004;
+  for (const Body body : {Body::middle_distal, Body::index_distal}) {
+    near.body = static_cast<std::uint32_t>(index_of(body));
+    contacts->near.push_back(near);
+  }
   const BoneContacts sums = sum_contacts(*contacts);
   const BoneCoupling coupling{800, 5, 0.004};
-  const auto model_of = [&](Body body, const Vector3& force, double stretch) {
+  const auto model_of = [&](Body body, const Vector3& force, double stretch, const Vector3& moved = Vector3::Zero()) {
     BoneSample bone;
     bone.coupling_force = to_wire(force);
-    write_local_model(sums[static_cast<std::size_t>(index_of(body))], coupling, stretch, bone);
+    write_local_model(sums[static_cast<std::size_t>(index_of(body))], coupling, stretch, moved, bone);
     return bone;
   };
   const BoneSample index = model_of(Body::index_distal, {0, 2, 0}, 0.0025);
@@ -350,6 +373,13 @@ TEST(BoneContacts, MakeOnePlanePerBone) {
   EXPECT_EQ(model_of(Body::thumb_distal, {0, 2, 0}, 0.0025).contact_stiffness, 0);
   EXPECT_EQ(model_of(Body::ring_distal, {0, 2, 0}, 0.0025).contact_stiffness, 0);
   EXPECT_EQ(model_of(Body::little_distal, {0, 2, 0}, 0.0025).contact_normal, Vec3{});
+  EXPECT_EQ(index.contact_gap, 0);
+  // Near an object: the gap shrinks while the user moves on.
+  const BoneSample little = model_of(Body::middle_distal, {0, -0.1, 0}, 1e-4, {0.5, -0.003, 0});
+  EXPECT_NEAR(little.contact_gap, 0.001, 1e-12);
+  EXPECT_EQ(little.contact_stiffness, 800);
+  EXPECT_NEAR(model_of(Body::middle_distal, Vector3::Zero(), 0, {0, -0.006, 0}).contact_gap, -0.002, 1e-12);
+  EXPECT_EQ(model_of(Body::middle_distal, Vector3::Zero(), 0, {0, 0.2, 0}).contact_stiffness, 0);
 }
 
 }  // namespace

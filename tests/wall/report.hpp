@@ -9,7 +9,7 @@ struct WallArguments {
   std::string markdown;  ///< file for the same tables; empty: none
 };
 /// Prints two tables. Returns 0 if, for every device with the normal delay, the wall of five times the stiffness that
-/// is stable without the local model is passive, and stable unless it is stiffer than the device. Otherwise 1.
+/// is stable with held forces is stable and passive, else 1.
 int run_wall(const WallArguments& arguments);
 
 }  // namespace softhand::wall

@@ -15,7 +15,8 @@ namespace {
 
 constexpr Nanoseconds kStart = 1'000'000'000, kMillisecond = 1'000'000;
 constexpr int kSubsteps = 50;
-constexpr double kSlew = 1000;  // N/s
+constexpr double kSlew = 1000;   // N/s
+constexpr double kNear = 0.015;  // m, as ContactSet::near_gap
 constexpr double kStep = 1e-3, kSubstep = kStep / kSubsteps;
 
 // The wall is at 0, and its inside is negative. A press, three taps, and a second press from which the user lets go.
@@ -69,7 +70,7 @@ class WallDriver final : public HapticDriver {
 
 Result run(const Trial& trial) {
   double x = kOutside, v = 0;
-  const auto driver = std::make_shared<WallDriver>(trial.device, trial.mode == Mode::local, x);
+  const auto driver = std::make_shared<WallDriver>(trial.device, trial.mode != Mode::held, x);
   DeviceLoop<BoneWrench> loop({}, driver, 1, 0);
   struct Message {
     Nanoseconds arrives = 0;
@@ -105,8 +106,9 @@ Result run(const Trial& trial) {
       wrench.stamp.publish_time = message.arrives;
       BoneSample& bone = wrench.bones[0];
       bone.tracked_position[0] = x;
-      if (x < 0) {
-        bone.coupling_force[0] = -trial.stiffness * x;
+      if (x < (trial.mode == Mode::near ? kNear : 0)) {
+        bone.coupling_force[0] = std::max(0.0, -trial.stiffness * x);
+        bone.contact_gap = std::max(0.0, x);
         bone.contact_normal = {1, 0, 0};
         bone.contact_stiffness = trial.stiffness;
         bone.contact_damping = 2 * std::sqrt(trial.stiffness * mass);

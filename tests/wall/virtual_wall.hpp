@@ -46,8 +46,9 @@ struct Link {
 
 /// What the device gets.
 enum class Mode {
-  held,   ///< it does not measure, so each force is held until the next message: no local model and no controller
-  local,  ///< local model and passivity controller
+  held,     ///< it does not measure, so each force is held until the next message: no local model and no controller
+  touched,  ///< local model and controller; messages have the plane of the wall only after the hand touched it
+  near,     ///< local model and controller; messages have the plane while the hand is near, as those of a rig
 };
 
 struct Trial {
@@ -55,7 +56,7 @@ struct Trial {
   Hand hand;
   Link link;
   double stiffness = 0;  ///< N/m of the wall
-  Mode mode = Mode::local;
+  Mode mode = Mode::near;
   std::uint64_t seed = 1;
 };
 struct Result {
