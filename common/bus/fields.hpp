@@ -105,6 +105,15 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("contact_count", m.contact_count);
 }
 
+template <typename V, Is<NearContact> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("body", m.body);
+  v.field("object_id", m.object);
+  v.field("point", m.point);
+  v.field("normal", m.normal);
+  v.field("gap", m.gap);
+}
+
 template <typename V, Is<Contacts> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.key("hand", m.hand);
@@ -112,6 +121,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("fingers", m.fingers);
   v.field("dropped", m.dropped);
   v.field("contacts", m.contacts);
+  v.field("near", m.near);
 }
 
 template <typename V, Is<ShapeFile> M>
@@ -248,6 +258,11 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("coupling_force", m.coupling_force);
   v.field("coupling_torque", m.coupling_torque);
   v.field("contact_force", m.contact_force);
+  v.field("contact_point", m.contact_point);
+  v.field("contact_normal", m.contact_normal);
+  v.field("contact_stiffness", m.contact_stiffness);
+  v.field("contact_damping", m.contact_damping);
+  v.field("contact_gap", m.contact_gap);
 }
 
 template <typename V, Is<BoneWrench> M>

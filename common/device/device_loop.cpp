@@ -26,7 +26,8 @@ void add_closing_resistance(const BoneWrench& input, std::span<double> forces) {
 void describe(OptionVisitor& v, DeviceLoopOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {10, 10000}, "Rate at which commands are written to the device.");
   v.number("stale_after", o.stale_after, "s", {0.005, 0.045},
-           "If the newest input is older than this, all commands are zero immediately.");
+           "If the newest input, or the simulated hand in it, is older than this, all commands are zero. Commands fade "
+           "over the last fifth of this time.");
   v.number("gain", o.gain, "1", {0, 1}, "Factor on every command.");
   v.flag("enabled", o.enabled, "If true, the motors are on at start. The message `motors` switches them on and off.");
 }
@@ -67,19 +68,22 @@ bool DeviceGuard::accept(Nanoseconds now, const HandKey& hand, const Stamp& stam
   return true;
 }
 
-bool DeviceGuard::fresh(Nanoseconds now) const {
-  if (!any_) return false;
+double DeviceGuard::freshness(Nanoseconds now) const {
+  if (!any_) return 0;
+  double oldest = 0;
   // The age counts from the arrival. It also counts from the publisher's stamp, so that a backlog does not count as
-  // fresh.
-  const auto is_young = [&](Nanoseconds time) {
-    const std::optional<double> age = age_of(time, now);
-    return age && *age <= options_.stale_after;
-  };
-  return is_young(arrival_) && (stamp_.publish_time == 0 || is_young(stamp_.publish_time));
+  // fresh, and from the simulated hand in the input, so that a hung simulation does not. Both are in real time.
+  for (const Nanoseconds time : {arrival_, stamp_.publish_time, stamp_.chain.simulated_published}) {
+    const std::optional<double> age = time == 0 ? 0 : age_of(time, now);
+    if (!age) return 0;
+    oldest = std::max(oldest, *age);
+  }
+  return std::clamp((1 - oldest / options_.stale_after) / (1 - kFadeFrom), 0.0, 1.0);
 }
 
 const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> requested, bool source_live) {
-  const bool live = fresh(now) && source_live;
+  const double share = source_live ? freshness(now) : 0;
+  const bool live = share > 0;
   if (was_live_ && !live) ++state_.stale;
   was_live_ = live;
   if (!live || !enabled_) {
@@ -93,7 +97,7 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> r
   const double reach = limits_.slew * elapsed;
   bool clamped = false, slewed = false;
   for (std::size_t i = 0; i < limits_.actuators; ++i) {
-    double command = gain_ * requested[i];
+    double command = gain_ * share * requested[i];
     if (!std::isfinite(command)) {
       ++counters_.nonfinite;
       state_.commands[i] = 0;
@@ -101,7 +105,9 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> r
     }
     const double inside = std::clamp(command, limits_.minimum_command, limits_.maximum_command);
     clamped = clamped || inside != command;
-    const double next = std::clamp(inside, state_.commands[i] - reach, state_.commands[i] + reach);
+    // A force that returns to zero late would push the user who lets go.
+    const double last = state_.commands[i];
+    const double next = std::clamp(inside, std::min(last, 0.0) - reach, std::max(last, 0.0) + reach);
     slewed = slewed || next != inside;
     state_.commands[i] = next;
   }
@@ -145,12 +151,7 @@ MessageReply DeviceGuard::answer(const Message& message, const std::string& modu
 
 void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.input_age_ms = age_ms_of(arrival_, now);
-  const auto add = [&status](std::string_view name, double value) {
-    NamedValue counter;
-    set_text(counter.name, name);
-    counter.value = value;
-    status.counters.push_back(counter);
-  };
+  const auto add = [&status](std::string_view name, double value) { add_counter(status, name, value); };
   add("accepted", static_cast<double>(counters_.accepted));
   add("repeated", static_cast<double>(counters_.repeated));
   add("refused_stamp", static_cast<double>(counters_.refused_stamp));
@@ -161,6 +162,30 @@ void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
   add("stale", state_.stale);
   add("live", state_.live);
   add("motors", enabled_ ? 1 : 0);
+}
+
+void DeviceFeedback<BoneWrench>::measure(Nanoseconds now, HapticDriver& driver, std::span<const double> commands) {
+  if (!driver.measure(now, {positions_.data(), actuators_})) {
+    motion_.clear();
+  } else {
+    measures_ = true;
+    if (!motion_.add(now, positions_)) ++refused_motion_;
+  }
+  passivity_.observe(commands, motion_);
+}
+
+std::span<const double> DeviceFeedback<BoneWrench>::requested() {
+  model_.evaluate(motion_, requested_);
+  return {requested_.data(), actuators_};
+}
+
+void DeviceFeedback<BoneWrench>::fill_status(LoopStatus& status) const {
+  status.passivity_energy = passivity_.energy();
+  if (!measures_) return;
+  add_counter(status, "planes", static_cast<double>(model_.planes()));
+  add_counter(status, "refused_planes", static_cast<double>(model_.refused()));
+  add_counter(status, "refused_motion", static_cast<double>(refused_motion_));
+  add_counter(status, "passivity_control", static_cast<double>(passivity_.interventions()));
 }
 
 }  // namespace softhand

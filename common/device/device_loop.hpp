@@ -2,9 +2,11 @@
 // driver.
 //
 // A driver converts simulation output into requested commands, one number per actuator. It also writes commands to its
-// device. `DeviceLoop` stands between the two and holds everything that keeps a person safe: force clamp, slew limit,
-// and zero commands. Commands are zero on stale input, on non-finite numbers, when disabled and on exit. A driver is
-// one folder under services/haptics or services/tactile (docs/add-a-device.md).
+// device, and a haptic driver says the motion of its device. `DeviceLoop` stands between the two and holds everything
+// that keeps a person safe: force clamp, slew limit, and zero commands. Commands are zero on stale input, on non-finite
+// numbers, when disabled and on exit. For a haptic device that measures its motion, the loop also evaluates the local
+// model between two inputs and keeps the device passive. A driver is one folder under services/haptics or
+// services/tactile (docs/add-a-device.md).
 #pragma once
 
 #include <array>
@@ -14,7 +16,8 @@
 #include <string>
 #include <string_view>
 
-#include "device/passivity_observer.hpp"
+#include "device/local_model.hpp"
+#include "device/passivity.hpp"
 #include "messages/followed_writer.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
@@ -26,7 +29,11 @@ struct DeviceLimits {
   std::size_t actuators = 0;   ///< 1 to kMaxActuators
   double minimum_command = 0;  ///< <= 0; a brake, which can only resist, has 0
   double maximum_command = 0;  ///< > 0
-  double slew = 0;             ///< > 0, largest change per second
+  double slew = 0;             ///< > 0, largest change per second away from zero. Towards zero there is no limit
+  /// Haptic devices that measure their motion: the largest stiffness (N/m) and damping (N s/m) that the device renders
+  /// stably at the rate of its loop. Stiffness 0: no local model.
+  double stiffness = 0;
+  double damping = 0;
 };
 
 template <typename InputType>
@@ -36,12 +43,15 @@ class DeviceDriver {
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
   /// Computes the requested commands for this input, one number per actuator. `requested` is zero on entry. The values
-  /// need not respect the limits. Real-time.
+  /// need not respect the limits. Those of a haptic device must be linear in the coupling forces and torques: the local
+  /// model asks for the commands of parts of an input. Real-time.
   virtual void command(const Input& input, std::span<double> requested) = 0;
+  /// A haptic device that measures its motion writes the position of each actuator, m, in the direction in which a
+  /// positive command pushes the user. Returns false if it does not measure or lost its sensor. Real-time.
+  virtual bool measure(Nanoseconds, std::span<double> /*positions*/) { return false; }
   /// Sends commands within the limits to the device. Real-time: must not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
 };
-using HapticDriver = DeviceDriver<BoneWrench>;
 using TactileDriver = DeviceDriver<Contacts>;
 
 /// Adds the force against closing of each finger, N, thumb first: the sum of the coupling forces on the finger's bones,
@@ -85,20 +95,22 @@ class DeviceGuard {
   /// Returns true if `stamp` is newer than all earlier stamps, and can be compared with this host's clock. Then the
   /// caller computes commands from this input.
   bool accept(Nanoseconds now, const HandKey& hand, const Stamp& stamp);
-  /// True while the newest input is not older than `stale_after`.
-  bool fresh(Nanoseconds now) const;
+  /// Commands fade from this share of `stale_after` on. With 40 ms this is later than the message after a lost one at
+  /// 90 Hz with 4 ms of jitter, which a user must not feel.
+  static constexpr double kFadeFrom = 0.8;
+  /// Falls from 1 to 0 while the age of the newest input rises from kFadeFrom * `stale_after` to `stale_after`.
+  double freshness(Nanoseconds now) const;
   /// Computes the commands of this step from `requested` (its size is the number of actuators). `source_live` is false
   /// if the input itself says that its source is dead.
   const DeviceState& limit(Nanoseconds now, std::span<const double> requested, bool source_live);
   /// Sets all commands to zero immediately. Used on exit.
   const DeviceState& zero(Nanoseconds now);
+  /// The commands of the last step. The passivity controller changes them before they are written.
+  std::span<double> commands() { return {state_.commands.begin(), state_.commands.size()}; }
+  std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
   MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status, Nanoseconds now) const;
-  /// Share of the driver's requested command (before clamp and slew limit) that the device receives since the last
-  /// step.
-  double share() const { return enabled_ && state_.live != 0 ? gain_ : 0.0; }
 
-  std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
   const DeviceCounters& counters() const { return counters_; }
 
  private:
@@ -122,9 +134,59 @@ class DeviceGuard {
 inline bool source_is_live(const BoneWrench& input) { return input.simulated_valid != 0; }
 inline bool source_is_live(const Contacts&) { return true; }
 
-/// Tactile devices do not move the user, so only coupling forces are observed.
-inline void observe(PassivityObserver& observer, const BoneWrench& input) { observer.add(input); }
-inline void observe(PassivityObserver&, const Contacts&) {}
+/// What the loop does with its inputs at the rate of the device.
+template <typename Input>
+class DeviceFeedback;
+
+/// Tactile devices do not move the user: their commands are those of the newest input.
+template <>
+class DeviceFeedback<Contacts> {
+ public:
+  DeviceFeedback(const DeviceLoopOptions&, const DeviceLimits& limits) : actuators_(limits.actuators) {}
+  void measure(Nanoseconds, TactileDriver&, std::span<const double>) {}
+  void take(const Contacts& input, TactileDriver& driver) {
+    requested_.fill(0);
+    driver.command(input, {requested_.data(), actuators_});
+  }
+  std::span<const double> requested() { return {requested_.data(), actuators_}; }
+  void control(std::span<double>) {}
+  void fill_status(LoopStatus&) const {}
+
+ private:
+  std::size_t actuators_;
+  ActuatorValues requested_{};
+};
+
+/// Local model and passivity of a haptic device.
+template <>
+class DeviceFeedback<BoneWrench> {
+ public:
+  DeviceFeedback(const DeviceLoopOptions& options, const DeviceLimits& limits)
+      : period_(1 / options.rate_hz),
+        actuators_(limits.actuators),
+        motion_(actuators_),
+        model_(limits),
+        passivity_(limits) {}
+  /// Asks the device for its motion. `commands` acted since the last call.
+  void measure(Nanoseconds now, HapticDriver& driver, std::span<const double> commands);
+  void take(const BoneWrench& input, HapticDriver& driver) { model_.take(input, motion_, driver); }
+  std::span<const double> requested();
+  void control(std::span<double> commands) { passivity_.control(commands, motion_, period_); }
+  void fill_status(LoopStatus& status) const;
+
+  const LocalModel& model() const { return model_; }
+  const PassivityControl& passivity() const { return passivity_; }
+
+ private:
+  double period_;  // s
+  std::size_t actuators_;
+  DeviceMotion motion_;
+  LocalModel model_;
+  PassivityControl passivity_;
+  ActuatorValues requested_{}, positions_{};
+  bool measures_ = false;
+  std::uint64_t refused_motion_ = 0;
+};
 
 template <typename Input>
 class DeviceLoop {
@@ -133,7 +195,7 @@ class DeviceLoop {
              std::uint32_t kind)
       : driver_(std::move(driver)),
         guard_(options, driver_->limits(), device, kind),
-        actuators_(driver_->limits().actuators) {}
+        feedback_(options, driver_->limits()) {}
   /// Sets the commands of the device to zero if `stop` was not called.
   ~DeviceLoop() {
     if (!stopped_) stop(0);
@@ -143,14 +205,13 @@ class DeviceLoop {
 
   /// Runs one step and writes to the device. `input` is the input that arrived since the last step; null = no input.
   const DeviceState& step(Nanoseconds now, const Input* input) {
+    feedback_.measure(now, *driver_, guard_.commands());
     if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
-      observe(passivity_, *input);
-      requested_.fill(0);
-      driver_->command(*input, {requested_.data(), actuators_});
+      feedback_.take(*input, *driver_);
       source_live_ = source_is_live(*input);
     }
-    const DeviceState& state = guard_.limit(now, {requested_.data(), actuators_}, source_live_);
-    passivity_.set_share(guard_.share());
+    const DeviceState& state = guard_.limit(now, feedback_.requested(), source_live_);
+    feedback_.control(guard_.commands());
     driver_->write(now, guard_.commands());
     return state;
   }
@@ -164,17 +225,17 @@ class DeviceLoop {
   MessageReply answer(const Message& message, const std::string& module) { return guard_.answer(message, module); }
   void fill_status(LoopStatus& status, Nanoseconds now) const {
     guard_.fill_status(status, now);
-    status.passivity_energy = passivity_.energy();
+    feedback_.fill_status(status);
   }
   const DeviceCounters& counters() const { return guard_.counters(); }
-  const PassivityObserver& passivity() const { return passivity_; }
+  /// Commands of the last step.
+  std::span<const double> commands() const { return guard_.commands(); }
+  const DeviceFeedback<Input>& feedback() const { return feedback_; }
 
  private:
   std::shared_ptr<DeviceDriver<Input>> driver_;
   DeviceGuard guard_;
-  PassivityObserver passivity_;
-  std::size_t actuators_;
-  std::array<double, kMaxActuators> requested_{};
+  DeviceFeedback<Input> feedback_;
   bool source_live_ = false;
   bool stopped_ = false;
 };

@@ -557,6 +557,31 @@ void ContactSet::write(const State& state, Contacts& out) {
   for (const Anchor& anchor : anchors_)
     report_.add(anchor, offset(anchor, state), position(anchor, state), at(anchor.slot).id, out);
   report_.finish([this](int slot) { return at(slot).id; }, out);
+  write_near(state, out);
+}
+
+void ContactSet::write_near(const State& state, Contacts& out) const {
+  std::array<NearContact, kBodyCount> nearest;
+  for (NearContact& each : nearest) each.gap = near_gap;
+  for (const Contact& contact : out.contacts) nearest[contact.body].gap = 0;
+  for (const Slot& slot : slots_) {
+    if (!slot.collider.is_set()) continue;
+    const Pose pose = slot.collider.body_pose(state), back = pose.inverse();
+    candidates_.groups().for_each_near(*slot.collider.geometry(), pose, near_gap, [&](std::int32_t point) {
+      if (point >= points_.count()) return;
+      NearContact& near = nearest[points_[point].body];
+      if (near.gap == 0) return;
+      const Vector3 place = points_.at(point, state.node_positions);
+      const SurfacePoint surface = slot.collider.closest(back * place);
+      if (!(surface.distance > 0) || surface.distance >= near.gap) return;
+      const Vector3 normal = pose.orientation * surface.normal;
+      near = {points_[point].body, slot.id, to_wire(Vector3(place - surface.distance * normal)), to_wire(normal),
+              surface.distance};
+    });
+  }
+  out.near.clear();
+  for (const NearContact& each : nearest)
+    if (each.gap > 0 && each.gap < near_gap) out.near.push_back(each);
 }
 
 double ContactEnergy::value(const State& state) const {

@@ -64,6 +64,8 @@ class ContactSet {
  public:
   /// A sharp point is as stiff as a contact point with this area, m^2: 3 N press it in by 0.5 mm with the default k_c.
   static constexpr double sharp_area = 6.7e-6;
+  /// Largest gap of a NearContact, m: the way of a fast hand (0.5 m/s) in the age of a force and one period.
+  static constexpr double near_gap = 0.015;
   using Anchor = ContactAnchor;
   using Offset = AnchorOffset;
 
@@ -155,7 +157,8 @@ class ContactSet {
   std::uint64_t queries() const { return queries_ + candidates_.queries(); }
   /// Number of anchors since construction that were dropped because the list was full.
   std::uint64_t dropped() const { return dropped_; }
-  /// Writes contacts and sums per finger at the end of the last step. Does not write key and stamp.
+  /// Writes contacts and sums per finger at the end of the last step, and the nearest object of each bone that touches
+  /// nothing, up to `near_gap`. Does not write key and stamp.
   void write(const State& state, Contacts& out);
 
   /// Of the anchor's contact point, world.
@@ -193,6 +196,7 @@ class ContactSet {
                        static_cast<std::size_t>(point)];
   }
   void mark_anchors();
+  void write_near(const State& state, Contacts& out) const;
   double stiffness_of(int point) const {
     return stiffness_ * (point < points_.count() ? points_[point].area : sharp_area);
   }

@@ -141,12 +141,21 @@ struct FingerContact {
   std::uint32_t object = 0;  ///< the object with the largest force; 0 without contact
   std::uint32_t contact_count = 0;
 };
+/// Where a bone that touches nothing would touch: its skin is near an object.
+struct NearContact {
+  std::uint32_t body = 0;    ///< `Body`
+  std::uint32_t object = 0;  ///< object id
+  Vec3 point{};              ///< on the object's surface, world
+  Vec3 normal{};             ///< unit, outward of the object, world
+  double gap = 0;            ///< m from the skin to the surface, > 0
+};
 struct Contacts {
   HandKey hand;
   Stamp stamp;
   std::array<FingerContact, 6> fingers;  ///< thumb..little, then palm
   std::uint32_t dropped = 0;             ///< number of contacts beyond kMaxContacts
   BoundedVector<Contact, kMaxContacts> contacts;
+  BoundedVector<NearContact, kBodyCount> near;  ///< at most one per bone
 };
 
 enum class ShapeKind : std::uint32_t {
@@ -299,7 +308,20 @@ struct BoneSample {
   Vec3 coupling_force{};   ///< from the simulated hand on the user's bone through the coupling, N
   Vec3 coupling_torque{};  ///< N m, about the joint's origin
   Vec3 contact_force{};    ///< sum of contact-point forces on this bone's tissue, N
+  /// Local model: what the bone feels of its contacts until the next message. `coupling_force` is valid at the tracked
+  /// pose and at `stamp.sample_time`. If the user's bone moves by d from there, with velocity v, the part of the force
+  /// along the normal n changes by -(contact_stiffness n . d + contact_damping n . v). It never pulls.
+  Vec3 contact_point{};          ///< world, centre of pressure of the bone's contacts
+  Vec3 contact_normal{};         ///< unit, world, from the objects to the bone; 0 = no local model
+  double contact_stiffness = 0;  ///< N/m, 0 to kMaxContactStiffness
+  double contact_damping = 0;    ///< N s/m, 0 to kMaxContactDamping
+  /// 0: the bone touches. Otherwise the bone is near an object: the plane does not push before the bone has moved this
+  /// far against the normal, m. Negative: the user is already beyond it. Amount at most kMaxContactGap.
+  double contact_gap = 0;
 };
+inline constexpr double kMaxContactStiffness = 1e5;
+inline constexpr double kMaxContactDamping = 1e3;
+inline constexpr double kMaxContactGap = 0.05;
 struct BoneWrench {
   HandKey hand;
   Stamp stamp;

@@ -102,6 +102,7 @@ int run_simulate(const SimulateArguments& arguments) {
   const auto motion = make_scene_motion(scene, hand);
   const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
+  rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat);
 
   double seconds = arguments.seconds > 0 ? arguments.seconds : scene.options.simulate.seconds;
   if (seconds <= 0) seconds = motion->duration() - scene.options.tracker.start_time + 0.5;
@@ -158,7 +159,13 @@ int run_simulate(const SimulateArguments& arguments) {
     json["tracking_ledger_defect"] = rig.tracking()->ledger().defect();
     json["tracking_ledger_j"] = ledger_rows(rig.tracking()->ledger());
   }
-  json["passivity_energy_j"] = rig.haptic().passivity().energy();
+  const PassivityControl& passivity = rig.haptic().feedback().passivity();
+  json["passivity_energy_j"] = passivity.energy();
+  json["passivity_energy_min_j"] = passivity.lowest_energy();
+  json["passivity_energy_without_control_j"] = passivity.energy_without_control();
+  json["passivity_control_steps"] = passivity.interventions();
+  json["wrench_work_on_user_j"] = rig.work_on_user();
+  json["wrench_work_on_tracked_j"] = rig.work_on_tracked();
   json["state_hash"] = rig.state_hash();
   const HandCounters& counters = rig.hand().counters();
   const WorkCounters work = simulation.work();

@@ -4,6 +4,7 @@
 
 #include "hand/object_shapes.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
+#include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
@@ -36,6 +37,25 @@ void add_state(Sha256& hasher, const State& state) {
 
 }  // namespace
 
+// The simulated glove on the hand of the rig's user.
+class VirtualRig::Glove final : public HapticLogDriver {
+ public:
+  explicit Glove(const VirtualRig& rig) : HapticLogDriver({}), rig_(rig) {}
+  bool measure(Nanoseconds now, std::span<double> positions) override {
+    if (rig_.user_ == nullptr) return HapticLogDriver::measure(now, positions);
+    const JointFrames frames = rig_.user_at(now);
+    const auto pose = [&frames](Body body) { return frames[static_cast<std::size_t>(index_of(joint_of(body)))]; };
+    std::array<Pose, kFingerCount> distal;
+    for (std::size_t f = 0; f < kFingerCount; ++f) distal[f] = pose(distal_of(static_cast<Finger>(f)));
+    encoders_.move(pose(Body::carpus), distal);
+    return encoders_.read(positions);
+  }
+
+ private:
+  const VirtualRig& rig_;
+  GloveEncoders encoders_;
+};
+
 VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker,
                        RigWitness* witness)
     : options_(scene.options),
@@ -55,8 +75,7 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   }
   for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand_->describe_joint(joint);
   descriptions_heard_ = world_->descriptions_version();
-  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop,
-                                                     std::make_unique<HapticLogDriver>(HapticLogOptions{}), 1, 0);
+  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop, std::make_unique<Glove>(*this), 1, 0);
 
   // The phases differ so that no two loops tick at the same time. If two do, the loop that is added first runs first.
   const auto add = [this](RigLoop name, double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
@@ -72,6 +91,17 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
 }
 
 VirtualRig::~VirtualRig() = default;
+
+void VirtualRig::set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat) {
+  user_ = std::move(motion);
+  user_start_ = start_time;
+  user_repeats_ = repeat;
+}
+
+JointFrames VirtualRig::user_at(Nanoseconds now) const {
+  const double time = user_start_ + static_cast<double>(now - kStart) * 1e-9;
+  return user_->at(user_repeats_ ? std::fmod(time, user_->duration()) : time);
+}
 
 void VirtualRig::run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step) {
   after_hand_step_ = after_hand_step;
@@ -187,7 +217,20 @@ void VirtualRig::step_world(Nanoseconds now) {
 }
 
 void VirtualRig::step_haptic(Nanoseconds now) {
-  DeviceState state = haptic_->step(now, wrench_to_haptic_.receive(now));
+  const BoneWrench* wrench = wrench_to_haptic_.receive(now);
+  if (wrench != nullptr) {
+    BonePoses poses;
+    for (std::size_t b = 0; b < kBodyCount; ++b)
+      poses[b] = to_pose(wrench->bones[b].tracked_position, wrench->bones[b].tracked_orientation);
+    work_on_tracked_.add(*wrench, poses);
+    if (user_ != nullptr) {
+      const JointFrames frames = user_at(now);
+      for (std::size_t b = 0; b < kBodyCount; ++b)
+        poses[b] = frames[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
+      work_on_user_.add(*wrench, poses);
+    }
+  }
+  DeviceState state = haptic_->step(now, wrench);
   state.stamp.publish_time = now;
   outcome_.on_device(state);
   tell(RigLoop::haptic, state);

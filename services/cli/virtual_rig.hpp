@@ -9,11 +9,13 @@
 #include <vector>
 
 #include "cli/outcome.hpp"
+#include "cli/wrench_work.hpp"
 #include "device/device_loop.hpp"
 #include "hand/hand_loop.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/sha256.hpp"
 #include "scene_file.hpp"
+#include "trackers/replay/motion.hpp"
 #include "tracking/tracking_loop.hpp"
 #include "world/world_loop.hpp"
 
@@ -94,6 +96,11 @@ class VirtualRig {
              RigWitness* witness = nullptr);
   ~VirtualRig();
 
+  /// The motion of the user's hand without the noise of the tracker. Time 0 of the rig is `start_time` of the motion;
+  /// with `repeat` it begins again at its end. The encoders of the glove measure this motion. Without a user they
+  /// measure the tracked hand.
+  void set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat);
+
   /// Runs for `seconds`. Calls `after_hand_step` after each step of the hand.
   void run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step);
 
@@ -111,6 +118,10 @@ class VirtualRig {
   const TrackingLoop* tracking() const { return tracking_.get(); }
   const WorldLoop& world() const { return *world_; }
   const DeviceLoop<BoneWrench>& haptic() const { return *haptic_; }
+  /// Work of the forces and torques of all bones, J, if they acted in full on the bones of the tracked hand, with its
+  /// noise, and on those of the user's hand.
+  double work_on_tracked() const { return work_on_tracked_.joules(); }
+  double work_on_user() const { return work_on_user_.joules(); }
   std::uint64_t steps_of_hand() const { return hand_steps_; }
   /// Computing time (s) of each step of the hand, and its parts.
   const std::vector<StepTiming>& hand_timings() const { return hand_timings_; }
@@ -129,6 +140,8 @@ class VirtualRig {
     VirtualRig& rig;
     Nanoseconds now = 0;
   };
+  class Glove;
+  JointFrames user_at(Nanoseconds now) const;
   void step_tracker(Nanoseconds now);
   void deliver(const Skeleton& sample);
   void step_tracking(Nanoseconds now);
@@ -152,7 +165,11 @@ class VirtualRig {
   std::unique_ptr<TrackingLoop> tracking_;
   std::unique_ptr<HandLoop> hand_;
   std::unique_ptr<WorldLoop> world_;
+  std::shared_ptr<const Motion> user_;  // may be null
+  double user_start_ = 0;
+  bool user_repeats_ = false;
   std::unique_ptr<DeviceLoop<BoneWrench>> haptic_;
+  WrenchWork work_on_tracked_, work_on_user_;
   std::vector<std::shared_ptr<const ShapeGeometry>> file_shapes_;  // of the scene's objects; null without a file
   Nanoseconds transport_;
   Nanoseconds hand_compute_;

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "device/answer.hpp"
+#include "device/bone_contacts.hpp"
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -220,7 +221,8 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
   coupling.step_period = time_step_;
   mirror_.write_twins(coupling);
 
-  if (requested.contacts) {
+  const bool writes_wrench = requested.bone_wrench && options_.direct;
+  if (requested.contacts || writes_wrench) {
     output_.contacts.stamp = stamp;
     simulation_->write_contacts(output_.contacts);
   }
@@ -236,26 +238,30 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
       surface.nodes.push_back({relative.x(), relative.y(), relative.z()});
     }
   }
-  if (requested.bone_wrench && options_.direct) {
+  if (writes_wrench) {
     BoneWrench& wrench = output_.bone_wrench;
     wrench.stamp = stamp;
     wrench.stamp.chain.simulated_published = wrench.stamp.chain.wrench_published = now;
     wrench.simulated_valid = 1;
     const auto& targets = tracked_.targets(now);
+    const BoneContacts contacts = sum_contacts(output_.contacts);
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       const Body body = static_cast<Body>(b);
       const Pose pose = simulation_->joint_pose(joint_of(body));
       const Wrench coupled = simulation_->coupling_wrench(body);
       // The coupling acts on the user's bone with the opposite sign of its action on the simulated bone.
-      wrench.bones[b] = {to_wire(targets[b].pose.position),
-                         to_wire(targets[b].pose.orientation),
-                         to_wire(targets[b].pose.position),
-                         to_wire(targets[b].pose.orientation),
-                         to_wire(pose.position),
-                         to_wire(pose.orientation),
-                         to_wire(Vector3(-coupled.force)),
-                         to_wire(Vector3(-coupled.torque)),
-                         to_wire(simulation_->bone_contact_forces()[b])};
+      BoneSample& sample = wrench.bones[b];
+      sample = {};
+      sample.tracked_position = sample.intermediate_position = to_wire(targets[b].pose.position);
+      sample.tracked_orientation = sample.intermediate_orientation = to_wire(targets[b].pose.orientation);
+      sample.simulated_position = to_wire(pose.position);
+      sample.simulated_orientation = to_wire(pose.orientation);
+      sample.coupling_force = to_wire(Vector3(-coupled.force));
+      sample.coupling_torque = to_wire(Vector3(-coupled.torque));
+      const BodyModel& model = simulation_->hand().bodies[b];
+      write_local_model(contacts[b], {model.coupling_linear_stiffness, model.coupling_force_cap, model.mass},
+                        (pose.position - targets[b].pose.position).norm(), Vector3::Zero(), sample);
+      sample.contact_force = to_wire(simulation_->bone_contact_forces()[b]);
     }
   }
 }

@@ -144,7 +144,7 @@ TrackingLoop::TrackingLoop(const TrackingOptions& options, double hand_rate_hz, 
     if (index(own) != j) joint_in_body_[j] = hand.rest_joints[index(own)].inverse() * hand.rest_joints[j];
     radii_[j] = hand.joint_radii[j];
   }
-  contact_forces_.fill(Vector3::Zero());
+  bone_contacts_ = {};
 }
 
 void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
@@ -296,7 +296,7 @@ void TrackingLoop::reset(Nanoseconds time) {
   input_ = TrackedInput(options_.input);
   for (Bone& bone : bones_) bone.placed = bone.simulated_seen = false;
   simulated_any_ = reposition_asked_ = false;
-  contact_forces_.fill(Vector3::Zero());
+  bone_contacts_ = {};
 }
 
 const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& input) {
@@ -311,12 +311,8 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   if (is_usable(input.contacts) && !age_of(input.contacts->stamp.sample_time, now)) {
     ++refused_future_;
   } else if (is_usable(input.contacts)) {
-    contact_forces_.fill(Vector3::Zero());
+    bone_contacts_ = sum_contacts(*input.contacts);
     contacts_arrival_ = now;
-    for (const Contact& contact : input.contacts->contacts) {
-      if (contact.body < kBodyCount && all_finite(contact.force))
-        contact_forces_[contact.body] += to_vector(contact.force);
-    }
   }
 
   const std::array<BodyTarget, kBodyCount>& targets = input_.targets(now);
@@ -412,7 +408,11 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
     const Vector3 turn = rotation_log(copy.orientation * bone.pose.orientation.conjugate());
     sample.coupling_force = to_wire(Vector3(capped(bone.coupling_linear, stretch.norm(), bone.force_cap) * stretch));
     sample.coupling_torque = to_wire(Vector3(capped(bone.coupling_angular, turn.norm(), bone.torque_cap) * turn));
-    if (contacts_fresh) sample.contact_force = to_wire(contact_forces_[b]);
+    if (!contacts_fresh) continue;
+    sample.contact_force = to_wire(bone_contacts_[b].force);
+    const BoneCoupling coupling{bone.coupling_linear, bone.force_cap, bone.mass / options_.mass_fraction};
+    write_local_model(bone_contacts_[b], coupling, stretch.norm(), bone.pose.position - bone.simulated.position,
+                      sample);
   }
 }
 

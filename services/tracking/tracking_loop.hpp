@@ -13,6 +13,7 @@
 #include <limits>
 #include <string>
 
+#include "device/bone_contacts.hpp"
 #include "device/tracked_input.hpp"
 #include "energies/energy_ledger.hpp"
 #include "messages/messages.hpp"
@@ -71,7 +72,7 @@ class TrackingLoop {
     visit(self.input_);
     visit(self.output_);
     visit(self.feedback_ratio_);
-    visit(self.contact_forces_);
+    visit(self.bone_contacts_);
     visit(self.simulated_arrival_);
     visit(self.contacts_arrival_);
     visit(self.simulated_stamp_);
@@ -148,7 +149,7 @@ class TrackingLoop {
   std::array<Bone, kBodyCount> bones_{};
   std::array<Pose, kJointCount> joint_in_body_{};  // constant pose of each joint in its body's joint frame
   std::array<double, kJointCount> radii_{};
-  std::array<Vector3, kBodyCount> contact_forces_{};
+  BoneContacts bone_contacts_{};
   Nanoseconds simulated_arrival_ = 0;
   Nanoseconds contacts_arrival_ = 0;
   Stamp simulated_stamp_;

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <tuple>
 
 #include "cli/virtual_rig.hpp"
@@ -30,6 +31,8 @@ struct Result {
   double rest_error = 0;  // m
   TrackedInputCounters tracker;
   EnergyLedger hand_ledger, tracking_ledger;
+  double glove_energy = 0, glove_energy_min = 0;  // J that the user put into the glove and did not get back
+  double glove_force_max = 0;                     // N
   double stale_after =
       std::numeric_limits<double>::infinity();  // s of motion at which the input first counted as stale
 };
@@ -41,6 +44,7 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
+  rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat);
   const OutcomeFrame frame = outcome_frame(scene, VirtualRig::kStart);
   Result result;
   rig.run(seconds > 0 ? seconds : motion->duration() + 0.5, [&](const HandStepView& view) {
@@ -49,6 +53,8 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
       result.object_speed_max = std::max(result.object_speed_max, to_vector(object.linear_velocity).norm());
       result.object_height_max = std::max(result.object_height_max, object.position[1]);
     }
+    for (const double command : rig.haptic().commands())
+      result.glove_force_max = std::max(result.glove_force_max, command);
     result.touched_steps += view.output->contacts.contacts.size() > 0 ? 1 : 0;
     if (rig.tracking() != nullptr && rig.tracking()->input().stale(view.time)) {
       result.stale_after = std::min(result.stale_after, static_cast<double>(view.time - VirtualRig::kStart) * 1e-9);
@@ -56,6 +62,8 @@ Result run(const std::string& scene_file, std::vector<std::string> overrides, do
   });
   result.summary = rig.outcome().summary(frame);
   result.hash = rig.state_hash();
+  result.glove_energy = rig.haptic().feedback().passivity().energy();
+  result.glove_energy_min = rig.haptic().feedback().passivity().lowest_energy();
   result.hand_ledger = rig.hand().simulation().ledger();
   result.untangled_nodes = rig.hand().simulation().untangled_nodes();
   result.inverted_end = rig.hand().simulation().inverted_elements();
@@ -105,6 +113,134 @@ TEST(PinchLift, MeetsItsAcceptance) {
   EXPECT_LE(result.hand_ledger.defect(), 0.01);
   EXPECT_LE(result.hand_ledger.excess(), 0.01);
   EXPECT_LE(result.tracking_ledger.defect(), 0.01);
+  // The glove pushes, and gives its user no energy.
+  EXPECT_GT(result.glove_force_max, 0.5);
+  EXPECT_GE(result.glove_energy, -1e-3);
+  EXPECT_GE(result.glove_energy_min, -1e-3);
+}
+
+// Stops one loop while the fingers hold the cube, and measures when the glove is off.
+class Hang final : public RigWitness {
+ public:
+  using RigWitness::published;
+  explicit Hang(RigLoop loop) : loop_(loop) {}
+  bool runs(RigLoop loop, Nanoseconds now) override { return loop != loop_ || now < kFrom; }
+  void published(RigLoop, const DeviceState& state) override {
+    const bool pushes = std::any_of(state.commands.begin(), state.commands.end(), [](double c) { return c != 0; });
+    if (!pushes) return;
+    (state.stamp.publish_time < kFrom ? pushed_before : last_push) = state.stamp.publish_time;
+  }
+
+  static constexpr Nanoseconds kFrom = VirtualRig::kStart + 4'000'000'000;
+  Nanoseconds pushed_before = 0, last_push = kFrom;
+
+ private:
+  RigLoop loop_;
+};
+
+TEST(PinchLift, GloveIsOffWithin50MillisecondsAfterALoopHangs) {
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  for (const RigLoop loop : {RigLoop::hand, RigLoop::tracking}) {
+    Hang hang(loop);
+    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)), &hang);
+    rig.set_user(motion, 0, false);
+    rig.run(4.5, nullptr);
+    EXPECT_GT(hang.pushed_before, Hang::kFrom - 2'000'000);
+    const double off = static_cast<double>(hang.last_push - Hang::kFrom) * 1e-6;
+    std::printf("  %s hangs: last force after %.1f ms\n", loop == RigLoop::hand ? "hand" : "tracking", off);
+    EXPECT_LT(off, 50);
+    EXPECT_GE(rig.haptic().feedback().passivity().lowest_energy(), -1e-3);
+  }
+}
+
+// Counts the contact planes of thumb and index fingertip while they hold the cube.
+class Planes final : public RigWitness {
+ public:
+  using RigWitness::published;
+  void published(RigLoop, const BoneWrench& wrench) override { add(wrench); }
+  void published(RigLoop, const HandOutput& output) override { add(output.bone_wrench); }
+  void add(const BoneWrench& wrench) {
+    if (wrench.stamp.sample_time < VirtualRig::kStart + 4'000'000'000) return;
+    const auto& thumb = wrench.bones[static_cast<std::size_t>(index_of(Body::thumb_distal))];
+    const auto& index = wrench.bones[static_cast<std::size_t>(index_of(Body::index_distal))];
+    ++messages;
+    if (thumb.contact_stiffness == 0 || index.contact_stiffness == 0) return;
+    ++with_planes;
+    // The faces of the cube are opposite to each other.
+    facing = std::max(facing, to_vector(thumb.contact_normal).dot(to_vector(index.contact_normal)));
+  }
+  int messages = 0, with_planes = 0;
+  double facing = -1;
+};
+
+TEST(PinchLift, WrenchHasThePlanesOfTheHeldCubeWithAndWithoutTheIntermediateLayer) {
+  for (const char* direct : {"false", "true"}) {
+    const Scene scene = read_scene(kScenes + "pinch_lift.toml",
+                                   {"hand.model=right_400.hand.json", std::string("hand.direct=") + direct});
+    const HandModel hand = load_scene_hand(scene);
+    const auto motion = make_scene_motion(scene, hand);
+    Planes planes;
+    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
+                   &planes);
+    rig.run(5, nullptr);
+    EXPECT_GT(planes.messages, 50) << direct;
+    EXPECT_GT(planes.with_planes, 0.9 * planes.messages) << direct;
+    EXPECT_LT(planes.facing, -0.8) << direct;
+  }
+}
+
+// A device must know a wall before the hand touches it: a force is 11 ms old and stays for 11 ms.
+class Approach final : public RigWitness {
+ public:
+  using RigWitness::published;
+  void published(RigLoop, const HandOutput& output) override {
+    std::set<std::uint32_t> touching;
+    for (const Contact& contact : output.contacts.contacts) touching.insert(contact.body);
+    touched = touched || touching.contains(kIndex);
+    for (const NearContact& near : output.contacts.near) {
+      EXPECT_FALSE(touching.contains(near.body));
+      EXPECT_NEAR(to_vector(near.normal).norm(), 1, 1e-9);
+      EXPECT_GT(near.gap, 0);
+      EXPECT_LE(near.gap, 0.015);
+      if (near.body != kIndex || touched) continue;
+      // The cube stands at the origin: half of its edge is 20 mm.
+      const Vector3 place = to_vector(near.point) - Vector3(0, 0.02, 0);
+      EXPECT_NEAR(place.cwiseAbs().maxCoeff(), 0.02, 2e-3);
+      gaps.push_back(near.gap);
+    }
+  }
+  void published(RigLoop, const BoneWrench& wrench) override {
+    if (!touched && wrench.bones[kIndex].contact_gap != 0) wrench_gaps.push_back(wrench.bones[kIndex].contact_gap);
+  }
+
+  static constexpr std::uint32_t kIndex = static_cast<std::uint32_t>(Body::index_distal);
+  bool touched = false;
+  std::vector<double> gaps, wrench_gaps;
+};
+
+TEST(PinchLift, WrenchHasThePlaneOfTheCubeBeforeTheTouch) {
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  Approach approach;
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
+                 &approach);
+  rig.run(2.5, nullptr);
+  ASSERT_TRUE(approach.touched);
+  ASSERT_GT(approach.gaps.size(), 5u);
+  EXPECT_LT(approach.gaps.back(), 2e-3);
+  EXPECT_GT(approach.gaps.front(), 5e-3);
+  ASSERT_GT(approach.wrench_gaps.size(), 50u);
+  EXPECT_LT(approach.wrench_gaps.back(), 2e-3);
+}
+
+// Without the controller this user would get 7 mJ.
+TEST(PinchLift, GloveIsPassiveWithANoisyTracker) {
+  const Result result = run("pinch_lift.toml", {"tracker.position_noise=0.001", "tracker.rotation_noise=0.0175"});
+  EXPECT_GT(result.glove_force_max, 0.5);
+  EXPECT_GE(result.glove_energy_min, -1e-3);
 }
 
 // Cylinders with a radius of 15 to 40 mm, in the whole motion with a shorter hold. Every finger carries its share.

@@ -11,6 +11,7 @@
 #include "report/page.hpp"
 #include "stress/report.hpp"
 #include "verification/report.hpp"
+#include "wall/report.hpp"
 
 int main(int argc, char** argv) {
   using namespace softhand;
@@ -127,6 +128,14 @@ int main(int argc, char** argv) {
       ->check(CLI::ExistingFile);
   command->add_option("--markdown", postures.markdown, "File for the same table")->type_name("FILE");
   command->callback([&] { run = [&postures] { return human::run_postures(postures); }; });
+
+  wall::WallArguments wall;
+  command = app.add_subcommand(
+      "wall",
+      "A virtual wall through simulated haptic devices, with and without the local model; exit code 1 if a wall of "
+      "five times the stiffness that is stable without it is not stable or gives energy");
+  command->add_option("--markdown", wall.markdown, "File for the same tables")->type_name("FILE");
+  command->callback([&] { run = [&wall] { return wall::run_wall(wall); }; });
 
   CLI11_PARSE(app, argc, argv);
   try {

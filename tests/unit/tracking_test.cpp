@@ -226,6 +226,49 @@ TEST(Tracking, SimulatedSkeletonPullsByTheRatioOfTheStiffnesses) {
   EXPECT_NEAR(bone.coupling_force[0], 0, 1e-9);
 }
 
+// The local model of a haptic device: where a bone touches, its coupling to the simulated bone is the wall.
+TEST(Tracking, WrenchHasThePlaneOfABonesContactsWhileTheyAreFresh) {
+  TrackingOptions options;
+  TrackingLoop loop(options, kHandRate, hand(), {});
+  const auto contacts = std::make_unique<Contacts>();
+  const Pose tip = still() * hand().rest_joints[kIndexDistal];
+  Contact contact;
+  contact.body = 8;
+  contact.point = to_wire(Vector3(tip.position + Vector3(0.001, -0.006, 0)));
+  contact.normal = {0, 1, 0};
+  contact.force = {0.3, 1, 0};
+  contacts->contacts.push_back(contact);
+  std::uint64_t sequence = 0;
+  int with_plane = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const Skeleton tracked = skeleton_at(still(), ++sequence, now);
+    Pose held = still();
+    held.position.y() += 0.004;
+    const Skeleton simulated = skeleton_at(held, sequence, now);
+    contacts->stamp.sample_time = now;
+    TrackingInput input;
+    input.tracked = &tracked;
+    input.simulated = &simulated;
+    input.contacts = i < 800 ? contacts.get() : nullptr;
+    const BoneWrench& wrench = loop.step(now, input).wrench;
+    for (std::size_t b = 0; b < kBodyCount; ++b) {
+      if (b != 8) {
+        ASSERT_EQ(wrench.bones[b].contact_stiffness, 0) << b;
+        ASSERT_EQ(wrench.bones[b].contact_normal, Vec3{}) << b;
+      }
+    }
+    const BoneSample& bone = wrench.bones[8];
+    if (bone.contact_stiffness == 0) continue;
+    ++with_plane;
+    ASSERT_EQ(bone.contact_normal, (Vec3{0, 1, 0}));
+    ASSERT_EQ(bone.contact_point, contact.point);
+    ASSERT_EQ(bone.contact_stiffness, 500);
+    ASSERT_NEAR(bone.contact_damping, 2 * std::sqrt(500 * hand().bodies[8].mass), 1e-12);
+  }
+  EXPECT_NEAR(with_plane, 800 + 40, 2);  // stale after 40 ms
+}
+
 TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
   TrackingOptions options;
   TrackingLoop loop(options, kHandRate, hand(), {});

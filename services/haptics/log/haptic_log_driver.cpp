@@ -41,6 +41,13 @@ HapticLogDriver::HapticLogDriver(const Options& options) : options_(options) {
 
 void HapticLogDriver::command(const BoneWrench& input, std::span<double> requested) {
   record_.input = input;
+  std::array<Pose, kFingerCount> distal;
+  const auto tracked = [&input](Body body) {
+    const BoneSample& bone = input.bones[static_cast<std::size_t>(index_of(body))];
+    return to_pose(bone.tracked_position, bone.tracked_orientation);
+  };
+  for (std::size_t f = 0; f < kFingerCount; ++f) distal[f] = tracked(distal_of(static_cast<Finger>(f)));
+  encoders_.move(tracked(Body::carpus), distal);
   add_closing_resistance(input, requested);
 }
 

@@ -1,4 +1,5 @@
-// A simulated force-feedback glove that logs its input. It has one force per finger, against closing.
+// A simulated force-feedback glove that logs its input. It has one motor per finger, which pushes against closing. Its
+// encoders measure the tracked hand of its input, because no user wears it: they have the noise of the tracker.
 #pragma once
 
 #include <memory>
@@ -6,6 +7,7 @@
 
 #include "device/device_loop.hpp"
 #include "device/record_log.hpp"
+#include "haptics/log/glove_encoders.hpp"
 
 namespace softhand {
 
@@ -28,12 +30,16 @@ class HapticLogDriver : public HapticDriver {
   /// Throws std::runtime_error if the file cannot be written.
   explicit HapticLogDriver(const Options& options);
 
-  DeviceLimits limits() const override { return {kFingerCount, 0, options_.maximum_force, options_.slew}; }
+  DeviceLimits limits() const override {
+    return {kFingerCount, 0, options_.maximum_force, options_.slew, kStiffness, kDamping};
+  }
   /// Commands the force against closing of each finger. A negative force (a pull) is not rendered.
   void command(const BoneWrench& input, std::span<double> requested) override;
+  bool measure(Nanoseconds, std::span<double> positions) override { return encoders_.read(positions); }
   void write(Nanoseconds now, std::span<const double> commands) override;
 
  private:
+  static constexpr double kStiffness = 3000, kDamping = 20;  // N/m, N s/m: as a Novint Falcon at 1 kHz
   struct Record {
     Nanoseconds time = 0;
     BoneWrench input;
@@ -43,6 +49,7 @@ class HapticLogDriver : public HapticDriver {
 
   Options options_;
   Record record_;
+  GloveEncoders encoders_;
   Nanoseconds last_logged_ = 0;
   std::unique_ptr<RecordLog<Record>> log_;
 };

@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include "device/device_loop.hpp"
-#include "messages/convert.hpp"
 
 namespace softhand {
 
@@ -31,9 +30,7 @@ class SampleGlove final : public HapticDriver {
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.maximum_force, 400}; }
   void command(const BoneWrench& input, std::span<double> requested) override {
-    for (std::size_t b = 2; b < kBodyCount; ++b)  // after forearm and carpus
-      requested[static_cast<std::size_t>(finger_of(static_cast<Body>(b)))] +=
-          to_vector(input.bones[b].coupling_force).norm();
+    add_closing_resistance(input, requested);
   }
   void write(Nanoseconds, std::span<const double> commands) override {
     std::array<float, kFingerCount> packet;

@@ -1,0 +1,96 @@
+// The force of a haptic device between two messages of the simulation, at the rate of the device.
+//
+// A message is about 11 ms old and is replaced 11 ms later. A force that is held for so long gives the user energy: it
+// is too large while the user lets go. So the model evaluates the contact planes of the message (BoneSample) at the
+// motion that the device measures itself:
+//
+//   u(q) = u_held + sum over planes p of  r_p max(0, f_p - k_p r_p . (q - q_0) - b_p r_p . v)
+//
+// Positions of the actuators are q, with velocity v. They were q_0 at the sample time of the message, so neither the
+// age of the message nor its jitter changes the place of the plane. The row r_p has the commands of a unit force along
+// the normal. The force of the message along the normal is f_p, its remainder gives u_held.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "math/types.hpp"
+#include "messages/messages.hpp"
+
+namespace softhand {
+
+template <typename InputType>
+class DeviceDriver;
+using HapticDriver = DeviceDriver<BoneWrench>;
+struct DeviceLimits;
+
+using ActuatorValues = std::array<double, kMaxActuators>;
+
+/// What the device measured: positions of its actuators at its own rate.
+class DeviceMotion {
+ public:
+  /// A larger change between two steps is a fault of the sensor or a new calibration, and no motion, m.
+  static constexpr double kJump = 0.1;
+  /// Time over which velocities are taken, ns. It averages the resolution of a sensor.
+  static constexpr Nanoseconds kVelocityTime = 4'000'000;
+
+  explicit DeviceMotion(std::size_t actuators) : actuators_(actuators) {}
+  /// Returns false if the positions are not finite or jumped. The history then begins again. Real-time.
+  bool add(Nanoseconds now, std::span<const double> positions);
+  void clear() { count_ = 0; }
+  bool empty() const { return count_ == 0; }
+  /// The newest sample. The motion must not be empty.
+  const ActuatorValues& positions() const { return sample(0).positions; }
+  /// Change from the sample before to the newest one, m, or that change some steps ago. Zero without these samples.
+  ActuatorValues step(std::size_t steps_ago = 0) const;
+  /// Positions at `time`, interpolated; before and after the history its first and last ones.
+  ActuatorValues at(Nanoseconds time) const;
+  /// Mean velocities over the last kVelocityTime, m/s. Zero without two samples.
+  ActuatorValues velocities() const;
+
+ private:
+  struct Sample {
+    Nanoseconds time = 0;
+    ActuatorValues positions{};
+  };
+  static constexpr std::size_t kHistory = 64;
+  const Sample& sample(std::size_t steps_ago) const { return ring_[(newest_ + kHistory - steps_ago) % kHistory]; }
+
+  std::size_t actuators_;
+  std::array<Sample, kHistory> ring_{};
+  std::size_t newest_ = 0;
+  std::size_t count_ = 0;
+};
+
+class LocalModel {
+ public:
+  explicit LocalModel(const DeviceLimits& limits);
+  /// Takes a new message. A plane with a value out of range is refused: its force is held. Without a motion, or with a
+  /// device that renders no stiffness, all forces are held. Real-time.
+  void take(const BoneWrench& input, const DeviceMotion& motion, HapticDriver& driver);
+  /// Writes the commands at the newest motion. Real-time.
+  void evaluate(const DeviceMotion& motion, std::span<double> requested) const;
+
+  std::size_t planes() const { return count_; }
+  /// Number of planes that were refused.
+  std::uint64_t refused() const { return refused_; }
+
+ private:
+  struct Plane {
+    ActuatorValues row{};
+    double held = 0, force = 0, stiffness = 0, damping = 0;
+  };
+  void limit_gains();
+
+  std::size_t actuators_;
+  double largest_stiffness_, largest_damping_;
+  ActuatorValues held_{};
+  ActuatorValues origin_{};
+  std::array<Plane, kBodyCount> planes_{};
+  std::size_t count_ = 0;
+  std::uint64_t refused_ = 0;
+  BoneWrench input_;  // with other forces
+};
+
+}  // namespace softhand

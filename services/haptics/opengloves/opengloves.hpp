@@ -1,0 +1,86 @@
+// A glove with the OpenGloves protocol. It tracks the fingers and brakes them.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+
+#include "device/device_loop.hpp"
+#include "device/intake.hpp"
+#include "device/tracker_source.hpp"
+#include "haptics/opengloves/alpha_line.hpp"
+#include "haptics/opengloves/opengloves_options.hpp"
+
+namespace softhand {
+
+class OpenGloves final : public TrackerSource, public HapticDriver {
+ public:
+  using Options = OpenGlovesOptions;
+  OpenGloves(const Options& options, const HandModel& hand)
+      : options_(options), lifter_(hand, hand.side), decoder_(hand.side, options.maximum) {
+    if (!options.serial.empty()) {
+      intake_.open_serial(options.serial, options.baud, '\n');
+      std::printf("opening %s\n", options.serial.c_str());
+    } else {
+      const unsigned port = intake_.listen_tcp(options.address, options.port, '\n');
+      std::printf("listening on %s, TCP port %u\n", options.address.c_str(), port);
+    }
+    std::fflush(stdout);
+    intake_.start();
+  }
+
+  void poll(Nanoseconds, TrackerSink& out) override {
+    intake_.take([&](const Arrival& packet) {
+      const auto* fingers = decoder_.take(packet);
+      is_asked_ = true;
+      if (fingers == nullptr) return;
+      fingers_ = *fingers;
+      for (FingerCurl& finger : fingers_) finger.splay *= options_.splay_angle;
+      lifter_.lift(fingers_, hand_);
+      hand_.confidence = 1;
+      hand_.stamp.sample_time = packet.time;
+      ++hand_.stamp.sequence;
+      out.hand(hand_);
+    });
+  }
+  SourceState state() const override {
+    return {intake_.connected(), decoder_.refusals().total() + intake_.counters().refused()};
+  }
+  void fill_status(LoopStatus& status) const override {
+    intake_.fill_status(status);
+    decoder_.refusals().fill_status(status, intake_.counters().refused_size);
+  }
+
+  DeviceLimits limits() const override { return {kFingerCount, 0, options_.blocking_force, options_.slew}; }
+  void command(const BoneWrench& input, std::span<double> requested) override {
+    add_closing_resistance(input, requested);
+  }
+  // Firmware with brakes waits for a line after each of its own, up to 1 s. So each one is answered, and nothing else
+  // is sent except zero forces and, to a glove that is slow, new ones.
+  void write(Nanoseconds now, std::span<const double> commands) override {
+    const bool is_new = !std::equal(commands.begin(), commands.end(), sent_.begin());
+    const bool is_zero = std::all_of(commands.begin(), commands.end(), [](double force) { return force == 0; });
+    const bool is_late = now - sent_at_ >= kSlowGlove;
+    if (!is_asked_ && !(is_new && (is_zero || is_late))) return;
+    std::copy(commands.begin(), commands.end(), sent_.begin());
+    std::array<double, kFingerCount> shares;
+    for (std::size_t f = 0; f < shares.size(); ++f) shares[f] = commands[f] / options_.blocking_force;
+    // A glove of an earlier connection must not stay blocked either.
+    intake_.send(is_zero ? 0 : decoder_.connection(), ForceLine(shares, options_.force_maximum).text());
+    sent_at_ = now;
+    is_asked_ = false;
+  }
+
+ private:
+  static constexpr Nanoseconds kSlowGlove = 20'000'000;
+  Options options_;
+  Intake intake_{kLargestAlphaLine};
+  CurlLifter lifter_;
+  AlphaDecoder decoder_;
+  std::array<FingerCurl, kFingerCount> fingers_;
+  Skeleton hand_;
+  std::array<double, kFingerCount> sent_{};
+  Nanoseconds sent_at_ = 0;
+  bool is_asked_ = false;  // the glove sent a line and waits for the answer
+};
+}  // namespace softhand

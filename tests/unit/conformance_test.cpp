@@ -1,0 +1,81 @@
+// Every driver of a haptic or tactile device, and drivers that must fail, against the conformance kit.
+#include "device/conformance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "haptics/log/haptic_log_driver.hpp"
+#include "haptics/opengloves/opengloves.hpp"
+#include "haptics/sample/sample_glove.hpp"
+#include "model/hand_model.hpp"
+#include "tactile/log/tactile_log_driver.hpp"
+
+namespace softhand {
+namespace {
+
+template <typename Input>
+std::string text_of(const std::function<std::shared_ptr<DeviceDriver<Input>>()>& make) {
+  std::string text;
+  for (const std::string& fault : conformance_faults<Input>(make)) text += fault + "\n";
+  return text;
+}
+
+TEST(Conformance, SimulatedHapticGlove) {
+  EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<HapticLogDriver>(HapticLogOptions{}); }), "");
+}
+
+TEST(Conformance, SimulatedTactileGlove) {
+  EXPECT_EQ(text_of<Contacts>([] { return std::make_shared<TactileLogDriver>(TactileLogOptions{}); }), "");
+}
+
+TEST(Conformance, SampleGlove) {
+  EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<SampleGlove>(SampleGloveOptions{}); }), "");
+}
+
+TEST(Conformance, OpenGloves) {
+  const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
+  OpenGlovesOptions options;
+  options.port = 0;
+  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<OpenGloves>(options, hand); }), "");
+}
+
+TEST(Conformance, EveryDriverIsTested) {
+  std::ifstream in(std::string(SOFTHAND_SOURCE_DIR) + "/tests/unit/conformance_test.cpp");
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  int drivers = 0;
+  for (const std::string kind : {"haptics", "tactile"}) {
+    for (const auto& entry :
+         std::filesystem::directory_iterator(std::string(SOFTHAND_SOURCE_DIR) + "/services/" + kind)) {
+      if (!entry.is_directory()) continue;
+      ++drivers;
+      const std::string include = "#include \"" + kind + "/" + entry.path().filename().string() + "/";
+      EXPECT_NE(text.find(include), std::string::npos) << entry.path() << ": add a test of this driver";
+    }
+  }
+  EXPECT_GE(drivers, 4);
+}
+
+// The kit must find faults.
+class Silent : public HapticDriver {
+ public:
+  DeviceLimits limits() const override { return {1, 0, 1, 100}; }
+  void command(const BoneWrench&, std::span<double>) override {}
+  void write(Nanoseconds, std::span<const double>) override {}
+};
+class Norm final : public Silent {
+ public:
+  void command(const BoneWrench& input, std::span<double> requested) override {
+    requested[0] = to_vector(input.bones[2].coupling_force).norm();
+  }
+};
+TEST(Conformance, FindsDriversThatFeelNothingOrAreNotLinear) {
+  EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<Silent>(); }).find("no command while pressing"), 0u);
+  EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<Norm>(); }),
+            "command of actuator 0 is not linear in the forces\n");
+}
+
+}  // namespace
+}  // namespace softhand
