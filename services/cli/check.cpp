@@ -30,6 +30,12 @@ void check_hand(const std::string& path) {
 
 void check_object(const std::string& path) {
   const LoadedObject object = load_object(path);
+  if (object.model.soft) {
+    const SoftBody& body = *object.model.soft;
+    fmt::print("{}: a flexible object of {} nodes and {} tetrahedra, Young's modulus {:g} Pa, SHA-256 {}\n", path,
+               body.nodes.size(), body.tetrahedra.size(), body.material.youngs_modulus, object.sha256);
+    return;
+  }
   fmt::print("{}: an object of {} links and {} joints, SHA-256 {}\n", path, object.model.links.size(),
              object.model.joints.size(), object.sha256);
   for (const ObjectLink& link : object.model.links) {
