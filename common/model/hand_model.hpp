@@ -76,7 +76,8 @@ struct SkinVertex {
   std::array<float, 4> weights{};
 };
 
-struct HandModel : TissueModel {
+/// What only a hand has.
+struct HandAnatomy {
   std::string name;
   Side side = Side::right;
   std::string notice;  ///< licence notice of the asset that the mesh was made from; empty for a parametric hand
@@ -88,7 +89,10 @@ struct HandModel : TissueModel {
   std::vector<Attachment> attachments;
   std::vector<SkinVertex> skin_vertices;  ///< finer skin for display
   std::vector<std::array<std::int32_t, 3>> skin_triangles;
+};
 
+/// All data are in its bases, which can be visited member by member (messages/members.hpp).
+struct HandModel : HandAnatomy, TissueModel {
   /// The body frame in the rest frame.
   Pose body_rest_pose(Body body) const {
     return rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))] *

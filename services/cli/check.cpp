@@ -57,8 +57,9 @@ void check_rig(const std::string& path) {
 void check_scene(const std::string& path) {
   const Scene scene = read_checked_scene(path);
   const HandModel hand = load_scene_hand(scene);
-  fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
-             scene.options.objects.size(), hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
+  fmt::print("{}: a scene of {} objects, {} of them flexible, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
+             scene.options.objects.size() + scene.soft_objects.size(), scene.soft_objects.size(),
+             hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
              make_scene_motion(scene, hand)->duration());
 }
 
