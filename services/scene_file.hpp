@@ -76,7 +76,8 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
       "within this fraction. 0 = not asked for.");
   v.number("soft_squeezed", o.soft.squeezed, "1", {0, 1},
            "A run of `softhand simulate` succeeds only if the least width of the first flexible object falls to this "
-           "fraction of its first one. 0 = not asked for.");
+           "fraction of its first one. A width is the length of a line through the centre of mass, from surface to "
+           "surface. 0 = not asked for.");
   v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
            "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
            "go of it. 0 = not asked for.");

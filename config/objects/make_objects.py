@@ -295,11 +295,12 @@ def die():
 
 
 def sponge_ball():
-    radius = 0.03
+    radius = 0.025
     profile = [(radius * math.sin(a), -radius * math.cos(a)) for a in (math.pi * k / 24 for k in range(25))]
     profile[0], profile[-1] = (0, -radius), (0, radius)
-    return {"soft": {"mesh": lathe(profile, 48), "nodes": 500, "density": 60, "youngs_modulus": 1e4,
-                     "poisson_ratio": 0.2, "friction": 0.8}}
+    return {"soft": {"mesh": lathe(profile, 48), "nodes": 500, "density": 60, "youngs_modulus": 5e3,
+                     "poisson_ratio": 0.2, "strain_limit_energy": 400, "strain_limit_stiffness": 400,
+                     "friction": 0.8}}
 
 
 OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, pen, die, sponge_ball)}

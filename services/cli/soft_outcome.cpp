@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -11,25 +12,50 @@
 namespace softhand {
 namespace {
 
-// Directions that are spread evenly over a hemisphere (Fibonacci's lattice): about 8 degrees from one to the next.
-constexpr int kDirections = 300;
+// Directions that are spread evenly over a hemisphere (Fibonacci's lattice): about 12 degrees from one to the next.
+constexpr std::size_t kDirections = 150;
 
-Vector3 direction(int i) {
-  const double height = (i + 0.5) / kDirections, angle = i * std::numbers::pi * (3 - std::sqrt(5.0));
-  const double across = std::sqrt(1 - height * height);
-  return {across * std::cos(angle), height, across * std::sin(angle)};
+const std::array<Vector3, kDirections>& directions() {
+  static const std::array<Vector3, kDirections> all = [] {
+    std::array<Vector3, kDirections> made;
+    for (std::size_t i = 0; i < kDirections; ++i) {
+      const double height = (static_cast<double>(i) + 0.5) / kDirections, across = std::sqrt(1 - height * height);
+      const double angle = static_cast<double>(i) * std::numbers::pi * (3 - std::sqrt(5.0));
+      made[i] = {across * std::cos(angle), height, across * std::sin(angle)};
+    }
+    return made;
+  }();
+  return all;
 }
 
 }  // namespace
 
 SoftOutcome::Widths SoftOutcome::widths_of(const SoftObjects& soft, const State& state) {
-  const auto nodes = state.node_positions.middleCols(soft.first_node(0), soft.node_count(0));
+  Vector3 centre = Vector3::Zero();
+  for (int n = soft.first_node(0); n < soft.first_node(1); ++n)
+    centre += soft.node_masses()[static_cast<std::size_t>(n)] / soft.mass(0) * state.node_positions.col(n);
+  // By direction: where the line through the centre leaves the object, forwards and backwards, m.
+  std::array<double, kDirections> forwards{}, backwards{};
+  for (const auto& triangle : soft.surface(0)) {
+    const auto corner = [&](std::size_t k) { return Vector3(state.node_positions.col(triangle[k]) - centre); };
+    const Vector3 a = corner(0), b = corner(1), c = corner(2);
+    // The line along d meets the triangle if d is on the same side of the planes through the centre and each edge.
+    const Vector3 ab = a.cross(b), bc = b.cross(c), ca = c.cross(a);
+    const double volume = a.dot(bc);
+    for (std::size_t i = 0; i < kDirections; ++i) {
+      const Vector3& d = directions()[i];
+      const double x = bc.dot(d), y = ca.dot(d), z = ab.dot(d);
+      const bool meets = (x >= 0 && y >= 0 && z >= 0) || (x <= 0 && y <= 0 && z <= 0);
+      if (!meets || x + y + z == 0) continue;
+      const double place = volume / (x + y + z);
+      forwards[i] = std::max(forwards[i], place);
+      backwards[i] = std::max(backwards[i], -place);
+    }
+  }
   Widths widths{std::numeric_limits<double>::infinity(), 0};
-  for (int i = 0; i < kDirections; ++i) {
-    const Eigen::RowVectorXd heights = direction(i).transpose() * nodes;
-    const double width = heights.maxCoeff() - heights.minCoeff();
-    widths.least = std::min(widths.least, width);
-    widths.greatest = std::max(widths.greatest, width);
+  for (std::size_t i = 0; i < kDirections; ++i) {
+    widths.least = std::min(widths.least, forwards[i] + backwards[i]);
+    widths.greatest = std::max(widths.greatest, forwards[i] + backwards[i]);
   }
   return widths;
 }

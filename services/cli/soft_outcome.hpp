@@ -11,6 +11,7 @@ namespace softhand {
 
 /// What a scene asks of its first flexible object. Zero = not asked for.
 struct SoftGoal {
+  // The width is the length of a line through its centre of mass, from surface to surface.
   double squeezed = 0;  ///< its least width falls to this fraction of its first one, or below
   double recovers = 0;  ///< at the end, least and greatest width differ from the first ones by at most this fraction
   bool any() const { return squeezed > 0 || recovers > 0; }
@@ -25,7 +26,7 @@ class SoftOutcome {
   nlohmann::ordered_json summary(const SoftGoal& goal) const;
 
  private:
-  /// Distances of two parallel planes that enclose the object, m.
+  /// Lengths of the lines through the centre of mass, from surface to surface, m.
   struct Widths {
     double least = 0, greatest = 0;
   };
