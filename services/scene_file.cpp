@@ -228,6 +228,14 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
   return scene;
 }
 
+void refuse_soft_objects(const Scene& scene) {
+  if (scene.soft_objects.empty()) return;
+  throw ConfigError(scene.path + ": objects." + scene.soft_objects.front().name +
+                    ": a flexible object, which the topics of a rig do not carry yet. Play the scene with `softhand "
+                    "simulate " +
+                    scene.path + "`");
+}
+
 std::vector<std::string> object_folders(const Scene& scene) {
   std::vector<std::string> folders = scene.object_folders;
   const fs::path beside = fs::path(scene.path).parent_path();

@@ -139,6 +139,10 @@ struct Scene {
 /// file are replaced by the links and joints of their files, or become soft objects. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
+/// Throws ConfigError if processes cannot play the scene: no topic carries flexible objects yet. `softhand simulate`
+/// plays it.
+void refuse_soft_objects(const Scene& scene);
+
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);
 /// The same for a text that `path` had. Files that the scene names are searched as if it had been read from `path`.
