@@ -205,6 +205,7 @@ bool HandSimulation::prepare(Linkage& linkage) const {
       touch(skin.search().corners(anchor.triangle));
     }
   });
+  if (soft_ && soft_->touches()) linkage.set_loose_touching();
   return !soft_ && !linkage.any_touching() &&
          std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
 }

@@ -75,6 +75,8 @@ class SoftObjects {
   ContactSet* contacts() { return contacts_.get(); }
   const ContactSet* contacts() const { return contacts_.get(); }
 
+  /// Whether any object touches something.
+  bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
   /// Force (N) of the hand and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
 

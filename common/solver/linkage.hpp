@@ -46,6 +46,8 @@ class Linkage {
   void set_touching(int body);
   /// From now on `move` moves every body along straight lines, as `apply_increment` does.
   void straighten();
+  /// Something touches that is not linked: no body moves along straight lines because of it.
+  void set_loose_touching() { any_touching_ = true; }
   bool any_touching() const { return any_touching_; }
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
   /// a body's joint follows its parent, and an attached node turns with its body. So a large turn of a bone stretches
