@@ -1,9 +1,9 @@
 // The flexible objects of a scene (ES2725128A1 claim 8), as a part of the hand's simulation (docs/soft-objects.md).
 //
-// Their nodes are the last nodes of the state, one object after the other. They have the hand's tissue law, and contact
-// by the hand's anchor law: with the hand's skin and with each other (skin_contact.hpp), and with the rigid objects in
-// the slots (contact.hpp). All blocks between an object and the hand are loose blocks of the matrix. So the factor has
-// the object's block beside the hand's, and its pattern never changes.
+// Their nodes are the last nodes of the state, one object after the other. They have the hand's tissue law.
+// Contact has the hand's anchor law. Terms: with the hand's skin and with each other (skin_contact.hpp), and with the
+// rigid objects in the slots (contact.hpp). All blocks between an object and the hand are loose blocks of the matrix.
+// So the factor has the object's block beside the hand's, and its pattern never changes.
 #pragma once
 
 #include <memory>

@@ -9,9 +9,9 @@
 
 namespace softhand {
 
-/// What a scene asks of its first flexible object. Zero = not asked for.
+/// What a scene asks of its first flexible object. Zero = not asked for. A width is the length of a line through the
+/// centre of mass, from surface to surface.
 struct SoftGoal {
-  // The width is the length of a line through its centre of mass, from surface to surface.
   double squeezed = 0;  ///< its least width falls to this fraction of its first one, or below
   double recovers = 0;  ///< at the end, least and greatest width differ from the first ones by at most this fraction
   bool any() const { return squeezed > 0 || recovers > 0; }
