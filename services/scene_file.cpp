@@ -1,6 +1,7 @@
 #include "scene_file.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
@@ -73,7 +74,25 @@ LoadedObject load_scene_object(const Scene& scene, const ObjectOptions& entry) {
   }
 }
 
-// Replaces entries of the shape file by the links and joints of their files.
+SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, ObjectModel&& model) {
+  const auto refuse = [&](const char* field, const char* expected) {
+    throw ConfigError(scene.path + ": objects." + entry.name + "." + field + ": the object is flexible; expected " +
+                      expected);
+  };
+  if (entry.mass != 0) refuse("mass", "0, because the object file has a density");
+  if (entry.fixed) refuse("fixed", "false");
+  if (entry.floating) refuse("floating", "false");
+  const auto &p = entry.position, &g = scene.options.world.gravity;
+  const auto& q = entry.orientation;
+  const Quaternion orientation(q[3], q[0], q[1], q[2]);
+  if (!(std::abs(orientation.norm() - 1) < 1e-3)) refuse("orientation", "a unit quaternion xyzw");
+  return {entry.name,
+          std::make_shared<const SoftBody>(std::move(*model.soft)),
+          {{p[0], p[1], p[2]}, orientation.normalized()},
+          {g[0], g[1], g[2]}};
+}
+
+// Replaces entries of the shape file by the links and joints of their files. Flexible objects become `soft_objects`.
 void add_object_files(Scene& scene) {
   std::vector<ObjectOptions> objects;
   for (const ObjectOptions& entry : scene.options.objects) {
@@ -83,6 +102,16 @@ void add_object_files(Scene& scene) {
     }
     LoadedObject loaded = load_scene_object(scene, entry);
     scene.object_folders.push_back(fs::path(loaded.path).parent_path().string());
+    if (loaded.model.soft) {
+      if (scene.soft_objects.size() == SoftObjects::kMaxSoftObjects)
+        throw ConfigError(scene.path + ": objects." + entry.name + ": expected at most " +
+                          std::to_string(SoftObjects::kMaxSoftObjects) + " flexible objects");
+      for (const SoftObject& other : scene.soft_objects)
+        if (other.name == entry.name)
+          throw ConfigError(scene.path + ": objects." + entry.name + ": the name is used twice");
+      scene.soft_objects.push_back(soft_object(scene, entry, std::move(loaded.model)));
+      continue;
+    }
     try {
       add_file_objects(entry, std::make_shared<const ObjectModel>(std::move(loaded.model)), loaded.sha256, objects,
                        scene.options.joints);
@@ -188,7 +217,7 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
   // Never more slots than the scene has objects, if it lists any. A slot for a movable object adds columns to the
   // matrix of the step even if it is unused.
   const auto& objects = scene.options.objects;
-  if (!objects.empty()) {
+  if (!objects.empty() || !scene.soft_objects.empty()) {
     const auto movable = static_cast<std::int64_t>(
         std::count_if(objects.begin(), objects.end(), [](const ObjectOptions& o) { return o.mass > 0; }));
     HandOptions& hand = scene.options.hand;
@@ -197,6 +226,14 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
     hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
   return scene;
+}
+
+void refuse_soft_objects(const Scene& scene) {
+  if (scene.soft_objects.empty()) return;
+  throw ConfigError(scene.path + ": objects." + scene.soft_objects.front().name +
+                    ": a flexible object, which the topics of a rig do not carry yet. Play the scene with `softhand "
+                    "simulate " +
+                    scene.path + "`");
 }
 
 std::vector<std::string> object_folders(const Scene& scene) {

@@ -11,6 +11,7 @@
 
 #include "cli/outcome.hpp"
 #include "cli/skin_outcome.hpp"
+#include "cli/soft_outcome.hpp"
 #include "device/device_loop.hpp"
 #include "device/driver.hpp"
 #include "hand/hand_options.hpp"
@@ -47,6 +48,7 @@ struct JudgeOptions {
   Goal goal;
   std::int64_t times = 1;
   SkinGoal skin;
+  SoftGoal soft;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
@@ -72,6 +74,13 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
       "skin_friction", o.skin.friction, "1", {0, 1},
       "The same if friction of skin that slides on skin is `hand.simulation.skin_friction` times the normal force, "
       "within this fraction. 0 = not asked for.");
+  v.number("soft_squeezed", o.soft.squeezed, "1", {0, 1},
+           "A run of `softhand simulate` succeeds only if the least width of the first flexible object falls to this "
+           "fraction of its first one. A width is the length of a line through the centre of mass, from surface to "
+           "surface. 0 = not asked for.");
+  v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
+           "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
+           "go of it. 0 = not asked for.");
 }
 
 struct HapticOptions : DeviceOptions<HapticLogOptions> {};
@@ -122,12 +131,17 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
   std::vector<std::string> ignored;         ///< sections of drivers that this program does not know
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
+  std::vector<SoftObject> soft_objects;     ///< the flexible ones; `options.objects` has the others
 };
 
 /// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene
 /// and in the folder of its kind in config/. After these the working directory is searched. Entries of the shape
-/// file are replaced by the links and joints of their files. Throws ConfigError.
+/// file are replaced by the links and joints of their files, or become soft objects. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
+
+/// Throws ConfigError if processes cannot play the scene: no topic carries flexible objects yet. `softhand simulate`
+/// plays it.
+void refuse_soft_objects(const Scene& scene);
 
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);

@@ -29,8 +29,8 @@ Candidates::Candidates(const ContactPoints& points, int slots)
 
 void Candidates::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
-  starts_ = state.node_positions;
-  velocities_ = state.node_velocities;
+  starts_ = state.node_positions.leftCols(starts_.cols());
+  velocities_ = state.node_velocities.leftCols(velocities_.cols());
   groups_.update(starts_, velocities_, time_step);
   displacements_ = time_step * velocities_;
   ends_ = starts_ + displacements_;
@@ -38,7 +38,7 @@ void Candidates::begin_step(const State& state, double time_step) {
 }
 
 void Candidates::set_ends(const State& state) {
-  ends_ = state.node_positions;
+  ends_ = state.node_positions.leftCols(ends_.cols());
   displacements_ = ends_ - starts_;
   groups_.update(starts_, displacements_, 1.0);
   triangles_are_old_ = true;

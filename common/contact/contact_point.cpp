@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kWeightError = 1e-9;  // of the sum of a point's weights
 
-ContactPoint contact_point(const HandModel& hand, const SkinPoint& from) {
+ContactPoint contact_point(const TissueModel& model, const SkinPoint& from) {
   ContactPoint point;
   point.body = from.body;
   point.area = from.area;
@@ -19,7 +19,7 @@ ContactPoint contact_point(const HandModel& hand, const SkinPoint& from) {
   for (std::size_t k = 0; k < ContactPoint::most_nodes; ++k) {
     if (from.weights[k] == 0) continue;
     const auto i = static_cast<std::size_t>(point.node_count++);
-    point.nodes[i] = hand.tetrahedra[static_cast<std::size_t>(from.tetrahedron)][k];
+    point.nodes[i] = model.tetrahedra[static_cast<std::size_t>(from.tetrahedron)][k];
     point.weights[i] = from.weights[k];
   }
   return point;
@@ -27,23 +27,23 @@ ContactPoint contact_point(const HandModel& hand, const SkinPoint& from) {
 
 }  // namespace
 
-ContactPoints::ContactPoints(const HandModel& hand, const std::vector<double>& node_masses) {
-  if (node_masses.size() != hand.nodes.size()) {
+ContactPoints::ContactPoints(const TissueModel& model, const std::vector<double>& node_masses) {
+  if (node_masses.size() != model.nodes.size()) {
     throw std::invalid_argument("contact: " + std::to_string(node_masses.size()) + " node masses for " +
-                                std::to_string(hand.nodes.size()) + " nodes");
+                                std::to_string(model.nodes.size()) + " nodes");
   }
   node_masses_ = node_masses;
-  points_.reserve(hand.contact_points.size() + hand.surface.size());
-  for (const SkinPoint& point : hand.contact_points) points_.push_back(contact_point(hand, point));
+  points_.reserve(model.contact_points.size() + model.surface.size());
+  for (const SkinPoint& point : model.contact_points) points_.push_back(contact_point(model, point));
   count_ = static_cast<int>(points_.size());
-  for (const auto& triangle : hand.surface) {
+  for (const auto& triangle : model.surface) {
     ContactPoint roving;
     roving.node_count = 3;
     for (std::size_t k = 0; k < 3; ++k) {
       roving.nodes[k] = triangle[k];
       roving.weights[k] = 1.0 / 3;
     }
-    roving.body = hand.node_body[static_cast<std::size_t>(triangle[0])];
+    roving.body = model.node_body[static_cast<std::size_t>(triangle[0])];
     roving.area = roving_area;
     points_.push_back(roving);
   }

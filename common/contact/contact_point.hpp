@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "model/hand_model.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -16,11 +16,11 @@ struct ContactPoint {
   std::array<std::int32_t, most_nodes> nodes{};  ///< the first `node_count` are valid
   std::array<double, most_nodes> weights{};      ///< >= 0, sum 1
   std::int32_t node_count = 1;
-  std::uint8_t body = 0;  ///< nearest bone, `Body`
+  std::uint8_t body = 0;  ///< nearest bone, `Body`, or flexible object (TissueModel::node_body)
   double area = 0;        ///< A, m^2: the point's contact stiffness is A k_c
 };
 
-/// The table of the contact points of one hand. The first `count()` points never change. After them comes one roving
+/// The table of the contact points of one model. The first `count()` points never change. After them comes one roving
 /// point for each triangle of the mesh's surface. Its place in the triangle is given when a sharp point of an object
 /// touches the triangle.
 class ContactPoints {
@@ -28,9 +28,9 @@ class ContactPoints {
   /// Area of a roving point in reports, m^2: a disc of 1 mm.
   static constexpr double roving_area = 0.785e-6;
 
-  /// The hand's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
+  /// The model's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
   /// their number differs from that of the nodes.
-  ContactPoints(const HandModel& hand, const std::vector<double>& node_masses);
+  ContactPoints(const TissueModel& model, const std::vector<double>& node_masses);
   /// Throws std::invalid_argument if a point names a wrong node, its area is not > 0, or its weights do not sum to 1.
   ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses);
 

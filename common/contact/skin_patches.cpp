@@ -16,14 +16,12 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
-int part_of_node(const HandModel& hand, std::int32_t node) {
-  return skin_part(static_cast<Body>(hand.node_body[at(node)]));
-}
+int part_of_node(const TissueModel& model, std::int32_t node) { return skin_part(model.node_body[at(node)]); }
 
 // The corner whose part the triangle has: a part that two corners share comes first.
-std::int32_t leading_corner(const HandModel& hand, const std::array<std::int32_t, 3>& corners) {
-  const int b = part_of_node(hand, corners[1]);
-  return b == part_of_node(hand, corners[2]) ? corners[1] : corners[0];
+std::int32_t leading_corner(const TissueModel& model, const std::array<std::int32_t, 3>& corners) {
+  const int b = part_of_node(model, corners[1]);
+  return b == part_of_node(model, corners[2]) ? corners[1] : corners[0];
 }
 
 }  // namespace
@@ -32,12 +30,20 @@ int skin_part(Body body) {
   return is_metacarpal(body) ? static_cast<int>(Finger::palm) : static_cast<int>(finger_of(body));
 }
 
-SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) : triangles_(hand.surface) {
-  divide(hand);
-  assign_points(hand, points);
+int skin_part(std::uint8_t node_body) {
+  return node_body < kBodyCount ? skin_part(static_cast<Body>(node_body)) : kSkinParts + node_body - kBodyCount;
+}
+
+SkinPatches::SkinPatches(const TissueModel& model, const ContactPoints& points) : triangles_(model.surface) {
+  int parts = kSkinParts;
+  for (const std::uint8_t body : model.node_body) parts = std::max(parts, skin_part(body) + 1);
+  of_part_.resize(static_cast<std::size_t>(parts));
+  part_boxes_.resize(of_part_.size());
+  divide(model);
+  assign_points(model, points);
   for (Patch& patch : patches_) {
     for (const std::int32_t triangle : patch.triangles) {
-      const auto& corners = hand.surface[at(triangle)];
+      const auto& corners = model.surface[at(triangle)];
       patch.nodes.insert(patch.nodes.end(), corners.begin(), corners.end());
     }
     for (const std::int32_t point : patch.points) {
@@ -53,24 +59,24 @@ SkinPatches::SkinPatches(const HandModel& hand, const ContactPoints& points) : t
   is_meeting_.assign(patches_.size(), 0);
   near_patches_.reserve(patches_.size());
   meeting_patches_.reserve(patches_.size());
-  exclude_near_at_rest(hand, points);
+  exclude_near_at_rest(model, points);
   near_.reserve(static_cast<std::size_t>(std::count(can_touch_.begin(), can_touch_.end(), std::uint8_t{1})) / 2);
   meeting_.reserve(near_.capacity());
 }
 
 // Each new patch begins at the node of the part that is farthest from all patches so far.
-void SkinPatches::divide(const HandModel& hand) {
-  const SurfaceDistance surface(hand.nodes, hand.surface);
-  patch_of_node_.assign(hand.nodes.size(), -1);
-  std::vector<std::uint8_t> is_skin(hand.nodes.size(), 0);
-  for (const auto& corners : hand.surface) {
+void SkinPatches::divide(const TissueModel& model) {
+  const SurfaceDistance surface(model.nodes, model.surface);
+  patch_of_node_.assign(model.nodes.size(), -1);
+  std::vector<std::uint8_t> is_skin(model.nodes.size(), 0);
+  for (const auto& corners : model.surface) {
     for (const std::int32_t node : corners) is_skin[at(node)] = 1;
   }
-  std::vector<double> distance(hand.nodes.size(), kFar);
-  for (int part = 0; part < kSkinParts; ++part) {
+  std::vector<double> distance(model.nodes.size(), kFar);
+  for (int part = 0; part < part_count(); ++part) {
     std::vector<std::int32_t> nodes;
-    for (std::int32_t n = 0; n < hand.node_count(); ++n) {
-      if (is_skin[at(n)] != 0 && part_of_node(hand, n) == part) nodes.push_back(n);
+    for (std::int32_t n = 0; n < model.node_count(); ++n) {
+      if (is_skin[at(n)] != 0 && part_of_node(model, n) == part) nodes.push_back(n);
     }
     while (!nodes.empty()) {
       const std::int32_t seed = *std::max_element(nodes.begin(), nodes.end(), [&](std::int32_t a, std::int32_t b) {
@@ -81,34 +87,34 @@ void SkinPatches::divide(const HandModel& hand) {
       patches_.push_back({part, {}, {}, {}});
       of_part_[static_cast<std::size_t>(part)].push_back(patch);
       surface.spread(
-          std::array{seed}, kFar, distance, [&](std::int32_t node) { return part_of_node(hand, node) == part; },
+          std::array{seed}, kFar, distance, [&](std::int32_t node) { return part_of_node(model, node) == part; },
           [&](std::int32_t node) { patch_of_node_[at(node)] = patch; });
     }
   }
-  for (const auto& corners : hand.surface) {
-    const std::int32_t patch = patch_of_node_[at(leading_corner(hand, corners))];
+  for (const auto& corners : model.surface) {
+    const std::int32_t patch = patch_of_node_[at(leading_corner(model, corners))];
     patches_[at(patch)].triangles.push_back(static_cast<std::int32_t>(patch_of_triangle_.size()));
     patch_of_triangle_.push_back(patch);
   }
 }
 
 // A point belongs to the patch of the nearest node of its part.
-void SkinPatches::assign_points(const HandModel& hand, const ContactPoints& points) {
-  Eigen::Matrix3Xd rest(3, hand.node_count());
-  for (std::int32_t n = 0; n < hand.node_count(); ++n) rest.col(n) = hand.nodes[at(n)];
-  around_.resize(hand.nodes.size());
-  for (std::size_t t = 0; t < hand.surface.size(); ++t) {
-    for (const std::int32_t node : hand.surface[t]) around_[at(node)].push_back(static_cast<std::int32_t>(t));
+void SkinPatches::assign_points(const TissueModel& model, const ContactPoints& points) {
+  Eigen::Matrix3Xd rest(3, model.node_count());
+  for (std::int32_t n = 0; n < model.node_count(); ++n) rest.col(n) = model.nodes[at(n)];
+  around_.resize(model.nodes.size());
+  for (std::size_t t = 0; t < model.surface.size(); ++t) {
+    for (const std::int32_t node : model.surface[t]) around_[at(node)].push_back(static_cast<std::int32_t>(t));
   }
   for (int i = 0; i < points.count(); ++i) {
     const Vector3 place = points.at(i, rest);
-    const int part = skin_part(static_cast<Body>(points[i].body));
+    const int part = skin_part(points[i].body);
     std::int32_t nearest = -1;
     double best = kFar;
     for (const bool any_part : {false, true}) {
-      for (std::int32_t n = 0; n < hand.node_count(); ++n) {
-        if (patch_of_node_[at(n)] < 0 || (!any_part && part_of_node(hand, n) != part)) continue;
-        const double away = (hand.nodes[at(n)] - place).squaredNorm();
+      for (std::int32_t n = 0; n < model.node_count(); ++n) {
+        if (patch_of_node_[at(n)] < 0 || (!any_part && part_of_node(model, n) != part)) continue;
+        const double away = (model.nodes[at(n)] - place).squaredNorm();
         if (away < best) {
           best = away;
           nearest = n;
@@ -122,21 +128,23 @@ void SkinPatches::assign_points(const HandModel& hand, const ContactPoints& poin
   }
 }
 
-void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoints& points) {
+void SkinPatches::exclude_near_at_rest(const TissueModel& model, const ContactPoints& points) {
   const std::size_t count = patches_.size();
   can_touch_.assign(count * count, 0);
   const auto set = [&](std::size_t a, std::size_t b, std::uint8_t can) {
     can_touch_[a * count + b] = can_touch_[b * count + a] = can;
   };
   for (std::size_t a = 0; a < count; ++a) {
-    for (std::size_t b = 0; b < a; ++b) set(a, b, patches_[a].part != patches_[b].part ? 1 : 0);
+    for (std::size_t b = 0; b < a; ++b) set(a, b, parts_can_touch(at(patches_[a].part), at(patches_[b].part)) ? 1 : 0);
   }
-  const SurfaceDistance surface(hand.nodes, hand.surface);
-  std::vector<double> distance(hand.nodes.size());
+  // Flexible objects are not at their place in the scene at rest.
+  if (has_objects()) return;
+  const SurfaceDistance surface(model.nodes, model.surface);
+  std::vector<double> distance(model.nodes.size());
   std::vector<std::int32_t> sources;
   for (std::size_t a = 0; a < count; ++a) {
     sources.clear();
-    for (std::int32_t n = 0; n < hand.node_count(); ++n) {
+    for (std::int32_t n = 0; n < model.node_count(); ++n) {
       if (patch_of_node_[at(n)] == static_cast<std::int32_t>(a)) sources.push_back(n);
     }
     std::fill(distance.begin(), distance.end(), kFar);
@@ -145,10 +153,10 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
         [&](std::int32_t node) { set(a, at(patch_of_node_[at(node)]), 0); });
   }
   // Pairs with a thin sheet of tissue between them.
-  Eigen::Matrix3Xd rest(3, hand.node_count());
-  for (std::int32_t n = 0; n < hand.node_count(); ++n) rest.col(n) = hand.nodes[at(n)];
+  Eigen::Matrix3Xd rest(3, model.node_count());
+  for (std::int32_t n = 0; n < model.node_count(); ++n) rest.col(n) = model.nodes[at(n)];
   const auto frame_of = [&](std::int32_t triangle) {
-    const auto& corners = hand.surface[at(triangle)];
+    const auto& corners = model.surface[at(triangle)];
     return SkinFrame(rest.col(corners[0]), rest.col(corners[1]), rest.col(corners[2]));
   };
   for (std::size_t p = 0; p < count; ++p) {
@@ -165,7 +173,7 @@ void SkinPatches::exclude_near_at_rest(const HandModel& hand, const ContactPoint
       for (const std::int32_t triangle : patches_[other].triangles) {
         const SkinFrame frame = frame_of(triangle);
         const double height = frame.n.dot(place - frame.pose.position);
-        const auto& corners = hand.surface[at(triangle)];
+        const auto& corners = model.surface[at(triangle)];
         const TrianglePoint there =
             nearest_on_triangle(place, rest.col(corners[0]), rest.col(corners[1]), rest.col(corners[2]));
         if (height < 0 && outward.dot(frame.n) < 0 && (there.point - place).norm() < deepest) set(own, other, 0);
@@ -230,8 +238,9 @@ void SkinPatches::find_near(const Eigen::Matrix3Xd& positions, double margin) {
   for (const std::int32_t patch : near_patches_) is_near_[at(patch)] = 0;
   near_patches_.clear();
   const double square = margin * margin;
-  for (std::size_t a = 1; a < kSkinParts; ++a) {
+  for (std::size_t a = 1; a < of_part_.size(); ++a) {
     for (std::size_t b = 0; b < a; ++b) {
+      if (!parts_can_touch(a, b)) continue;
       ++part_queries_;
       if (!(part_boxes_[a].squaredExteriorDistance(part_boxes_[b]) <= square)) continue;
       for (const int i : of_part_[a]) {

@@ -1,11 +1,15 @@
 // Patches of the skin, and which pairs of them can touch: the broad phase of contact of skin with skin.
 //
-// The skin is divided into parts: five digits, and the palm with the wrist. Contact is between different parts. Each
-// part is divided into patches of about a centimetre. Two patches cannot touch if they are near at rest. They are near
-// if their distance along the skin is less than `near_at_rest`, for example on both sides of a web or a crease. They
-// are also near if only a sheet of tissue thinner than `deepest` lies between them.
+// The skin is divided into parts: five digits, the palm with the wrist, and each flexible object. Contact is between
+// different parts. Each part is divided into patches of about a centimetre. Two patches of a hand cannot touch if they
+// are near at rest. They are near if their distance along the skin is less than `near_at_rest`, for example on both
+// sides of a web or a crease. They are also near if only a sheet of tissue thinner than `deepest` lies between them.
+//
+// With flexible objects in the model, only pairs with such an object can touch. Contact of the hand with itself is a
+// term of its own, over a model without these objects.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -13,13 +17,18 @@
 #include <vector>
 
 #include "contact/contact_point.hpp"
-#include "model/hand_model.hpp"
+#include "model/skeleton.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
+/// Parts of the skin of a hand.
 inline constexpr int kSkinParts = 6;
 /// Part of the skin around a bone: 0-4 = thumb to little finger without the metacarpals, 5 = palm and wrist.
 int skin_part(Body body);
+/// Part of the skin of a node or contact point with this `TissueModel::node_body`. The flexible object i has the part
+/// kSkinParts + i.
+int skin_part(std::uint8_t node_body);
 
 class SkinPatches {
  public:
@@ -28,8 +37,8 @@ class SkinPatches {
   /// m; skin that is deeper than this in another part is not pushed out.
   static constexpr double deepest = 0.012;
 
-  /// `points`: of the same hand; only the first `count()` are used.
-  SkinPatches(const HandModel& hand, const ContactPoints& points);
+  /// `points`: of the same model; only the first `count()` are used.
+  SkinPatches(const TissueModel& model, const ContactPoints& points);
 
   struct Patch {
     int part = 0;
@@ -37,6 +46,7 @@ class SkinPatches {
     std::vector<std::int32_t> nodes;  // of the triangles and of the points
   };
   const std::vector<Patch>& patches() const { return patches_; }
+  int part_count() const { return static_cast<int>(of_part_.size()); }
   /// Whether the patches belong to different parts and are not near at rest.
   bool can_touch(int a, int b) const {
     return can_touch_[static_cast<std::size_t>(a) * patches_.size() + static_cast<std::size_t>(b)] != 0;
@@ -70,9 +80,13 @@ class SkinPatches {
   std::uint64_t part_queries() const { return part_queries_; }
 
  private:
-  void divide(const HandModel& hand);
-  void assign_points(const HandModel& hand, const ContactPoints& points);
-  void exclude_near_at_rest(const HandModel& hand, const ContactPoints& points);
+  bool has_objects() const { return part_count() > kSkinParts; }
+  bool parts_can_touch(std::size_t a, std::size_t b) const {
+    return a != b && (!has_objects() || std::max(a, b) >= static_cast<std::size_t>(kSkinParts));
+  }
+  void divide(const TissueModel& model);
+  void assign_points(const TissueModel& model, const ContactPoints& points);
+  void exclude_near_at_rest(const TissueModel& model, const ContactPoints& points);
   void bound_box(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
   void bound_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
 
@@ -80,11 +94,11 @@ class SkinPatches {
   std::vector<Patch> patches_;
   std::vector<std::int32_t> patch_of_node_;  // -1: not on the surface
   std::vector<std::int32_t> patch_of_triangle_, patch_of_point_, node_of_point_;
-  std::vector<std::vector<std::int32_t>> around_;     // by node
-  std::vector<std::uint8_t> can_touch_;               // by (patch, patch)
-  std::array<std::vector<int>, kSkinParts> of_part_;  // the patches of a part
+  std::vector<std::vector<std::int32_t>> around_;  // by node
+  std::vector<std::uint8_t> can_touch_;            // by (patch, patch)
+  std::vector<std::vector<int>> of_part_;          // the patches of a part
   std::vector<Eigen::AlignedBox3d> boxes_;
-  std::array<Eigen::AlignedBox3d, kSkinParts> part_boxes_;
+  std::vector<Eigen::AlignedBox3d> part_boxes_;
   struct Slab {
     Vector3 normal = Vector3::Zero();
     double low = 0, high = 0;

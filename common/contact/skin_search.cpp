@@ -33,9 +33,9 @@ Vector3 weights_of(const SkinFrame& frame, const Vector3& place) {
 
 }  // namespace
 
-SkinSearch::SkinSearch(const HandModel& hand, const ContactPoints& points)
-    : points_(&points), triangles_(hand.surface), first_neighbour_{0}, patches_(hand, points) {
-  std::vector<std::vector<std::int32_t>> around(hand.nodes.size());
+SkinSearch::SkinSearch(const TissueModel& model, const ContactPoints& points)
+    : points_(&points), triangles_(model.surface), first_neighbour_{0}, patches_(model, points) {
+  std::vector<std::vector<std::int32_t>> around(model.nodes.size());
   for (std::size_t t = 0; t < triangles_.size(); ++t) {
     for (const std::int32_t node : triangles_[t])
       around[static_cast<std::size_t>(node)].push_back(static_cast<std::int32_t>(t));
@@ -51,8 +51,8 @@ SkinSearch::SkinSearch(const HandModel& hand, const ContactPoints& points)
     neighbours_.erase(std::unique(neighbours_.begin() + begin, neighbours_.end()), neighbours_.end());
     first_neighbour_.push_back(neighbours_.size());
   }
-  starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
-  const auto places = static_cast<std::size_t>(points.count()) * kSkinParts;
+  starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, model.node_count());
+  const auto places = static_cast<std::size_t>(points.count()) * static_cast<std::size_t>(patches_.part_count());
   paths_.resize(static_cast<std::size_t>(points.count()));
   meetings_.reserve(places);
   meeting_of_.assign(places, -1);
@@ -83,8 +83,8 @@ void SkinSearch::set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions,
 }
 
 void SkinSearch::begin_step(const State& state, double time_step, double reach) {
-  starts_ = state.node_positions;
-  ends_ = starts_ + time_step * state.node_velocities;
+  starts_ = state.node_positions.leftCols(starts_.cols());
+  ends_ = starts_ + time_step * state.node_velocities.leftCols(starts_.cols());
   const Pose start = wrist_of(state);
   set_local(start, starts_, local_starts_);
   set_local(state.body_poses.size() > kCarpus ? advanced(start, state.body_velocities[kCarpus], time_step) : start,
@@ -94,7 +94,7 @@ void SkinSearch::begin_step(const State& state, double time_step, double reach) 
 }
 
 void SkinSearch::set_ends(const State& state) {
-  ends_ = state.node_positions;
+  ends_ = state.node_positions.leftCols(ends_.cols());
   set_local(wrist_of(state), ends_, local_ends_);
   follow_paths(kSlack);
 }

@@ -37,7 +37,7 @@ struct SkinMeeting {
 /// Holds the positions of all nodes within a step. Allocates only at construction.
 class SkinSearch {
  public:
-  SkinSearch(const HandModel& hand, const ContactPoints& points);
+  SkinSearch(const TissueModel& model, const ContactPoints& points);
 
   const SkinPatches& patches() const { return patches_; }
   const std::array<std::int32_t, 3>& corners(int triangle) const {
@@ -117,8 +117,9 @@ class SkinSearch {
     }
     meetings_.clear();
   }
-  static std::size_t place_of(int point, int part) {
-    return static_cast<std::size_t>(point) * kSkinParts + static_cast<std::size_t>(part);
+  std::size_t place_of(int point, int part) const {
+    return static_cast<std::size_t>(point) * static_cast<std::size_t>(patches_.part_count()) +
+           static_cast<std::size_t>(part);
   }
   void keep(const SkinMeeting& meeting, int part);
   void follow_paths(double margin);

@@ -24,8 +24,8 @@ constexpr double kAwayFromBone = 0.8;
 
 }  // namespace
 
-ContactSet::ContactSet(const HandModel& hand, const std::vector<double>& node_masses, double stiffness, int first_body,
-                       int moving_slots, int slots)
+ContactSet::ContactSet(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness,
+                       int first_body, int moving_slots, int slots)
     : ContactSet(ContactPoints(hand, node_masses), hand.node_count(), stiffness, first_body, moving_slots, slots) {}
 
 // A point between two objects has two anchors. A hand does not fit between more objects than that.

@@ -53,7 +53,7 @@
 #include "contact/contact_report.hpp"
 #include "energies/memory.hpp"
 #include "messages/messages.hpp"
-#include "model/hand_model.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -72,9 +72,9 @@ class ContactSet {
   /// Objects are the bodies `first_body` ... `first_body + slots - 1` of the state. The first `moving_slots` of them
   /// may be movable. `stiffness` is k_c, N/m^3: a force per area and depth. `node_masses` (kg) are used only to
   /// estimate the normal force of a fresh contact. Throws std::invalid_argument if k_c is not finite and > 0.
-  ContactSet(const HandModel& hand, const std::vector<double>& node_masses, double stiffness, int first_body,
+  ContactSet(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness, int first_body,
              int moving_slots, int slots);
-  /// The same for given contact points of a mesh with `node_count` nodes.
+  /// The same for given contact points, in a state with `node_count` nodes.
   ContactSet(ContactPoints points, int node_count, double stiffness, int first_body, int moving_slots, int slots);
   ContactSet(const ContactSet&) = delete;
   ContactSet& operator=(const ContactSet&) = delete;
@@ -243,8 +243,9 @@ class ContactSet {
 /// U_n of all anchors. It also calls the set's begin_step and end_step.
 class ContactEnergy final : public EnergyWithMemory<ContactEnergy> {
  public:
-  explicit ContactEnergy(ContactSet& contacts) : contacts_(contacts) {}
-  std::string_view name() const override { return "contact"; }
+  /// `name`: of the term, a literal.
+  explicit ContactEnergy(ContactSet& contacts, std::string_view name = "contact") : contacts_(contacts), name_(name) {}
+  std::string_view name() const override { return name_; }
   bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
@@ -263,6 +264,7 @@ class ContactEnergy final : public EnergyWithMemory<ContactEnergy> {
 
  private:
   ContactSet& contacts_;
+  std::string_view name_;
 };
 
 }  // namespace softhand

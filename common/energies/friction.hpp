@@ -25,9 +25,10 @@ namespace softhand {
 
 class FrictionEnergy final : public Energy {
  public:
-  /// Must come after the set's `ContactEnergy` in the list of terms.
-  explicit FrictionEnergy(ContactSet& contacts) : contacts_(contacts) {}
-  std::string_view name() const override { return "friction"; }
+  /// Must come after the set's `ContactEnergy` in the list of terms. `name`: of the term, a literal.
+  explicit FrictionEnergy(ContactSet& contacts, std::string_view name = "friction")
+      : contacts_(contacts), name_(name) {}
+  std::string_view name() const override { return name_; }
   bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override { contacts_.add_pattern(pattern); }
   void bind(const BlockMatrix& matrix) override { contacts_.bind(matrix); }
@@ -38,6 +39,7 @@ class FrictionEnergy final : public Energy {
 
  private:
   ContactSet& contacts_;
+  std::string_view name_;
 };
 
 }  // namespace softhand

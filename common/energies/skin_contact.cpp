@@ -67,19 +67,40 @@ std::array<Complex3, 4> complex_gradient(const ContactAnchor& anchor, const std:
 
 }  // namespace
 
-SkinContact::SkinContact(const HandModel& hand, const std::vector<double>& node_masses, double stiffness,
+SkinContact::SkinContact(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness,
                          double friction)
+    : SkinContact(hand, node_masses, stiffness, friction, {}) {}
+
+SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
+                         std::vector<double> object_frictions)
+    : SkinContact(model, node_masses, stiffness, 0, std::move(object_frictions)) {}
+
+SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
+                         double friction, std::vector<double> object_frictions)
     : stiffness_(0.5 * checked(stiffness, true, "k_c")),
       friction_(checked(friction, false, "friction")),
+      object_frictions_(std::move(object_frictions)),
       node_masses_(node_masses),
-      points_(hand, node_masses),
+      points_(model, node_masses),
       blocks_(points_),
-      search_(hand, points_),
-      corner_blocks_(hand.surface.size()),
-      has_anchor_(static_cast<std::size_t>(points_.count()) * kSkinParts, 0) {
+      search_(model, points_),
+      corner_blocks_(model.surface.size()),
+      has_anchor_(static_cast<std::size_t>(points_.count()) * static_cast<std::size_t>(search_.patches().part_count()),
+                  0) {
+  for (const double each : object_frictions_) checked(each, false, "friction");
+  if (kSkinParts + static_cast<int>(object_frictions_.size()) != search_.patches().part_count())
+    throw std::invalid_argument("skin contact: expected one friction coefficient for each flexible object");
   anchors_.reserve(2 * static_cast<std::size_t>(points_.count()));
   anchors_before_.reserve(anchors_.capacity());
   saved_.anchors.reserve(anchors_.capacity());
+}
+
+// Between a point and a part of the skin.
+double SkinContact::friction_of(int point, int part) const {
+  const auto of_part = [this](int p) { return object_frictions_[static_cast<std::size_t>(p - kSkinParts)]; };
+  const int own = skin_part(points_[point].body);
+  if (own < kSkinParts) return part < kSkinParts ? friction_ : of_part(part);
+  return part < kSkinParts ? of_part(own) : std::sqrt(of_part(own) * of_part(part));
 }
 
 void SkinContact::add_pattern(BlockPattern& pattern) const {
@@ -119,7 +140,7 @@ SkinAnchor* SkinContact::create(const SkinMeeting& meeting) {
   anchor.recess = meeting.recess;
   anchor.fresh = anchor.two_sided = meeting.predicted;
   anchor.stiffness = stiffness_ * points_[meeting.point].area;
-  anchor.set_friction(friction_);
+  anchor.set_friction(friction_of(meeting.point, anchor.slot));
   has_anchor(meeting.point, anchor.slot) = 1;
   anchors_.push_back(anchor);
   return &anchors_.back();
@@ -325,7 +346,7 @@ void SkinContact::load(const Memory& memory) {
     SkinAnchor anchor{ContactAnchor{from.anchor}, from.triangle};
     anchor.known = true;
     anchor.stiffness = stiffness_ * points_[anchor.point].area;
-    anchor.set_friction(friction_);
+    anchor.set_friction(friction_of(anchor.point, anchor.slot));
     anchors_.push_back(anchor);
   }
   mark_anchors();

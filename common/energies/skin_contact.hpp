@@ -18,6 +18,8 @@
 //
 // Skin that is near at rest does not touch (contact/skin_patches.hpp), and a digit does not touch itself.
 //
+// The same law couples flexible objects to the hand and to each other: each object is one more part of the skin.
+//
 // A contact begins at the first triangle that the point crosses in a step, at any speed. A point that starts inside
 // moves out at 0.8 m/s at most.
 #pragma once
@@ -31,22 +33,26 @@
 #include "contact/contact_point.hpp"
 #include "contact/skin_search.hpp"
 #include "energies/memory.hpp"
-#include "model/hand_model.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
 /// An anchor on the skin. `slot` is the part of the skin that it is on (`skin_part`).
 struct SkinAnchor : ContactAnchor {
-  std::int32_t triangle = 0;  ///< of HandModel::surface
+  std::int32_t triangle = 0;  ///< of TissueModel::surface
 };
 
 class SkinContact final : public EnergyWithMemory<SkinContact> {
  public:
   /// `stiffness` is k_c, N/m^3. `friction` is Coulomb's mu, >= 0. `node_masses` (kg) are used only to estimate the
   /// normal force of a fresh contact. Throws std::invalid_argument if k_c or mu is out of range.
-  SkinContact(const HandModel& hand, const std::vector<double>& node_masses, double stiffness, double friction);
+  SkinContact(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness, double friction);
+  /// Contact of flexible objects with the hand and with each other. `model`: of the hand and of the objects.
+  /// `object_frictions`: by object. Two objects have the geometric mean. Throws std::invalid_argument as above.
+  SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
+              std::vector<double> object_frictions);
 
-  std::string_view name() const override { return "skin"; }
+  std::string_view name() const override { return object_frictions_.empty() ? "skin" : "soft_skin"; }
   bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
@@ -90,9 +96,13 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   std::uint64_t dropped() const { return dropped_; }
 
  private:
+  SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness, double friction,
+              std::vector<double> object_frictions);
   std::uint8_t& has_anchor(int point, int part) {
-    return has_anchor_[static_cast<std::size_t>(point) * kSkinParts + static_cast<std::size_t>(part)];
+    return has_anchor_[static_cast<std::size_t>(point) * static_cast<std::size_t>(search_.patches().part_count()) +
+                       static_cast<std::size_t>(part)];
   }
+  double friction_of(int point, int part) const;
   SkinAnchor* create(const SkinMeeting& meeting);
   void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
   template <typename Found>
@@ -110,6 +120,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
                const std::array<Matrix3, 6>& between_corners, BlockMatrix& hessian) const;
 
   double stiffness_, friction_;
+  std::vector<double> object_frictions_;  // by flexible object
   std::vector<double> node_masses_;
   ContactPoints points_;
   PointBlocks blocks_;

@@ -18,20 +18,20 @@ namespace {
 
 // Splits the elements by a plane: 0 and 1 have all nodes on one side, 2 is crossed by the plane. The plane is normal to
 // an axis and goes through the median node. The axis with the fewest crossed elements is chosen.
-std::vector<std::uint8_t> halves(const HandModel& hand) {
+std::vector<std::uint8_t> halves(const TissueModel& model) {
   std::vector<std::uint8_t> best;
   std::size_t fewest = 0;
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> heights;
-    for (const auto& nodes : hand.tetrahedra) {
-      for (const std::int32_t n : nodes) heights.push_back(hand.nodes[static_cast<std::size_t>(n)][axis]);
+    for (const auto& nodes : model.tetrahedra) {
+      for (const std::int32_t n : nodes) heights.push_back(model.nodes[static_cast<std::size_t>(n)][axis]);
     }
     const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
     std::nth_element(heights.begin(), middle, heights.end());
     std::vector<std::uint8_t> groups;
-    for (const auto& nodes : hand.tetrahedra) {
+    for (const auto& nodes : model.tetrahedra) {
       const auto above = std::count_if(nodes.begin(), nodes.end(), [&](std::int32_t n) {
-        return hand.nodes[static_cast<std::size_t>(n)][axis] > *middle;
+        return model.nodes[static_cast<std::size_t>(n)][axis] > *middle;
       });
       groups.push_back(above == 0 ? 0 : above == 4 ? 1 : 2);
     }
@@ -45,23 +45,24 @@ std::vector<std::uint8_t> halves(const HandModel& hand) {
 
 }  // namespace
 
-Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kernel(set)) {
-  const std::size_t count = hand.tetrahedra.size();
-  if (hand.tetrahedron_material.size() != count)
+Tissue::Tissue(const TissueModel& model, InstructionSet set, std::string_view name)
+    : name_(name), kernel_(tissue_kernel(set)) {
+  const std::size_t count = model.tetrahedra.size();
+  if (model.tetrahedron_material.size() != count)
     throw std::invalid_argument("Tissue: one material per tetrahedron expected");
   std::vector<CorotationalMaterial> materials;
-  for (const Material& m : hand.materials) {
+  for (const Material& m : model.materials) {
     materials.push_back(
         corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
   }
   for (std::size_t e = 0; e < count; ++e) {
-    const auto& nodes = hand.tetrahedra[e];
-    if (std::any_of(nodes.begin(), nodes.end(), [&hand](std::int32_t n) { return n < 0 || n >= hand.node_count(); }))
+    const auto& nodes = model.tetrahedra[e];
+    if (std::any_of(nodes.begin(), nodes.end(), [&model](std::int32_t n) { return n < 0 || n >= model.node_count(); }))
       refuse(e, "node out of range");
-    if (hand.tetrahedron_material[e] >= materials.size()) refuse(e, "material out of range");
+    if (model.tetrahedron_material[e] >= materials.size()) refuse(e, "material out of range");
   }
   element_count_ = static_cast<int>(count);
-  const std::vector<std::uint8_t> groups = halves(hand);
+  const std::vector<std::uint8_t> groups = halves(model);
   std::vector<std::size_t>
       order;  // element of each lane; the last one of a group is repeated to the end of its last batch
   position_.resize(count);
@@ -78,12 +79,12 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
   corners_.resize(count);
   for (std::size_t position = 0; position < order.size(); ++position) {
     const std::size_t e = order[position];
-    std::array<std::int32_t, 4> nodes = hand.tetrahedra[e];
+    std::array<std::int32_t, 4> nodes = model.tetrahedra[e];
     std::sort(nodes.begin(), nodes.end());
     Matrix3 edges;
     for (int a = 0; a < 3; ++a) {
-      edges.col(a) = hand.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a) + 1])] -
-                     hand.nodes[static_cast<std::size_t>(nodes[0])];
+      edges.col(a) = model.nodes[static_cast<std::size_t>(nodes[static_cast<std::size_t>(a) + 1])] -
+                     model.nodes[static_cast<std::size_t>(nodes[0])];
     }
     const double volume = std::abs(edges.determinant()) / 6.0;
     const double longest = edges.colwise().norm().maxCoeff();
@@ -97,7 +98,7 @@ Tissue::Tissue(const HandModel& hand, InstructionSet set) : kernel_(tissue_kerne
     Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(inverse.data()) = edges.inverse();
     batch.set(lane, nodes, inverse);
     batch.volume[lane] = volume;
-    const CorotationalMaterial& m = materials[hand.tetrahedron_material[e]];
+    const CorotationalMaterial& m = materials[model.tetrahedron_material[e]];
     batch.mu[lane] = m.mu;
     batch.lambda[lane] = m.lambda;
     batch.limit_energy[lane] = m.strain_limit_energy;

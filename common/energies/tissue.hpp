@@ -4,7 +4,7 @@
 //
 // b_a is the rest gradient of the shape function of node a.
 //
-// corotational.hpp defines W and its derivatives. The degrees of freedom are the nodes. Assumption: node n of the hand
+// corotational.hpp defines W and its derivatives. The degrees of freedom are the nodes. Assumption: node n of the model
 // is node n of the state. The integral is over the reference volume (eq. 21). The four gradients b_a sum to zero, so
 // six 3x3 blocks of the element's Hessian determine the other four.
 //
@@ -23,7 +23,7 @@
 #include "energies/energy.hpp"
 #include "energies/tissue_kernel.hpp"
 #include "math/helper_thread.hpp"
-#include "model/hand_model.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -31,7 +31,9 @@ class Tissue final : public Energy {
  public:
   /// Uses nodes, tetrahedra and their materials. Throws std::invalid_argument with the element's number if a
   /// tetrahedron has no volume, or if a node, material or constant is out of range. The processor must support `set`.
-  explicit Tissue(const HandModel& hand, InstructionSet set = widest_instruction_set());
+  /// `name`: of the term, a literal.
+  explicit Tissue(const TissueModel& model, InstructionSet set = widest_instruction_set(),
+                  std::string_view name = "tissue");
   /// From now on `add_all` computes the axes and products of the Hessian in float, for a solver that factorises in
   /// float. Energy and gradient do not change.
   void use_single_hessian() { single_hessian_ = true; }
@@ -53,7 +55,7 @@ class Tissue final : public Energy {
   /// equals the von Mises stress.
   double von_mises_stress(const State& state, int element) const;
 
-  std::string_view name() const override { return "tissue"; }
+  std::string_view name() const override { return name_; }
   bool is_potential() const override { return true; }
   int needed_bodies() const override { return 0; }
   void add_pattern(BlockPattern& pattern) const override;
@@ -73,6 +75,7 @@ class Tissue final : public Energy {
   };
   Place place_of(int element) const;
 
+  std::string_view name_;
   TissueKernel kernel_;
   HelperThread* helper_ = nullptr;
   bool single_hessian_ = false;

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
 #include "math/tetrahedron.hpp"
@@ -11,9 +10,6 @@
 namespace softhand {
 namespace {
 
-// Beyond these limits a tetrahedron's Hessian is so ill-conditioned that the result of a step would be noise.
-constexpr double kMinimumDihedralDegrees = 1.0;
-constexpr double kMaximumEdgeRatio = 50.0;
 constexpr double kMaximumFingerCap = 20.0;  // N, largest pull on a finger
 constexpr double kMaximumHandCap = 100.0;   // N, largest pull on a hand
 constexpr double kMaximumExtent = 1.0;      // m, so that hand files in millimetres or centimetres are refused
@@ -36,24 +32,6 @@ class Checker {
 };
 
 std::string at(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
-
-double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
-  // Outward normals of the four faces. The dihedral angle at the edge between two faces is pi minus the angle between
-  // their normals.
-  std::array<Vector3, 4> normals;
-  for (std::size_t f = 0; f < 4; ++f) {
-    const auto& v = kTetrahedronFaces[f];
-    normals[f] = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]]).normalized();
-  }
-  double smallest = 180.0;
-  for (std::size_t a = 0; a < 4; ++a) {
-    for (std::size_t b = a + 1; b < 4; ++b) {
-      const double angle = M_PI - std::acos(std::clamp(normals[a].dot(normals[b]), -1.0, 1.0));
-      smallest = std::min(smallest, angle * 180.0 / M_PI);
-    }
-  }
-  return smallest;
-}
 
 void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   const BodyModel& body = hand.bodies[b];
@@ -103,62 +81,12 @@ void validate_caps(const HandModel& hand, const Checker& check) {
 }
 
 void validate_mesh(const HandModel& hand, const Checker& check) {
-  const auto node_count = static_cast<std::int32_t>(hand.nodes.size());
-  check(node_count >= 4 && node_count <= 8192, "nodes", "4 to 8192 nodes");
-  check(!hand.materials.empty(), "materials", "at least one material");
-  for (std::size_t m = 0; m < hand.materials.size(); ++m) {
-    const Material& material = hand.materials[m];
-    check.number(material.density, 1, 1e5, at("materials", m) + ".density");
-    check.number(material.youngs_modulus, 1, 1e12, at("materials", m) + ".youngs_modulus");
-    check.number(material.poisson_ratio, 0, 0.49999, at("materials", m) + ".poisson_ratio");
-    check(material.strain_limit_energy > 0 && std::isfinite(material.strain_limit_energy),
-          at("materials", m) + ".strain_limit_energy", "a finite number > 0");
-    check(material.strain_limit_stiffness >= 0 && std::isfinite(material.strain_limit_stiffness),
-          at("materials", m) + ".strain_limit_stiffness", "a finite number >= 0");
-  }
-  for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    check(hand.nodes[n].allFinite() && hand.nodes[n].norm() < kMaximumExtent, at("nodes", n),
-          "finite metres within 1 m of the wrist");
-  }
   check(hand.node_body.size() == hand.nodes.size(), "node_body", "one body for each node");
   for (std::size_t n = 0; n < hand.node_body.size(); ++n)
     check(hand.node_body[n] < kBodyCount, at("node_body", n), "a body below 21");
-
-  check(!hand.tetrahedra.empty(), "tetrahedra", "at least one");
-  check(hand.tetrahedron_material.size() == hand.tetrahedra.size(), "tetrahedron_material",
-        "one material for each tetrahedron");
-  std::vector<bool> used(hand.nodes.size(), false);
-  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    check(hand.tetrahedron_material[t] < hand.materials.size(), at("tetrahedron_material", t),
-          "an index into materials");
-    std::array<Vector3, 4> x;
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::int32_t node = hand.tetrahedra[t][k];
-      check(node >= 0 && node < node_count, at("tetrahedra", t), "indices of nodes");
-      used[static_cast<std::size_t>(node)] = true;
-      x[k] = hand.nodes[static_cast<std::size_t>(node)];
-    }
-    const double volume = tetrahedron_volume(x[0], x[1], x[2], x[3]);
-    check(volume > 0, at("tetrahedra", t),
-          "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
-    double shortest = std::numeric_limits<double>::infinity();
-    double longest = 0;
-    for (std::size_t a = 0; a < 4; ++a) {
-      for (std::size_t b = a + 1; b < 4; ++b) {
-        const double length = (x[a] - x[b]).norm();
-        shortest = std::min(shortest, length);
-        longest = std::max(longest, length);
-      }
-    }
-    check(longest <= kMaximumEdgeRatio * shortest, at("tetrahedra", t), "edges that differ by at most a factor of 50");
-    const double dihedral = minimum_dihedral_degrees(x);
-    check(dihedral >= kMinimumDihedralDegrees, at("tetrahedra", t),
-          "dihedral angles of at least 1 degree, got " + std::to_string(dihedral));
-  }
-  for (std::size_t n = 0; n < used.size(); ++n) check(used[n], at("nodes", n), "a node that some tetrahedron uses");
   for (std::size_t s = 0; s < hand.surface.size(); ++s) {
     for (const std::int32_t node : hand.surface[s])
-      check(node >= 0 && node < node_count, at("surface", s), "indices of nodes");
+      check(node >= 0 && node < hand.node_count(), at("surface", s), "indices of nodes");
   }
 }
 
@@ -233,6 +161,7 @@ void validate(const HandModel& hand, const std::string& where) {
         "joints[wrist]", "the identity, because the rest frame is the wrist's");
   for (std::size_t b = 0; b < kBodyCount; ++b) validate_body(hand, b, check);
   validate_caps(hand, check);
+  validate_tetrahedra(hand, where);
   validate_mesh(hand, check);
   validate_embedding(hand, check);
 }
@@ -293,17 +222,6 @@ HandModel mirrored(const HandModel& hand) {
   for (SkinPoint& point : out.contact_points) std::swap(point.weights[2], point.weights[3]);
   for (SkinVertex& vertex : out.skin_vertices) std::swap(vertex.weights[2], vertex.weights[3]);
   return out;
-}
-
-std::vector<double> lumped_masses(const HandModel& hand) {
-  std::vector<double> masses(hand.nodes.size(), 0.0);
-  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
-    const auto& n = hand.tetrahedra[t];
-    const double share =
-        0.25 * tetrahedron_volume(hand.nodes, n) * hand.materials[hand.tetrahedron_material[t]].density;
-    for (const std::int32_t node : n) masses[static_cast<std::size_t>(node)] += share;
-  }
-  return masses;
 }
 
 }  // namespace softhand

@@ -13,6 +13,7 @@
 
 #include "math/types.hpp"
 #include "model/skeleton.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -60,16 +61,6 @@ struct BodyModel {
   double coupling_torque_cap = 0;         ///< N m
 };
 
-/// Co-rotational tissue with strain limiting (eqs. 21-30).
-struct Material {
-  std::string name;                   ///< pulp, palm, back, knuckle
-  double density = 1000;              ///< kg/m^3
-  double youngs_modulus = 0;          ///< Pa
-  double poisson_ratio = 0;           ///< [0, 0.5)
-  double strain_limit_energy = 0;     ///< J/m^3, W_max of eq. 22; > 0
-  double strain_limit_stiffness = 0;  ///< J/m^3, k_s of eq. 22 (k_c in the source); 0 = no limiting
-};
-
 /// An attachment of a tetrahedron to a bone: eq. 31 at the centroid of their intersection.
 struct Attachment {
   std::int32_t body = 0;
@@ -85,15 +76,8 @@ struct SkinVertex {
   std::array<float, 4> weights{};
 };
 
-/// A point of the skin where contact happens, embedded in a tetrahedron.
-struct SkinPoint {
-  std::int32_t tetrahedron = 0;
-  std::array<double, 4> weights{};  ///< barycentric, >= 0, sum 1
-  double area = 0;                  ///< m^2 of skin around the point, > 0
-  std::uint8_t body = 0;            ///< nearest bone; it determines the finger of a contact
-};
-
-struct HandModel {
+/// What only a hand has.
+struct HandAnatomy {
   std::string name;
   Side side = Side::right;
   std::string notice;  ///< licence notice of the asset that the mesh was made from; empty for a parametric hand
@@ -102,34 +86,19 @@ struct HandModel {
   std::array<double, kJointCount> joint_radii{};  ///< metres, distance to the skin as in OpenXR
   std::array<BodyModel, kBodyCount> bodies{};
 
-  std::vector<Vector3> nodes;                           ///< rest positions, metres
-  std::vector<std::array<std::int32_t, 4>> tetrahedra;  ///< positively oriented: det[x1-x0, x2-x0, x3-x0] > 0
-  std::vector<std::uint8_t> tetrahedron_material;       ///< index into `materials`
-  std::vector<Material> materials;
-  std::vector<std::array<std::int32_t, 3>> surface;  ///< boundary triangles of the tetrahedra, outward, node indices
-  std::vector<std::uint8_t> node_body;               ///< nearest bone
   std::vector<Attachment> attachments;
-  std::vector<SkinPoint> contact_points;  ///< the same points of the skin for every mesh of a hand
   std::vector<SkinVertex> skin_vertices;  ///< finer skin for display
   std::vector<std::array<std::int32_t, 3>> skin_triangles;
+};
 
-  int node_count() const { return static_cast<int>(nodes.size()); }
-  /// At rest, metres.
-  Vector3 position_of(const SkinPoint& point) const {
-    Vector3 sum = Vector3::Zero();
-    const auto& corners = tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
-    for (std::size_t k = 0; k < 4; ++k) sum += point.weights[k] * nodes[static_cast<std::size_t>(corners[k])];
-    return sum;
-  }
+/// All data are in its bases, which can be visited member by member (messages/members.hpp).
+struct HandModel : HandAnatomy, TissueModel {
   /// The body frame in the rest frame.
   Pose body_rest_pose(Body body) const {
     return rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))] *
            bodies[static_cast<std::size_t>(index_of(body))].joint_from_body;
   }
 };
-
-/// Node masses in kg: each node has a quarter of the mass of each of its tetrahedra.
-std::vector<double> lumped_masses(const HandModel& hand);
 
 /// Checks sizes, ranges, finite numbers, orientation and quality of the tetrahedra, positive symmetric inertia and
 /// caps. Throws std::invalid_argument with the bad field and what was expected. The message starts with `where` (a file

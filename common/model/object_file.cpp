@@ -85,6 +85,39 @@ ObjectLink read_link(const FieldReader& reader) {
   return link;
 }
 
+Json soft_json(const SoftBody& body) {
+  Json tetrahedra = Json::array();
+  for (const auto& t : body.tetrahedra)
+    for (const auto n : t) tetrahedra.push_back(n);
+  return {{"density", quantity(body.material.density)},
+          {"youngs_modulus", quantity(body.material.youngs_modulus)},
+          {"poisson_ratio", quantity(body.material.poisson_ratio)},
+          {"strain_limit_energy", quantity(body.material.strain_limit_energy)},
+          {"strain_limit_stiffness", quantity(body.material.strain_limit_stiffness)},
+          {"friction", quantity(body.friction)},
+          {"nodes", flat_json(body.nodes)},
+          {"tetrahedra", std::move(tetrahedra)}};
+}
+
+SoftBody read_soft(const FieldReader& reader) {
+  reader.expect_keys({"density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness",
+                      "friction", "nodes", "tetrahedra"});
+  SoftBody body;
+  body.material.name = "soft";
+  body.material.density = reader["density"].number();
+  body.material.youngs_modulus = reader["youngs_modulus"].number();
+  body.material.poisson_ratio = reader["poisson_ratio"].number();
+  body.material.strain_limit_energy = reader["strain_limit_energy"].number();
+  body.material.strain_limit_stiffness = reader["strain_limit_stiffness"].number();
+  body.friction = reader["friction"].number();
+  body.nodes = read_points(reader["nodes"]);
+  const FieldReader tetrahedra = reader["tetrahedra"];
+  body.tetrahedra.resize(tetrahedra.records(4));
+  for (std::size_t t = 0; t < body.tetrahedra.size(); ++t)
+    for (std::size_t k = 0; k < 4; ++k) body.tetrahedra[t][k] = tetrahedra.at(4 * t + k).index();
+  return body;
+}
+
 Json joint_json(const ObjectModel& object, const LinkJoint& joint) {
   const JointLaw& law = joint.law;
   Json out{{"kind", std::string(to_string(law.kind))},
@@ -205,6 +238,22 @@ void check_link(const Checker& check, const ObjectLink& link, const std::string&
   }
 }
 
+// The tetrahedra have the limits of the tetrahedra of a hand.
+void check_soft(const Checker& check, const SoftBody& body, const std::string& file) {
+  check(body.nodes.size() <= kMaxSoftNodes, "soft.nodes", "4 to " + std::to_string(kMaxSoftNodes) + " nodes");
+  check(body.friction >= 0 && body.friction <= 10, "soft.friction", "0 to 10");
+  TissueModel model;
+  model.nodes = body.nodes;
+  model.tetrahedra = body.tetrahedra;
+  model.tetrahedron_material.assign(body.tetrahedra.size(), 0);
+  model.materials = {body.material};
+  try {
+    validate_tetrahedra(model, file + ": soft");
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(error.what());
+  }
+}
+
 }  // namespace
 
 JointLaw read_joint_law(const FieldReader& reader) {
@@ -246,6 +295,11 @@ Vector3 rounded_position(const Vector3& position) {
 void validate(const ObjectModel& object, const std::string& file) {
   const Checker check{file};
   check(is_name(object.name), "name", "1 to 63 letters, digits, _ or -");
+  if (object.soft) {
+    check(object.links.empty() && object.joints.empty(), "soft", "no links and no joints beside it");
+    check_soft(check, *object.soft, file);
+    return;
+  }
   check(!object.links.empty() && object.links.size() <= kMaxObjectLinks, "links",
         "1 to " + std::to_string(kMaxObjectLinks));
   std::set<std::string> names;
@@ -289,10 +343,16 @@ ObjectModel parse_object(std::string_view text, const std::string& file) {
   if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
   if (root["version"].index() != kVersion) root["version"].fail(std::to_string(kVersion));
   if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");
-  root.expect_keys({"format", "version", "units", "name", "notice", "links", "joints"});
   ObjectModel object;
   object.name = root["name"].string();
   object.notice = root["notice"].string();
+  if (root.has("soft")) {
+    root.expect_keys({"format", "version", "units", "name", "notice", "soft"});
+    object.soft = read_soft(root["soft"]);
+    validate(object, file);
+    return object;
+  }
+  root.expect_keys({"format", "version", "units", "name", "notice", "links", "joints"});
   const FieldReader links = root["links"], joints = root["joints"];
   if (links.size() > kMaxObjectLinks) links.fail("1 to " + std::to_string(kMaxObjectLinks));
   for (std::size_t i = 0; i < links.size(); ++i) object.links.push_back(read_link(links.at(i)));
@@ -303,24 +363,32 @@ ObjectModel parse_object(std::string_view text, const std::string& file) {
 
 void save_object(const ObjectModel& object, const std::string& path) {
   std::ofstream out(path);
-  out << "{\n\"format\": \"" << kFormat << "\",\n\"version\": " << kVersion << ",\n\"units\": \"" << kUnits
-      << "\",\n\"name\": " << Json(object.name).dump() << ",\n\"notice\": " << Json(object.notice).dump()
-      << ",\n\"links\": [\n";
   // One field per line.
-  for (std::size_t i = 0; i < object.links.size(); ++i) {
-    const Json link = link_json(object.links[i]);
+  const auto write_fields = [&out](const Json& fields) {
     out << "{";
     const char* separator = "";
-    for (const auto& [key, value] : link.items()) {
+    for (const auto& [key, value] : fields.items()) {
       out << separator << '"' << key << "\": " << value.dump();
       separator = ",\n ";
     }
-    out << (i + 1 < object.links.size() ? "},\n" : "}\n");
+  };
+  out << "{\n\"format\": \"" << kFormat << "\",\n\"version\": " << kVersion << ",\n\"units\": \"" << kUnits
+      << "\",\n\"name\": " << Json(object.name).dump() << ",\n\"notice\": " << Json(object.notice).dump() << ",\n";
+  if (object.soft) {
+    out << "\"soft\": ";
+    write_fields(soft_json(*object.soft));
+    out << "}\n}\n";
+  } else {
+    out << "\"links\": [\n";
+    for (std::size_t i = 0; i < object.links.size(); ++i) {
+      write_fields(link_json(object.links[i]));
+      out << (i + 1 < object.links.size() ? "},\n" : "}\n");
+    }
+    out << "],\n\"joints\": [\n";
+    for (std::size_t i = 0; i < object.joints.size(); ++i)
+      out << joint_json(object, object.joints[i]).dump() << (i + 1 < object.joints.size() ? ",\n" : "\n");
+    out << "]\n}\n";
   }
-  out << "],\n\"joints\": [\n";
-  for (std::size_t i = 0; i < object.joints.size(); ++i)
-    out << joint_json(object, object.joints[i]).dump() << (i + 1 < object.joints.size() ? ",\n" : "\n");
-  out << "]\n}\n";
   out.flush();
   if (!out) throw std::runtime_error(path + ": cannot be written");
 }

@@ -1,12 +1,15 @@
-// An object that a hand can touch: links of any closed shape, and joints between them. Constant data of an object file
-// (docs/object-file.md). Links share one frame while all joint coordinates are 0.
+// An object that a hand can touch. Constant data of an object file (docs/object-file.md). An object is either rigid
+// (links of any closed shape, and joints between them) or flexible (tetrahedra of one material, docs/soft-objects.md).
+// Links share one frame while all joint coordinates are 0.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "model/joint_law.hpp"
+#include "model/tissue_model.hpp"
 #include "model/triangle_mesh.hpp"
 
 namespace softhand {
@@ -36,11 +39,23 @@ struct LinkJoint {
   JointLaw law;
 };
 
+/// A flexible object. It has the law of the hand's tissue (ES2725128A1 eqs. 21-30).
+struct SoftBody {
+  std::vector<Vector3> nodes;                           ///< m at rest, in the object's frame
+  std::vector<std::array<std::int32_t, 4>> tetrahedra;  ///< positively oriented; each node belongs to one
+  Material material;
+  double friction = 0;  ///< Coulomb coefficient, against the hand and against other flexible objects
+};
+
+/// Most nodes of a flexible object. The hand's process solves for all of them in each step.
+inline constexpr std::size_t kMaxSoftNodes = 4000;
+
 struct ObjectModel {
   std::string name;    ///< letters, digits, _ and -; at most 63 characters
   std::string notice;  ///< licence notice of the shape
   std::vector<ObjectLink> links;
   std::vector<LinkJoint> joints;  ///< a tree; a joint comes after the joint whose child is its parent
+  std::optional<SoftBody> soft;   ///< then the object has no links and no joints
 };
 
 /// Throws std::runtime_error with file, field and what was expected.

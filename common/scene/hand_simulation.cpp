@@ -57,8 +57,23 @@ Twist at_point(const Twist& of_centre, const Vector3& lever) {
 
 }  // namespace
 
+// Contact of the hand and of flexible objects with the objects in the slots.
+template <typename Visit>
+void HandSimulation::for_each_contacts(Visit&& visit) const {
+  if (contacts_) visit(*contacts_);
+  if (soft_ && soft_->contacts() != nullptr) visit(*soft_->contacts());
+}
+
+// Contact of the hand's skin with itself, and of flexible objects with the hand and with each other.
+template <typename Visit>
+void HandSimulation::for_each_skin(Visit&& visit) const {
+  if (skin_ != nullptr) visit(*skin_);
+  if (soft_) visit(soft_->skin());
+}
+
 HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots,
-                               int static_slots, const ObjectSpring& object_spring, int object_joints)
+                               int static_slots, const ObjectSpring& object_spring, int object_joints,
+                               std::vector<SoftObject> soft_objects)
     : hand_(hand),
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
@@ -66,9 +81,10 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
       untangler_(hand, options.untangle_patience) {
   bone_contact_forces_.fill(Vector3::Zero());
   const int bodies = kBodyCount + slot_count();
-  state_.node_positions.resize(3, hand_.node_count());
-  for (int n = 0; n < hand_.node_count(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
-  state_.node_velocities.setZero(3, hand_.node_count());
+  if (!soft_objects.empty()) soft_ = std::make_unique<SoftObjects>(hand_, std::move(soft_objects));
+  state_.node_positions = soft_ ? soft_->start_positions() : Eigen::Matrix3Xd(3, hand_nodes());
+  for (int n = 0; n < hand_nodes(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
+  state_.node_velocities.setZero(3, state_.node_positions.cols());
   state_.body_poses.resize(static_cast<std::size_t>(bodies));
   state_.body_velocities.resize(static_cast<std::size_t>(bodies));
   for (int b = 0; b < kBodyCount; ++b)
@@ -86,9 +102,13 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   const auto attached = attached_masses(hand_, masses);
   const Vector3 weight = options.gravity ? Vector3(0, -kStandardGravity, 0) : Vector3(Vector3::Zero());
 
-  auto inertia = std::make_unique<Inertia>(masses, bodies);
+  auto inertia = std::make_unique<Inertia>(soft_ ? soft_->node_masses() : masses, bodies);
   inertia_ = inertia.get();
   inertia->set_node_gravity(weight);
+  for (int i = 0; soft_ && i < soft_->count(); ++i) {
+    for (int n = soft_->first_node(i); n < soft_->first_node(i + 1); ++n)
+      inertia->set_node_gravity(n, soft_->object(i).gravity);
+  }
   for (int b = 0; b < kBodyCount; ++b)
     inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass,
                          hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
@@ -96,12 +116,12 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
 
+  const bool single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact";
   // Tissue terms exist only if the hand has tissue.
   if (!hand_.tetrahedra.empty()) {
     auto tissue = std::make_unique<Tissue>(hand_);
     tissue_ = tissue.get();
     if (helper_) tissue->use(*helper_);
-    const bool single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact";
     if (single_hessian) tissue->use_single_hessian();
     terms_.push_back(std::move(tissue));
     if (options.relaxation.active) {
@@ -137,8 +157,8 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
 
   // Object terms exist only if there are slots for objects.
   if (slot_count() > 0) {
-    contacts_ = std::make_unique<ContactSet>(hand_, masses, options.contact_stiffness, kBodyCount, mirrored_slots_,
-                                             slot_count());
+    contacts_ = std::make_unique<ContactSet>(ContactPoints(hand_, masses), layout.node_count, options.contact_stiffness,
+                                             kBodyCount, mirrored_slots_, slot_count());
     terms_.push_back(std::make_unique<ContactEnergy>(*contacts_));
     terms_.push_back(std::make_unique<FrictionEnergy>(*contacts_));
   }
@@ -146,6 +166,15 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     auto skin = std::make_unique<SkinContact>(hand_, masses, options.contact_stiffness, options.skin_friction);
     skin_ = skin.get();
     terms_.push_back(std::move(skin));
+  }
+  if (soft_) {
+    soft_->add_terms({.contact_stiffness = options.contact_stiffness,
+                      .first_body = kBodyCount,
+                      .mirrored_slots = mirrored_slots_,
+                      .slots = slot_count(),
+                      .single_hessian = single_hessian,
+                      .helper = helper_.get()},
+                     terms_);
   }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
     auto planes = std::make_unique<PlaneContact>(layout, kBodyCount, mirrored_slots_);
@@ -174,39 +203,46 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   std::vector<Linkage::Link> links(kBodyCount);
   for (const JointSite& joint : hand_joints(hand_))
     links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
-  solver_->use_linkage(
-      Linkage(layout, std::move(links), {hand_.node_body.begin(), hand_.node_body.end()}), [this](Linkage& linkage) {
-        linkage.clear_touching();
-        if (contacts_) {
-          for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
-            contacts_->points().for_each_bone(anchor.point, hand_.node_body,
-                                              [&linkage](int bone, double) { linkage.set_touching(bone); });
-          }
-        }
-        if (skin_ != nullptr) {
-          for (const SkinAnchor& anchor : skin_->anchors()) {
-            skin_->points().for_each_bone(anchor.point, hand_.node_body,
-                                          [&linkage](int bone, double) { linkage.set_touching(bone); });
-            for (const std::int32_t node : skin_->search().corners(anchor.triangle))
-              linkage.set_touching(hand_.node_body[static_cast<std::size_t>(node)]);
-          }
-        }
-        return !linkage.any_touching() && std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
-      });
+  std::vector<std::int32_t> node_bodies(hand_.node_body.begin(), hand_.node_body.end());
+  node_bodies.resize(static_cast<std::size_t>(layout.node_count), -1);
+  solver_->use_linkage(Linkage(layout, std::move(links), std::move(node_bodies)),
+                       [this](Linkage& linkage) { return prepare(linkage); });
 }
 
 HandSimulation::~HandSimulation() = default;
 
+// Marks the touching bones in the linkage. Returns whether the step may be a chord step (NewtonSolver::use_linkage).
+bool HandSimulation::prepare(Linkage& linkage) const {
+  linkage.clear_touching();
+  const auto touch = [&](std::span<const std::int32_t> nodes) {
+    for (const std::int32_t node : nodes) {
+      if (node < hand_nodes()) linkage.set_touching(hand_.node_body[static_cast<std::size_t>(node)]);
+    }
+  };
+  if (contacts_) {
+    for (const ContactSet::Anchor& anchor : contacts_->anchors()) touch(contacts_->points().nodes(anchor.point));
+  }
+  for_each_skin([&touch](const SkinContact& skin) {
+    for (const SkinAnchor& anchor : skin.anchors()) {
+      touch(skin.points().nodes(anchor.point));
+      touch(skin.search().corners(anchor.triangle));
+    }
+  });
+  if (soft_ && soft_->touches()) linkage.set_loose_touching();
+  return !soft_ && !linkage.any_touching() &&
+         std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
+}
+
 void HandSimulation::reposition(const Pose& wrist) {
   const Pose move = wrist * joint_pose(Joint::wrist).inverse();
-  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n)
-    state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
-  state_.node_velocities.setZero();
+  for (int n = 0; n < hand_nodes(); ++n) state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
+  state_.node_velocities.leftCols(hand_nodes()).setZero();
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     state_.body_poses[b] = move * state_.body_poses[b];
     state_.body_velocities[b] = {};
   }
   if (contacts_) contacts_->reset();
+  if (soft_) soft_->skin().reset();
   stored_is_valid_ = false;
 }
 
@@ -267,12 +303,14 @@ void HandSimulation::set_slot_motion(int slot, const Pose& pose, const Twist& ve
 void HandSimulation::set_contact_object(int slot) {
   const MirroredObject& object = objects_[static_cast<std::size_t>(slot)];
   const SlotMode mode = slot_mode(slot);
-  if (mode == SlotMode::empty) {
-    contacts_->clear_object(slot);
-  } else {
-    contacts_->set_object(slot, object.shape, object.friction, object.id,
+  for_each_contacts([&](ContactSet& contacts) {
+    if (mode == SlotMode::empty) {
+      contacts.clear_object(slot);
+    } else {
+      contacts.set_object(slot, object.shape, object.friction, object.id,
                           mode == SlotMode::dynamic ? ContactObject::moving : ContactObject::fixed);
-  }
+    }
+  });
 }
 
 void HandSimulation::make_kinematic(int slot) {
@@ -364,7 +402,7 @@ StepReport HandSimulation::step(double time_step) {
     if (due == Untangler::Due::quick_check)
       moved = untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_);
     if (moved > 0) {
-      if (skin_ != nullptr) skin_->reset();
+      for_each_skin([](SkinContact& skin) { skin.reset(); });
       untangled_nodes_ += static_cast<std::uint64_t>(moved);
       untangled_ = true;
       stored_is_valid_ = false;
@@ -377,7 +415,7 @@ StepReport HandSimulation::step(double time_step) {
 // But contacts are predicted from velocities. So each node gets the velocity of its bone at the node, if this is
 // slower. This adds no energy.
 void HandSimulation::limit_node_velocities() {
-  for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n) {
+  for (int n = 0; n < hand_nodes(); ++n) {
     const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
     const Vector3 lever = state_.node_positions.col(n) - state_.body_poses[bone].position;
     const Vector3 bone_velocity = at_point(state_.body_velocities[bone], lever).linear;
@@ -476,14 +514,31 @@ void HandSimulation::clear_joint(int place) { joints_->clear_joint(place); }
 double HandSimulation::joint_coordinate(int place) const { return joints_->coordinate(place, state_); }
 double HandSimulation::joint_gap(int place) const { return joints_->gap(place, state_); }
 
-Wrench HandSimulation::contact_wrench(int slot) const { return contacts_->wrench(slot); }
+Wrench HandSimulation::contact_wrench(int slot) const {
+  Wrench sum;
+  for_each_contacts([&](const ContactSet& contacts) {
+    sum.force += contacts.wrench(slot).force;
+    sum.torque += contacts.wrench(slot).torque;
+  });
+  return sum;
+}
 int HandSimulation::contact_count() const { return contacts_ ? contacts_->count() : 0; }
-void HandSimulation::look_ahead(double time_step) { contacts_->look_ahead(state_, time_step); }
+void HandSimulation::look_ahead(double time_step) {
+  for_each_contacts([&](ContactSet& contacts) { contacts.look_ahead(state_, time_step); });
+}
 
-bool HandSimulation::may_touch(int slot) { return contacts_->may_touch(slot, state_); }
+bool HandSimulation::may_touch(int slot) {
+  bool may = false;
+  for_each_contacts([&](ContactSet& contacts) { may = may || contacts.may_touch(slot, state_); });
+  return may;
+}
 // A light object may leave again in the step in which it is hit.
 bool HandSimulation::touched(int slot) const {
-  return contacts_->count(slot) > 0 || !contacts_->wrench(slot).force.isZero(0);
+  bool touches = false;
+  for_each_contacts([&](const ContactSet& contacts) {
+    touches = touches || contacts.count(slot) > 0 || !contacts.wrench(slot).force.isZero(0);
+  });
+  return touches;
 }
 void HandSimulation::write_contacts(Contacts& out) const {
   if (contacts_) contacts_->write(state_, out);
@@ -503,12 +558,17 @@ void HandSimulation::collect_bone_contacts() {
   if (contacts_) {
     for (const ContactSet::Anchor& anchor : contacts_->anchors()) add(contacts_->points(), anchor);
   }
-  if (skin_ == nullptr) return;
-  for (const SkinAnchor& anchor : skin_->anchors()) {
-    add(skin_->points(), anchor);
-    for (const std::int32_t node : skin_->search().corners(anchor.triangle))
-      bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(node)]] -= anchor.force / 3;
-  }
+  const auto add_node = [this](std::int32_t node, const Vector3& force) {
+    if (node < hand_nodes()) bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(node)]] += force;
+  };
+  for_each_skin([&](const SkinContact& skin) {
+    for (const SkinAnchor& anchor : skin.anchors()) {
+      const ContactPoint& point = skin.points()[anchor.point];
+      for (std::size_t k = 0; k < static_cast<std::size_t>(point.node_count); ++k)
+        add_node(point.nodes[k], point.weights[k] * anchor.force);
+      for (const std::int32_t node : skin.search().corners(anchor.triangle)) add_node(node, -anchor.force / 3);
+    }
+  });
 }
 
 double HandSimulation::deepest_penetration() const {
@@ -522,14 +582,20 @@ double HandSimulation::largest_coupling_stretch() const {
 }
 
 double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(state_); }
-int HandSimulation::inverted_elements() const { return tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_); }
+int HandSimulation::inverted_elements() const {
+  return (tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_)) +
+         (soft_ ? soft_->tissue().inverted_elements(state_) : 0);
+}
 
 WorkCounters HandSimulation::work() const {
   WorkCounters work;
   work.tissue_elements = tissue_ == nullptr ? 0 : tissue_->evaluated_elements();
-  work.contact_queries = contacts_ ? contacts_->queries() : 0;
-  work.skin_part_queries = skin_ == nullptr ? 0 : skin_->search().patches().part_queries();
-  work.skin_queries = skin_ == nullptr ? 0 : skin_->search().queries();
+  if (soft_) work.soft_elements = soft_->tissue().evaluated_elements();
+  for_each_contacts([&](const ContactSet& contacts) { work.contact_queries += contacts.queries(); });
+  for_each_skin([&](const SkinContact& skin) {
+    work.skin_part_queries += skin.search().patches().part_queries();
+    work.skin_queries += skin.search().queries();
+  });
   work.factorised_steps = factorised_steps_;
   return work;
 }

@@ -1,5 +1,7 @@
 // One simulated hand with the objects that it can touch. Only this file and its .cpp name every energy term.
 //
+// Nodes of the state: first those of the hand, then those of the flexible objects (soft_objects.hpp).
+//
 // Bodies of the state: 0..20 are the bones, then come `mirrored_slots` objects that may move, then `static_slots`
 // objects that may not move. A slot is empty, kinematic or dynamic. The motion of a kinematic object is prescribed, and
 // no force changes it. A dynamic object is a twin with mass, inertia and gravity.
@@ -18,6 +20,7 @@
 #include "model/hand_model.hpp"
 #include "model/joint_law.hpp"
 #include "scene/simulation_options.hpp"
+#include "scene/soft_objects.hpp"
 #include "scene/untangle.hpp"
 #include "solver/newton_solver.hpp"
 
@@ -62,7 +65,8 @@ struct ObjectSpring {
 
 /// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
-  std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron
+  std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of the hand
+  std::uint64_t soft_elements = 0;      ///< evaluations of a tetrahedron of a flexible object
   std::uint64_t contact_queries = 0;    ///< searches for the point where a node meets an object
   std::uint64_t skin_part_queries = 0;  ///< tests whether two parts of the skin are near each other
   std::uint64_t skin_queries = 0;       ///< searches for the place where a point of the skin meets the skin
@@ -71,9 +75,11 @@ struct WorkCounters {
 
 class HandSimulation {
  public:
-  /// The hand is at rest with its wrist at the world's origin. All slots are empty.
+  /// The hand is at rest with its wrist at the world's origin. All slots are empty. `soft_objects` are at rest at their
+  /// poses. Throws std::invalid_argument for a flexible object that cannot be simulated.
   HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
-                 const ObjectSpring& object_spring = {}, int object_joints = 0);
+                 const ObjectSpring& object_spring = {}, int object_joints = 0,
+                 std::vector<SoftObject> soft_objects = {});
   ~HandSimulation();
 
   const HandModel& hand() const { return hand_; }
@@ -81,8 +87,8 @@ class HandSimulation {
   int slot_count() const { return mirrored_slots_ + static_slots_; }
   bool slot_is_static(int slot) const { return slot >= mirrored_slots_; }
 
-  /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Velocities become zero and contacts
-  /// end.
+  /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Its velocities become zero and its
+  /// contacts end.
   void reposition(const Pose& wrist);
   /// Continues from another state of the same layout, for example a stored one. Contacts end and the energy ledger
   /// restarts. Throws std::invalid_argument if the layout differs.
@@ -152,7 +158,7 @@ class HandSimulation {
   Twist joint_velocity(Joint joint) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
   Wrench coupling_wrench(Body body) const;
-  /// Wrench of the hand on the object in the slot, about the object's centre of mass.
+  /// Wrench of the hand and of flexible objects on the object in the slot, about the object's centre of mass.
   Wrench contact_wrench(int slot) const;
   Wrench object_coupling_wrench(int slot) const;
   /// Wrench of all joints on the object in the slot in the last step, about its centre of mass.
@@ -161,12 +167,15 @@ class HandSimulation {
   void look_ahead(double time_step);
   /// Whether any node may touch the object in the next step (`ContactSet::may_touch`).
   bool may_touch(int slot);
-  /// Whether any node touched the object in the last step.
+  /// Whether any node of the hand or of a flexible object touched the object in the last step.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;
+  /// The flexible objects. Null: there are none.
+  const SoftObjects* soft() const { return soft_.get(); }
   /// Contact of the skin with itself. Null: it is switched off.
   const SkinContact* skin() const { return skin_; }
-  /// Sum of contact forces on the tissue around each bone, N. Includes those of the skin on itself.
+  /// Sum of contact forces on the tissue around each bone, N. Includes those of the skin on itself and of
+  /// flexible objects.
   const std::array<Vector3, kBodyCount>& bone_contact_forces() const { return bone_contact_forces_; }
   /// Kinetic energy of nodes and moving bodies, J.
   double kinetic_energy() const;
@@ -189,6 +198,12 @@ class HandSimulation {
  private:
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
+  int hand_nodes() const { return hand_.node_count(); }
+  template <typename Visit>
+  void for_each_contacts(Visit&& visit) const;
+  template <typename Visit>
+  void for_each_skin(Visit&& visit) const;
+  bool prepare(Linkage& linkage) const;
   void set_contact_object(int slot);
   void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
@@ -197,6 +212,7 @@ class HandSimulation {
   double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
+  std::unique_ptr<SoftObjects> soft_;  // null: there are none
   ObjectSpring object_spring_;
   int mirrored_slots_;
   int static_slots_;

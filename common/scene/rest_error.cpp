@@ -40,7 +40,7 @@ double rest_error(const HandModel& hand, const State& state) {
   HandSimulation simulation(still, options, 0, 0);
   State from = simulation.state();
   for (std::size_t b = 0; b < kBodyCount; ++b) from.body_poses[b] = state.body_poses[b];
-  from.node_positions = state.node_positions;
+  from.node_positions = state.node_positions.leftCols(hand.node_count());
   const Eigen::Matrix3Xd present = settled(simulation, from);
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     const Pose rest = hand.body_rest_pose(static_cast<Body>(hand.node_body[n]));

@@ -137,8 +137,8 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   tests_twist = tests_twist && (view.contacts == nullptr || view.contacts->count() == 0);
   if (!tests_twist) memory_.twisted = false;
   if (!tests_twist && before <= mirrored_energy_) return 0;
-  positions_ = state.node_positions;
-  velocities_ = state.node_velocities;
+  positions_ = own(state.node_positions);
+  velocities_ = own(state.node_velocities);
   std::fill(move_.begin(), move_.end(), 1);
   for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
   const double released = released_energy(view, before);
@@ -153,8 +153,8 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
     memory_.twisted = false;
     return accept_move(view);
   }
-  state.node_positions.swap(positions_);
-  state.node_velocities.swap(velocities_);
+  own(state.node_positions).swap(positions_);
+  own(state.node_velocities).swap(velocities_);
   return 0;
 }
 
@@ -164,8 +164,8 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
 // releases enough.
 bool Untangler::put_worst_back(const View& view, double before, double released_by_all) {
   State& state = view.state;
-  state.node_positions = positions_;
-  state.node_velocities = velocities_;
+  own(state.node_positions) = positions_;
+  own(state.node_velocities) = velocities_;
   std::fill(move_.begin(), move_.end(), std::uint8_t{0});
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
     if (!view.tissue.is_folded(state, static_cast<int>(t)) &&
@@ -231,8 +231,8 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
     }
   }
   const double before = stored(view);
-  positions_ = state.node_positions;
-  velocities_ = state.node_velocities;
+  positions_ = own(state.node_positions);
+  velocities_ = own(state.node_velocities);
   double most = hooks ? -std::numeric_limits<double>::infinity() : kReleasedTangledShare * tangled_energy;
   bool found = false;
   int rings = 0;
@@ -250,8 +250,8 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
     }
     if (grown == 0) break;
   }
-  state.node_positions = positions_;
-  state.node_velocities = velocities_;
+  own(state.node_positions) = positions_;
+  own(state.node_velocities) = velocities_;
   if (!found) return 0;
   move_ = best_;
   for (std::size_t n = 0; n < move_.size(); ++n) {

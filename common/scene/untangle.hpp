@@ -67,6 +67,8 @@ class Untangler {
     const Tissue& tissue;
     const Energy& attachments;
   };
+  // The columns of the hand's nodes. Behind them come those of flexible objects.
+  auto own(Eigen::Matrix3Xd& of_nodes) const { return of_nodes.leftCols(static_cast<Eigen::Index>(node_body_.size())); }
   double stored(const View& view) const;
   double released_energy(const View& view, double before) const;
   void put_back(const View& view, std::size_t node) const;

@@ -24,7 +24,7 @@ Linkage::Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int
       throw std::invalid_argument("Linkage: a parent must have a smaller index than its children");
   }
   for (const std::int32_t body_of_node : node_bodies_) {
-    if (body_of_node < 0 || body_of_node >= layout.body_count)
+    if (body_of_node < -1 || body_of_node >= layout.body_count)
       throw std::invalid_argument("Linkage: the body of a node is not a body of the state");
   }
 }
@@ -88,7 +88,7 @@ void Linkage::move(State& state, const VectorX& increment, double scale) {
     const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto column = static_cast<Eigen::Index>(n);
     const Vector3 whole = increment.segment<3>(3 * column);
-    if (is_straight_[b]) {
+    if (is_loose(n) || is_straight_[b]) {
       state.node_positions.col(column) += scale * whole;
       tangent_.segment<3>(3 * column) = whole;
       continue;
@@ -151,7 +151,7 @@ void Linkage::coast(State& state, double time_step) {
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
     const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto column = static_cast<Eigen::Index>(n);
-    if (b >= links_.size()) {
+    if (is_loose(n) || b >= links_.size()) {
       state.node_positions.col(column) += time_step * state.node_velocities.col(column);
       continue;
     }
@@ -164,6 +164,7 @@ void Linkage::coast(State& state, double time_step) {
 
 void Linkage::to_bodies(const State& state, VectorX& gradient) const {
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    if (is_loose(n)) continue;
     auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
     row = state.body_poses[static_cast<std::size_t>(node_bodies_[n])].orientation.conjugate() * Vector3(row);
   }
@@ -171,6 +172,7 @@ void Linkage::to_bodies(const State& state, VectorX& gradient) const {
 
 void Linkage::to_world(const State& state, VectorX& gradient) const {
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    if (is_loose(n)) continue;
     auto row = gradient.segment<3>(static_cast<Eigen::Index>(3 * n));
     row = state.body_poses[static_cast<std::size_t>(node_bodies_[n])].orientation * Vector3(row);
   }
@@ -193,6 +195,7 @@ void Linkage::to_now(VectorX& increment) {
     increment.segment<3>(rotation(body)) = turn * rotated;
   }
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    if (is_loose(n)) continue;
     const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto first = static_cast<Eigen::Index>(3 * n);
     increment.segment<3>(first) = Vector3(now_[b] + turns_[b] * (increment.segment<3>(first) - then_[b]));
@@ -206,6 +209,7 @@ void Linkage::to_then(VectorX& gradient) {
     then_[b].setZero();
   }
   for (std::size_t n = 0; n < node_bodies_.size(); ++n) {
+    if (is_loose(n)) continue;
     const auto b = static_cast<std::size_t>(node_bodies_[n]);
     const auto first = static_cast<Eigen::Index>(3 * n);
     const Vector3 now = gradient.segment<3>(first);

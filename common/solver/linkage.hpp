@@ -34,7 +34,8 @@ class Linkage {
   /// No joints, and no node is attached: `move` moves everything along straight lines.
   explicit Linkage(DofLayout layout) : layout_(layout), tangent_(VectorX::Zero(layout.dof_count())) { resize_bodies(); }
   /// `links`: for the first bodies of the state. The other bodies have no joints. `node_bodies`: by node, the body that
-  /// the node is attached to. Throws std::invalid_argument if an index is out of range.
+  /// the node is attached to; -1: none, so it moves along a straight line. Throws std::invalid_argument if an index is
+  /// out of range.
   Linkage(DofLayout layout, std::vector<Link> links, std::vector<std::int32_t> node_bodies);
 
   int linked_bodies() const { return static_cast<int>(links_.size()); }
@@ -45,6 +46,8 @@ class Linkage {
   void set_touching(int body);
   /// From now on `move` moves every body along straight lines, as `apply_increment` does.
   void straighten();
+  /// Something touches that is not linked: no body moves along straight lines because of it.
+  void set_loose_touching() { any_touching_ = true; }
   bool any_touching() const { return any_touching_; }
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
   /// a body's joint follows its parent, and an attached node turns with its body. So a large turn of a bone stretches
@@ -79,6 +82,7 @@ class Linkage {
   auto rotation(int body) const { return 3 * layout_.body_rotation_block(body); }
   auto translation(int body) const { return 3 * layout_.body_translation_block(body); }
 
+  bool is_loose(std::size_t node) const { return node_bodies_[node] < 0; }
   void resize_bodies();
 
   DofLayout layout_;

@@ -294,7 +294,16 @@ def die():
     return {"links": [link("die", [rounded_box([0.008] * 3, 0.002, 4)], 0.5, 0.0006, density=1180)]}
 
 
-OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, pen, die)}
+def sponge_ball():
+    radius = 0.025
+    profile = [(radius * math.sin(a), -radius * math.cos(a)) for a in (math.pi * k / 24 for k in range(25))]
+    profile[0], profile[-1] = (0, -radius), (0, radius)
+    return {"soft": {"mesh": lathe(profile, 48), "nodes": 500, "density": 60, "youngs_modulus": 5e3,
+                     "poisson_ratio": 0.2, "strain_limit_energy": 400, "strain_limit_stiffness": 400,
+                     "friction": 0.8}}
+
+
+OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, pen, die, sponge_ball)}
 
 
 def main():
@@ -309,7 +318,11 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for name in options.names or OBJECTS:
             description = {"name": name, "notice": NOTICE, **OBJECTS[name]()}
-            for part in description["links"]:
+            if "soft" in description:
+                mesh, file = description["soft"]["mesh"], name + ".obj"
+                mesh.save(os.path.join(folder, file))
+                description["soft"]["mesh"] = file
+            for part in description.get("links", []):
                 files = []
                 for number, mesh in enumerate(part["meshes"]):
                     files.append(f"{name}_{part['name']}_{number}.obj")

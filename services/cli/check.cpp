@@ -30,6 +30,12 @@ void check_hand(const std::string& path) {
 
 void check_object(const std::string& path) {
   const LoadedObject object = load_object(path);
+  if (object.model.soft) {
+    const SoftBody& body = *object.model.soft;
+    fmt::print("{}: a flexible object of {} nodes and {} tetrahedra, Young's modulus {:g} Pa, SHA-256 {}\n", path,
+               body.nodes.size(), body.tetrahedra.size(), body.material.youngs_modulus, object.sha256);
+    return;
+  }
   fmt::print("{}: an object of {} links and {} joints, SHA-256 {}\n", path, object.model.links.size(),
              object.model.joints.size(), object.sha256);
   for (const ObjectLink& link : object.model.links) {
@@ -44,15 +50,16 @@ void check_object(const std::string& path) {
 
 void check_rig(const std::string& path) {
   const RigOptions rig = read_rig(path);
-  read_checked_scene(rig.scene);
+  read_rig_scene(rig.scene);
   fmt::print("{}: a rig of {} processes on scene {}\n", path, chosen_processes(rig).size(), rig.scene);
 }
 
 void check_scene(const std::string& path) {
   const Scene scene = read_checked_scene(path);
   const HandModel hand = load_scene_hand(scene);
-  fmt::print("{}: a scene of {} objects, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
-             scene.options.objects.size(), hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
+  fmt::print("{}: a scene of {} objects, {} of them flexible, a {} hand ({}, {} nodes), a motion of {:.1f} s\n", path,
+             scene.options.objects.size() + scene.soft_objects.size(), scene.soft_objects.size(),
+             hand.side == Side::left ? "left" : "right", hand.name, hand.node_count(),
              make_scene_motion(scene, hand)->duration());
 }
 
@@ -120,6 +127,12 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   if (options.direct) return scene;  // there is no intermediate layer to check
   try_start(path + ": tracking.input.", [&] { TrackedInput{tracking.input}; });
   try_start(path + ": ", [&] { check_stability(tracking, options.rate_hz, hand); });
+  return scene;
+}
+
+Scene read_rig_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  Scene scene = read_checked_scene(path, overrides);
+  refuse_soft_objects(scene);
   return scene;
 }
 

@@ -11,6 +11,7 @@
 
 #include "cli/commands.hpp"
 #include "cli/skin_outcome.hpp"
+#include "cli/soft_outcome.hpp"
 #include "cli/virtual_rig.hpp"
 #include "energies/skin_contact.hpp"
 #include "flight/repeat.hpp"
@@ -112,6 +113,7 @@ int run_simulate(const SimulateArguments& arguments) {
   std::uint64_t inverted_steps = 0;
   std::vector<double> work_of_steps;
   SkinOutcome skin;
+  SoftOutcome soft;
   rig.run(seconds, [&](const HandStepView& view) {
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
@@ -120,6 +122,7 @@ int run_simulate(const SimulateArguments& arguments) {
     if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 <
         motion->duration() - scene.options.tracker.start_time)
       skin.add(*view.simulation);
+    soft.add(*view.simulation);
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
@@ -138,18 +141,22 @@ int run_simulate(const SimulateArguments& arguments) {
   json.update(rig.outcome().summary(frame));
   const HandSimulation& simulation = rig.hand().simulation();
   json["skin"] = skin.summary(scene.options.judge.skin, scene.options.hand.simulation.skin_friction);
-  // A goal of the skin comes in addition to those of the object.
-  if (const auto& of_skin = json["skin"]; of_skin.contains("success")) {
-    json["success"] = of_skin["success"].get<bool>() && json.value("success", true);
+  json["soft"] = soft.summary(scene.options.judge.soft);
+  // Goals of the skin and of a flexible object come in addition to those of the object.
+  for (const char* part : {"skin", "soft"}) {
+    const Json of_part = json[part];
+    if (!of_part.contains("success")) continue;
+    json["success"] = of_part["success"].get<bool>() && json.value("success", true);
     json["success_because"] =
         (json.contains("success_because") ? json["success_because"].get<std::string>() + "; " : "") +
-        of_skin["success_because"].get<std::string>();
+        of_part["success_because"].get<std::string>();
   }
   json["inverted_end"] = simulation.inverted_elements();
   json["inverted_steps_fraction"] =
       static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
-  const bool touches =
-      simulation.contact_count() > 0 || (simulation.skin() != nullptr && !simulation.skin()->anchors().empty());
+  const bool touches = simulation.contact_count() > 0 ||
+                       (simulation.soft() != nullptr && !simulation.soft()->skin().anchors().empty()) ||
+                       (simulation.skin() != nullptr && !simulation.skin()->anchors().empty());
   json["rest_error_mm"] = touches ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
   const EnergyLedger& ledger = simulation.ledger();
   json["energy_ledger_defect"] = ledger.defect();
@@ -179,6 +186,7 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"chord_steps", counters.chord_steps},
                            {"factorised_steps", work.factorised_steps},
                            {"tissue_elements", work.tissue_elements},
+                           {"soft_elements", work.soft_elements},
                            {"contact_queries", work.contact_queries},
                            {"skin_part_queries", work.skin_part_queries},
                            {"skin_queries", work.skin_queries},

@@ -136,7 +136,7 @@ class RigControl {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
-    scene_ = read_checked_scene(rig_.scene, overrides_);
+    scene_ = read_rig_scene(rig_.scene, overrides_);
     const fs::path folder = fs::path(rig_.scene).parent_path();
     for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {
       if (entry.path().extension() == ".toml" && !is_rig(entry.path().string()))
@@ -228,7 +228,7 @@ class RigControl {
         return reply(kReplyRefused, "no such scene in the folder of the present scene: " + choice);
       const std::string path = (fs::path(rig_.scene).parent_path() / (choice + ".toml")).string();
       try {
-        scene_ = read_checked_scene(path, overrides_);
+        scene_ = read_rig_scene(path, overrides_);
       } catch (const std::exception& error) {
         return reply(kReplyRefused, error.what());
       }

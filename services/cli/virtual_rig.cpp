@@ -67,7 +67,7 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
   const bool layered = !options_.hand.direct;
   if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, options_.hand.rate_hz, hand, key);
   world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints);
-  hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world));
+  hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world), scene.soft_objects);
   for (const ObjectDescription& description : world_->descriptions()) {
     const bool has_file = !description.shape.file.empty();
     file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);

@@ -30,8 +30,12 @@ void for_each_field(Header& header, Visit&& visit) {
 }  // namespace
 
 std::string hash_text(const HandModel& hand) {
+  struct Bases : HandAnatomy, TissueModel {};
+  static_assert(sizeof(HandModel) == sizeof(Bases), "the hash must contain every member");
+  const std::array<std::uint64_t, 2> parts{plain_hash(static_cast<const HandAnatomy&>(hand)),
+                                           plain_hash(static_cast<const TissueModel&>(hand))};
   std::array<char, 20> text{};
-  std::snprintf(text.data(), text.size(), "%016llx", static_cast<unsigned long long>(plain_hash(hand)));
+  std::snprintf(text.data(), text.size(), "%016llx", static_cast<unsigned long long>(plain_hash(parts)));
   return text.data();
 }
 

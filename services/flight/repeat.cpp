@@ -175,8 +175,8 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
     result = repeat_records<HandLoop>(
         file,
         [&] {
-          auto loop =
-              std::make_unique<HandLoop>(hand.value(), scene.options.hand, key, object_spring(scene.options.world));
+          auto loop = std::make_unique<HandLoop>(hand.value(), scene.options.hand, key,
+                                                 object_spring(scene.options.world), scene.soft_objects);
           loop->use_file_shapes(
               [folders = object_folders(scene)](const ShapeFile& shape) { return load_shape(shape, folders); });
           return loop;

@@ -32,14 +32,15 @@ Twist twist_of(const JointSample& joint) {
 
 }  // namespace
 
-HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring)
+HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring,
+                   std::vector<SoftObject> soft_objects)
     : options_(options),
       key_(key),
       symmetric_(object_spring.linear_stiffness > 0),
       time_step_(1.0 / options.rate_hz),
       simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
                                                    static_cast<int>(options.static_objects), object_spring,
-                                                   static_cast<int>(options.object_joints))),
+                                                   static_cast<int>(options.object_joints), std::move(soft_objects))),
       mirror_(*simulation_, options_, symmetric_),
       tracked_(options.tracked_input) {
   output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
@@ -233,7 +234,7 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
     surface.wrist_position = to_wire(wrist);
     const auto& nodes = simulation_->state().node_positions;
     surface.nodes.clear();
-    for (Eigen::Index n = 0; n < nodes.cols(); ++n) {
+    for (int n = 0; n < simulation_->hand().node_count(); ++n) {
       const Eigen::Vector3f relative = (nodes.col(n) - wrist).cast<float>();
       surface.nodes.push_back({relative.x(), relative.y(), relative.z()});
     }
@@ -302,6 +303,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "budget_steps", static_cast<double>(counters_.budget_steps));
   const WorkCounters work = simulation_->work();
   add_counter(status, "tissue_elements", static_cast<double>(work.tissue_elements));
+  add_counter(status, "soft_elements", static_cast<double>(work.soft_elements));
   add_counter(status, "contact_queries", static_cast<double>(work.contact_queries));
   add_counter(status, "factorised_steps", static_cast<double>(work.factorised_steps));
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));

@@ -54,8 +54,9 @@ struct HandCounters {
 
 class HandLoop {
  public:
-  /// If the spring has a stiffness, objects use mode symmetric.
-  HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {});
+  /// If the spring has a stiffness, objects use mode symmetric. `soft_objects`: of the scene.
+  HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {},
+           std::vector<SoftObject> soft_objects = {});
   ~HandLoop();
 
   /// Takes an object that the world announced, removed or moved to another place. The hand releases the object. World

@@ -55,6 +55,7 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
+  refuse_soft_objects(scene);
   HandOptions options = scene.options.hand;
   const HandKey key = hand_key(scene);
 

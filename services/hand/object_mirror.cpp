@@ -351,6 +351,7 @@ void ObjectMirror::measure_distances() {
     } else {  // the bounding sphere of a table would be near everything
       object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
     }
+    if (simulation_.soft() != nullptr) measure_soft_distance(object);
   }
   // All objects of an assembly are as near as its nearest one.
   for (const KnownObject& object : objects_) {
@@ -360,6 +361,21 @@ void ObjectMirror::measure_distances() {
       other.distance = std::min(other.distance, object.distance);
       other.near = std::max(other.near, object.near);
     }
+  }
+}
+
+// A flexible object needs the objects around it as the hand does.
+void ObjectMirror::measure_soft_distance(KnownObject& object) const {
+  const SoftObjects& soft = *simulation_.soft();
+  const State& state = simulation_.state();
+  const Pose pose = to_pose(object.state.position, object.state.orientation);
+  for (int i = 0; i < soft.count(); ++i) {
+    const SoftObjects::Ball ball = soft.ball(i, state);
+    const Vector3 centre = pose.inverse() * ball.centre;
+    if (centre.norm() - object.bounding_radius - ball.radius > kForgetDistance * object.near) continue;
+    const double speed = soft.fastest(i, state) + to_vector(object.state.linear_velocity).norm();
+    object.near = std::max(object.near, time_step_ * speed);
+    object.distance = std::min(object.distance, object.shape->signed_distance(centre) - ball.radius);
   }
 }
 

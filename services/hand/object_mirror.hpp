@@ -87,6 +87,7 @@ class ObjectMirror {
   void release(std::uint32_t assembly);
   void find_assemblies();
   void measure_distances();
+  void measure_soft_distance(KnownObject& object) const;
   void give_slots(Nanoseconds now);
   void give_slot(std::size_t object, int slot, Nanoseconds now);
   bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);

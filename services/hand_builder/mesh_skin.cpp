@@ -10,6 +10,7 @@
 
 #include "hand_builder/cgal_mesh.hpp"
 #include "math/tetrahedron.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand::builder {
 namespace {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <random>
 #include <stdexcept>
 
@@ -40,25 +39,6 @@ double TetrahedralMesh::minimum_dihedral_degrees() const {
   double worst = -1;
   for (const auto& t : tetrahedra) worst = std::max(worst, worst_cosine(nodes, t));
   return std::acos(std::clamp(worst, -1.0, 1.0)) * 180.0 / M_PI;
-}
-
-std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra) {
-  std::map<std::array<std::int32_t, 3>, std::pair<int, std::array<std::int32_t, 3>>> faces;
-  for (const auto& t : tetrahedra) {
-    for (const auto& f : kTetrahedronFaces) {
-      const std::array<std::int32_t, 3> face{t[f[0]], t[f[1]], t[f[2]]};
-      auto key = face;
-      std::sort(key.begin(), key.end());
-      auto& entry = faces[key];
-      ++entry.first;
-      entry.second = face;
-    }
-  }
-  std::vector<std::array<std::int32_t, 3>> surface;
-  for (const auto& [key, entry] : faces) {
-    if (entry.first == 1) surface.push_back(entry.second);
-  }
-  return surface;
 }
 
 void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds,

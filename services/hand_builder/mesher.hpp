@@ -37,9 +37,6 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
 void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds,
              double volume);
 
-/// Boundary triangles of positively oriented tetrahedra, outward, in a fixed order.
-std::vector<std::array<std::int32_t, 3>> boundary(const std::vector<std::array<std::int32_t, 4>>& tetrahedra);
-
 /// The surface in finer triangles: surface nets on a grid of `cell` metres, with vertices then moved onto the surface.
 TriangleMesh triangulate_skin(const SkinShape& skin, double cell);
 

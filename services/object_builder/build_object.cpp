@@ -12,6 +12,7 @@
 #include "model/json_fields.hpp"
 #include "object_builder/cgal_solid.hpp"
 #include "object_builder/convex_pieces.hpp"
+#include "object_builder/soft_body.hpp"
 
 namespace softhand::builder {
 namespace {
@@ -119,6 +120,23 @@ double thin_area(const TriangleMesh& mesh, double spacing, const std::string& wh
   return thin / area;
 }
 
+SoftSource read_soft(const FieldReader& reader, const std::filesystem::path& folder) {
+  reader.expect_keys({"mesh", "nodes", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy",
+                      "strain_limit_stiffness", "friction"});
+  SoftSource source;
+  source.mesh = (folder / reader["mesh"].string()).string();
+  if (reader.has("nodes")) source.nodes = reader["nodes"].index();
+  for (const auto& [key, value] : {std::pair{"density", &source.density},
+                                   {"youngs_modulus", &source.youngs_modulus},
+                                   {"poisson_ratio", &source.poisson_ratio},
+                                   {"strain_limit_energy", &source.strain_limit_energy},
+                                   {"strain_limit_stiffness", &source.strain_limit_stiffness},
+                                   {"friction", &source.friction}}) {
+    if (reader.has(key)) *value = reader[key].number();
+  }
+  return source;
+}
+
 ObjectLink build_link(const LinkSource& source, const ObjectSource& object, LinkReport& report) {
   const std::string where = "link '" + source.name + "'";
   std::vector<TriangleMesh> meshes;
@@ -167,7 +185,8 @@ ObjectSource load_description(const std::string& path) {
     throw std::runtime_error(path + ": not a description: " + error.what());
   }
   const FieldReader root(json, path, "");
-  root.expect_keys({"name", "notice", "scale", "pieces", "piece_vertices", "piece_tolerance", "links", "joints"});
+  root.expect_keys(
+      {"name", "notice", "scale", "pieces", "piece_vertices", "piece_tolerance", "links", "joints", "soft"});
   const auto positive = [](const FieldReader& reader, const char* key, double& value) {
     if (!reader.has(key)) return;
     value = reader[key].number();
@@ -186,6 +205,11 @@ ObjectSource load_description(const std::string& path) {
   positive(root, "piece_tolerance", source.piece_tolerance);
   count(root, "pieces", source.most_pieces, 1, kMaxLinkPieces);
   count(root, "piece_vertices", source.most_piece_vertices, 4, kMaxPieceVertices);
+  if (root.has("soft")) {
+    if (root.has("links") || root.has("joints")) root["soft"].fail("no links and no joints beside it");
+    source.soft = read_soft(root["soft"], std::filesystem::path(path).parent_path());
+    return source;
+  }
   const FieldReader links = root["links"];
   for (std::size_t i = 0; i < links.size(); ++i) {
     const FieldReader reader = links.at(i);
@@ -214,6 +238,7 @@ ObjectModel build_object(const ObjectSource& source, std::vector<LinkReport>& re
   object.name = source.name;
   object.notice = source.notice;
   reports.assign(source.links.size(), {});
+  if (source.soft) object.soft = build_soft_body(*source.soft, source.scale);
   for (std::size_t i = 0; i < source.links.size(); ++i)
     object.links.push_back(build_link(source.links[i], source, reports[i]));
   object.joints = source.joints;

@@ -1,6 +1,7 @@
 // Makes an object from meshes and a description.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,18 @@ struct LinkSource {
   double spacing = 0.001;           ///< m, of the distance grid
 };
 
+/// A flexible object from one closed mesh without handles.
+struct SoftSource {
+  std::string mesh;             ///< file
+  std::int64_t nodes = 500;     ///< of the tetrahedra; the mesher makes up to 7 % more
+  double density = 100;         ///< kg/m^3
+  double youngs_modulus = 1e4;  ///< Pa
+  double poisson_ratio = 0.3;
+  double strain_limit_energy = 1e9;   ///< J/m^3, W_max of eq. 22
+  double strain_limit_stiffness = 0;  ///< J/m^3, k_s; 0 = no strain limit
+  double friction = 0.8;
+};
+
 struct ObjectSource {
   std::string name;
   std::string notice;
@@ -26,6 +39,7 @@ struct ObjectSource {
   double piece_tolerance = 0.05;  ///< excess of the pieces at which cutting stops, fraction of the volume
   std::vector<LinkSource> links;
   std::vector<LinkJoint> joints;
+  std::optional<SoftSource> soft;  ///< then without links and joints
 };
 
 /// What the builder found out about a link.
@@ -42,7 +56,8 @@ ObjectSource load_description(const std::string& path);
 
 /// Reads the meshes, unites the meshes of each link, rounds them as the object file does, and checks them: closed,
 /// outward, no self-intersections, walls of at least two cells on 98 % of the surface. Then mass properties and convex
-/// pieces. Throws std::runtime_error with file or link, and what was expected.
+/// pieces. A flexible object gets tetrahedra instead, by the mesher of the hand (hand_builder/mesher.hpp), and no
+/// report. Throws std::runtime_error with file or link, and what was expected.
 ObjectModel build_object(const ObjectSource& source, std::vector<LinkReport>& reports);
 
 }  // namespace softhand::builder

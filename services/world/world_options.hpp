@@ -18,6 +18,7 @@ struct WorldOptions {
   std::string engine = "bullet";
   std::array<double, 3> gravity{0, -9.81, 0};
   std::string mode = "owner";
+  std::string soft = "hand";
   double follow_stiffness = 0.25;
   double staleness = 1;
   double stiffness = 500;
@@ -92,6 +93,9 @@ inline void describe(OptionVisitor& v, WorldOptions& o) {
   v.choice("mode", o.mode, {"owner", "symmetric"},
            "owner: the hand simulation owns a touched object, and the world's copy follows it. symmetric: a spring "
            "on both sides (ES2725128A1, U'_crb).");
+  v.choice("soft", o.soft, {"hand"},
+           "Flexible objects. hand: the hand simulation owns them all the time, and the world does not have them "
+           "(docs/soft-objects.md).");
   v.number(
       "follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3},
       "Mode owner: stiffness between the world's copy and the twin, divided by m/T^2. Values above 1 are refused.");
@@ -110,7 +114,8 @@ inline void describe(OptionVisitor& v, ObjectOptions& o) {
   v.choice(
       "shape", o.shape, {"sphere", "box", "capsule", "cylinder", "plane", "convex_hull", "file"},
       "Shape. A plane is the half-space below y = 0 of its frame and must be static. file: all links and joints of "
-      "an object file. Its links become the objects NAME.LINK, or NAME if there is one link.");
+      "an object file. Its links become the objects NAME.LINK, or NAME if there is one link. A flexible object "
+      "becomes a part of the hand simulation.");
   v.string("file", o.file, "Object file: a path, or a name in config/objects. Only for the shape file.");
   v.flag("fixed", o.fixed, "The first link of the object file is static. Only for the shape file.");
   v.number("radius", o.radius, "m", {1e-4, 10}, "Radius of a sphere, capsule or cylinder.");

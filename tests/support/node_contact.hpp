@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "contact/contact_point.hpp"
+#include "model/hand_model.hpp"
 
 namespace softhand::testing {
 

@@ -107,6 +107,15 @@ TEST_F(FilesTest, RefusesOptionsThatTrackingOrHandWouldRefuseAtStart) {
   EXPECT_EQ(complaint(write("scene.toml", kShippedHand + "direct = true\n" + unstable)), "");
 }
 
+TEST_F(FilesTest, RefusesARigWithAFlexibleObjectAndNamesTheCommandThatPlaysIt) {
+  const std::string scene = (kSource / "config/scenes/sponge.toml").string();
+  EXPECT_EQ(complaint(scene), "");
+  const std::string rig = write("rig.toml", "scene = \"" + scene + "\"\nprocess = []\n");
+  const std::string what = complaint(rig);
+  EXPECT_NE(what.find("objects.ball: a flexible object"), std::string::npos) << what;
+  EXPECT_NE(what.find("`softhand simulate " + scene), std::string::npos) << what;
+}
+
 TEST_F(FilesTest, ARigStartsInItsOwnFolder) {
   write("scene.toml", kShippedHand);
   write("rig.toml", "scene = \"scene.toml\"\n");

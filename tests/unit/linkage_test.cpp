@@ -143,6 +143,42 @@ TEST(Linkage, CoastMovesLinkedBodiesWithTheirNodes) {
   EXPECT_LE((x - world).lpNorm<Eigen::Infinity>(), 1e-14);
 }
 
+// Node 1 belongs to no body. The body of node 0 turns.
+TEST(Linkage, NodesWithoutABodyMoveStraight) {
+  testing::Random random(5);
+  Linkage linkage({2, 1}, {Linkage::Link{}}, {0, -1});
+  State state = empty_state({2, 1});
+  state.node_positions.col(0) = Vector3(0.01, 0, 0);
+  state.node_positions.col(1) = Vector3(0.02, 0, 0);
+  linkage.set_earlier_state(state);
+  state.body_poses[0].orientation = rotation_exp(Vector3(0, 0, 1));
+  linkage.set_later_state(state);
+  VectorX x(12);
+  for (Eigen::Index i = 0; i < x.size(); i += 3) x.segment<3>(i) = random.vector();
+  const VectorX before = x;
+  linkage.to_now(x);
+  EXPECT_EQ(x.segment<3>(3), before.segment<3>(3));
+  EXPECT_NE(x.segment<3>(0), before.segment<3>(0));
+  x = before;
+  linkage.to_then(x);
+  EXPECT_EQ(x.segment<3>(3), before.segment<3>(3));
+  x = before;
+  linkage.to_bodies(state, x);
+  EXPECT_EQ(x.segment<3>(3), before.segment<3>(3));
+  const Vector3 start = state.node_positions.col(1);
+  linkage.move(state, before, 0.5);
+  EXPECT_LE((state.node_positions.col(1) - start - 0.5 * before.segment<3>(3)).norm(), 1e-15);
+  EXPECT_EQ(linkage.tangent().segment<3>(3), before.segment<3>(3));
+  state.node_velocities.col(1) = Vector3(1, 2, 3);
+  const Vector3 moved = state.node_positions.col(1);
+  linkage.coast(state, 0.1);
+  EXPECT_LE((state.node_positions.col(1) - moved - Vector3(0.1, 0.2, 0.3)).norm(), 1e-15);
+  linkage.clear_touching();
+  EXPECT_FALSE(linkage.any_touching());
+  linkage.set_loose_touching();
+  EXPECT_TRUE(linkage.any_touching());
+}
+
 TEST(Linkage, RefusesIndicesOutOfRange) {
   EXPECT_THROW(Linkage({1, 1}, {{0, Vector3::Zero()}}, {0}), std::invalid_argument);
   EXPECT_THROW(Linkage({1, 1}, {Linkage::Link{}, Linkage::Link{}}, {0}), std::invalid_argument);

@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "geometry/mesh_distance.hpp"
+#include "math/tetrahedron.hpp"
 #include "mesh_files/mesh_file.hpp"
 #include "object_builder/build_object.hpp"
 #include "object_builder/cgal_solid.hpp"
@@ -272,6 +273,44 @@ TEST_F(ObjectBuilder, ConvexPiecesCoverTheSolid) {
     before = pieces.excess;
   }
   EXPECT_LT(before, 0.15);
+}
+
+TEST_F(ObjectBuilder, MakesAFlexibleObjectOfTheChosenNodes) {
+  write_obj("box.obj", softhand::testing::box_mesh({0.02, 0.015, 0.025}));
+  const std::string description = write("soft.json", R"({"name": "soft", "soft": {"mesh": "box.obj", "nodes": 200,
+      "density": 50, "youngs_modulus": 2e4, "poisson_ratio": 0.1, "friction": 0.6}})");
+  std::vector<builder::LinkReport> reports;
+  const ObjectModel object = builder::build_object(builder::load_description(description), reports);
+  ASSERT_TRUE(object.soft);
+  EXPECT_TRUE(object.links.empty());
+  EXPECT_GE(object.soft->nodes.size(), 200u);
+  EXPECT_LE(object.soft->nodes.size(), 214u);
+  EXPECT_EQ(object.soft->material.youngs_modulus, 2e4);
+  EXPECT_EQ(object.soft->friction, 0.6);
+  double volume = 0;
+  for (const auto& t : object.soft->tetrahedra) volume += tetrahedron_volume(object.soft->nodes, t);
+  EXPECT_NEAR(volume, 8 * 0.02 * 0.015 * 0.025, 0.03 * volume);
+  const ObjectModel again = builder::build_object(builder::load_description(description), reports);
+  EXPECT_EQ(again.soft->nodes, object.soft->nodes);
+  EXPECT_EQ(again.soft->tetrahedra, object.soft->tetrahedra);
+}
+
+TEST_F(ObjectBuilder, RefusesABadFlexibleObject) {
+  TriangleMesh open = softhand::testing::box_mesh({0.02, 0.015, 0.025});
+  open.triangles.pop_back();
+  write_obj("open.obj", open);
+  std::vector<builder::LinkReport> reports;
+  const auto refusal = [&](const std::string& soft) {
+    return message([&] {
+      const std::string path = write("soft.json", "{\"name\": \"soft\", \"soft\": " + soft + "}");
+      builder::build_object(builder::load_description(path), reports);
+    });
+  };
+  EXPECT_NE(refusal(R"({"mesh": "open.obj"})").find("open.obj: expected a closed surface"), std::string::npos);
+  EXPECT_NE(refusal(R"({"mesh": "open.obj", "nodes": 5})").find("soft.nodes: expected 30 to"), std::string::npos);
+  EXPECT_NE(refusal(R"({"mesh": "open.obj", "mass": 1})").find("soft.mass: unknown field"), std::string::npos);
+  const std::string both = write("both.json", R"({"name": "soft", "soft": {"mesh": "open.obj"}, "links": []})");
+  EXPECT_NE(message([&] { builder::load_description(both); }).find("no links and no joints"), std::string::npos);
 }
 
 }  // namespace

@@ -80,6 +80,69 @@ std::string message(const std::function<void()>& action) {
   return "no error";
 }
 
+// A cube of five tetrahedra.
+ObjectModel soft_cube() {
+  ObjectModel object;
+  object.name = "soft_cube";
+  SoftBody body;
+  for (int n = 0; n < 8; ++n) body.nodes.emplace_back(0.02 * (n & 1), 0.02 * ((n >> 1) & 1), 0.02 * (n >> 2));
+  body.tetrahedra = {{0, 1, 2, 4}, {1, 3, 2, 7}, {1, 2, 4, 7}, {1, 4, 5, 7}, {2, 4, 7, 6}};
+  body.material = {"soft", 60, 1e4, 0.2, 1e9, 0};
+  body.friction = 0.7;
+  object.soft = body;
+  return object;
+}
+
+TEST(ObjectFile, FlexibleObjectIsReadAsItWasWritten) {
+  const Folder temporary;
+  const std::string first = temporary / "a.object.json", second = temporary / "b.object.json";
+  save_object(soft_cube(), first);
+  const ObjectModel loaded = load_object(first).model;
+  ASSERT_TRUE(loaded.soft);
+  EXPECT_EQ(loaded.soft->nodes, soft_cube().soft->nodes);
+  EXPECT_EQ(loaded.soft->tetrahedra, soft_cube().soft->tetrahedra);
+  EXPECT_EQ(loaded.soft->friction, 0.7);
+  EXPECT_EQ(loaded.soft->material.youngs_modulus, 1e4);
+  save_object(loaded, second);
+  EXPECT_EQ(content(first), content(second));
+}
+
+TEST(ObjectFile, RefusesABadFlexibleObjectWithItsField) {
+  const Folder temporary;
+  save_object(soft_cube(), temporary / "a.object.json");
+  const Json good = Json::parse(content(temporary / "a.object.json"));
+  const auto refusal = [&good](const char* field, const Json& value) {
+    Json bad = good;
+    bad["soft"][field] = value;
+    return message([&] { parse_object(bad.dump(), "cube.json"); });
+  };
+  EXPECT_EQ(refusal("friction", -1), "cube.json: soft.friction: expected 0 to 10");
+  EXPECT_EQ(refusal("density", "heavy"), "cube.json: soft.density: expected a number");
+  EXPECT_NE(refusal("poisson_ratio", 0.6).find("cube.json: soft: materials[0].poisson_ratio: expected"),
+            std::string::npos);
+  EXPECT_NE(refusal("youngs_modulus", 0).find("cube.json: soft: materials[0].youngs_modulus: expected"),
+            std::string::npos);
+  EXPECT_NE(refusal("tetrahedra", {0, 1, 2, 9}).find("cube.json: soft: tetrahedra[0]: expected indices of nodes"),
+            std::string::npos);
+  EXPECT_NE(refusal("tetrahedra", {0, 2, 1, 4}).find("cube.json: soft: tetrahedra[0]: expected positive volume"),
+            std::string::npos);
+  EXPECT_NE(refusal("tetrahedra", {0, 1, 2, 4}).find("cube.json: soft: nodes[3]: expected a node that some"),
+            std::string::npos);
+  EXPECT_NE(refusal("tetrahedra", {0, 1, 2}).find("cube.json: soft.tetrahedra: expected a multiple of 4"),
+            std::string::npos);
+  EXPECT_EQ(refusal("colour", 1), "cube.json: soft.colour: unknown field");
+  Json both = good;
+  both["links"] = Json::array();
+  EXPECT_EQ(message([&] { parse_object(both.dump(), "cube.json"); }), "cube.json: links: unknown field");
+}
+
+TEST(ObjectFile, ShippedFlexibleObjectsAreValid) {
+  const LoadedObject ball = load_object(folder() + "/sponge_ball.object.json");
+  ASSERT_TRUE(ball.model.soft);
+  EXPECT_GE(ball.model.soft->nodes.size(), 500u);
+  for (const Vector3& node : ball.model.soft->nodes) EXPECT_LE(node.norm(), 0.0315);
+}
+
 TEST(ObjectFile, ReadingAndWritingGivesTheSameBytes) {
   const Folder temporary;
   const std::string first = temporary / "a.object.json", second = temporary / "b.object.json";

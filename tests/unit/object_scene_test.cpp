@@ -66,6 +66,31 @@ TEST_F(ObjectScene, AFileBringsItsLinksAndJoints) {
   EXPECT_LT(world.joint_gap("drawer.tray"), 1e-4);
 }
 
+const std::string kBall =
+    "[[objects]]\nname = \"ball\"\nshape = \"file\"\nfile = \"" + kConfig + "objects/sponge_ball.object.json\"\n";
+
+TEST_F(ObjectScene, FlexibleObjectsBelongToTheHandAndNotToTheWorld) {
+  const Scene scene = read_scene(write(kTable + kBall + "position = [0, 0.1, 0]\n"));
+  EXPECT_EQ(scene.options.objects.size(), 1u);
+  ASSERT_EQ(scene.soft_objects.size(), 1u);
+  EXPECT_EQ(scene.soft_objects[0].name, "ball");
+  EXPECT_EQ(scene.soft_objects[0].pose.position, Vector3(0, 0.1, 0));
+  EXPECT_EQ(scene.soft_objects[0].gravity, Vector3(0, -9.81, 0));
+  EXPECT_EQ(scene.options.hand.mirrored_objects, 0);
+  EXPECT_EQ(scene.options.hand.static_objects, 1);
+  EXPECT_THROW(refuse_soft_objects(scene), ConfigError);
+  EXPECT_NO_THROW(refuse_soft_objects(read_scene(write(kTable))));
+}
+
+TEST_F(ObjectScene, RefusesWhatAFlexibleObjectCannotHave) {
+  EXPECT_NE(complaint(kBall + "mass = 1\n").find("objects.ball.mass: the object is flexible"), std::string::npos);
+  EXPECT_NE(complaint(kBall + "fixed = true\n").find("objects.ball.fixed"), std::string::npos);
+  EXPECT_NE(complaint(kBall + "floating = true\n").find("objects.ball.floating"), std::string::npos);
+  EXPECT_NE(complaint(kBall + "orientation = [1, 1, 0, 0]\n").find("objects.ball.orientation"), std::string::npos);
+  EXPECT_NE(complaint(kBall + kBall).find("objects.ball: the name is used twice"), std::string::npos);
+  EXPECT_NE(complaint("[world]\nsoft = \"world\"\n" + kBall).find("world.soft"), std::string::npos);
+}
+
 TEST_F(ObjectScene, OneLinkHasTheNameOfItsEntry) {
   const Scene scene = read_scene(write(kMug));
   ASSERT_EQ(scene.options.objects.size(), 1u);

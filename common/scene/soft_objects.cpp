@@ -1,0 +1,136 @@
+#include "scene/soft_objects.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "energies/friction.hpp"
+#include "model/skeleton.hpp"
+
+namespace softhand {
+namespace {
+
+// The tetrahedra, surface and contact points of a body. Nodes are numbered from `first`, and have `node_body`.
+void append(TissueModel& model, const SoftBody& body, std::int32_t first, std::uint8_t node_body) {
+  const auto material = static_cast<std::uint8_t>(model.materials.size());
+  const std::size_t first_tetrahedron = model.tetrahedra.size();
+  model.materials.push_back(body.material);
+  std::vector<SkinPoint> of_node(body.nodes.size());
+  for (const auto& local : body.tetrahedra) {
+    auto corners = local;
+    for (std::size_t k = 0; k < 4; ++k) {
+      SkinPoint& point = of_node[static_cast<std::size_t>(local[k])];
+      point.tetrahedron = static_cast<std::int32_t>(model.tetrahedra.size());
+      point.weights = {};
+      point.weights[k] = 1;
+      corners[k] += first;
+    }
+    model.tetrahedra.push_back(corners);
+    model.tetrahedron_material.push_back(material);
+  }
+  const std::vector<std::array<std::int32_t, 3>> surface =
+      boundary(std::span(model.tetrahedra).subspan(first_tetrahedron));
+  model.surface.insert(model.surface.end(), surface.begin(), surface.end());
+  for (const auto& t : surface) {
+    const auto x = [&](std::size_t k) { return body.nodes[static_cast<std::size_t>(t[k] - first)]; };
+    const double share = (x(1) - x(0)).cross(x(2) - x(0)).norm() / 6;
+    for (const std::int32_t node : t) of_node[static_cast<std::size_t>(node - first)].area += share;
+  }
+  for (SkinPoint& point : of_node) {
+    if (!(point.area > 0)) continue;
+    point.body = node_body;
+    model.contact_points.push_back(point);
+  }
+}
+
+}  // namespace
+
+SoftObjects::SoftObjects(const HandModel& hand, std::vector<SoftObject> objects) : objects_(std::move(objects)) {
+  if (objects_.size() > kMaxSoftObjects)
+    throw std::invalid_argument(std::to_string(objects_.size()) + " flexible objects, expected at most " +
+                                std::to_string(kMaxSoftObjects));
+  all_ = hand;
+  alone_.materials = hand.materials;
+  first_.push_back(hand.node_count());
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    const SoftBody& body = *objects_[i].body;
+    const auto node_body = static_cast<std::uint8_t>(kBodyCount + i);
+    all_.nodes.insert(all_.nodes.end(), body.nodes.begin(), body.nodes.end());
+    all_.node_body.insert(all_.node_body.end(), body.nodes.size(), node_body);
+    first_triangle_.push_back(alone_.surface.size());
+    append(all_, body, first_.back(), node_body);
+    append(alone_, body, first_.back(), node_body);
+    first_.push_back(all_.node_count());
+  }
+  first_triangle_.push_back(alone_.surface.size());
+  alone_.nodes = all_.nodes;
+  alone_.node_body = all_.node_body;
+  masses_ = lumped_masses(all_);
+}
+
+std::span<const std::array<std::int32_t, 3>> SoftObjects::surface(int i) const {
+  const auto k = static_cast<std::size_t>(i);
+  return std::span(alone_.surface).subspan(first_triangle_[k], first_triangle_[k + 1] - first_triangle_[k]);
+}
+
+double SoftObjects::mass(int i) const {
+  double sum = 0;
+  for (int n = first_node(i); n < first_node(i + 1); ++n) sum += masses_[static_cast<std::size_t>(n)];
+  return sum;
+}
+
+Eigen::Matrix3Xd SoftObjects::start_positions() const {
+  Eigen::Matrix3Xd positions = Eigen::Matrix3Xd::Zero(3, first_.back());
+  for (int i = 0; i < count(); ++i) {
+    for (int n = first_node(i); n < first_node(i + 1); ++n)
+      positions.col(n) = object(i).pose * all_.nodes[static_cast<std::size_t>(n)];
+  }
+  return positions;
+}
+
+SoftObjects::Ball SoftObjects::ball(int i, const State& state) const {
+  Eigen::AlignedBox3d box;
+  for (int n = first_node(i); n < first_node(i + 1); ++n) box.extend(Vector3(state.node_positions.col(n)));
+  Ball ball{box.center(), 0};
+  double square = 0;
+  for (int n = first_node(i); n < first_node(i + 1); ++n)
+    square = std::max(square, (state.node_positions.col(n) - ball.centre).squaredNorm());
+  ball.radius = std::sqrt(square);
+  return ball;
+}
+
+double SoftObjects::fastest(int i, const State& state) const {
+  return std::sqrt(state.node_velocities.middleCols(first_node(i), node_count(i)).colwise().squaredNorm().maxCoeff());
+}
+
+void SoftObjects::add_terms(const TermOptions& options, std::vector<std::unique_ptr<Energy>>& terms) {
+  auto tissue = std::make_unique<Tissue>(alone_, widest_instruction_set(), "soft_tissue");
+  tissue_ = tissue.get();
+  if (options.helper != nullptr) tissue->use(*options.helper);
+  if (options.single_hessian) tissue->use_single_hessian();
+  terms.push_back(std::move(tissue));
+  if (options.slots > 0) {
+    contacts_ =
+        std::make_unique<ContactSet>(ContactPoints(alone_, masses_), all_.node_count(), options.contact_stiffness,
+                                     options.first_body, options.mirrored_slots, options.slots);
+    terms.push_back(std::make_unique<ContactEnergy>(*contacts_, "soft_contact"));
+    terms.push_back(std::make_unique<FrictionEnergy>(*contacts_, "soft_friction"));
+  }
+  std::vector<double> frictions;
+  for (const SoftObject& each : objects_) frictions.push_back(each.body->friction);
+  auto skin = std::make_unique<SkinContact>(all_, masses_, options.contact_stiffness, std::move(frictions));
+  skin_ = skin.get();
+  terms.push_back(std::move(skin));
+}
+
+Vector3 SoftObjects::skin_force(int i) const {
+  const int part = kSkinParts + i;
+  Vector3 sum = Vector3::Zero();
+  for (const SkinAnchor& anchor : skin_->anchors()) {
+    if (skin_part(skin_->points()[anchor.point].body) == part) sum += anchor.force;
+    if (anchor.slot == part) sum -= anchor.force;
+  }
+  return sum;
+}
+
+}  // namespace softhand

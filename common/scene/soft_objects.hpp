@@ -1,0 +1,95 @@
+// The flexible objects of a scene (ES2725128A1 claim 8), as a part of the hand's simulation (docs/soft-objects.md).
+//
+// Their nodes are the last nodes of the state, one object after the other. They have the hand's tissue law.
+// Contact has the hand's anchor law. Terms: with the hand's skin and with each other (skin_contact.hpp), and with the
+// rigid objects in the slots (contact.hpp). All blocks between an object and the hand are loose blocks of the matrix.
+// So the factor has the object's block beside the hand's, and its pattern never changes.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "energies/contact.hpp"
+#include "energies/skin_contact.hpp"
+#include "energies/tissue.hpp"
+#include "model/hand_model.hpp"
+#include "model/object_model.hpp"
+#include "model/state.hpp"
+
+namespace softhand {
+
+/// A flexible object and its place in the scene.
+struct SoftObject {
+  std::string name;
+  std::shared_ptr<const SoftBody> body;
+  Pose pose;                          ///< of its frame in the world, where it starts at rest
+  Vector3 gravity = Vector3::Zero();  ///< m/s^2
+};
+
+class SoftObjects {
+ public:
+  /// `hand`: its nodes come first. Throws std::invalid_argument for a body that `validate_tetrahedra` refuses, or for
+  /// more than kMaxSoftObjects.
+  SoftObjects(const HandModel& hand, std::vector<SoftObject> objects);
+
+  static constexpr std::size_t kMaxSoftObjects = 8;
+
+  int count() const { return static_cast<int>(objects_.size()); }
+  const SoftObject& object(int i) const { return objects_[static_cast<std::size_t>(i)]; }
+  /// First node of an object in the state; of `count()`: the number of all nodes of the state.
+  int first_node(int i) const { return first_[static_cast<std::size_t>(i)]; }
+  int node_count(int i) const { return first_node(i + 1) - first_node(i); }
+  /// Boundary triangles of an object, by nodes of the state.
+  std::span<const std::array<std::int32_t, 3>> surface(int i) const;
+  /// By node of the state, kg, with the hand's.
+  const std::vector<double>& node_masses() const { return masses_; }
+  double mass(int i) const;
+  /// At the start of the scene, world. The hand's columns are zero.
+  Eigen::Matrix3Xd start_positions() const;
+  /// A ball around all nodes of an object in `state`.
+  struct Ball {
+    Vector3 centre = Vector3::Zero();
+    double radius = 0;
+  };
+  Ball ball(int i, const State& state) const;
+  /// m/s, of any node of an object.
+  double fastest(int i, const State& state) const;
+
+  /// Makes the terms: tissue, contact with the hand and each other, and contact with the objects in the slots if there
+  /// are slots. Appends them to `terms`.
+  struct TermOptions {
+    double contact_stiffness = 0;  ///< k_c, N/m^3
+    int first_body = 0, mirrored_slots = 0, slots = 0;
+    bool single_hessian = false;
+    HelperThread* helper = nullptr;
+  };
+  void add_terms(const TermOptions& options, std::vector<std::unique_ptr<Energy>>& terms);
+
+  // The terms. `add_terms` was called.
+  const Tissue& tissue() const { return *tissue_; }
+  SkinContact& skin() { return *skin_; }
+  const SkinContact& skin() const { return *skin_; }
+  /// Contact with the objects in the slots. Null without slots.
+  ContactSet* contacts() { return contacts_.get(); }
+  const ContactSet* contacts() const { return contacts_.get(); }
+
+  /// Whether any object touches something.
+  bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
+  /// Force (N) of the hand and of other flexible objects on object `i` in the last step.
+  Vector3 skin_force(int i) const;
+
+ private:
+  std::vector<SoftObject> objects_;
+  std::vector<int> first_;
+  std::vector<std::size_t> first_triangle_;  // of `alone_.surface`, by object
+  TissueModel all_;                          // of the hand and of the objects
+  TissueModel alone_;                        // without the hand's tetrahedra, skin and contact points; with its nodes
+  std::vector<double> masses_;
+  Tissue* tissue_ = nullptr;
+  SkinContact* skin_ = nullptr;
+  std::unique_ptr<ContactSet> contacts_;
+};
+
+}  // namespace softhand

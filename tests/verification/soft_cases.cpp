@@ -1,0 +1,184 @@
+// Flexible objects in the hand's simulation: weight, a cube under its own weight, and a sphere in Hertz contact.
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "geometry/shape.hpp"
+#include "scene/hand_simulation.hpp"
+#include "support/block_hand.hpp"
+#include "support/soft_bodies.hpp"
+#include "verification/cases.hpp"
+
+namespace softhand::verification {
+namespace {
+
+using testing::soft_box;
+using testing::soft_material;
+
+constexpr double kEdge = 0.04;       // m, of the cube
+constexpr double kDensity = 100;     // kg/m^3
+constexpr double kRadius = 0.025;    // m, of a sphere
+constexpr double kThickness = 0.02;  // m, half of a plate
+
+// A simulation whose hand is far away, with static plates in its slots.
+std::unique_ptr<HandSimulation> far_from_the_hand(std::vector<SoftObject> objects, int plates,
+                                                  double residual_tolerance) {
+  SimulationOptions options;
+  options.solver.max_iterations = 200;
+  options.solver.residual_tolerance = residual_tolerance;
+  options.solver.movement_tolerance = 1;
+  options.solver.increment_tolerance = 1e-13;
+  auto simulation = std::make_unique<HandSimulation>(testing::block_hand(), options, 0, plates, ObjectSpring{}, 0,
+                                                     std::move(objects));
+  simulation->reposition({.position = {0, 2, 0}});
+  return simulation;
+}
+
+const ShapeGeometry& plate() {
+  static const ShapeGeometry shape(testing::box_shape({0.2, kThickness, 0.2}));
+  return shape;
+}
+
+// The plate has its middle at `height` and moves by `speed`, upwards.
+void set_plate(HandSimulation& simulation, int slot, double height, double speed) {
+  simulation.set_slot_motion(slot, {.position = {0, height, 0}}, {.linear = {0, speed, 0}});
+}
+
+// Mean height of the nodes that are at `rest_height` above the middle of the cube at rest.
+double mean_height(const HandSimulation& simulation, double rest_height) {
+  const SoftObjects& soft = *simulation.soft();
+  const std::vector<Vector3>& rest = soft.object(0).body->nodes;
+  double sum = 0, count = 0;
+  for (std::size_t n = 0; n < rest.size(); ++n) {
+    if (std::abs(rest[n].y() - rest_height) > 1e-9) continue;
+    sum += simulation.state().node_positions(1, soft.first_node(0) + static_cast<Eigen::Index>(n));
+    ++count;
+  }
+  return sum / count;
+}
+
+std::vector<Measurement> cube_under_its_weight(const Parameters& p) {
+  const double modulus = p["E"];
+  SoftObject cube{"cube", soft_box({6, 6, 6}, Vector3::Constant(kEdge), soft_material(modulus, 0.0, kDensity), 0.0),
+                  Pose{.position = {0, 0.5 * kEdge, 0}}, Vector3(0, -kGravity, 0)};
+  const auto simulation = far_from_the_hand({cube}, 1, 1e-8);
+  simulation->set_slot(0, {.id = 1, .shape = &plate(), .friction = 0});
+  set_plate(*simulation, 0, -kThickness, 0);
+  for (int i = 0; i < 100; ++i) simulation->step(0.05);
+  const double reference = kDensity * kGravity * kEdge * kEdge / (2 * modulus);
+  const double height = mean_height(*simulation, 0.5 * kEdge) - mean_height(*simulation, -0.5 * kEdge);
+  const double weight = simulation->soft()->mass(0) * kGravity;
+  // The table's contact sinks by rho g h/k_c = 44 nm, and not evenly, because corners have less mass for their area.
+  return {{"shortening", kEdge - height, reference, 0.01 * reference + 5e-9, "m", {}},
+          {"force on the table over the weight", -simulation->contact_wrench(0).force.y() / weight, 1, 0.01, "1", {}}};
+}
+
+// Layers of a subdivided icosahedron around a middle node, which is node 0. Each prism between two layers is three
+// tetrahedra.
+std::shared_ptr<const SoftBody> soft_sphere(int subdivisions, const Material& material) {
+  const double golden = 0.5 * (1 + std::sqrt(5.0));
+  std::vector<Vector3> skin;
+  for (const double a : {-1.0, 1.0}) {
+    for (const double b : {-golden, golden}) {
+      skin.emplace_back(0, a, b);
+      skin.emplace_back(a, b, 0);
+      skin.emplace_back(b, 0, a);
+    }
+  }
+  std::vector<std::array<std::int32_t, 3>> faces;
+  const auto count = static_cast<std::int32_t>(skin.size());
+  const auto near = [&skin](std::int32_t a, std::int32_t b) {
+    return (skin[static_cast<std::size_t>(a)] - skin[static_cast<std::size_t>(b)]).norm() < 2.1;
+  };
+  for (std::int32_t a = 0; a < count; ++a) {
+    for (std::int32_t b = a + 1; b < count; ++b) {
+      for (std::int32_t c = b + 1; c < count; ++c) {
+        if (near(a, b) && near(b, c) && near(a, c)) faces.push_back({a, b, c});
+      }
+    }
+  }
+  for (int level = 0; level < subdivisions; ++level) {
+    std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> middles;
+    const auto middle = [&](std::int32_t a, std::int32_t b) {
+      const auto [found, fresh] = middles.try_emplace(std::minmax(a, b), static_cast<std::int32_t>(skin.size()));
+      if (fresh)
+        skin.push_back((skin[static_cast<std::size_t>(a)].normalized() + skin[static_cast<std::size_t>(b)].normalized())
+                           .normalized());
+      return found->second;
+    };
+    std::vector<std::array<std::int32_t, 3>> finer;
+    for (const auto& [a, b, c] : faces) {
+      const std::int32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      finer.insert(finer.end(), {{a, ab, ca}, {b, bc, ab}, {c, ca, bc}, {ab, bc, ca}});
+    }
+    faces = std::move(finer);
+  }
+  const std::vector<double> radii{1, 0.9, 0.79, 0.67, 0.53, 0.38, 0.22};
+  auto body = std::make_shared<SoftBody>();
+  body->material = material;
+  body->nodes.push_back(Vector3::Zero());
+  for (const double radius : radii) {
+    for (const Vector3& x : skin) body->nodes.push_back(kRadius * radius * x.normalized());
+  }
+  const auto add = [&body](std::array<std::int32_t, 4> t) {
+    if (tetrahedron_volume(body->nodes, t) < 0) std::swap(t[2], t[3]);
+    body->tetrahedra.push_back(t);
+  };
+  const auto per_layer = static_cast<std::int32_t>(skin.size());
+  for (auto face : faces) {
+    std::sort(face.begin(), face.end());  // neighbouring prisms then split their common side in the same way
+    for (std::int32_t layer = 0; layer + 1 < static_cast<std::int32_t>(radii.size()); ++layer) {
+      std::array<std::int32_t, 3> outer{}, inner{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        outer[k] = 1 + layer * per_layer + face[k];
+        inner[k] = outer[k] + per_layer;
+      }
+      add({outer[0], outer[1], outer[2], inner[2]});
+      add({outer[0], outer[1], inner[1], inner[2]});
+      add({outer[0], inner[0], inner[1], inner[2]});
+    }
+    const std::int32_t last = 1 + (static_cast<std::int32_t>(radii.size()) - 1) * per_layer;
+    add({0, last + face[0], last + face[1], last + face[2]});
+  }
+  return body;
+}
+
+// Two plates press a sphere, without friction. Hertz measures the approach to a far point of a half-space. The middle
+// of a sphere is only R away, so it moves less, and the sphere looks stiffer by about a tenth.
+std::vector<Measurement> hertz(const Parameters& p) {
+  const double modulus = p["E"], ratio = p["nu"], approach = p["approach"] * kRadius;
+  const auto body = soft_sphere(p.whole("subdivisions"), soft_material(modulus, ratio, kDensity));
+  const auto simulation =
+      far_from_the_hand({{"sphere", body, Pose{.position = {0, kRadius, 0}}, Vector3::Zero()}}, 2, 1e-4);
+  for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0});
+  set_plate(*simulation, 0, -kThickness, 0);
+  constexpr int kSteps = 8, kRest = 8;
+  constexpr double kTimeStep = 0.05;
+  const double top = 2 * kRadius + kThickness, speed = -2 * approach / (kSteps * kTimeStep);
+  set_plate(*simulation, 1, top, speed);
+  for (int i = 0; i < kSteps; ++i) simulation->step(kTimeStep);
+  set_plate(*simulation, 1, top + speed * kSteps * kTimeStep, 0);
+  for (int i = 0; i < kRest; ++i) simulation->step(kTimeStep);
+  const double depth = kRadius - simulation->state().node_positions(1, simulation->soft()->first_node(0));
+  const double reference = 4.0 / 3 * modulus / (1 - ratio * ratio) * std::sqrt(kRadius) * std::pow(depth, 1.5);
+  const double below = -simulation->contact_wrench(0).force.y(), above = simulation->contact_wrench(1).force.y();
+  return {{"force on the lower plate", below, reference, 0.15 * reference, "N", {}},
+          {"force on the upper plate over it", above / below, 1, 0.001, "1", {}}};
+}
+
+}  // namespace
+
+std::vector<Case> soft_cases() {
+  return {{"soft_cube_under_its_weight",
+           "shortening = rho g h^2/(2 E) with nu = 0; force on the table = m g",
+           {{{"E", 1e4}}, {{"E", 1e3}}, {{"E", 1e5}}, {{"E", 1e6}}, {{"E", 1e7}}},
+           cube_under_its_weight,
+           1},
+          {"soft_sphere_hertz",
+           "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, d: approach of the middle to the plate",
+           {{{"E", 1e5}, {"nu", 0.3}, {"approach", 0.05}, {"subdivisions", 3}}},
+           hertz}};
+}
+
+}  // namespace softhand::verification
