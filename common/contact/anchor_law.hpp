@@ -23,7 +23,7 @@ struct AnchorMemory {
   std::int32_t point = 0;             ///< index into the table of contact points
   std::int32_t slot = 0;              ///< of the object
   std::int32_t sharp = -1;            ///< sharp point of the object at which the anchor is; -1: on the surface
-  Vector3 weights = Vector3::Zero();  ///< of the corners of a roving point's triangle, if `sharp` >= 0
+  Vector3 weights = Vector3::Zero();  ///< of the corners of the point's triangle, if `sharp` >= 0
   Vector3 anchor = Vector3::Zero();   ///< a: the surface point, moved inwards by `recess`
   Vector3 normal = Vector3::UnitY();  ///< n
   double recess = 0;                ///< distance that the anchor of a point that started inside must still move out, m

@@ -65,7 +65,8 @@ bool Candidates::may_reach(const Collider& collider, const State& state, double 
   return may;
 }
 
-bool Candidates::predicted(const Collider& collider, int point, double margin, double& clearance, Meeting& meeting) {
+bool Candidates::predicted(const Collider& collider, int point, double margin, double& clearance,
+                           ContactCandidate& candidate) {
   const Vector3 position = start(point);
   const Vector3 movement = time_step_ * points_->at(point, velocities_);
   clearance = (position - collider.start_pose().position).norm() - collider.geometry()->bounding_radius();
@@ -77,52 +78,52 @@ bool Candidates::predicted(const Collider& collider, int point, double margin, d
   const SurfacePoint nearest = collider.closest(now);
   clearance = nearest.distance;
   if (nearest.distance > std::max((next - now).norm(), (now - before).norm())) return false;
-  meeting.point = point;
+  candidate.point = point;
   if (collider.jumped()) {
     if (const auto crossing = collider.geometry()->first_crossing(before, now)) {
       // If the object turned under a point that stays outside, only the chord of the point's path crosses the surface.
       // A point that is now behind the object was passed by the surface.
       if (nearest.distance < 0 ||
           !Collider::same_side(collider.last_pose(), crossing->normal, collider.start_pose(), nearest.normal)) {
-        meeting.place = crossing->point;
-        meeting.normal = crossing->normal;
+        candidate.place = crossing->point;
+        candidate.normal = crossing->normal;
         return true;
       }
     }
   }
   if (nearest.distance < 0) {
     SurfacePoint surface = nearest;
-    meeting.place = now;
+    candidate.place = now;
     if (collider.turns_far()) {
       const SurfacePoint there = collider.closest(next);
       if (there.distance < 0 &&
           Collider::same_side(collider.start_pose(), nearest.normal, collider.end_pose(), there.normal)) {
         surface = there;
-        meeting.place = next;
+        candidate.place = next;
       }
     }
-    meeting.normal = surface.normal;
-    meeting.recess = -surface.distance;
+    candidate.normal = surface.normal;
+    candidate.recess = -surface.distance;
     return true;
   }
-  const auto met = collider.meeting(position, position + movement);
+  const auto met = collider.crossing(position, position + movement);
   if (!met) return false;
-  meeting.place = met->point;
-  meeting.normal = met->normal;
-  meeting.predicted = true;
+  candidate.place = met->point;
+  candidate.normal = met->normal;
+  candidate.predicted = true;
   return true;
 }
 
-bool Candidates::crossed(const Collider& collider, int point, Meeting& meeting) {
+bool Candidates::crossed(const Collider& collider, int point, ContactCandidate& candidate) {
   const Vector3 start = points_->at(point, starts_), end = points_->at(point, ends_);
   const Vector3 from = to_local(collider.start_pose(), start), to = to_local(collider.end_pose(), end);
   ++queries_;
   if (collider.closest(to).distance > (to - from).norm()) return false;
-  const auto met = collider.meeting(start, end);
+  const auto met = collider.crossing(start, end);
   if (!met) return false;
-  meeting.point = point;
-  meeting.place = met->point;
-  meeting.normal = met->normal;
+  candidate.point = point;
+  candidate.place = met->point;
+  candidate.normal = met->normal;
   return true;
 }
 
@@ -146,7 +147,8 @@ Candidates::SkinPlace Candidates::nearest_on_skin(const Vector3& place, double d
 }
 
 // The ball `sharp` must be outside at the step's start, or at most kDeepest inside, and inside at its end.
-bool Candidates::pricks(const Collider& collider, const RestingPoint& sharp, bool predicted, Meeting& meeting) const {
+bool Candidates::enters(const Collider& collider, const RestingPoint& sharp, bool predicted,
+                        ContactCandidate& candidate) const {
   const Vector3 from = (collider.jumped() ? collider.last_pose() : collider.start_pose()) * sharp.centre;
   const Vector3 to = collider.end_pose() * sharp.centre;
   const SkinPlace end = nearest_on_skin(to, sharp.radius + (to - from).norm() + longest_path_ + kDeepest, ends_);
@@ -157,12 +159,12 @@ bool Candidates::pricks(const Collider& collider, const RestingPoint& sharp, boo
   const Vector3 outward = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
   const double height = outward.dot(from - place) - sharp.radius;
   if (height < -kDeepest) return false;
-  meeting.point = end.point;
-  meeting.weights = end.weights;
-  meeting.normal = collider.end_pose().orientation.conjugate() * -end.normal;
-  meeting.recess = std::max(0.0, -height);
-  meeting.place = sharp.centre + (sharp.radius - meeting.recess) * meeting.normal;
-  meeting.predicted = predicted && height >= 0;
+  candidate.point = end.point;
+  candidate.weights = end.weights;
+  candidate.normal = collider.end_pose().orientation.conjugate() * -end.normal;
+  candidate.recess = std::max(0.0, -height);
+  candidate.place = sharp.centre + (sharp.radius - candidate.recess) * candidate.normal;
+  candidate.predicted = predicted && height >= 0;
   return true;
 }
 

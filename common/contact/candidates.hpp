@@ -14,13 +14,13 @@
 namespace softhand {
 
 /// A contact point that meets a collider. Vectors in the object's frame.
-struct Meeting {
+struct ContactCandidate {
   int point = 0;
   Vector3 place = Vector3::Zero();    ///< on the surface; the point's own position if it starts inside
   Vector3 normal = Vector3::UnitY();  ///< outward
   double recess = 0;                  ///< > 0: the point starts inside, this far below the surface, m
   bool predicted = false;             ///< the point is outside and will reach the surface in this step
-  int sharp = -1;                     ///< sharp point of the object that enters the skin at `point`, a roving point
+  int sharp = -1;                     ///< sharp point of the object that enters the skin at `point`, a triangle's point
   Vector3 weights = Vector3::Zero();  ///< of the triangle's corners, if `sharp` >= 0
 };
 
@@ -39,8 +39,8 @@ class Candidates {
   /// The end of a point's path in this step if it keeps its velocity.
   Vector3 predicted_end(int point) const { return start(point) + time_step_ * points_->at(point, velocities_); }
 
-  /// Calls found(Meeting) for the points that touch the collider of a slot at the step's start or will reach it in the
-  /// step. Points with taken(point) are left out.
+  /// Calls found(ContactCandidate) for the points that touch the collider of a slot at the step's start or will reach
+  /// it in the step. Points with taken(point) are left out.
   template <typename Taken, typename Found>
   void for_each_predicted(int slot, const Collider& collider, Taken&& taken, Found&& found) {
     const double margin =
@@ -49,9 +49,9 @@ class Candidates {
     const auto clearances = clearances_of(slot);
     std::fill(clearances.begin(), clearances.end(), 0.0);
     groups_.for_each_near(*collider.geometry(), collider.start_pose(), margin, [&](std::int32_t point) {
-      Meeting meeting;
-      if (!taken(point) && predicted(collider, point, margin, clearances[static_cast<std::size_t>(point)], meeting))
-        found(meeting);
+      ContactCandidate candidate;
+      if (!taken(point) && predicted(collider, point, margin, clearances[static_cast<std::size_t>(point)], candidate))
+        found(candidate);
     });
   }
   /// The same for the points that crossed the surface on their path from the step's start to the state of `set_ends`.
@@ -60,30 +60,30 @@ class Candidates {
     const double margin = collider.reach(collider.start_pose(), collider.end_pose(), groups_);
     const auto clearances = clearances_of(slot);
     groups_.for_each_near(*collider.geometry(), collider.end_pose(), margin, [&](std::int32_t point) {
-      Meeting meeting;
+      ContactCandidate candidate;
       // Nearly all points stay farther from the surface than they move.
       const double rest = clearances[static_cast<std::size_t>(point)] - margin;
       if (rest > 0 && points_->at(point, displacements_).squaredNorm() < rest * rest) return;
-      if (!taken(point) && crossed(collider, point, meeting)) found(meeting);
+      if (!taken(point) && crossed(collider, point, candidate)) found(candidate);
     });
   }
-  /// Calls found(Meeting) for the sharp points of the collider that enter the skin in the step: by the predicted paths,
-  /// or on the paths to the state of `set_ends`.
+  /// Calls found(ContactCandidate) for the sharp points of the collider that enter the skin in the step: by the
+  /// predicted paths, or on the paths to the state of `set_ends`.
   template <typename Found>
-  void for_each_pricking(const Collider& collider, bool predicted, Found&& found) {
+  void for_each_entering(const Collider& collider, bool predicted, Found&& found) {
     const auto sharp = collider.geometry()->sharp_points();
     if (!sharp.empty()) update_triangles();
     for (std::size_t i = 0; i < sharp.size(); ++i) {
-      Meeting meeting;
-      if (pricks(collider, sharp[i], predicted, meeting)) {
-        meeting.sharp = static_cast<int>(i);
-        found(meeting);
+      ContactCandidate candidate;
+      if (enters(collider, sharp[i], predicted, candidate)) {
+        candidate.sharp = static_cast<int>(i);
+        found(candidate);
       }
     }
   }
   /// The place of the skin that is nearest to `place` (world), at most `distance` m away.
   struct SkinPlace {
-    int point = -1;  ///< the roving point of the triangle; -1: none
+    int point = -1;  ///< the point of the triangle; -1: none
     Vector3 weights = Vector3::Zero(), position = Vector3::Zero();
     Vector3 normal = Vector3::UnitY();  ///< outward of the hand, world
   };
@@ -99,14 +99,14 @@ class Candidates {
     const auto count = static_cast<std::size_t>(points_->count());
     return std::span(clearances_).subspan(static_cast<std::size_t>(slot) * count, count);
   }
-  bool predicted(const Collider& collider, int point, double margin, double& clearance, Meeting& meeting);
-  bool crossed(const Collider& collider, int point, Meeting& meeting);
+  bool predicted(const Collider& collider, int point, double margin, double& clearance, ContactCandidate& candidate);
+  bool crossed(const Collider& collider, int point, ContactCandidate& candidate);
   void update_triangles();
-  bool pricks(const Collider& collider, const RestingPoint& sharp, bool predicted, Meeting& meeting) const;
+  bool enters(const Collider& collider, const RestingPoint& sharp, bool predicted, ContactCandidate& candidate) const;
 
   const ContactPoints* points_;
   PointGroups groups_;
-  PointGroups triangles_;    // of the roving points
+  PointGroups triangles_;    // of the points of the triangles
   double longest_path_ = 0;  // of a node between start and end, m
   bool triangles_are_old_ = true;
   Eigen::Matrix3Xd starts_, velocities_, ends_, displacements_;  // by node; the ends are predicted until `set_ends`

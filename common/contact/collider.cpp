@@ -120,7 +120,7 @@ SurfacePoint Collider::slid(const Vector3& from, const Vector3& normal, const Ve
   return closest_on_side(to, normal, length).value_or(nearest);
 }
 
-std::optional<Crossing> Collider::meeting(const Vector3& start, const Vector3& end) const {
+std::optional<Crossing> Collider::crossing(const Vector3& start, const Vector3& end) const {
   std::optional<Crossing> met = geometry_->first_crossing(to_local(start_pose_, start), to_local(end_pose_, end));
   if (!met || start_pose_.orientation.coeffs() == end_pose_.orientation.coeffs()) return met;
   const SurfacePoint there = geometry_->closest(to_local(end_pose_, end));

@@ -127,7 +127,7 @@ class Collider {
   SurfacePoint slid(const Vector3& from, const Vector3& normal, const Vector3& movement) const;
   /// The point where the surface meets a point that moves from `start` to `end` in the world during this step. If the
   /// object turns, the path in the object's frame is an arc, and the crossing is that of its chord.
-  std::optional<Crossing> meeting(const Vector3& start, const Vector3& end) const;
+  std::optional<Crossing> crossing(const Vector3& start, const Vector3& end) const;
   /// The object moved from pose `from` to pose `to`. Returns whether the normal `now` points to the same side in the
   /// world as the normal `before` did. Otherwise `now` belongs to the far side of the object. Normals are in the
   /// object's frame.

@@ -37,15 +37,15 @@ ContactPoints::ContactPoints(const TissueModel& model, const std::vector<double>
   for (const SkinPoint& point : model.contact_points) points_.push_back(contact_point(model, point));
   count_ = static_cast<int>(points_.size());
   for (const auto& triangle : model.surface) {
-    ContactPoint roving;
-    roving.node_count = 3;
+    ContactPoint of_triangle;
+    of_triangle.node_count = 3;
     for (std::size_t k = 0; k < 3; ++k) {
-      roving.nodes[k] = triangle[k];
-      roving.weights[k] = 1.0 / 3;
+      of_triangle.nodes[k] = triangle[k];
+      of_triangle.weights[k] = 1.0 / 3;
     }
-    roving.body = model.node_body[static_cast<std::size_t>(triangle[0])];
-    roving.area = roving_area;
-    points_.push_back(roving);
+    of_triangle.body = model.node_body[static_cast<std::size_t>(triangle[0])];
+    of_triangle.area = triangle_point_area;
+    points_.push_back(of_triangle);
   }
   finish();
 }

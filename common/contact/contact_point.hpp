@@ -20,13 +20,13 @@ struct ContactPoint {
   double area = 0;        ///< A, m^2: the point's contact stiffness is A k_c
 };
 
-/// The table of the contact points of one model. The first `count()` points never change. After them comes one roving
-/// point for each triangle of the mesh's surface. Its place in the triangle is given when a sharp point of an object
-/// touches the triangle.
+/// The table of the contact points of one model. The first `count()` points never change. After them comes one
+/// point for each triangle of the mesh's surface. Its place in the triangle is given when a sharp point of
+/// an object touches the triangle.
 class ContactPoints {
  public:
-  /// Area of a roving point in reports, m^2: a disc of 1 mm.
-  static constexpr double roving_area = 0.785e-6;
+  /// Area of a triangle's point in reports, m^2: a disc of 1 mm.
+  static constexpr double triangle_point_area = 0.785e-6;
 
   /// The model's contact points. Nodes of weight 0 are left out. `node_masses` in kg. Throws std::invalid_argument if
   /// their number differs from that of the nodes.
@@ -35,9 +35,9 @@ class ContactPoints {
   ContactPoints(std::vector<ContactPoint> points, const std::vector<double>& node_masses);
 
   int count() const { return count_; }
-  /// With the roving points.
+  /// With the points of the triangles.
   int size() const { return static_cast<int>(points_.size()); }
-  /// Puts a roving point at the mean of its triangle's corners. `weights` >= 0, sum 1.
+  /// Puts a triangle's point at the mean of its triangle's corners. `weights` >= 0, sum 1.
   void place(int point, const Vector3& weights);
   const ContactPoint& operator[](int point) const { return points_[static_cast<std::size_t>(point)]; }
   std::span<const std::int32_t> nodes(int point) const {

@@ -56,12 +56,12 @@ SkinPatches::SkinPatches(const TissueModel& model, const ContactPoints& points) 
   boxes_.resize(patches_.size());
   slabs_.resize(patches_.size());
   is_near_.assign(patches_.size(), 0);
-  is_meeting_.assign(patches_.size(), 0);
+  is_overlapping_.assign(patches_.size(), 0);
   near_patches_.reserve(patches_.size());
-  meeting_patches_.reserve(patches_.size());
+  overlapping_patches_.reserve(patches_.size());
   exclude_near_at_rest(model, points);
   near_.reserve(static_cast<std::size_t>(std::count(can_touch_.begin(), can_touch_.end(), std::uint8_t{1})) / 2);
-  meeting_.reserve(near_.capacity());
+  overlapping_.reserve(near_.capacity());
 }
 
 // Each new patch begins at the node of the part that is farthest from all patches so far.
@@ -212,19 +212,19 @@ void SkinPatches::bound_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, 
 std::span<const std::pair<std::int32_t, std::int32_t>> SkinPatches::meet(const Eigen::Matrix3Xd& starts,
                                                                          const Eigen::Matrix3Xd& ends, double margin) {
   for (const std::int32_t patch : near_patches_) bound_box(at(patch), starts, ends);
-  for (const std::int32_t patch : meeting_patches_) is_meeting_[at(patch)] = 0;
-  meeting_.clear();
-  meeting_patches_.clear();
+  for (const std::int32_t patch : overlapping_patches_) is_overlapping_[at(patch)] = 0;
+  overlapping_.clear();
+  overlapping_patches_.clear();
   for (const auto& [a, b] : near_) {
     if (!(boxes_[at(a)].squaredExteriorDistance(boxes_[at(b)]) <= margin * margin)) continue;
-    meeting_.emplace_back(a, b);
+    overlapping_.emplace_back(a, b);
     for (const std::int32_t patch : {a, b}) {
-      if (std::exchange(is_meeting_[at(patch)], std::uint8_t{1}) != 0) continue;
-      meeting_patches_.push_back(patch);
+      if (std::exchange(is_overlapping_[at(patch)], std::uint8_t{1}) != 0) continue;
+      overlapping_patches_.push_back(patch);
       bound_slab(at(patch), starts, ends);
     }
   }
-  return meeting_;
+  return overlapping_;
 }
 
 void SkinPatches::find_near(const Eigen::Matrix3Xd& positions, double margin) {

@@ -67,8 +67,8 @@ class SkinPatches {
   std::span<const std::pair<std::int32_t, std::int32_t>> meet(const Eigen::Matrix3Xd& starts,
                                                               const Eigen::Matrix3Xd& ends, double margin);
   /// The patches in these pairs, each once.
-  std::span<const std::int32_t> meeting_patches() const { return meeting_patches_; }
-  /// Whether a place comes within `margin` m of the paths of a meeting patch. The patch is in a box, and in a slab
+  std::span<const std::int32_t> overlapping_patches() const { return overlapping_patches_; }
+  /// Whether a place comes within `margin` m of the paths of an overlapping patch. The patch is in a box, and in a slab
   /// between two planes across its mean normal.
   bool is_near(const Vector3& place, int patch, double margin) const {
     const Slab& slab = slabs_[static_cast<std::size_t>(patch)];
@@ -104,9 +104,9 @@ class SkinPatches {
     double low = 0, high = 0;
   };
   std::vector<Slab> slabs_;  // by patch
-  std::vector<std::pair<std::int32_t, std::int32_t>> near_, meeting_;
-  std::vector<std::int32_t> near_patches_, meeting_patches_;  // each once
-  std::vector<std::uint8_t> is_near_, is_meeting_;            // by patch
+  std::vector<std::pair<std::int32_t, std::int32_t>> near_, overlapping_;
+  std::vector<std::int32_t> near_patches_, overlapping_patches_;  // each once
+  std::vector<std::uint8_t> is_near_, is_overlapping_;            // by patch
   std::uint64_t part_queries_ = 0;
 };
 

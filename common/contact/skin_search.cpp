@@ -54,20 +54,22 @@ SkinSearch::SkinSearch(const TissueModel& model, const ContactPoints& points)
   starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, model.node_count());
   const auto places = static_cast<std::size_t>(points.count()) * static_cast<std::size_t>(patches_.part_count());
   paths_.resize(static_cast<std::size_t>(points.count()));
-  meetings_.reserve(places);
-  meeting_of_.assign(places, -1);
+  candidates_.reserve(places);
+  candidate_of_.assign(places, -1);
 }
 
-void SkinSearch::keep(const SkinMeeting& meeting, int part) {
-  std::int32_t& place = meeting_of_[place_of(meeting.point, part)];
+void SkinSearch::keep(const SkinCandidate& candidate, int part) {
+  std::int32_t& place = candidate_of_[place_of(candidate.point, part)];
   if (place < 0) {
-    place = static_cast<std::int32_t>(meetings_.size());
-    meetings_.push_back(meeting);
+    place = static_cast<std::int32_t>(candidates_.size());
+    candidates_.push_back(candidate);
     return;
   }
-  SkinMeeting& other = meetings_[static_cast<std::size_t>(place)];
-  const auto rank = [](const SkinMeeting& m) { return m.recess > 0 ? m.recess - SkinPatches::deepest : m.crossed_at; };
-  if (rank(meeting) < rank(other)) other = meeting;
+  SkinCandidate& other = candidates_[static_cast<std::size_t>(place)];
+  const auto rank = [](const SkinCandidate& m) {
+    return m.recess > 0 ? m.recess - SkinPatches::deepest : m.crossed_at;
+  };
+  if (rank(candidate) < rank(other)) other = candidate;
 }
 
 // Has the sign of the height of `place` above the triangle. Nearly all triangles need no more.
@@ -117,7 +119,7 @@ void SkinSearch::follow_paths(double margin) {
     patches_.find_near(listed_, listed_margin_);
   }
   pairs_ = patches_.meet(local_starts_, local_ends_, margin);
-  for (const std::int32_t patch : patches_.meeting_patches()) {
+  for (const std::int32_t patch : patches_.overlapping_patches()) {
     for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(patch)].points) {
       const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
       paths_[static_cast<std::size_t>(point)] = {0.5 * (start + end), 0.5 * (end - start).norm()};
@@ -125,9 +127,9 @@ void SkinSearch::follow_paths(double margin) {
   }
 }
 
-std::optional<SkinMeeting> SkinSearch::inside(int patch, int point) const {
+std::optional<SkinCandidate> SkinSearch::inside(int patch, int point) const {
   const Vector3 place = points_->at(point, starts_);
-  std::optional<SkinMeeting> result;
+  std::optional<SkinCandidate> result;
   double least = reach_;
   for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
     if (!(signed_volume(triangle, starts_, place) < 0)) continue;
@@ -135,7 +137,7 @@ std::optional<SkinMeeting> SkinSearch::inside(int patch, int point) const {
     const double height = there.n.dot(place - there.pose.position);
     if (-height >= least || weights_of(there, place).minCoeff() < -kEdge) continue;
     least = -height;
-    result = SkinMeeting{point, triangle, there.pose.inverse() * place, least};
+    result = SkinCandidate{point, triangle, there.pose.inverse() * place, least};
   }
   if (result) {
     Vector3 outward = Vector3::Zero();
@@ -146,9 +148,9 @@ std::optional<SkinMeeting> SkinSearch::inside(int patch, int point) const {
   return result;
 }
 
-std::optional<SkinMeeting> SkinSearch::crossed(int patch, int point) const {
+std::optional<SkinCandidate> SkinSearch::crossed(int patch, int point) const {
   const Vector3 start = points_->at(point, starts_), end = points_->at(point, ends_);
-  std::optional<SkinMeeting> result;
+  std::optional<SkinCandidate> result;
   double first = std::numeric_limits<double>::infinity();
   for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
     if (!(signed_volume(triangle, starts_, start) >= 0) || !(signed_volume(triangle, ends_, end) < 0)) continue;
@@ -163,24 +165,24 @@ std::optional<SkinMeeting> SkinSearch::crossed(int patch, int point) const {
     const auto& c = corners(triangle);
     const Vector3 place =
         weights[0] * starts_.col(c[0]) + weights[1] * starts_.col(c[1]) + weights[2] * starts_.col(c[2]);
-    result = SkinMeeting{point, triangle, before.pose.inverse() * place, 0, false, part};
+    result = SkinCandidate{point, triangle, before.pose.inverse() * place, 0, false, part};
   }
   return result;
 }
 
 // A point that went round a corner of the skin is far behind the triangle that it crossed, and just behind or in front
-// of the next one. Moves the meeting to that triangle. Returns false if the point is outside there.
-bool SkinSearch::turns_corner(SkinMeeting& meeting) const {
-  const Vector3 end = points_->at(meeting.point, ends_);
-  const SkinFrame crossed = frame(meeting.triangle, ends_);
-  const Place nearest = follow(meeting.triangle, crossed.pose.inverse() * end, ends_);
-  if (nearest.triangle == meeting.triangle) return true;
+// of the next one. Moves the candidate to that triangle. Returns false if the point is outside there.
+bool SkinSearch::turns_corner(SkinCandidate& candidate) const {
+  const Vector3 end = points_->at(candidate.point, ends_);
+  const SkinFrame crossed = frame(candidate.triangle, ends_);
+  const Place nearest = follow(candidate.triangle, crossed.pose.inverse() * end, ends_);
+  if (nearest.triangle == candidate.triangle) return true;
   const SkinFrame there = frame(nearest.triangle, ends_);
   // The skin on the far side of a finger does not count: the point passed through the finger.
   if (!(there.n.dot(crossed.n) > kFacing)) return true;
-  if (part_of_triangle(nearest.triangle) != part_of_triangle(meeting.triangle)) return true;
-  meeting.triangle = nearest.triangle;
-  meeting.place = nearest.place;
+  if (part_of_triangle(nearest.triangle) != part_of_triangle(candidate.triangle)) return true;
+  candidate.triangle = nearest.triangle;
+  candidate.place = nearest.place;
   return there.n.dot(end - there.pose.position) < 0;
 }
 

@@ -24,7 +24,7 @@
 namespace softhand {
 
 /// A contact point that meets a triangle. Places are in the triangle's frame (skin_frame.hpp).
-struct SkinMeeting {
+struct SkinCandidate {
   int point = 0;
   int triangle = 0;
   Vector3 place = Vector3::Zero();  ///< on the triangle; the point's own position if it starts inside
@@ -59,17 +59,17 @@ class SkinSearch {
   /// Predicted until `set_ends`.
   const Eigen::Matrix3Xd& ends() const { return ends_; }
 
-  /// Calls found(SkinMeeting) for the points that are inside another part at the step's start or will cross its surface
-  /// in the step. Points with taken(point, part) are left out. One meeting for each point and part: the place where it
-  /// is least far inside, or the first crossing.
+  /// Calls found(SkinCandidate) for the points that are inside another part at the step's start or will cross its
+  /// surface in the step. Points with taken(point, part) are left out. One candidate for each point and part: the place
+  /// where it is least far inside, or the first crossing.
   template <typename Taken, typename Found>
   void for_each_predicted(Taken&& taken, Found&& found) {
     for_each_pair([&](int patch, int point, int part) {
       if (taken(point, part)) return;
       ++queries_;
-      auto meeting = inside(patch, point);
-      if (!meeting && (meeting = crossed(patch, point))) meeting->predicted = true;
-      if (meeting) keep(*meeting, part);
+      auto candidate = inside(patch, point);
+      if (!candidate && (candidate = crossed(patch, point))) candidate->predicted = true;
+      if (candidate) keep(*candidate, part);
     });
     hand_over(found);
   }
@@ -79,7 +79,7 @@ class SkinSearch {
     for_each_pair([&](int patch, int point, int part) {
       if (taken(point, part)) return;
       ++queries_;
-      if (auto meeting = crossed(patch, point); meeting && turns_corner(*meeting)) keep(*meeting, part);
+      if (auto candidate = crossed(patch, point); candidate && turns_corner(*candidate)) keep(*candidate, part);
     });
     hand_over(found);
   }
@@ -111,23 +111,23 @@ class SkinSearch {
   }
   template <typename Found>
   void hand_over(Found&& found) {
-    for (const SkinMeeting& meeting : meetings_) {
-      meeting_of_[place_of(meeting.point, part_of_triangle(meeting.triangle))] = -1;
-      if (meeting.faces) found(meeting);
+    for (const SkinCandidate& candidate : candidates_) {
+      candidate_of_[place_of(candidate.point, part_of_triangle(candidate.triangle))] = -1;
+      if (candidate.faces) found(candidate);
     }
-    meetings_.clear();
+    candidates_.clear();
   }
   std::size_t place_of(int point, int part) const {
     return static_cast<std::size_t>(point) * static_cast<std::size_t>(patches_.part_count()) +
            static_cast<std::size_t>(part);
   }
-  void keep(const SkinMeeting& meeting, int part);
+  void keep(const SkinCandidate& candidate, int part);
   void follow_paths(double margin);
-  bool turns_corner(SkinMeeting& meeting) const;
+  bool turns_corner(SkinCandidate& candidate) const;
   double signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const;
   void set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
-  std::optional<SkinMeeting> inside(int patch, int point) const;
-  std::optional<SkinMeeting> crossed(int patch, int point) const;
+  std::optional<SkinCandidate> inside(int patch, int point) const;
+  std::optional<SkinCandidate> crossed(int patch, int point) const;
 
   const ContactPoints* points_;
   std::vector<std::array<std::int32_t, 3>> triangles_;
@@ -143,10 +143,10 @@ class SkinSearch {
     Vector3 middle = Vector3::Zero();
     double half = 0;  // of its length, m
   };
-  std::vector<Path> paths_;  // by point, in the frame of the carpus; valid in meeting patches
+  std::vector<Path> paths_;  // by point, in the frame of the carpus; valid in overlapping patches
   std::span<const std::pair<std::int32_t, std::int32_t>> pairs_;  // patches that meet
-  std::vector<SkinMeeting> meetings_;                             // scratch of a search
-  std::vector<std::int32_t> meeting_of_;                          // by (point, part): place in `meetings_`; -1: none
+  std::vector<SkinCandidate> candidates_;                         // scratch of a search
+  std::vector<std::int32_t> candidate_of_;                        // by (point, part): place in `candidates_`; -1: none
   double reach_ = 0;
   double margin_ = 0;  // of the search, m
   std::uint64_t queries_ = 0;

@@ -75,13 +75,13 @@ void ContactSet::mark_anchors() {
   }
 }
 
-// A triangle of the skin has one roving point.
-bool ContactSet::is_taken(int roving_point) const {
+// A triangle of the skin has one point of its own.
+bool ContactSet::is_taken(int triangle_point) const {
   return std::any_of(anchors_.begin(), anchors_.end(),
-                     [roving_point](const Anchor& anchor) { return anchor.point == roving_point; });
+                     [triangle_point](const Anchor& anchor) { return anchor.point == triangle_point; });
 }
 
-bool ContactSet::is_pricked(int slot, int sharp) const {
+bool ContactSet::has_entered(int slot, int sharp) const {
   return std::any_of(anchors_.begin(), anchors_.end(),
                      [slot, sharp](const Anchor& anchor) { return anchor.slot == slot && anchor.sharp == sharp; });
 }
@@ -266,27 +266,27 @@ void ContactSet::release(std::span<const std::uint8_t> nodes) {
   remove_if([this, nodes](const Anchor& anchor) { return points_.is_marked(anchor.point, nodes) && clear(anchor); });
 }
 
-ContactSet::Anchor* ContactSet::create(int slot, const Meeting& meeting) {
+ContactSet::Anchor* ContactSet::create(int slot, const ContactCandidate& candidate) {
   if (anchors_.size() == anchors_.capacity()) {
     ++dropped_;
     return nullptr;
   }
-  if (meeting.sharp >= 0) {
-    if (is_pricked(slot, meeting.sharp) || is_taken(meeting.point)) return nullptr;
-    points_.place(meeting.point, meeting.weights);
+  if (candidate.sharp >= 0) {
+    if (has_entered(slot, candidate.sharp) || is_taken(candidate.point)) return nullptr;
+    points_.place(candidate.point, candidate.weights);
   }
   Anchor anchor;
-  anchor.point = meeting.point;
-  anchor.sharp = meeting.sharp;
-  anchor.weights = meeting.weights;
+  anchor.point = candidate.point;
+  anchor.sharp = candidate.sharp;
+  anchor.weights = candidate.weights;
   anchor.slot = slot;
-  anchor.anchor = meeting.place;
-  anchor.normal = meeting.normal;
-  anchor.recess = meeting.recess;
-  anchor.fresh = anchor.two_sided = meeting.predicted;
-  anchor.stiffness = stiffness_of(meeting.point);
+  anchor.anchor = candidate.place;
+  anchor.normal = candidate.normal;
+  anchor.recess = candidate.recess;
+  anchor.fresh = anchor.two_sided = candidate.predicted;
+  anchor.stiffness = stiffness_of(candidate.point);
   anchor.set_friction(at(slot).friction);
-  has_anchor(slot, meeting.point) = 1;
+  has_anchor(slot, candidate.point) = 1;
   anchors_.push_back(anchor);
   return &anchors_.back();
 }
@@ -316,8 +316,9 @@ void ContactSet::begin_step(const State& state, double time_step) {
       remove_if([this, slot](const Anchor& anchor) { return anchor.slot == slot && clear(anchor); });
     candidates_.for_each_predicted(
         slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; },
-        [this, slot](const Meeting& meeting) { create(slot, meeting); });
-    candidates_.for_each_pricking(collider, true, [this, slot](const Meeting& meeting) { create(slot, meeting); });
+        [this, slot](const ContactCandidate& candidate) { create(slot, candidate); });
+    candidates_.for_each_entering(collider, true,
+                                  [this, slot](const ContactCandidate& candidate) { create(slot, candidate); });
   }
   for (Anchor& anchor : anchors_)
     begin_anchor(anchor, candidates_.start(anchor.point), candidates_.predicted_end(anchor.point));
@@ -350,12 +351,12 @@ void ContactSet::find_crossed(const State& state, Found&& found) {
     if (!collider.is_set()) continue;
     if (!std::exchange(any, true)) candidates_.set_ends(state);
     collider.set_end(state);
-    const auto begin = [&](const Meeting& meeting) {
-      if (Anchor* anchor = create(slot, meeting)) found(*anchor);
+    const auto begin = [&](const ContactCandidate& candidate) {
+      if (Anchor* anchor = create(slot, candidate)) found(*anchor);
     };
     candidates_.for_each_crossed(
         slot, collider, [this, slot](int point) { return has_anchor(slot, point) != 0; }, begin);
-    candidates_.for_each_pricking(collider, false, begin);
+    candidates_.for_each_entering(collider, false, begin);
   }
 }
 

@@ -200,10 +200,10 @@ class ContactSet {
   double stiffness_of(int point) const {
     return stiffness_ * (point < points_.count() ? points_[point].area : sharp_area);
   }
-  bool is_taken(int roving_point) const;
+  bool is_taken(int triangle_point) const;
   bool has_left(const Anchor& anchor, const State& state);
-  bool is_pricked(int slot, int sharp) const;
-  Anchor* create(int slot, const Meeting& meeting);
+  bool has_entered(int slot, int sharp) const;
+  Anchor* create(int slot, const ContactCandidate& candidate);
   template <typename Ends>
   void remove_if(Ends&& ends);
   const Pose& pose_before(const Anchor& anchor) const;

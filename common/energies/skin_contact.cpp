@@ -126,22 +126,22 @@ void SkinContact::bind(const BlockMatrix& matrix) {
   }
 }
 
-SkinAnchor* SkinContact::create(const SkinMeeting& meeting) {
+SkinAnchor* SkinContact::create(const SkinCandidate& candidate) {
   if (anchors_.size() == anchors_.capacity()) {
     ++dropped_;
     return nullptr;
   }
   SkinAnchor anchor;
-  anchor.point = meeting.point;
-  anchor.triangle = meeting.triangle;
-  anchor.slot = search_.part_of_triangle(meeting.triangle);
-  anchor.anchor = meeting.place;
+  anchor.point = candidate.point;
+  anchor.triangle = candidate.triangle;
+  anchor.slot = search_.part_of_triangle(candidate.triangle);
+  anchor.anchor = candidate.place;
   anchor.normal = Vector3::UnitZ();
-  anchor.recess = meeting.recess;
-  anchor.fresh = anchor.two_sided = meeting.predicted;
-  anchor.stiffness = stiffness_ * points_[meeting.point].area;
-  anchor.set_friction(friction_of(meeting.point, anchor.slot));
-  has_anchor(meeting.point, anchor.slot) = 1;
+  anchor.recess = candidate.recess;
+  anchor.fresh = anchor.two_sided = candidate.predicted;
+  anchor.stiffness = stiffness_ * points_[candidate.point].area;
+  anchor.set_friction(friction_of(candidate.point, anchor.slot));
+  has_anchor(candidate.point, anchor.slot) = 1;
   anchors_.push_back(anchor);
   return &anchors_.back();
 }
@@ -172,9 +172,9 @@ void SkinContact::begin_step(const State& state, double time_step) {
   found_deep_ = false;
   search_.begin_step(state, time_step, is_deep_ ? SkinPatches::deepest : kReach);
   search_.for_each_predicted([this](int point, int part) { return has_anchor(point, part) != 0; },
-                             [this](const SkinMeeting& meeting) {
-                               found_deep_ = found_deep_ || meeting.recess > kReach;
-                               create(meeting);
+                             [this](const SkinCandidate& candidate) {
+                               found_deep_ = found_deep_ || candidate.recess > kReach;
+                               create(candidate);
                              });
   for (SkinAnchor& anchor : anchors_) begin_anchor(anchor, points_.at(anchor.point, search_.ends()), search_.ends());
 }
@@ -197,8 +197,8 @@ template <typename Found>
 void SkinContact::find_crossed(const State& state, Found&& found) {
   search_.set_ends(state);
   search_.for_each_crossed([this](int point, int part) { return has_anchor(point, part) != 0; },
-                           [&](const SkinMeeting& meeting) {
-                             if (SkinAnchor* anchor = create(meeting)) found(*anchor);
+                           [&](const SkinCandidate& candidate) {
+                             if (SkinAnchor* anchor = create(candidate)) found(*anchor);
                            });
 }
 

@@ -103,7 +103,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
                        static_cast<std::size_t>(part)];
   }
   double friction_of(int point, int part) const;
-  SkinAnchor* create(const SkinMeeting& meeting);
+  SkinAnchor* create(const SkinCandidate& candidate);
   void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
   template <typename Found>
   void find_crossed(const State& state, Found&& found);

@@ -69,9 +69,13 @@ std::vector<Measurement> cube_under_its_weight(const Parameters& p) {
   const double reference = kDensity * kGravity * kEdge * kEdge / (2 * modulus);
   const double height = mean_height(*simulation, 0.5 * kEdge) - mean_height(*simulation, -0.5 * kEdge);
   const double weight = simulation->soft()->mass(0) * kGravity;
-  // The table's contact sinks by rho g h/k_c = 44 nm, and not evenly, because corners have less mass for their area.
-  return {{"shortening", kEdge - height, reference, 0.01 * reference + 5e-9, "m", {}},
-          {"force on the table over the weight", -simulation->contact_wrench(0).force.y() / weight, 1, 0.01, "1", {}}};
+  std::vector<Measurement> rows{
+      {"force on the table over the weight", -simulation->contact_wrench(0).force.y() / weight, 1, 0.01, "1", {}}};
+  // The table's contact sinks by rho g h/k_c, and not evenly, because corners have less mass for their area. A
+  // shortening of this size cannot be told from it.
+  const double sink = kDensity * kGravity * kEdge / SimulationOptions().contact_stiffness;
+  if (reference > 10 * sink) rows.push_back({"shortening", kEdge - height, reference, 0.01 * reference, "m", {}});
+  return rows;
 }
 
 // Layers of a subdivided icosahedron around a middle node, which is node 0. Each prism between two layers is three
