@@ -100,14 +100,16 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> r
     double command = gain_ * share * requested[i];
     if (!std::isfinite(command)) {
       ++counters_.nonfinite;
-      state_.commands[i] = 0;
+      state_.commands[i] = lowest_[i] = highest_[i] = 0;
       continue;
     }
     const double inside = std::clamp(command, limits_.minimum_command, limits_.maximum_command);
     clamped = clamped || inside != command;
     // A force that returns to zero late would push the user who lets go.
     const double last = state_.commands[i];
-    const double next = std::clamp(inside, std::min(last, 0.0) - reach, std::max(last, 0.0) + reach);
+    lowest_[i] = std::max(limits_.minimum_command, std::min(last, 0.0) - reach);
+    highest_[i] = std::min(limits_.maximum_command, std::max(last, 0.0) + reach);
+    const double next = std::clamp(inside, lowest_[i], highest_[i]);
     slewed = slewed || next != inside;
     state_.commands[i] = next;
   }
@@ -123,6 +125,8 @@ const DeviceState& DeviceGuard::limit(Nanoseconds now, std::span<const double> r
 
 const DeviceState& DeviceGuard::zero(Nanoseconds now) {
   std::fill(state_.commands.begin(), state_.commands.end(), 0.0);
+  lowest_.fill(0);
+  highest_.fill(0);
   state_.live = 0;
   last_step_ = now;
   ++state_.stamp.sequence;

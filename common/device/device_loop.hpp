@@ -105,8 +105,15 @@ class DeviceGuard {
   const DeviceState& limit(Nanoseconds now, std::span<const double> requested, bool source_live);
   /// Sets all commands to zero immediately. Used on exit.
   const DeviceState& zero(Nanoseconds now);
-  /// The commands of the last step. The passivity controller changes them before they are written.
-  std::span<double> commands() { return {state_.commands.begin(), state_.commands.size()}; }
+  /// Calls change(std::span<double>) with the commands of the last step, before they are written. Then keeps them
+  /// within the limits: a controller must not make a force jump, and commands that are off stay zero.
+  template <typename F>
+  void adjust(F&& change) {
+    change(std::span<double>{state_.commands.begin(), state_.commands.size()});
+    for (std::size_t i = 0; i < state_.commands.size(); ++i)
+      state_.commands[i] = std::clamp(state_.commands[i], lowest_[i], highest_[i]);
+  }
+  /// Of the last step.
   std::span<const double> commands() const { return {state_.commands.begin(), state_.commands.size()}; }
   MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status, Nanoseconds now) const;
@@ -126,6 +133,7 @@ class DeviceGuard {
   FollowedWriter followed_;
   Stamp stamp_;
   DeviceState state_;
+  ActuatorValues lowest_{}, highest_{};  // what the last step may command
   DeviceCounters counters_;
 };
 
@@ -211,7 +219,7 @@ class DeviceLoop {
       source_live_ = source_is_live(*input);
     }
     const DeviceState& state = guard_.limit(now, feedback_.requested(), source_live_);
-    feedback_.control(guard_.commands());
+    guard_.adjust([this](std::span<double> commands) { feedback_.control(commands); });
     driver_->write(now, guard_.commands());
     return state;
   }

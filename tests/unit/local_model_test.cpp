@@ -288,6 +288,31 @@ TEST(Passivity, CommandsStayWithinTheLimitsOfTheDevice) {
   EXPECT_GE(loop.feedback().passivity().lowest_energy(), -1e-3);
 }
 
+// The controller adds damping at once. A force that jumps hurts, so its rise is limited like that of every force.
+TEST(Passivity, ControlledForcesRiseNoFasterThanTheSlewLimit) {
+  struct Slow final : Grounded {
+    DeviceLimits limits() const override { return {3, -100, 100, 400, stiffness, damping}; }
+    void write(Nanoseconds now, std::span<const double> commands) override {
+      const double last = force[0];
+      Grounded::write(now, commands);
+      fastest = std::max(fastest, force[0] * last < 0 ? std::abs(force[0]) : std::abs(force[0]) - std::abs(last));
+    }
+    double fastest = 0;  // N per step, away from zero
+  };
+  const auto device = std::make_shared<Slow>();
+  DeviceLoop<BoneWrench> loop{DeviceLoopOptions{}, device, 1, 0};
+  BoneWrench input = touching({20, 0, 0}, {0, 0, 0}, 0);
+  for (int i = 0; i < 250; ++i) {
+    ++input.stamp.sequence;
+    input.stamp.sample_time = input.stamp.publish_time = kStart + i * kMillisecond;
+    device->position[0] = i < 200 ? 0 : 5e-4 * (i - 200);  // the user suddenly gives way
+    loop.step(kStart + i * kMillisecond, &input);
+  }
+  const PassivityControl& passivity = loop.feedback().passivity();
+  EXPECT_GT(passivity.interventions(), 10u);
+  EXPECT_LE(device->fastest, 0.4 + 1e-9);
+}
+
 TEST(Passivity, SensorsThatJumpOrFailDoNoWork) {
   Rig rig;
   BoneWrench input = touching({3, 0, 0}, {0, 0, 0}, 0);
