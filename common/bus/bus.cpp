@@ -43,9 +43,8 @@ namespace dds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
-/// A participant's largest port is 7400 + 250 * domain + 11 + 2 * id. In the next domain, the ids that qos.cpp chooses
-/// (up to 112) would have ports above 65535.
-constexpr int kMaxDomain = 231;
+/// Cyclone DDS cannot read the governance of a secured domain above this one.
+constexpr int kMaxDomain = 230;
 /// A writer lives at least this long after a last sample that matters. 20 ms were once too short on a machine with six
 /// busy threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};

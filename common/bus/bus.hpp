@@ -32,7 +32,7 @@
 
 namespace softhand::bus {
 
-/// SOFTHAND_DOMAIN, 0 when unset. Throws std::runtime_error unless it is a whole number in 0..231.
+/// SOFTHAND_DOMAIN, 0 when unset. Throws std::runtime_error unless it is a whole number in 0..230.
 int domain_from_environment();
 
 namespace detail {

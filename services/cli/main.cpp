@@ -16,7 +16,7 @@ int main(int argc, char** argv) {
   CLI::App app(
       "Real-time simulation of a soft hand: tracked fingers grasp the objects of a physics engine through simulated "
       "tissue. The processes communicate over DDS.\n"
-      "All processes use the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 231, default 0). "
+      "All processes use the DDS domain in the environment variable SOFTHAND_DOMAIN (0 to 230, default 0). "
       "SOFTHAND_NETWORK names a file with the section [network]; without it they use the loopback interface "
       "(docs/several-hosts.md).",
       "softhand");

@@ -5,10 +5,10 @@ set(features viewer socket_trackers hand_builder object_builder tests)
 # Words in the commands of a build (compilations and links) that occur only if the build has the feature.
 set(only_viewer bin/softhand-viewer libsofthand_viewer_server.a)
 set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a)
-set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a cgal_mesh.cpp)
+set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a)
 set(only_object_builder bin/softhand-build-object libsofthand_object_builder.a cgal_solid.cpp)
 # Meshes, for both builders.
-set(only_meshes libsofthand_mesh_files.a gmp mpfr)
+set(only_meshes libsofthand_mesh_files.a libsofthand_skin_mesher.a cgal_mesh.cpp gmp mpfr)
 set(only_tests bin/softhand-report bin/softhand-bench libsofthand_cholmod_solver.a libgtest.a libbenchmark idlc
     fastddsgen)
 # HTTP and TLS, for the viewer and for trackers that listen to sockets.
