@@ -1,6 +1,7 @@
 // Assembles the hand file from skin, skeleton and mesh.
 #pragma once
 
+#include "hand_builder/anatomy.hpp"
 #include "hand_builder/mesher.hpp"
 
 namespace softhand::builder {

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "hand_builder/assemble.hpp"
+#include "hand_builder/parametric_skin.hpp"
 #include "hand_builder/rigged_hand.hpp"
 #include "trackers/replay/recording.hpp"
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "hand_builder/anatomy.hpp"
 #include "hand_builder/mesher.hpp"
 
 namespace softhand {

@@ -7,6 +7,7 @@
 
 #include "hand_builder/assemble.hpp"
 #include "hand_builder/contact_samples.hpp"
+#include "hand_builder/parametric_skin.hpp"
 #include "trackers/replay/generator.hpp"
 
 namespace softhand::builder {

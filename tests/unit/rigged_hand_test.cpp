@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "hand_builder/assemble.hpp"
+#include "hand_builder/parametric_skin.hpp"
 #include "trackers/replay/recording.hpp"
 
 namespace softhand::builder {
