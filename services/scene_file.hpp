@@ -67,9 +67,8 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
            "After each swing the coordinate falls to this much above its first value. 0 = not asked for.");
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
   v.number("skin_penetration", o.skin.penetration, "m", {0, 0.1},
-           "With `hand.simulation.skin_contact`, a run of `softhand simulate` succeeds only if 95 % of the touching "
-           "points of the skin are at most this deep in the skin, and if no finger passes another one. 0 = not asked "
-           "for.");
+           "With `hand.simulation.skin_contact`, a run of `softhand simulate` must pass two checks. 95 % of the points "
+           "of the skin that touch skin are at most this deep in it. No finger passes another one. 0 = not asked for.");
   v.number(
       "skin_friction", o.skin.friction, "1", {0, 1},
       "The same if friction of skin that slides on skin is `hand.simulation.skin_friction` times the normal force, "

@@ -1,8 +1,16 @@
-// Publish and subscribe over DDS with plain structs. This header includes no DDS header. An example:
+// Publish and subscribe over DDS with plain structs. This header includes no DDS header.
+//
+// A process begins with its participant:
 //
 //   bus::Participant participant("tracking");
+//
+// It reads and writes topics:
+//
 //   bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
 //   bus::Writer intermediate(participant, bus::topics::intermediate_skeleton);
+//
+// In its loop, it takes the newest sample, and writes only for somebody:
+//
 //   if (tracked.take_latest(skeleton)) ...
 //   if (intermediate.has_readers()) intermediate.write(skeleton);
 //

@@ -1,12 +1,13 @@
 // Which contact points of a hand meet its own skin in a step, and where. The narrow phase of contact of skin with skin.
 //
-// A point meets a triangle of another part of the skin (skin_patches.hpp):
+// A point meets a triangle of another part of the skin (skin_patches.hpp) in one of two ways.
 //
-// - It crosses the triangle from outside. The path is taken in the triangle's frame: height and place in the triangle
-//   change linearly from the step's start to its end. So two fingers that pass each other in one step meet.
-// - It is inside the other part at the step's start: below the triangle, which is the nearest one, and the skin around
-//   the point faces it. So a finger that is inside another one leaves on the side where it is least deep. Skin that
-//   faces away from the nearest triangle is not pushed: it follows its finger.
+// It crosses the triangle from outside. The path is taken in the triangle's frame. Height and place in the triangle
+// change linearly from the step's start to its end. So two fingers that pass each other in one step meet.
+//
+// Or it is inside the other part at the step's start. Then it is below the triangle, which is the nearest one, and the
+// skin around the point faces it. So a finger that is inside another one leaves on the side where it is least deep.
+// Skin that faces away from the nearest triangle is not pushed. It follows its finger.
 #pragma once
 
 #include <cstdint>

@@ -4,19 +4,23 @@
 //
 // e and n are those of contact.hpp. The degrees of freedom are those of U_n. Units: J, m, N.
 //
-// These are the departures from the source.
+// This term departs from the source as follows.
 //
-// - In eq. 33, mu scales a stiffness. Here mu bounds the force by Coulomb's law (coulomb.hpp). Within a step, the bound
-//   uses the normal force at the step's start, so that the energy is a fixed convex function.
-// - For a fresh contact the bound uses the force that stops the node alone on an unmoved object. This force is
-//   k u / (1 + k dt^2/m) at the predicted depth u of the node.
-// - Anchors slide at the end of the step (ContactSet), by the normal force at that time. A sticking anchor does not
-//   move at all: no creep.
-// - s_0 is the stretch at the start of the first step of a fresh contact, because its anchor lies ahead at the
-//   crossing. In later steps s_0 is zero.
-// - At the step's start, the projected Hessian is a choice at the kink between sticking and sliding. An anchor that
-//   slid and moves on uses the sliding Hessian. A fresh anchor uses the secant to the predicted stretch. So a step of
-//   one Newton iteration does not stick if the converged step slides.
+// In eq. 33, mu scales a stiffness. Here mu bounds the force by Coulomb's law (coulomb.hpp). Within a step, the bound
+// uses the normal force at the step's start. So the energy is a fixed convex function.
+//
+// For a fresh contact the bound uses the force that stops the node alone on an unmoved object. This force is
+// k u / (1 + k dt^2/m) at the predicted depth u of the node.
+//
+// Anchors slide at the end of the step (ContactSet), by the normal force at that time. A sticking anchor does not move
+// at all: no creep.
+//
+// s_0 is the stretch at the start of the first step of a fresh contact, because its anchor lies ahead at the crossing.
+// In later steps s_0 is zero.
+//
+// At the step's start, the projected Hessian is a choice at the kink between sticking and sliding. An anchor that slid
+// and moves on uses the sliding Hessian. A fresh anchor uses the secant to the predicted stretch. So a step of one
+// Newton iteration does not stick if the converged step slides.
 #pragma once
 
 #include "energies/contact.hpp"

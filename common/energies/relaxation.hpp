@@ -6,8 +6,8 @@
 // A branch is a spring in series with a damper (Maxwell). Its shear modulus is mu w. h is the strain of the spring at
 // the step's start, and E_0 the strain of the tetrahedron then. If E changes evenly over the step, then
 // dh/dt = dE/dt - h/tau has the solution h' = e^-a h + g (E - E_0). dU_r/dE = 2 V mu w h' is its stress at the step's
-// end. So a ramp has no error of time integration, for any dt/tau (Simo and Hughes 1998, Computational Inelasticity,
-// 10.3.2). mu is the shear modulus of the tissue, which is the modulus after all branches have relaxed.
+// end. So a ramp has no error of time integration, for any dt/tau. Source: Simo and Hughes 1998, Computational
+// Inelasticity, section 10.3. mu is the shear modulus of the tissue, which is the modulus after all branches relaxed.
 //
 // Only shear and length relax: the branches have no bulk modulus. Green's strain makes U_r invariant under rotations,
 // so force and torque balance exactly. All branches together are one quadratic function of E within a step. So their

@@ -1,5 +1,5 @@
-// Contact of a hand's skin with its own skin, and friction there: finger against finger, finger against palm, and the
-// thumb across the hand (ES2725128A1 eqs. 32 and 33, figure 4; the source leaves skin against skin out).
+// Contact of a hand's skin with its own skin, and friction there. It acts between fingers, finger and palm, and thumb
+// and hand. The law is that of ES2725128A1 eqs. 32 and 33, figure 4. The source leaves skin against skin out.
 //
 //   U = sum 1/2 k min(0, u)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|T e - s_0|),   k = 1/2 k_c A
 //   u = n . e,   e = R^T (x_p - x_t) - a,   T = 1 - n n^T

@@ -57,8 +57,9 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.flag("gravity", o.gravity,
          "Gravity acts on the hand itself. Off by default, because the user's arm carries the hand's weight.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
-           "Tissue that is inverted, wound around its bones or hooked behind an object in two checks this far apart is "
-           "moved back to its rest place relative to the bones, if that releases energy. 0 = never.");
+           "Two checks this far apart look for tissue that is inverted, wound around its bones or hooked behind an "
+           "object. What both find is moved to its rest place relative to the bones, if that releases energy. "
+           "0 = never.");
   v.integer("threads", o.threads, "", {1, 2},
             "2: a second thread computes half of the tissue and of the factorisation. The result has the same bits. "
             "Both threads are pinned to cores of their own, so the machine needs a free core.");
