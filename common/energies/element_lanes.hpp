@@ -111,18 +111,26 @@ SOFTHAND_INLINE void store_block(std::size_t slot, const Row3<Row> (&column)[3],
   }
 }
 
-template <typename Row>
-SOFTHAND_INLINE void subtract_transposed(const Row3<Row> (&column)[3], Row3<Row> (&from)[3]) {
-  from[0] = from[0] - Row3<Row>{column[0].x, column[1].x, column[2].x};
-  from[1] = from[1] - Row3<Row>{column[0].y, column[1].y, column[2].y};
-  from[2] = from[2] - Row3<Row>{column[0].z, column[1].z, column[2].z};
-}
-
-// Stores the blocks of node 0. The rows of the element's Hessian sum to zero. So block (n, 0) = -sum of (n, 1) to
-// (n, 3), which is `to_first[n - 1]`, and likewise for the corner block (0, 0).
-template <typename Row>
-SOFTHAND_INLINE void store_first_blocks(const Row3<Row> (&to_first)[3][3], std::size_t first,
-                                        BatchResult<Row>& result) {
+// Stores the Hessian of an element. Calls block(n, m, column) for its blocks (n + 1, m + 1), n >= m. Its rows sum to
+// zero. So block (n + 1, 0) = -sum of (n + 1, 1) to (n + 1, 3), and likewise for the corner block (0, 0).
+template <typename Row, typename Block>
+SOFTHAND_INLINE void store_blocks(std::size_t first, BatchResult<Row>& result, const Block& block) {
+  Row3<Row> to_first[3][3];
+#pragma GCC unroll 3
+  for (std::size_t n = 0; n < 3; ++n) {
+#pragma GCC unroll 3
+    for (std::size_t m = 0; m <= n; ++m) {
+      Row3<Row> column[3];
+      block(n, m, column);
+      store_block(element_slot(n + 1, m + 1), column, first, result);
+#pragma GCC unroll 3
+      for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
+      if (m == n) continue;
+      to_first[m][0] = to_first[m][0] - Row3<Row>{column[0].x, column[1].x, column[2].x};
+      to_first[m][1] = to_first[m][1] - Row3<Row>{column[0].y, column[1].y, column[2].y};
+      to_first[m][2] = to_first[m][2] - Row3<Row>{column[0].z, column[1].z, column[2].z};
+    }
+  }
   Row3<Row> corner[3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) store_block(element_slot(n + 1, 0), to_first[n], first, result);

@@ -58,26 +58,15 @@ SOFTHAND_INLINE void evaluate_lanes(const RelaxationBatch& batch, std::size_t fi
   Row3<Row> left[3] = {{none, none, none}, {none, none, none}, {none, none, none}};  // K F F^T
   const Row3<Row> scaled[3] = {stiffness * columns[0], stiffness * columns[1], stiffness * columns[2]};
   add_products(scaled, columns, left);
-  Row3<Row> to_first[3][3];
-#pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) {
-#pragma GCC unroll 3
-    for (std::size_t m = 0; m <= n; ++m) {
-      const Row both = dot(gradient_of[n], gradient_of[m]);
-      Row3<Row> column[3] = {both * left[0], both * left[1], both * left[2]};
-      const Row3<Row> one[1] = {stiffness * moved[m]}, other[1] = {moved[n]};
-      add_products(one, other, column);
-      if (!projected) {
-        const Row same = rounded<Row>(dot(shape[n], pull[m]));
-        column[0].x = column[0].x + same, column[1].y = column[1].y + same, column[2].z = column[2].z + same;
-      }
-      store_block(element_slot(n + 1, m + 1), column, first, result);
-#pragma GCC unroll 3
-      for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
-      if (m < n) subtract_transposed(column, to_first[m]);
-    }
-  }
-  store_first_blocks(to_first, first, result);
+  store_blocks(first, result, [&](std::size_t n, std::size_t m, Row3<Row>(&column)[3]) {
+    const Row both = dot(gradient_of[n], gradient_of[m]);
+    for (std::size_t l = 0; l < 3; ++l) column[l] = both * left[l];
+    const Row3<Row> one[1] = {stiffness * moved[m]}, other[1] = {moved[n]};
+    add_products(one, other, column);
+    if (projected) return;
+    const Row same = rounded<Row>(dot(shape[n], pull[m]));
+    column[0].x = column[0].x + same, column[1].y = column[1].y + same, column[2].z = column[2].z + same;
+  });
 }
 
 double relaxation_energy(const RelaxationBatch* batches, std::size_t count, const double* positions,

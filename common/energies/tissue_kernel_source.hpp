@@ -295,24 +295,17 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     factor_of[n][4] = rounded<Row>(pull[n]);
   }
   const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic;
-  Row3<Row> to_first[3][3];
+  Row3<Row> scaled[3][5];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
-    Row3<Row> scaled[5];
 #pragma GCC unroll 5
-    for (std::size_t k = 0; k < 5; ++k) scaled[k] = term[k] * factor_of[n][k];
-#pragma GCC unroll 3
-    for (std::size_t m = 0; m <= n; ++m) {
-      const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
-      Row3<Row> column[3] = {{same, none, none}, {none, same, none}, {none, none, same}};
-      add_products(scaled, factor_of[m], column);
-      store_block(element_slot(n + 1, m + 1), column, first, result);
-#pragma GCC unroll 3
-      for (std::size_t l = 0; l < 3; ++l) to_first[n][l] = m == 0 ? -column[l] : to_first[n][l] - column[l];
-      if (m < n) subtract_transposed(column, to_first[m]);
-    }
+    for (std::size_t k = 0; k < 5; ++k) scaled[n][k] = term[k] * factor_of[n][k];
   }
-  store_first_blocks(to_first, first, result);
+  store_blocks(first, result, [&](std::size_t n, std::size_t m, Row3<Row>(&column)[3]) {
+    const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
+    column[0] = {same, none, none}, column[1] = {none, same, none}, column[2] = {none, none, same};
+    add_products(scaled[n], factor_of[m], column);
+  });
 }
 
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
