@@ -175,16 +175,21 @@ class Planes final : public RigWitness {
   double facing = -1;
 };
 
+// Plays the scene for `seconds` with the hand of 400 nodes.
+void witness_pinch_lift(RigWitness& witness, double seconds, std::vector<std::string> settings = {}) {
+  settings.push_back("hand.model=right_400.hand.json");
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", settings);
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
+                 &witness);
+  rig.run(seconds, nullptr);
+}
+
 TEST(PinchLift, WrenchHasThePlanesOfTheHeldCubeWithAndWithoutTheIntermediateLayer) {
   for (const char* direct : {"false", "true"}) {
-    const Scene scene = read_scene(kScenes + "pinch_lift.toml",
-                                   {"hand.model=right_400.hand.json", std::string("hand.direct=") + direct});
-    const HandModel hand = load_scene_hand(scene);
-    const auto motion = make_scene_motion(scene, hand);
     Planes planes;
-    VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
-                   &planes);
-    rig.run(5, nullptr);
+    witness_pinch_lift(planes, 5, {std::string("hand.direct=") + direct});
     EXPECT_GT(planes.messages, 50) << direct;
     EXPECT_GT(planes.with_planes, 0.9 * planes.messages) << direct;
     EXPECT_LT(planes.facing, -0.8) << direct;
@@ -221,13 +226,8 @@ class Approach final : public RigWitness {
 };
 
 TEST(PinchLift, WrenchHasThePlaneOfTheCubeBeforeTheTouch) {
-  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
-  const HandModel hand = load_scene_hand(scene);
-  const auto motion = make_scene_motion(scene, hand);
   Approach approach;
-  VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)),
-                 &approach);
-  rig.run(2.5, nullptr);
+  witness_pinch_lift(approach, 2.5);
   ASSERT_TRUE(approach.touched);
   ASSERT_GT(approach.gaps.size(), 5u);
   EXPECT_LT(approach.gaps.back(), 2e-3);
