@@ -2,10 +2,12 @@
 // hand, and hold a cube while the tracker misbehaves. They use the smallest shipped hand to save time. `softhand
 // simulate` runs the same scenes with the default hand.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -14,6 +16,7 @@
 #include "cli/virtual_rig.hpp"
 #include "messages/convert.hpp"
 #include "scene/rest_error.hpp"
+#include "support/moving_hand.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
 namespace softhand {
@@ -415,9 +418,25 @@ TEST(Fist, LeavesTheTissueIntact) {
   EXPECT_EQ(result.untangled_nodes, 0u);
 }
 
+// The way of a recording through the scene, without the recorded hand: the generated motion of pinch_lift as a file.
+TEST(RecordedGrasp, ARecordedPinchLiftsAsTheGeneratedOneDoes) {
+  const Scene scene = read_scene(kScenes + "pinch_lift.toml", {"hand.model=right_400.hand.json"});
+  const auto motion = make_scene_motion(scene, load_scene_hand(scene));
+  std::vector<double> times;
+  for (double time = 0; time < motion->duration(); time += 1.0 / 90) times.push_back(time);
+  const std::string path = "/tmp/softhand_recorded_pinch_" + std::to_string(getpid()) + ".csv";
+  std::ofstream(path) << testing::recording_text(*motion, times);
+  const Result result = run("pinch_lift.toml", {"motion=" + path});
+  std::filesystem::remove(path);
+  EXPECT_LE(number(result, "fingertip_rms_mm"), 5);
+  EXPECT_LE(number(result, "lag_ms"), 30);
+  EXPECT_GT(result.object_height_max, 0.14) << "not lifted";
+  EXPECT_EQ(result.summary["nonfinite_published"], 0);
+}
+
 TEST(RecordedGrasp, FollowsAndHolds) {
-  const std::string motion = std::string(SOFTHAND_SOURCE_DIR) + "/../shared/data/quest3/right.csv";
-  if (!std::filesystem::exists(motion)) GTEST_SKIP() << "no recording at " << motion;
+  const std::string motion = testing::recorded_hand_path();
+  if (!std::filesystem::exists(motion)) GTEST_SKIP() << "no " << motion;
   const Result result = run("recorded_grasp.toml", {"motion=" + std::filesystem::weakly_canonical(motion).string()});
   EXPECT_LE(number(result, "fingertip_rms_mm"), 5);
   EXPECT_LE(number(result, "lag_ms"), 30);

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <iomanip>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -40,6 +42,38 @@ inline MovingHand recorded_hand(const HandModel& hand) {
   const Recording recording = Recording::load(recorded_hand_path());
   return {fitted(hand, measure_skeleton(recording.frames(), recording.radii())),
           {recording.frames().begin(), recording.frames().end()}};
+}
+
+/// The columns of a recording, by the names of WebXR.
+inline std::string recording_header() {
+  std::string header = "t_s";
+  const auto add = [&header](const std::string& joint) {
+    for (const char* suffix : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"}) header += "," + joint + "." + suffix;
+  };
+  for (const char* joint : {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip"})
+    add(joint);
+  for (const char* finger : {"index-finger", "middle-finger", "ring-finger", "pinky-finger"}) {
+    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"})
+      add(std::string(finger) + "-" + part);
+  }
+  return header + "\n";
+}
+
+/// A recording of `motion` at `times` (s), with every digit. It begins at 20 s.
+inline std::string recording_text(const Motion& motion, const std::vector<double>& times) {
+  std::ostringstream text;
+  text << recording_header() << std::setprecision(17);
+  for (const double time : times) {
+    text << 20 + time;
+    const JointFrames frames = motion.at(time);
+    for (std::size_t j = 1; j < kJointCount; ++j) {
+      for (const double x : frames[j].position) text << "," << x;
+      for (const double x : frames[j].orientation.coeffs()) text << "," << x;
+      text << ",0.01";
+    }
+    text << "\n";
+  }
+  return text.str();
 }
 
 /// Distances, mm, and turns, degrees, between joints that arrived and the joints that were sent. The palm is left out,

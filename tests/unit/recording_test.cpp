@@ -5,9 +5,9 @@
 
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <memory>
 #include <sstream>
+#include <vector>
 
 #include "messages/convert.hpp"
 #include "support/moving_hand.hpp"
@@ -27,20 +27,6 @@ std::string csv_row(double t, double x) {
   for (int j = 0; j < 25; ++j) row << "," << x << "," << 0.01 * j << ",0,0,0,0,1,0.01";
   return row.str() + "\n";
 }
-std::string csv_header() {
-  static const char* joints[] = {"wrist", "thumb-metacarpal", "thumb-phalanx-proximal", "thumb-phalanx-distal",
-                                 "thumb-tip"};
-  std::string header = "t_s";
-  const auto add = [&header](const std::string& joint) {
-    for (const char* suffix : {"px", "py", "pz", "qx", "qy", "qz", "qw", "r"}) header += "," + joint + "." + suffix;
-  };
-  for (const char* joint : joints) add(joint);
-  for (const char* finger : {"index-finger", "middle-finger", "ring-finger", "pinky-finger"}) {
-    for (const char* part : {"metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"})
-      add(std::string(finger) + "-" + part);
-  }
-  return header + "\n";
-}
 std::string error_of(const std::string& text) {
   std::istringstream in(text);
   try {
@@ -52,7 +38,7 @@ std::string error_of(const std::string& text) {
 }
 
 TEST(Recording, ReadsJointsAndPlacesThePalm) {
-  std::istringstream in(csv_header() + csv_row(5, 0.1) + csv_row(5.02, 0.3));
+  std::istringstream in(testing::recording_header() + csv_row(5, 0.1) + csv_row(5.02, 0.3));
   const Recording recording = Recording::parse(in, "hand.csv");
   EXPECT_EQ(recording.frames().size(), 2u);
   EXPECT_NEAR(recording.duration(), 0.02, 1e-12);
@@ -64,7 +50,7 @@ TEST(Recording, ReadsJointsAndPlacesThePalm) {
 }
 
 TEST(Recording, IgnoresAByteOrderMarkBeforeTheHeader) {
-  EXPECT_EQ(error_of("\xEF\xBB\xBF" + csv_header() + csv_row(0, 0.1)), "");
+  EXPECT_EQ(error_of("\xEF\xBB\xBF" + testing::recording_header() + csv_row(0, 0.1)), "");
 }
 
 TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
@@ -73,11 +59,13 @@ TEST(Recording, ErrorsNameFileLineColumnAndWhatWasExpected) {
   EXPECT_NE(error_of("t_s,elbow.px\n").find("hand.csv:1: column 'elbow.px'"), std::string::npos);
   std::string bad = csv_row(1, 0.5);
   bad.replace(bad.find("0.5"), 3, "abc");
-  EXPECT_EQ(error_of(csv_header() + csv_row(0, 0) + bad),
+  EXPECT_EQ(error_of(testing::recording_header() + csv_row(0, 0) + bad),
             "hand.csv:3: column 'wrist.px': expected a finite number, got 'abc'");
-  EXPECT_NE(error_of(csv_header() + csv_row(1, 0) + csv_row(1, 0)).find("hand.csv:3: column 't_s'"), std::string::npos);
-  EXPECT_NE(error_of(csv_header() + "1,2,3\n").find("hand.csv:2: expected 201 columns, got 3"), std::string::npos);
-  EXPECT_NE(error_of(csv_header()).find("at least one row"), std::string::npos);
+  EXPECT_NE(error_of(testing::recording_header() + csv_row(1, 0) + csv_row(1, 0)).find("hand.csv:3: column 't_s'"),
+            std::string::npos);
+  EXPECT_NE(error_of(testing::recording_header() + "1,2,3\n").find("hand.csv:2: expected 201 columns, got 3"),
+            std::string::npos);
+  EXPECT_NE(error_of(testing::recording_header()).find("at least one row"), std::string::npos);
 }
 
 TEST(Recording, RecordedHandHasConstantBoneLengths) {
@@ -100,20 +88,9 @@ TEST(Recording, RecordedHandHasConstantBoneLengths) {
 // Written with every digit at uneven times, as a headset's frames come. The hand moves in each frame.
 TEST(Recording, TheTrackerPlaysEveryFrameAtItsOwnTime) {
   const std::shared_ptr<const Motion> motion = testing::free_motion();
-  std::ostringstream text;
-  text << csv_header() << std::setprecision(17);
-  for (int i = 0; i < 200; ++i) {
-    const double time = 0.011 * i + (i % 3 == 1 ? 0.002 : 0);
-    text << 20 + time;
-    for (std::size_t j = 1; j < kJointCount; ++j) {
-      const Pose joint = motion->at(time)[j];
-      for (const double x : joint.position) text << "," << x;
-      for (const double x : joint.orientation.coeffs()) text << "," << x;
-      text << ",0.01";
-    }
-    text << "\n";
-  }
-  std::istringstream in(text.str());
+  std::vector<double> times;
+  for (int i = 0; i < 200; ++i) times.push_back(0.011 * i + (i % 3 == 1 ? 0.002 : 0));
+  std::istringstream in(testing::recording_text(*motion, times));
   const auto recording = std::make_shared<Recording>(Recording::parse(in, "hand.csv"));
   ASSERT_EQ(recording->frames().size(), 200u);
   ReplayTracker tracker(recording, {}, {});
