@@ -141,11 +141,11 @@ int run_simulate(const SimulateArguments& arguments) {
   json.update(rig.outcome().summary(frame));
   const HandSimulation& simulation = rig.hand().simulation();
   json["skin"] = skin.summary(scene.options.judge.skin, scene.options.hand.simulation.skin_friction);
-  json["soft"] = soft.summary(scene.options.judge.soft);
+  if (Json of_soft = soft.summary(scene.options.judge.soft); !of_soft.is_null()) json["soft"] = std::move(of_soft);
   // Goals of the skin and of a flexible object come in addition to those of the object.
   for (const char* part : {"skin", "soft"}) {
+    if (!json.contains(part) || !json[part].contains("success")) continue;
     const Json of_part = json[part];
-    if (!of_part.contains("success")) continue;
     json["success"] = of_part["success"].get<bool>() && json.value("success", true);
     json["success_because"] =
         (json.contains("success_because") ? json["success_because"].get<std::string>() + "; " : "") +

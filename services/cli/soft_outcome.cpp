@@ -33,7 +33,8 @@ const std::array<Vector3, kDirections>& directions() {
 SoftOutcome::Widths SoftOutcome::widths_of(const SoftObjects& soft, const State& state) {
   Vector3 centre = Vector3::Zero();
   for (int n = soft.first_node(0); n < soft.first_node(1); ++n)
-    centre += soft.node_masses()[static_cast<std::size_t>(n)] / soft.mass(0) * state.node_positions.col(n);
+    centre += soft.node_masses()[static_cast<std::size_t>(n)] * state.node_positions.col(n);
+  centre /= soft.mass(0);
   // By direction: where the line through the centre leaves the object, forwards and backwards, m.
   std::array<double, kDirections> forwards{}, backwards{};
   for (const auto& triangle : soft.surface(0)) {
