@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/hands_outcome.hpp"
 #include "cli/outcome.hpp"
 #include "cli/skin_outcome.hpp"
 #include "cli/soft_outcome.hpp"
@@ -49,6 +50,7 @@ struct JudgeOptions {
   std::int64_t times = 1;
   SkinGoal skin;
   SoftGoal soft;
+  HandsGoal hands;
 };
 inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.string("object", o.object, "Name of the object that is grasped. Empty = the first object that can move.");
@@ -80,6 +82,14 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
            "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
            "go of it. 0 = not asked for.");
+  v.number("hands_weight", o.hands.weight, "1", {0, 1},
+           "With two `hands`, a run of `softhand simulate` succeeds only if their upward forces on the lifted object "
+           "sum to its weight, within this fraction. 0 = not asked for.");
+  v.number("hands_share", o.hands.share, "1", {0, 1},
+           "The same if the share of the first hand is that of the lever arms, within this much. 0 = not asked for.");
+  v.number("handed_slip", o.hands.handed_slip, "m", {0, 1},
+           "The same if one hand takes the object from the other, and the object moves by less than this in its palm. "
+           "0 = not asked for.");
 }
 
 struct HapticOptions : DeviceOptions<HapticLogOptions> {};
@@ -96,6 +106,7 @@ inline void describe(OptionVisitor& v, TactileOptions& o) {
 struct SceneOptions {
   std::string name = "scene";
   std::string watch;  ///< empty = not a demonstration
+  std::string plays;  ///< name of one of `Scene::hands`
   std::int64_t user = 0;
   std::string motion;  ///< file of a recording, or empty
   bool fit_hand = true;
@@ -131,6 +142,7 @@ struct Scene {
   std::vector<std::string> ignored;         ///< sections of drivers that this program does not know
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
   std::vector<SoftObject> soft_objects;     ///< the flexible ones; `options.objects` has the others
+  std::vector<std::string> hands;           ///< names of the tables `[[hands]]`. Empty: the scene has one hand
 };
 
 /// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene

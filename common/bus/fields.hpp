@@ -238,6 +238,21 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("coupling_torque", m.coupling_torque);
 }
 
+template <typename V, Is<ContactPatch> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("object_id", m.object);
+  v.field("body", m.body);
+  v.field("point", m.point);
+  v.field("normal", m.normal);
+  v.field("force", m.force);
+  v.field("torque", m.torque);
+  v.field("linear_velocity", m.linear_velocity);
+  v.field("angular_velocity", m.angular_velocity);
+  v.field("stiffness", m.stiffness);
+  v.field("radius", m.radius);
+  v.field("friction", m.friction);
+}
+
 template <typename V, Is<ObjectCoupling> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.key("hand", m.hand);
@@ -245,6 +260,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("mode", m.mode);
   v.field("step_period", m.step_period);
   v.field("twins", m.twins);
+  v.field("patches", m.patches);
 }
 
 template <typename V, Is<BoneSample> M>

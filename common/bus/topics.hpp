@@ -74,7 +74,7 @@ inline constexpr Topic<WorldObjects> objects{{
     best_effort, vol,  1, 16,      0,  0,    0, one,      250, "world", "hand, viewer, recorder"}};
 inline constexpr Topic<ObjectCoupling> object_coupling{{
     "softhand/v1/object_coupling", "softhand::v1::ObjectCoupling",
-    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "world, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "world, other hands, viewer, recorder"}};
 inline constexpr Topic<BoneWrench> bone_wrench{{
     "softhand/v1/bone_wrench", "softhand::v1::BoneWrench",
     best_effort, vol,  1, kHands,  0,  0,    0, one,   1000, "tracking, hand (direct)", "haptics, viewer, recorder"}};

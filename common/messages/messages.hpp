@@ -284,17 +284,35 @@ struct ObjectTwin {
   Vec3 angular_velocity{};
   Vec3 contact_force{};   ///< f_h, from the hand on the object, N
   Vec3 contact_torque{};  ///< about the centre of mass, N m
-  /// From U'_crb on the twin (mode symmetric), or from its joints with other objects (mode owner), N.
+  /// From U'_crb on the twin (mode symmetric), or from its joints with other objects and from other hands (mode
+  /// owner), N.
   Vec3 coupling_force{};
   Vec3 coupling_torque{};
 };
 inline constexpr std::size_t kMaxMirrored = 16;
+/// The contact of one bone with one object, for another hand that touches this object too. At `stamp.sample_time` and
+/// the twin's pose it has this force. Then the contact moves with the bone (energies/other_hands.hpp).
+struct ContactPatch {
+  std::uint32_t object = 0;
+  std::uint32_t body = 0;   ///< 0..20
+  Vec3 point{};             ///< centre of pressure, m, world
+  Vec3 normal{0, 1, 0};     ///< unit, from the hand into the object
+  Vec3 force{};             ///< from the hand on the object, N
+  Vec3 torque{};            ///< the same about `point`, N m
+  Vec3 linear_velocity{};   ///< of the bone at `point`, m/s
+  Vec3 angular_velocity{};  ///< of the bone, rad/s
+  double stiffness = 0;     ///< N/m along the normal; across: times min(friction, 1)
+  double radius = 0;        ///< m, root mean square distance of the contact points from `point`
+  double friction = 0;
+};
+inline constexpr std::size_t kMaxPatches = 32;
 struct ObjectCoupling {
   HandKey hand;
   Stamp stamp;
   std::uint32_t mode = 0;  ///< 0 owner, 1 symmetric
   double step_period = 0;  ///< s, of the hand simulation
   BoundedVector<ObjectTwin, kMaxMirrored> twins;
+  BoundedVector<ContactPatch, kMaxPatches> patches;  ///< only of objects that another hand has too
 };
 
 /// bone_wrench: input of a haptic driver (claim 14), about each bone's joint frame.

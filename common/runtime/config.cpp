@@ -234,6 +234,42 @@ class TomlReader final : public OptionVisitor {
     }
   }
 
+  /// Reads the chosen table of the list at `node`.
+  void read_variant(Variants& variants, toml::node* node, const Description& members, const ForeignKey& foreign) {
+    known_.push_back(variants.list);
+    variants.names.clear();
+    toml::array* array = node == nullptr ? nullptr : node->as_array();
+    toml::table* chosen = nullptr;
+    for (std::size_t i = 0; array != nullptr && i < array->size(); ++i) {
+      toml::table* table = array->get(i)->as_table();
+      const auto name = table == nullptr ? std::nullopt : (*table)["name"].value<std::string>();
+      if (!name || name->empty()) {
+        refuse(*array->get(i), variants.list, fmt::format("tables [[{}]], each with a name", variants.list));
+        return;
+      }
+      if (std::find(variants.names.begin(), variants.names.end(), *name) != variants.names.end()) {
+        refuse(*array->get(i), variants.list, fmt::format("different names; '{}' is there twice", *name));
+        return;
+      }
+      variants.names.push_back(*name);
+      if (chosen == nullptr && (variants.chosen.empty() || variants.chosen == *name)) chosen = table;
+    }
+    if (node != nullptr && array == nullptr)
+      refuse(*node, variants.list, fmt::format("an array of tables [[{}]]", variants.list));
+    if (chosen == nullptr) {
+      if (!variants.chosen.empty() && errors_.empty())
+        errors_.push_back(
+            {table_.source().begin, fmt::format("no table [[{}]] has the name '{}'", variants.list, variants.chosen)});
+      return;
+    }
+    const std::string name = (*chosen)["name"].value<std::string>().value_or("");
+    chosen->erase("name");
+    TomlReader inner(*chosen, fmt::format("{}.{}", variants.list, name), errors_);
+    members(inner);
+    inner.refuse_unknown_keys(foreign);
+    variants.chosen = name;
+  }
+
   void refuse_unknown_keys(const ForeignKey& foreign = nullptr) {
     for (const auto& [key, node] : table_) {
       if (std::find(known_.begin(), known_.end(), key.str()) != known_.end()) continue;
@@ -550,7 +586,7 @@ std::string read_whole_file(const std::string& path) {
 }
 
 void read_toml_text(const Description& description, std::string_view text, const std::string& path,
-                    const ForeignKey& foreign) {
+                    const ForeignKey& foreign, Variants* variants) {
   toml::table table;
   try {
     table = toml::parse(text, path);
@@ -560,6 +596,7 @@ void read_toml_text(const Description& description, std::string_view text, const
   std::vector<TomlReader::Error> errors;
   TomlReader reader(table, "", errors);
   description(reader);
+  if (variants != nullptr) reader.read_variant(*variants, table[variants->list].node(), description, foreign);
   reader.refuse_unknown_keys(foreign);
   if (errors.empty()) return;
   std::stable_sort(errors.begin(), errors.end(), [](const auto& a, const auto& b) { return a.where < b.where; });

@@ -31,10 +31,18 @@ struct AppliedOverride {
 /// Says whether a top-level key of a shared file belongs to another program.
 using ForeignKey = std::function<bool(std::string_view)>;
 
+/// A top-level array of tables in which each table has a `name` and keys of the whole file. One of the tables is chosen.
+/// Its keys replace those of the file.
+struct Variants {
+  std::string list;                ///< key of the array
+  std::string chosen;              ///< name; empty: the first
+  std::vector<std::string> names;  ///< of all, as read
+};
+
 namespace config_detail {
 using Description = std::function<void(OptionVisitor&)>;
 void read_toml_text(const Description& description, std::string_view text, const std::string& path,
-                    const ForeignKey& foreign);
+                    const ForeignKey& foreign, Variants* variants);
 std::string read_whole_file(const std::string& path);
 AppliedOverride apply_override(const Description& description, std::string_view assignment);
 std::string reference_markdown(const Description& description, std::string_view title);
@@ -46,11 +54,13 @@ std::string reference_markdown(const Description& description, std::string_view 
 /// - Unknown keys, wrong types, values out of range and non-finite numbers are errors. They are reported together,
 ///   sorted by line. For an unknown key the message suggests the nearest known key.
 /// - Top-level keys that `foreign` accepts and `options` does not have are ignored. Null accepts none.
+/// - If `variants` is not null, the chosen one is read after the file. An unknown name is an error.
 /// On errors, throws ConfigError and does not change `options`.
 template <typename T>
-void read_toml_text(T& options, std::string_view text, const std::string& path, const ForeignKey& foreign = nullptr) {
+void read_toml_text(T& options, std::string_view text, const std::string& path, const ForeignKey& foreign = nullptr,
+                    Variants* variants = nullptr) {
   T fresh = options;
-  config_detail::read_toml_text([&fresh](OptionVisitor& v) { describe(v, fresh); }, text, path, foreign);
+  config_detail::read_toml_text([&fresh](OptionVisitor& v) { describe(v, fresh); }, text, path, foreign, variants);
   options = std::move(fresh);
 }
 

@@ -15,12 +15,14 @@
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
 #include "energies/object_joint.hpp"
+#include "energies/other_hands.hpp"
 #include "energies/plane_contact.hpp"
 #include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
+#include "scene/contact_patches.hpp"
 
 namespace softhand {
 namespace {
@@ -180,6 +182,11 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
     auto planes = std::make_unique<PlaneContact>(layout, kBodyCount, mirrored_slots_);
     planes_ = planes.get();
     terms_.push_back(std::move(planes));
+    if (options.other_hands) {
+      auto other_hands = std::make_unique<OtherHands>(layout, kBodyCount, mirrored_slots_);
+      other_hands_ = other_hands.get();
+      terms_.push_back(std::move(other_hands));
+    }
   }
   // In mode symmetric the joints act in the world alone.
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0 && object_joints > 0) {
@@ -489,6 +496,10 @@ Wrench HandSimulation::joint_wrench(int slot) const {
   return joints_ == nullptr || slot_is_static(slot) ? Wrench{} : joints_->wrench(kBodyCount + slot);
 }
 
+Wrench HandSimulation::other_hands_wrench(int slot) const {
+  return other_hands_ == nullptr || slot_is_static(slot) ? Wrench{} : other_hands_->wrench(slot);
+}
+
 int HandSimulation::joint_count() const { return joints_ == nullptr ? 0 : joints_->place_count(); }
 
 void HandSimulation::set_joint(int place, const MirroredJoint& from) {
@@ -544,8 +555,21 @@ void HandSimulation::write_contacts(Contacts& out) const {
   if (contacts_) contacts_->write(state_, out);
 }
 
+void HandSimulation::write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const {
+  if (contacts_)
+    softhand::write_patches(hand_, *contacts_, state_, slot, objects_[static_cast<std::size_t>(slot)].id, patches);
+}
+
 void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes) {
   if (planes_ != nullptr) planes_->set_planes(slot, planes);
+}
+
+void HandSimulation::clear_other_hands() {
+  if (other_hands_ != nullptr) other_hands_->clear();
+}
+
+void HandSimulation::add_other_hand(int slot, const ContactPatch& patch, const Pose& object, double age) {
+  if (other_hands_ != nullptr && slot_mode(slot) == SlotMode::dynamic) other_hands_->add(slot, patch, object, age);
 }
 
 void HandSimulation::collect_bone_contacts() {
@@ -597,6 +621,7 @@ WorkCounters HandSimulation::work() const {
     work.skin_queries += skin.search().queries();
   });
   work.factorised_steps = factorised_steps_;
+  if (other_hands_ != nullptr) work.patches_used = other_hands_->patches_used();
   return work;
 }
 

@@ -30,6 +30,7 @@ class BodyCoupling;
 class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
+class OtherHands;
 class PlaneContact;
 class SkinContact;
 class Tissue;
@@ -71,6 +72,7 @@ struct WorkCounters {
   std::uint64_t skin_part_queries = 0;  ///< tests whether two parts of the skin are near each other
   std::uint64_t skin_queries = 0;       ///< searches for the place where a point of the skin meets the skin
   std::uint64_t factorised_steps = 0;   ///< steps that factorised a matrix
+  std::uint64_t patches_used = 0;       ///< contacts of other hands, summed over steps
 };
 
 class HandSimulation {
@@ -112,6 +114,11 @@ class HandSimulation {
   Twist slot_velocity(int slot) const { return state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)]; }
   /// Planes that stop a dynamic slot in the world (mode owner).
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
+  // Contacts of other hands with an object in a dynamic slot (mode owner, energies/other_hands.hpp). They act in the
+  // next step only.
+  void clear_other_hands();
+  /// As `OtherHands::add`.
+  void add_other_hand(int slot, const ContactPatch& patch, const Pose& object, double age);
   /// Target of U'_crb, the world's copy (mode symmetric).
   void set_object_target(int slot, const Pose& pose, const Twist& velocity);
 
@@ -161,6 +168,8 @@ class HandSimulation {
   /// Wrench of the hand and of flexible objects on the object in the slot, about the object's centre of mass.
   Wrench contact_wrench(int slot) const;
   Wrench object_coupling_wrench(int slot) const;
+  /// Wrench of the other hands on the object in the slot in the last step, about its centre of mass.
+  Wrench other_hands_wrench(int slot) const;
   /// Wrench of all joints on the object in the slot in the last step, about its centre of mass.
   Wrench joint_wrench(int slot) const;
   /// Prepares `may_touch` for the next step of `time_step` seconds.
@@ -170,6 +179,8 @@ class HandSimulation {
   /// Whether any node of the hand or of a flexible object touched the object in the last step.
   bool touched(int slot) const;
   void write_contacts(Contacts& out) const;
+  /// As in contact_patches.hpp, of the object in the slot.
+  void write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const;
   /// The flexible objects. Null: there are none.
   const SoftObjects* soft() const { return soft_.get(); }
   /// Contact of the skin with itself. Null: it is switched off.
@@ -227,6 +238,7 @@ class HandSimulation {
   BodyCoupling* object_coupling_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
   PlaneContact* planes_ = nullptr;
+  OtherHands* other_hands_ = nullptr;    // null: only this hand touches objects, or mode symmetric
   SkinContact* skin_ = nullptr;          // null: the skin does not touch itself
   ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects
   Tissue* tissue_ = nullptr;             // null: the hand has only bones

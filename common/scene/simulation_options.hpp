@@ -38,6 +38,7 @@ struct SimulationOptions {
   bool skin_contact = false;
   double skin_friction = 0.8;
   bool gravity = false;
+  bool other_hands = false;
   double untangle_patience = 0.1;
   std::int64_t threads = 1;
   RelaxationOptions relaxation;
@@ -56,6 +57,8 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("skin_friction", o.skin_friction, "1", {0, 100}, "Friction coefficient of skin on skin.");
   v.flag("gravity", o.gravity,
          "Gravity acts on the hand itself. Off by default, because the user's arm carries the hand's weight.");
+  v.flag("other_hands", o.other_hands,
+         "Other hands may touch the same objects (docs/two-hands.md). On in scenes with several `hands`.");
   v.number("untangle_patience", o.untangle_patience, "s", {0, 10},
            "Two checks this far apart look for tissue that is inverted, wound around its bones or hooked behind an "
            "object. What both find is moved to its rest place relative to the bones, if that releases energy. "

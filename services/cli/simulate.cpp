@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "cli/commands.hpp"
+#include "cli/hands_outcome.hpp"
 #include "cli/skin_outcome.hpp"
 #include "cli/soft_outcome.hpp"
 #include "cli/virtual_rig.hpp"
@@ -86,6 +87,16 @@ Json ledger_rows(const EnergyLedger& ledger) {
   return json;
 }
 
+void add_hand(VirtualRig& rig, const std::string& path, std::vector<std::string> overrides, const std::string& name) {
+  overrides.push_back("plays=" + name);
+  const Scene scene = read_scene(path, overrides);
+  const HandModel hand = load_scene_hand(scene);
+  const auto motion = make_scene_motion(scene, hand);
+  const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
+  rig.add_hand(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
+  rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat, rig.hand_count() - 1);
+}
+
 }  // namespace
 
 int run_simulate(const SimulateArguments& arguments) {
@@ -104,6 +115,7 @@ int run_simulate(const SimulateArguments& arguments) {
   const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
   rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat);
+  for (std::size_t i = 1; i < scene.hands.size(); ++i) add_hand(rig, arguments.scene, overrides, scene.hands[i]);
 
   double seconds = arguments.seconds > 0 ? arguments.seconds : scene.options.simulate.seconds;
   if (seconds <= 0) seconds = motion->duration() - scene.options.tracker.start_time + 0.5;
@@ -114,7 +126,14 @@ int run_simulate(const SimulateArguments& arguments) {
   std::vector<double> work_of_steps;
   SkinOutcome skin;
   SoftOutcome soft;
+  OutcomeFrame frame =
+      outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
+  const auto& g = scene.options.world.gravity;
+  HandsOutcome hands(frame, Vector3(g[0], g[1], g[2]).norm());
   rig.run(seconds, [&](const HandStepView& view) {
+    hands.add(view.time, view.hand, view.output->coupling, view.output->contacts,
+              view.simulation->joint_pose(Joint::palm), *view.objects);
+    if (view.hand != 0) return;
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
     if (view.simulation->inverted_elements() > 0) ++inverted_steps;
@@ -126,8 +145,6 @@ int run_simulate(const SimulateArguments& arguments) {
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
-  OutcomeFrame frame =
-      outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
   Json json;
   json["scene"] = arguments.scene;
   json["hand"] = {{"name", hand.name},
@@ -142,8 +159,9 @@ int run_simulate(const SimulateArguments& arguments) {
   const HandSimulation& simulation = rig.hand().simulation();
   json["skin"] = skin.summary(scene.options.judge.skin, scene.options.hand.simulation.skin_friction);
   if (Json of_soft = soft.summary(scene.options.judge.soft); !of_soft.is_null()) json["soft"] = std::move(of_soft);
-  // Goals of the skin and of a flexible object come in addition to those of the object.
-  for (const char* part : {"skin", "soft"}) {
+  if (rig.hand_count() > 1) json["hands"] = hands.summary(scene.options.judge.hands);
+  // Goals of the skin, of a flexible object and of two hands come in addition to those of the object.
+  for (const char* part : {"skin", "soft", "hands"}) {
     if (!json.contains(part) || !json[part].contains("success")) continue;
     const Json of_part = json[part];
     json["success"] = of_part["success"].get<bool>() && json.value("success", true);
@@ -190,6 +208,7 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"contact_queries", work.contact_queries},
                            {"skin_part_queries", work.skin_part_queries},
                            {"skin_queries", work.skin_queries},
+                           {"patches_used", work.patches_used},
                            {"objects_without_slot", counters.objects_without_slot}};
   json["step_work"] = {{"p50", percentile(work_of_steps, 0.5)},
                        {"p90", percentile(work_of_steps, 0.9)},

@@ -1,6 +1,7 @@
 #include "cli/virtual_rig.hpp"
 
 #include <algorithm>
+#include <stdexcept>
 
 #include "hand/object_shapes.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
@@ -35,15 +36,65 @@ void add_state(Sha256& hasher, const State& state) {
   }
 }
 
+void keep_newest(std::vector<ObjectCoupling>& couplings, const ObjectCoupling& coupling) {
+  const auto known = std::find_if(couplings.begin(), couplings.end(),
+                                  [&coupling](const ObjectCoupling& each) { return each.hand == coupling.hand; });
+  if (known == couplings.end()) {
+    couplings.push_back(coupling);
+  } else {
+    *known = coupling;
+  }
+}
+
 }  // namespace
 
-// The simulated glove on the hand of the rig's user.
+// One hand of the rig with its user, tracker, intermediate layer and glove, and the messages on their way.
+struct VirtualRig::Hand final : TrackerSink {
+  explicit Hand(VirtualRig& of) : rig(of) {}
+
+  void hand(const Skeleton& sample) override { rig.deliver(*this, polled, sample); }
+  void head(const HeadPose&) override {}  // the rig has no headset
+  JointFrames user_at(Nanoseconds now) const {
+    const double time = user_start + static_cast<double>(now - kStart) * 1e-9;
+    return user->at(user_repeats ? std::fmod(time, user->duration()) : time);
+  }
+
+  VirtualRig& rig;
+  std::size_t place = 0;    // in `hands_`
+  Nanoseconds compute = 0;  // from reading the inputs of a step to publishing its results
+  Nanoseconds polled = 0;   // when the tracker was asked last
+  std::unique_ptr<TrackerSource> tracker;
+  std::unique_ptr<TrackingLoop> tracking;  // null without the intermediate layer
+  std::unique_ptr<HandLoop> loop;
+  std::unique_ptr<DeviceLoop<BoneWrench>> haptic;
+  std::shared_ptr<const Motion> user;  // may be null
+  double user_start = 0;
+  bool user_repeats = false;
+
+  Delayed<Skeleton> tracked_to_tracking;
+  Delayed<Skeleton> skeleton_to_hand;
+  Delayed<Skeleton> simulated_to_tracking;
+  Delayed<Contacts> contacts_to_tracking;
+  Delayed<WorldObjects> objects_to_hand;
+  Delayed<ObjectCoupling> coupling_to_world;
+  Delayed<BoneWrench> wrench_to_haptic;
+  std::vector<Delayed<ObjectCoupling>> coupling_to_hand;  // by the hand that receives it; to itself: not used
+  std::vector<ObjectCoupling> other_hands;                // the newest one that this hand has received from each
+
+  Skeleton tracked;  // the newest one
+  Outcome outcome;
+  WrenchWork work_on_tracked, work_on_user;
+  std::uint64_t steps = 0;
+  std::vector<StepTiming> timings;
+};
+
+// The simulated glove on the hand of a user.
 class VirtualRig::Glove final : public HapticLogDriver {
  public:
-  explicit Glove(const VirtualRig& rig) : HapticLogDriver({}), rig_(rig) {}
+  explicit Glove(const Hand& hand) : HapticLogDriver({}), hand_(hand) {}
   bool measure(Nanoseconds now, std::span<double> positions) override {
-    if (rig_.user_ == nullptr) return HapticLogDriver::measure(now, positions);
-    const JointFrames frames = rig_.user_at(now);
+    if (hand_.user == nullptr) return HapticLogDriver::measure(now, positions);
+    const JointFrames frames = hand_.user_at(now);
     const auto pose = [&frames](Body body) { return frames[static_cast<std::size_t>(index_of(joint_of(body)))]; };
     std::array<Pose, kFingerCount> distal;
     for (std::size_t f = 0; f < kFingerCount; ++f) distal[f] = pose(distal_of(static_cast<Finger>(f)));
@@ -52,158 +103,193 @@ class VirtualRig::Glove final : public HapticLogDriver {
   }
 
  private:
-  const VirtualRig& rig_;
+  const Hand& hand_;
   GloveEncoders encoders_;
 };
 
 VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker,
                        RigWitness* witness)
     : options_(scene.options),
-      tracker_(std::move(tracker)),
       witness_(witness),
       transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
-      hand_compute_(nanoseconds(scene.options.simulate.hand_compute_fraction / scene.options.hand.rate_hz)) {
-  const HandKey key{static_cast<std::uint32_t>(options_.user), hand.side == Side::right ? 1u : 0u};
-  const bool layered = !options_.hand.direct;
-  if (layered) tracking_ = std::make_unique<TrackingLoop>(options_.tracking, options_.hand.rate_hz, hand, key);
-  world_ = std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints);
-  hand_ = std::make_unique<HandLoop>(hand, options_.hand, key, object_spring(options_.world), scene.soft_objects);
+      world_(std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz,
+                                         options_.joints)) {
   for (const ObjectDescription& description : world_->descriptions()) {
     const bool has_file = !description.shape.file.empty();
     file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);
-    hand_->describe_object(description, file_shapes_.back());
   }
-  for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand_->describe_joint(joint);
   descriptions_heard_ = world_->descriptions_version();
-  haptic_ = std::make_unique<DeviceLoop<BoneWrench>>(options_.haptic.loop, std::make_unique<Glove>(*this), 1, 0);
-
-  // The phases differ so that no two loops tick at the same time. If two do, the loop that is added first runs first.
-  const auto add = [this](RigLoop name, double rate_hz, double phase, void (VirtualRig::*step)(Nanoseconds)) {
-    const Nanoseconds period = nanoseconds(1.0 / rate_hz);
-    loops_.push_back({period, kStart + nanoseconds(phase / rate_hz), name, step});
-  };
-  add(RigLoop::tracker, 1000, 0.0, &VirtualRig::step_tracker);  // the loop only polls; the source delivers at its own
-                                                                // rate
-  if (layered) add(RigLoop::tracking, options_.tracking.rate_hz, 0.31, &VirtualRig::step_tracking);
-  add(RigLoop::hand, options_.hand.rate_hz, 0.47, &VirtualRig::step_hand);
-  add(RigLoop::world, options_.world.rate_hz, 0.63, &VirtualRig::step_world);
-  add(RigLoop::haptic, options_.haptic.loop.rate_hz, 0.79, &VirtualRig::step_haptic);
+  add_hand(scene, hand, std::move(tracker));
+  add_loop(RigLoop::world, options_.world.rate_hz, 0.63, [this](Nanoseconds now) { step_world(now); });
 }
 
 VirtualRig::~VirtualRig() = default;
 
-void VirtualRig::set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat) {
-  user_ = std::move(motion);
-  user_start_ = start_time;
-  user_repeats_ = repeat;
+// The phases differ so that no two loops tick at the same time.
+void VirtualRig::add_loop(RigLoop name, double rate_hz, double phase, std::function<void(Nanoseconds)> step) {
+  loops_.push_back(
+      {nanoseconds(1.0 / rate_hz), kStart + nanoseconds(phase / rate_hz), name, std::move(step)});
 }
 
-JointFrames VirtualRig::user_at(Nanoseconds now) const {
-  const double time = user_start_ + static_cast<double>(now - kStart) * 1e-9;
-  return user_->at(user_repeats_ ? std::fmod(time, user_->duration()) : time);
+void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::unique_ptr<TrackerSource> tracker) {
+  const SceneOptions& options = scene.options;
+  const HandKey key{static_cast<std::uint32_t>(options.user), model.side == Side::right ? 1u : 0u};
+  for (const auto& other : hands_)
+    if (other->loop->description().hand == key)
+      throw std::invalid_argument("two hands of the rig have the same user and side");
+  const double shift = 0.017 * static_cast<double>(hands_.size());
+  Hand& hand = *hands_.emplace_back(std::make_unique<Hand>(*this));
+  hand.place = hands_.size() - 1;
+  hand.compute = nanoseconds(options.simulate.hand_compute_fraction / options.hand.rate_hz);
+  hand.tracker = std::move(tracker);
+  if (!options.hand.direct)
+    hand.tracking = std::make_unique<TrackingLoop>(options.tracking, options.hand.rate_hz, model, key);
+  hand.loop =
+      std::make_unique<HandLoop>(model, options.hand, key, object_spring(options_.world), scene.soft_objects);
+  for (std::size_t i = 0; i < file_shapes_.size(); ++i)
+    hand.loop->describe_object(world_->descriptions()[i], file_shapes_[i]);
+  for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand.loop->describe_joint(joint);
+  hand.haptic = std::make_unique<DeviceLoop<BoneWrench>>(options.haptic.loop, std::make_unique<Glove>(hand), 1, 0);
+  for (const auto& each : hands_) each->coupling_to_hand.resize(hands_.size());
+
+  // The loop only polls. The source delivers at its own rate.
+  add_loop(RigLoop::tracker, 1000, shift, [&hand](Nanoseconds now) {
+    hand.polled = now;
+    hand.tracker->poll(now, hand);
+  });
+  if (hand.tracking)
+    add_loop(RigLoop::tracking, options.tracking.rate_hz, 0.31 + shift,
+             [this, &hand](Nanoseconds now) { step_tracking(hand, now); });
+  add_loop(RigLoop::hand, options.hand.rate_hz, 0.47 + shift,
+           [this, &hand](Nanoseconds now) { step_hand(hand, now); });
+  add_loop(RigLoop::haptic, options.haptic.loop.rate_hz, 0.79 + shift,
+           [this, &hand](Nanoseconds now) { step_haptic(hand, now); });
 }
+
+void VirtualRig::set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat, std::size_t hand) {
+  hands_[hand]->user = std::move(motion);
+  hands_[hand]->user_start = start_time;
+  hands_[hand]->user_repeats = repeat;
+}
+
+const Outcome& VirtualRig::outcome(std::size_t hand) const { return hands_[hand]->outcome; }
+const HandLoop& VirtualRig::hand(std::size_t hand) const { return *hands_[hand]->loop; }
+const TrackingLoop* VirtualRig::tracking(std::size_t hand) const { return hands_[hand]->tracking.get(); }
+const DeviceLoop<BoneWrench>& VirtualRig::haptic(std::size_t hand) const { return *hands_[hand]->haptic; }
+double VirtualRig::work_on_tracked(std::size_t hand) const { return hands_[hand]->work_on_tracked.joules(); }
+double VirtualRig::work_on_user(std::size_t hand) const { return hands_[hand]->work_on_user.joules(); }
+std::uint64_t VirtualRig::steps_of_hand(std::size_t hand) const { return hands_[hand]->steps; }
+const std::vector<StepTiming>& VirtualRig::hand_timings(std::size_t hand) const { return hands_[hand]->timings; }
 
 void VirtualRig::run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step) {
   after_hand_step_ = after_hand_step;
   const Nanoseconds end = kStart + nanoseconds(seconds);
   for (;;) {
+    // If two loops tick at the same time, the one that was added first runs first.
     Loop& next =
         *std::min_element(loops_.begin(), loops_.end(), [](const Loop& a, const Loop& b) { return a.next < b.next; });
     if (next.next >= end) break;
     const Nanoseconds now = next.next;
     next.next += next.period;
-    if (witness_ == nullptr || witness_->runs(next.name, now)) (this->*next.step)(now);
+    if (witness_ == nullptr || witness_->runs(next.name, now)) next.step(now);
   }
+}
+
+void VirtualRig::describe_object(const ObjectDescription& description) {
+  for (const auto& hand : hands_) hand->loop->describe_object(description);
 }
 
 void VirtualRig::send(const Message& message) {
-  if (tracking_) tracking_->answer(message, "tracking");
-  hand_->answer(message, "hand");
-  world_->answer(message);
-  for (std::size_t i = 0; i < world_->descriptions().size(); ++i) {
-    ObjectDescription description = world_->descriptions()[i];
-    if (description.stamp.sequence <= descriptions_heard_) continue;
-    description.stamp.sample_time = world_->objects().stamp.sample_time + 1;  // the world's next step
-    hand_->describe_object(description, file_shapes_[i]);
+  for (const auto& hand : hands_) {
+    if (hand->tracking) hand->tracking->answer(message, "tracking");
+    hand->loop->answer(message, "hand");
   }
-  for (const ObjectJointDescription& joint : world_->joint_descriptions())
-    if (joint.stamp.sequence > descriptions_heard_) hand_->describe_joint(joint);
+  world_->answer(message);
+  for (const auto& hand : hands_) {
+    for (std::size_t i = 0; i < world_->descriptions().size(); ++i) {
+      ObjectDescription description = world_->descriptions()[i];
+      if (description.stamp.sequence <= descriptions_heard_) continue;
+      description.stamp.sample_time = world_->objects().stamp.sample_time + 1;  // the world's next step
+      hand->loop->describe_object(description, file_shapes_[i]);
+    }
+    for (const ObjectJointDescription& joint : world_->joint_descriptions())
+      if (joint.stamp.sequence > descriptions_heard_) hand->loop->describe_joint(joint);
+  }
   descriptions_heard_ = world_->descriptions_version();
 }
 
-void VirtualRig::step_tracker(Nanoseconds now) {
-  sink_.now = now;
-  tracker_->poll(now, sink_);
-}
-
-void VirtualRig::deliver(const Skeleton& sample) {
-  const Nanoseconds now = sink_.now;
-  Skeleton& skeleton = tracked_;
+void VirtualRig::deliver(Hand& hand, Nanoseconds now, const Skeleton& sample) {
+  Skeleton& skeleton = hand.tracked;
   skeleton = sample;
   skeleton.stamp.publish_time = now;
   skeleton.stamp.epoch = 1;
   skeleton.stamp.chain.tracker_sample = skeleton.stamp.sample_time;
-  outcome_.on_tracked(skeleton);
+  hand.outcome.on_tracked(skeleton);
   add_bits(hasher_, skeleton.joints);
-  send(tracking_ ? tracked_to_tracking_ : skeleton_to_hand_, RigLoop::tracker, now, skeleton);
+  send(hand.tracking ? hand.tracked_to_tracking : hand.skeleton_to_hand, RigLoop::tracker, now, skeleton);
 }
 
-void VirtualRig::step_tracking(Nanoseconds now) {
+void VirtualRig::step_tracking(Hand& hand, Nanoseconds now) {
   TrackingInput input;
-  input.tracked = tracked_to_tracking_.receive(now);
-  input.simulated = simulated_to_tracking_.receive(now);
-  input.contacts = contacts_to_tracking_.receive(now);
-  const TrackingOutput& output = tracking_->step(now, input);
+  input.tracked = hand.tracked_to_tracking.receive(now);
+  input.simulated = hand.simulated_to_tracking.receive(now);
+  input.contacts = hand.contacts_to_tracking.receive(now);
+  const TrackingOutput& output = hand.tracking->step(now, input);
   if (!output.valid) return;
   add_bits(hasher_, output.intermediate.joints);
   Skeleton intermediate = output.intermediate;
   intermediate.stamp.publish_time = now;
   tell(RigLoop::tracking, intermediate);
-  send(skeleton_to_hand_, RigLoop::tracking, now, intermediate);
+  send(hand.skeleton_to_hand, RigLoop::tracking, now, intermediate);
   BoneWrench wrench = output.wrench;
   wrench.stamp.publish_time = now;
-  outcome_.on_bone_wrench(wrench);
+  hand.outcome.on_bone_wrench(wrench);
   tell(RigLoop::tracking, wrench);
-  send(wrench_to_haptic_, RigLoop::tracking, now, wrench);
+  send(hand.wrench_to_haptic, RigLoop::tracking, now, wrench);
 }
 
-void VirtualRig::step_hand(Nanoseconds now) {
+void VirtualRig::step_hand(Hand& hand, Nanoseconds now) {
   HandInput input;
-  input.skeleton = skeleton_to_hand_.receive(now);
-  input.world = objects_to_hand_.receive(now);
-  HandOutput output = hand_->step(now, input, {});
+  input.skeleton = hand.skeleton_to_hand.receive(now);
+  input.world = hand.objects_to_hand.receive(now);
+  for (const auto& other : hands_) {
+    if (other.get() == &hand) continue;
+    if (const ObjectCoupling* coupling = other->coupling_to_hand[hand.place].receive(now))
+      keep_newest(hand.other_hands, *coupling);
+  }
+  input.other_hands = hand.other_hands;
+  HandOutput output = hand.loop->step(now, input, {});
   if (!output.valid) return;
-  ++hand_steps_;
-  hand_timings_.push_back(output.report.timing);
-  add_state(hasher_, hand_->simulation().state());
+  ++hand.steps;
+  hand.timings.push_back(output.report.timing);
+  add_state(hasher_, hand.loop->simulation().state());
   // The results of a step are published when the step is done. That is most of a period after its inputs were read.
-  const Nanoseconds done = now + hand_compute_;
+  const Nanoseconds done = now + hand.compute;
   output.simulated.stamp.publish_time = output.coupling.stamp.publish_time = output.contacts.stamp.publish_time = done;
   output.bone_wrench.stamp.publish_time = done;
-  outcome_.on_simulated(output.simulated);
-  outcome_.on_contacts(output.contacts);
-  outcome_.on_coupling(output.coupling);
+  hand.outcome.on_simulated(output.simulated);
+  hand.outcome.on_contacts(output.contacts);
+  hand.outcome.on_coupling(output.coupling);
   tell(RigLoop::hand, output);
-  if (tracking_) {
-    send(simulated_to_tracking_, RigLoop::hand, done, output.simulated);
-    send(contacts_to_tracking_, RigLoop::hand, done, output.contacts);
+  if (hand.tracking) {
+    send(hand.simulated_to_tracking, RigLoop::hand, done, output.simulated);
+    send(hand.contacts_to_tracking, RigLoop::hand, done, output.contacts);
   } else {
-    outcome_.on_bone_wrench(output.bone_wrench);
+    hand.outcome.on_bone_wrench(output.bone_wrench);
     output.bone_wrench.stamp.chain.simulated_published = output.bone_wrench.stamp.chain.wrench_published = done;
-    send(wrench_to_haptic_, RigLoop::hand, done, output.bone_wrench);
+    send(hand.wrench_to_haptic, RigLoop::hand, done, output.bone_wrench);
   }
-  send(coupling_to_world_, RigLoop::hand, done, output.coupling);
-  if (after_hand_step_) after_hand_step_({now, &output, &hand_->simulation(), &world_->objects(), &tracked_});
+  send(hand.coupling_to_world, RigLoop::hand, done, output.coupling);
+  for (std::size_t other = 0; other < hands_.size(); ++other)
+    if (other != hand.place) send(hand.coupling_to_hand[other], RigLoop::hand, done, output.coupling);
+  if (after_hand_step_)
+    after_hand_step_({now, hand.place, &output, &hand.loop->simulation(), &world_->objects(), &hand.tracked});
 }
 
 void VirtualRig::step_world(Nanoseconds now) {
-  if (const ObjectCoupling* coupling = coupling_to_world_.receive(now)) {
-    coupling_ = *coupling;
-    coupling_heard_ = true;
-  }
-  WorldInput input;
-  if (coupling_heard_) input.couplings = std::span(&coupling_, 1);
-  WorldObjects objects = world_->step(now, input).objects;
+  for (const auto& hand : hands_)
+    if (const ObjectCoupling* coupling = hand->coupling_to_world.receive(now)) keep_newest(couplings_, *coupling);
+  WorldObjects objects = world_->step(now, {couplings_}).objects;
   objects.stamp.publish_time = now;
   for (const ObjectState& object : objects.objects) {
     add_bits(hasher_, object.position);
@@ -211,28 +297,30 @@ void VirtualRig::step_world(Nanoseconds now) {
     add_bits(hasher_, object.linear_velocity);
     add_bits(hasher_, object.angular_velocity);
   }
-  outcome_.on_objects(objects);
   tell(RigLoop::world, objects);
-  send(objects_to_hand_, RigLoop::world, now, objects);
+  for (const auto& hand : hands_) {
+    hand->outcome.on_objects(objects);
+    send(hand->objects_to_hand, RigLoop::world, now, objects);
+  }
 }
 
-void VirtualRig::step_haptic(Nanoseconds now) {
-  const BoneWrench* wrench = wrench_to_haptic_.receive(now);
+void VirtualRig::step_haptic(Hand& hand, Nanoseconds now) {
+  const BoneWrench* wrench = hand.wrench_to_haptic.receive(now);
   if (wrench != nullptr) {
     BonePoses poses;
     for (std::size_t b = 0; b < kBodyCount; ++b)
       poses[b] = to_pose(wrench->bones[b].tracked_position, wrench->bones[b].tracked_orientation);
-    work_on_tracked_.add(*wrench, poses);
-    if (user_ != nullptr) {
-      const JointFrames frames = user_at(now);
+    hand.work_on_tracked.add(*wrench, poses);
+    if (hand.user != nullptr) {
+      const JointFrames frames = hand.user_at(now);
       for (std::size_t b = 0; b < kBodyCount; ++b)
         poses[b] = frames[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(b))))];
-      work_on_user_.add(*wrench, poses);
+      hand.work_on_user.add(*wrench, poses);
     }
   }
-  DeviceState state = haptic_->step(now, wrench);
+  DeviceState state = hand.haptic->step(now, wrench);
   state.stamp.publish_time = now;
-  outcome_.on_device(state);
+  hand.outcome.on_device(state);
   tell(RigLoop::haptic, state);
 }
 

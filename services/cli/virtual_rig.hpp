@@ -80,6 +80,7 @@ class RigWitness {
 /// The result of one step of the hand, for the signals in a CSV file and for pictures.
 struct HandStepView {
   Nanoseconds time = 0;
+  std::size_t hand = 0;  ///< its place in the rig
   const HandOutput* output = nullptr;
   const HandSimulation* simulation = nullptr;
   const WorldObjects* objects = nullptr;
@@ -96,58 +97,56 @@ class VirtualRig {
              RigWitness* witness = nullptr);
   ~VirtualRig();
 
+  /// Adds another hand with its own tracker, intermediate layer and glove, before `run`. `scene`: as its process reads
+  /// it (`SceneOptions::plays`). The objects are those of the first hand's scene. Hand 0 is that of the constructor.
+  void add_hand(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker);
+  std::size_t hand_count() const { return hands_.size(); }
+
   /// The motion of the user's hand without the noise of the tracker. Time 0 of the rig is `start_time` of the motion;
   /// with `repeat` it begins again at its end. The encoders of the glove measure this motion. Without a user they
   /// measure the tracked hand.
-  void set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat);
+  void set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat, std::size_t hand = 0);
 
-  /// Runs for `seconds`. Calls `after_hand_step` after each step of the hand.
+  /// Runs for `seconds`. Calls `after_hand_step` after each step of a hand.
   void run(double seconds, const std::function<void(const HandStepView&)>& after_hand_step);
 
   /// Sends a message to every module. Call it between steps only: `after_hand_step` may call it, and nothing else of
   /// the rig.
   void send(const Message& message);
   /// Sends the hand a new description of an object, as a third-party world could do.
-  void describe_object(const ObjectDescription& description) { hand_->describe_object(description); }
+  void describe_object(const ObjectDescription& description);
 
-  const Outcome& outcome() const { return outcome_; }
+  const Outcome& outcome(std::size_t hand = 0) const;
   /// SHA-256 of the tracked and intermediate joints, the hand's nodes and bodies, and the objects' poses and velocities
   /// at every step.
   std::string state_hash() { return hasher_.hex(); }
-  const HandLoop& hand() const { return *hand_; }
-  const TrackingLoop* tracking() const { return tracking_.get(); }
+  const HandLoop& hand(std::size_t hand = 0) const;
+  const TrackingLoop* tracking(std::size_t hand = 0) const;
   const WorldLoop& world() const { return *world_; }
-  const DeviceLoop<BoneWrench>& haptic() const { return *haptic_; }
+  const DeviceLoop<BoneWrench>& haptic(std::size_t hand = 0) const;
   /// Work of the forces and torques of all bones, J, if they acted in full on the bones of the tracked hand, with its
   /// noise, and on those of the user's hand.
-  double work_on_tracked() const { return work_on_tracked_.joules(); }
-  double work_on_user() const { return work_on_user_.joules(); }
-  std::uint64_t steps_of_hand() const { return hand_steps_; }
+  double work_on_tracked(std::size_t hand = 0) const;
+  double work_on_user(std::size_t hand = 0) const;
+  std::uint64_t steps_of_hand(std::size_t hand = 0) const;
   /// Computing time (s) of each step of the hand, and its parts.
-  const std::vector<StepTiming>& hand_timings() const { return hand_timings_; }
+  const std::vector<StepTiming>& hand_timings(std::size_t hand = 0) const;
 
  private:
+  struct Hand;
+  class Glove;
   struct Loop {
     Nanoseconds period = 0;
     Nanoseconds next = 0;
     RigLoop name = RigLoop::tracker;
-    void (VirtualRig::*step)(Nanoseconds) = nullptr;
+    std::function<void(Nanoseconds)> step;
   };
-  struct TrackedHand final : TrackerSink {
-    explicit TrackedHand(VirtualRig& of) : rig(of) {}
-    void hand(const Skeleton& sample) override { rig.deliver(sample); }
-    void head(const HeadPose&) override {}  // the rig has no headset
-    VirtualRig& rig;
-    Nanoseconds now = 0;
-  };
-  class Glove;
-  JointFrames user_at(Nanoseconds now) const;
-  void step_tracker(Nanoseconds now);
-  void deliver(const Skeleton& sample);
-  void step_tracking(Nanoseconds now);
-  void step_hand(Nanoseconds now);
+  void add_loop(RigLoop name, double rate_hz, double phase, std::function<void(Nanoseconds)> step);
+  void deliver(Hand& hand, Nanoseconds now, const Skeleton& sample);
+  void step_tracking(Hand& hand, Nanoseconds now);
+  void step_hand(Hand& hand, Nanoseconds now);
   void step_world(Nanoseconds now);
-  void step_haptic(Nanoseconds now);
+  void step_haptic(Hand& hand, Nanoseconds now);
 
   template <typename T>
   void send(Delayed<T>& channel, RigLoop from, Nanoseconds leaves, const T& message) {
@@ -159,38 +158,16 @@ class VirtualRig {
     if (witness_ != nullptr) witness_->published(from, message);
   }
 
-  SceneOptions options_;
-  std::unique_ptr<TrackerSource> tracker_;
+  SceneOptions options_;  // of the first hand
   RigWitness* witness_;
-  std::unique_ptr<TrackingLoop> tracking_;
-  std::unique_ptr<HandLoop> hand_;
-  std::unique_ptr<WorldLoop> world_;
-  std::shared_ptr<const Motion> user_;  // may be null
-  double user_start_ = 0;
-  bool user_repeats_ = false;
-  std::unique_ptr<DeviceLoop<BoneWrench>> haptic_;
-  WrenchWork work_on_tracked_, work_on_user_;
-  std::vector<std::shared_ptr<const ShapeGeometry>> file_shapes_;  // of the scene's objects; null without a file
   Nanoseconds transport_;
-  Nanoseconds hand_compute_;
+  std::unique_ptr<WorldLoop> world_;
+  std::vector<std::shared_ptr<const ShapeGeometry>> file_shapes_;  // of the scene's objects; null without a file
+  std::vector<std::unique_ptr<Hand>> hands_;
   std::vector<Loop> loops_;
-
-  Delayed<Skeleton> tracked_to_tracking_;
-  Delayed<Skeleton> skeleton_to_hand_;
-  Delayed<Skeleton> simulated_to_tracking_;
-  Delayed<Contacts> contacts_to_tracking_;
-  Delayed<WorldObjects> objects_to_hand_;
-  Delayed<ObjectCoupling> coupling_to_world_;
-  Delayed<BoneWrench> wrench_to_haptic_;
-  TrackedHand sink_{*this};
-  Skeleton tracked_;         // the newest one
-  ObjectCoupling coupling_;  // the newest one that the world has received
-  bool coupling_heard_ = false;
-  std::uint64_t descriptions_heard_ = 0;  // version of the descriptions that the hand has received
-  Outcome outcome_;
+  std::vector<ObjectCoupling> couplings_;  // the newest one of each hand that the world has received
+  std::uint64_t descriptions_heard_ = 0;   // version of the descriptions that the hands have received
   Sha256 hasher_;
-  std::uint64_t hand_steps_ = 0;
-  std::vector<StepTiming> hand_timings_;
   std::function<void(const HandStepView&)> after_hand_step_;
 };
 

@@ -23,6 +23,8 @@ struct FlightTraits<HandLoop> {
     write(from.input.skeleton);
     write(from.input.head);
     write(from.input.world);
+    out.write(static_cast<std::uint32_t>(from.input.other_hands.size()));
+    for (const ObjectCoupling& coupling : from.input.other_hands) out.write(coupling);
   }
   /// Steps with a recorded input. Samples live in here, because they are large.
   class Repeater {
@@ -33,6 +35,9 @@ struct FlightTraits<HandLoop> {
       input.skeleton = read_optional(in, samples_->skeleton);
       input.head = read_optional(in, samples_->head);
       input.world = read_optional(in, samples_->world);
+      samples_->other_hands.resize(in.take<std::uint32_t>());
+      for (ObjectCoupling& coupling : samples_->other_hands) in.read(coupling);
+      input.other_hands = samples_->other_hands;
       loop.step(now, input, requested);
     }
     void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {
@@ -49,6 +54,7 @@ struct FlightTraits<HandLoop> {
       Skeleton skeleton;
       HeadPose head;
       WorldObjects world;
+      std::vector<ObjectCoupling> other_hands;
     };
     std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
   };

@@ -41,7 +41,7 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
       simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
                                                    static_cast<int>(options.static_objects), object_spring,
                                                    static_cast<int>(options.object_joints), std::move(soft_objects))),
-      mirror_(*simulation_, options_, symmetric_),
+      mirror_(*simulation_, options_, key_, symmetric_),
       tracked_(options.tracked_input) {
   output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
       output_.surface.hand = key_;
@@ -166,7 +166,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   set_targets(now);
   output_.valid = any_skeleton_;
   if (!any_skeleton_) return output_;
-  mirror_.begin_step(now, settling_time_ > 0);
+  mirror_.begin_step(now, settling_time_ > 0, input.other_hands);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
   simulation_->enable_ledger(requested.ledger);

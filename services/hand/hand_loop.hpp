@@ -4,6 +4,7 @@
 
 #include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "device/tracked_input.hpp"
@@ -20,6 +21,7 @@ struct HandInput {
   const Skeleton* skeleton = nullptr;  ///< intermediate skeleton; tracked skeleton if the layer is left out
   const HeadPose* head = nullptr;      ///< used only without the intermediate layer
   const WorldObjects* world = nullptr;
+  std::span<const ObjectCoupling> other_hands{};  ///< the newest coupling of each other hand, also if it is not new
 };
 
 /// The outputs that have a subscriber. Other outputs are not computed.

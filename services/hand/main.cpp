@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstdio>
+#include <optional>
 #include <type_traits>
 
 #include "flight/hand_flight.hpp"
@@ -11,6 +12,7 @@
 #include "hand/hand_size.hpp"
 #include "hand/object_shapes.hpp"
 #include "messages/convert.hpp"
+#include "messages/newest_couplings.hpp"
 #include "scene_file.hpp"
 #include "service/loop_log.hpp"
 #include "service/service.hpp"
@@ -64,6 +66,8 @@ void run(int argc, char** argv) {
   bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, key);
   bus::Reader heads(p, bus::topics::head_pose);
   bus::Reader worlds(p, bus::topics::objects);
+  std::optional<bus::Reader<ObjectCoupling>> couplings;  // of other hands
+  if (options.simulation.other_hands) couplings.emplace(p, bus::topics::object_coupling);
   bus::Reader descriptions(p, bus::topics::object_description);
   bus::Reader joints(p, bus::topics::object_joint);
   bus::Writer simulated_writer(p, bus::topics::simulated_skeleton);
@@ -112,6 +116,7 @@ void run(int argc, char** argv) {
   auto skeleton = std::make_unique<Skeleton>();
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
+  NewestCouplings other_hands(couplings ? 2 * bus::topics::kHands : 0);  // as many as a reader follows
   std::uint64_t refused_objects = 0;
   LoopLog log("softhand-hand");
   const auto publish = [&service](auto& writer, auto& message) {
@@ -153,6 +158,12 @@ void run(int argc, char** argv) {
       head = each;
       input.head = &head;
     });
+    if (couplings) {
+      couplings->take_all([&](const ObjectCoupling& each) {
+        if (!(each.hand == key)) other_hands.put(each, now);
+      });
+      input.other_hands = other_hands.all();
+    }
     const RequestedOutputs requested{.surface = surface_writer.has_readers(),
                                      .contacts = contacts_writer.has_readers(),
                                      .bone_wrench = options.direct && wrench_writer.has_readers(),
@@ -170,6 +181,7 @@ void run(int argc, char** argv) {
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
     count_inputs(status, p, skeletons, heads, worlds, descriptions, joints);
+    if (couplings) add_counter(status, "patches_used", static_cast<double>(loop.simulation().work().patches_used));
     add_counter(status, "hand_nodes", hand.node_count());
     add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);

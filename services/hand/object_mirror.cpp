@@ -9,6 +9,7 @@
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "messages/newest_couplings.hpp"
 
 namespace softhand {
 namespace {
@@ -24,6 +25,12 @@ bool usable(const NeighbourPlane& plane) {
   const auto not_negative = [](double x) { return x >= 0 && std::isfinite(x); };
   return moderate(plane.point) && moderate(plane.velocity) && is_unit(to_vector(plane.normal).norm()) &&
          not_negative(plane.friction) && not_negative(plane.stiffness);
+}
+bool usable(const ContactPatch& patch) {
+  const auto between = [](double x, double least, double most) { return x >= least && x <= most; };
+  return moderate(patch.point) && is_unit(to_vector(patch.normal).norm()) && moderate(patch.force) &&
+         moderate(patch.torque) && moderate(patch.linear_velocity) && moderate(patch.angular_velocity) &&
+         between(patch.stiffness, 0, 1e9) && between(patch.radius, 0, 1) && between(patch.friction, 0, 1e9);
 }
 bool usable(const ObjectState& object) {
   return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) &&
@@ -57,6 +64,7 @@ Twist twist_of(const ObjectState& object) {
 
 constexpr double kForgetDistance = 1.5;    // times `near`; an object loses its slot at this distance
 constexpr double kSkinDistance = 0.02;     // m, assumed distance of the skin from the bones
+constexpr double kHandStale = 0.1;         // s; contacts of another hand that are older do not act
 constexpr double kSlotPreference = 0.005;  // m; an object takes another's slot only if nearer by more than this
 
 // The bones as line segments from joint to joint, stored in arrays: up to a hundred objects query distances in each
@@ -111,9 +119,10 @@ class BoneSegments {
 
 }  // namespace
 
-ObjectMirror::ObjectMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric)
+ObjectMirror::ObjectMirror(HandSimulation& simulation, const HandOptions& options, HandKey hand, bool symmetric)
     : simulation_(simulation),
       options_(options),
+      hand_(hand),
       symmetric_(symmetric),
       time_step_(1.0 / options.rate_hz),
       slot_object_(static_cast<std::size_t>(simulation.slot_count()), -1) {
@@ -230,7 +239,9 @@ void ObjectMirror::take_world(const WorldObjects& world) {
   world_time_ = world.stamp.sample_time;
 }
 
-void ObjectMirror::begin_step(Nanoseconds now, bool settles) {
+void ObjectMirror::begin_step(Nanoseconds now, bool settles, std::span<const ObjectCoupling> other_hands) {
+  other_hands_ = other_hands;
+  simulation_.clear_other_hands();
   if (objects_.empty()) return;
   measure_distances();
   give_slots(now);
@@ -542,12 +553,51 @@ void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool sett
     simulation_.set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
     return;
   }
+  if (is_guest(object, now)) {
+    follow_world(object, now);
+    object.owned = false;
+    return;
+  }
   const std::optional<double> untouched = object.last_touch == 0 ? std::nullopt : age_of(object.last_touch, now);
   const bool touched_lately = untouched && *untouched <= options_.release_time;
   // The world does not know of the impulse of a first touch.
   if (!touched_lately || !(object.owned || was_free)) follow_world(object, now);
   object.owned = touched_lately;
   object.is_free = object.owned || (!settles && simulation_.may_touch(object.slot));
+}
+
+// Whether another hand owns the object. This hand gives it up when that hand claims it, not before, so that the object
+// is never without an owner.
+bool ObjectMirror::is_guest(const KnownObject& object, Nanoseconds now) const {
+  const HandKey owner{object.state.owner_user, object.state.owner_side};
+  if (object.state.owned == 0 || owner == hand_) return false;
+  if (!object.owned) return true;
+  for (const ObjectCoupling& other : other_hands_) {
+    const std::optional<double> age = age_of(other.stamp.sample_time, now);
+    if (!(other.hand == owner) || !age || *age > kHandStale) continue;
+    const ObjectTwin* twin = twin_of(other, object.id);
+    return twin != nullptr && twin->owned != 0;
+  }
+  return true;
+}
+
+// The contacts of the other hands act on an object that this hand owns.
+void ObjectMirror::take_patches(const KnownObject& object, Nanoseconds now) {
+  for (const ObjectCoupling& other : other_hands_) {
+    const std::optional<double> age = age_of(other.stamp.sample_time, now);
+    const ObjectTwin* twin = twin_of(other, object.id);
+    if (!age || *age > kHandStale || twin == nullptr) continue;
+    const Pose pose = to_pose(twin->position, twin->orientation);
+    const bool is_pose = moderate(twin->position) && is_unit(pose.orientation.norm());
+    for (const ContactPatch& patch : other.patches) {
+      if (patch.object != object.id) continue;
+      if (is_pose && usable(patch)) {
+        simulation_.add_other_hand(object.slot, patch, pose, std::clamp(*age, 0.0, options_.extrapolation_limit));
+      } else {
+        ++counters_.refused_patches;
+      }
+    }
+  }
 }
 
 // A free body has mass, inertia and gravity, and planes stop it. Otherwise its motion is prescribed. An object that the
@@ -568,6 +618,7 @@ void ObjectMirror::set_body(KnownObject& object, Nanoseconds now) {
     plane.velocity = to_wire(Vector3(step.moving_part * velocity));
   }
   simulation_.set_planes(object.slot, std::span(planes.items.data(), planes.size()));
+  take_patches(object, now);
 }
 
 void ObjectMirror::release_all() {
@@ -579,16 +630,23 @@ void ObjectMirror::release_all() {
 
 void ObjectMirror::write_twins(ObjectCoupling& out) const {
   out.twins.clear();
+  out.patches.clear();
   for (const KnownObject& object : objects_) {
     if (object.slot < 0 || object.description.is_static != 0) continue;
     const Pose pose = simulation_.slot_pose(object.slot);
     const Twist velocity = simulation_.slot_velocity(object.slot);
     const Wrench contact = simulation_.contact_wrench(object.slot);
-    const Wrench spring =
+    Wrench spring =
         symmetric_ ? simulation_.object_coupling_wrench(object.slot) : simulation_.joint_wrench(object.slot);
+    const Wrench others = simulation_.other_hands_wrench(object.slot);
+    spring.force += others.force;
+    spring.torque += others.torque;
     out.twins.push_back({object.id, object.owned ? 1u : 0u, to_wire(pose.position), to_wire(pose.orientation),
                          to_wire(velocity.linear), to_wire(velocity.angular), to_wire(contact.force),
                          to_wire(contact.torque), to_wire(spring.force), to_wire(spring.torque)});
+    const auto has_it = [&object](const ObjectCoupling& other) { return twin_of(other, object.id) != nullptr; };
+    if (!symmetric_ && std::any_of(other_hands_.begin(), other_hands_.end(), has_it))
+      simulation_.write_patches(object.slot, out.patches);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "hand/hand_options.hpp"
@@ -19,12 +20,13 @@ struct ObjectMirrorCounters {
   /// (object, step) pairs near the hand without a slot: all slots were taken, or too few were free for all objects that
   /// joints connect.
   std::uint64_t without_slot = 0;
+  std::uint64_t refused_patches = 0;  ///< contacts of other hands with an absurd number
 };
 
 class ObjectMirror {
  public:
-  /// `symmetric`: objects use mode symmetric. The arguments must outlive this object.
-  ObjectMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric);
+  /// `hand`: whose simulation it is. `symmetric`: objects use mode symmetric. The arguments must outlive this object.
+  ObjectMirror(HandSimulation& simulation, const HandOptions& options, HandKey hand, bool symmetric);
 
   /// As `HandLoop::describe_object`, `describe_joint` and `use_file_shapes`.
   void describe_object(const ObjectDescription& description, std::shared_ptr<const ShapeGeometry> file_shape);
@@ -36,8 +38,9 @@ class ObjectMirror {
   /// Releases all objects. They are unknown until a new sample of the world comes.
   void release_all();
   /// Prepares the slots for the step that ends at `now`. `settles`: the hand was just repositioned, so its fingers move
-  /// fast. They must not hit objects away: no object becomes free before it is touched.
-  void begin_step(Nanoseconds now, bool settles);
+  /// fast. They must not hit objects away: no object becomes free before it is touched. `other_hands`: the newest
+  /// coupling of each other hand.
+  void begin_step(Nanoseconds now, bool settles, std::span<const ObjectCoupling> other_hands);
   void write_twins(ObjectCoupling& out) const;
   const ObjectMirrorCounters& counters() const { return counters_; }
 
@@ -93,6 +96,8 @@ class ObjectMirror {
   bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);
   void clear_slot(KnownObject& object);
   void follow_or_own(KnownObject& object, Nanoseconds now, bool settles);
+  bool is_guest(const KnownObject& object, Nanoseconds now) const;
+  void take_patches(const KnownObject& object, Nanoseconds now);
   void follow_world(const KnownObject& object, Nanoseconds now);
   void set_body(KnownObject& object, Nanoseconds now);
   void move_joints();
@@ -105,6 +110,7 @@ class ObjectMirror {
 
   HandSimulation& simulation_;
   const HandOptions& options_;
+  HandKey hand_;
   bool symmetric_;
   double time_step_;
   LoadShape load_shape_;
@@ -112,6 +118,7 @@ class ObjectMirror {
   std::vector<KnownJoint> joints_;
   std::vector<int> slot_object_;  // index into objects_, -1 = free
   std::vector<int> waiting_;      // indices into objects_ of near objects without a slot, nearest first
+  std::span<const ObjectCoupling> other_hands_;  // valid in `begin_step` and until the next one
   Nanoseconds world_time_ = 0;
   ObjectMirrorCounters counters_;
 };

@@ -3,10 +3,10 @@
 #include <memory>
 #include <utility>
 
+#include "messages/newest_couplings.hpp"
 #include "flight/world_flight.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
-#include "world/newest_couplings.hpp"
 #include "world/world_loop.hpp"
 
 namespace {

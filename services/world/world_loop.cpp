@@ -9,6 +9,7 @@
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "messages/newest_couplings.hpp"
 #include "world/follow.hpp"
 
 namespace softhand {
@@ -17,6 +18,7 @@ namespace {
 constexpr double kForceStall = 0.030;    // s; older contact forces are ignored
 constexpr double kMotionStall = 0.100;   // s; older velocities are ignored
 constexpr double kVanished = 0.500;      // s; an older owner has vanished
+constexpr double kHandOver = 0.200;      // s; a hand that does not claim the object until then does not become its owner
 constexpr double kClaimHoldoff = 0.200;  // s after a move; until then, claims by hands that may not know the new place
                                          // are ignored
 constexpr double kNearestPlane = 0.005;  // m
@@ -38,12 +40,6 @@ bool is_plausible(const ObjectTwin& twin) {
          within(twin.angular_velocity, kAbsurd) && within(twin.contact_force, kAbsurdForce) &&
          within(twin.contact_torque, kAbsurdForce) && within(twin.coupling_force, kAbsurdForce) &&
          within(twin.coupling_torque, kAbsurdForce) && norm > 0.5 && norm < 2;
-}
-
-const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
-  for (const ObjectTwin& twin : coupling.twins)
-    if (twin.object == id) return &twin;
-  return nullptr;
 }
 
 bool before(const HandKey& a, const HandKey& b) { return a.user != b.user ? a.user < b.user : a.side < b.side; }
@@ -189,6 +185,7 @@ void WorldLoop::insert(std::size_t slot) {
   Object& object = objects_[slot];
   object.weightless = object.options.floating;
   object.owned = object.near_hand = object.stalled = false;
+  object.handed_at = 0;
   object.pose = object.start;
   object.velocity = object.previous_velocity = {};
   object.present = true;
@@ -226,6 +223,7 @@ void WorldLoop::describe(std::size_t slot, bool removed) {
 
 void WorldLoop::take_from_hands(Object& object) {
   object.owned = object.near_hand = object.stalled = false;
+  object.handed_at = 0;
   object.put = true;
   object.put_at = 0;
 }
@@ -253,8 +251,10 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   object.near_hand = false;
   bool still_held = false;  // by a hand that has not received the new place
   if (object.put && object.put_at == 0) object.put_at = now;
-  const ObjectCoupling* owner = nullptr;
-  const ObjectTwin* owner_twin = nullptr;
+  const ObjectCoupling* leading = nullptr;  // its twin leads the copy
+  const ObjectTwin* leading_twin = nullptr;
+  const ObjectCoupling* guest = nullptr;  // of a hand that touches the object without owning it
+  bool owner_touches = false;
   Wrench wrench;
   bool pulled = false;
   Follower follower{object.options.mass, Matrix3::Zero(), object.pose, object.velocity, gravity_of(object)};
@@ -294,9 +294,13 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     }
     object.near_hand = true;
     if (!symmetric) {
-      // The present owner keeps the object until it releases it. A free object goes to the first key that claims it.
+      // The present owner keeps the object until it no longer touches it. A free object goes to the first key that
+      // claims it.
       const bool present_owner = object.owned && object.owner == coupling->hand;
-      if (twin->owned != 0 && (present_owner || owner == nullptr)) owner = coupling, owner_twin = twin;
+      const bool touches = touches_assembly(*coupling, object.assembly);
+      if (twin->owned != 0 && (present_owner || leading == nullptr)) leading = coupling, leading_twin = twin;
+      if (!present_owner && touches && guest == nullptr) guest = coupling;
+      if (present_owner) owner_touches = touches;
       continue;
     }
     if (*age > kMotionStall) continue;  // the pose is too old for a spring
@@ -321,32 +325,30 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     return;
   }
 
-  if (object.owned && (owner == nullptr || owner->hand != object.owner)) {
-    // The owner released the object or vanished. The copy continues with its velocity, or follows another hand that
-    // waited.
-    for (const ObjectCoupling& coupling : input.couplings)
-      if (coupling.hand == object.owner && age_of(coupling.stamp.sample_time, now).value_or(0) > kVanished)
-        ++counters_.vanished;
+  choose_owner(object, now, input, leading == nullptr ? nullptr : &leading->hand, owner_touches,
+               guest == nullptr ? nullptr : &guest->hand);
+  if (!object.owned) {
     object.stalled = false;
-  }
-  if (owner == nullptr) {
-    object.owned = object.stalled = false;
     return;
   }
-  object.owned = true;
-  object.owner = owner->hand;
-  object.owner_step = std::clamp(owner->step_period, 1e-4, 0.1);
   if (object.weightless) {
     object.weightless = false;
     engine_->set_gravity(slot, gravity_of(object));
     follower.gravity = gravity_of(object);
   }
-  const double age = age_of(owner->stamp.sample_time, now).value_or(0);
+  if (leading == nullptr) {
+    // The next owner has not heard yet that it is the owner. Meanwhile the copy keeps its velocity and its weight is
+    // carried.
+    engine_->apply(slot, {-follower.mass * follower.gravity, Vector3::Zero()});
+    return;
+  }
+  object.owner_step = std::clamp(leading->step_period, 1e-4, 0.1);
+  const double age = age_of(leading->stamp.sample_time, now).value_or(0);
   const double delay = (1 + options_.staleness) * (step_ + object.owner_step);
-  Leader leader{{to_vector(owner_twin->position), to_quaternion(owner_twin->orientation).normalized()},
-                {to_vector(owner_twin->linear_velocity), to_vector(owner_twin->angular_velocity)},
-                {to_vector(owner_twin->contact_force) + to_vector(owner_twin->coupling_force),
-                 to_vector(owner_twin->contact_torque) + to_vector(owner_twin->coupling_torque)}};
+  Leader leader{{to_vector(leading_twin->position), to_quaternion(leading_twin->orientation).normalized()},
+                {to_vector(leading_twin->linear_velocity), to_vector(leading_twin->angular_velocity)},
+                {to_vector(leading_twin->contact_force) + to_vector(leading_twin->coupling_force),
+                 to_vector(leading_twin->contact_torque) + to_vector(leading_twin->coupling_torque)}};
   // `age` is that at `now`, the end of this step. Staleness is judged by the age at the start of the step.
   const bool force_stale = age - step_ > std::max(3 * object.owner_step + 1.5 * step_, kForceStall);
   if (force_stale) leader.wrench = {-follower.mass * follower.gravity, Vector3::Zero()};
@@ -359,6 +361,38 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
   Wrench follow_wrench = owner_wrench(follower, leader, options_.follow_stiffness, step_);
   stop_at_planes(object, follower, follow_wrench);
   engine_->apply(slot, follow_wrench);
+}
+
+/// Whether the hand touches an object of the assembly. All objects of an assembly have the same owner.
+bool WorldLoop::touches_assembly(const ObjectCoupling& hand, std::size_t assembly) const {
+  return std::any_of(hand.twins.begin(), hand.twins.end(), [&](const ObjectTwin& twin) {
+    return twin.object >= 1 && twin.object <= objects_.size() && objects_[twin.object - 1].assembly == assembly &&
+           to_vector(twin.contact_force).norm() > 0;
+  });
+}
+
+/// Decides which hand owns the object from now on. `claims`: the hand whose twin leads. `guest`: another hand that
+/// touches the object. Null: none.
+void WorldLoop::choose_owner(Object& object, Nanoseconds now, const WorldInput& input, const HandKey* claims,
+                             bool owner_touches, const HandKey* guest) {
+  const bool kept = object.owned && claims != nullptr && *claims == object.owner;
+  if (object.owned && !kept && object.handed_at == 0) {
+    for (const ObjectCoupling& coupling : input.couplings)
+      if (coupling.hand == object.owner && age_of(coupling.stamp.sample_time, now).value_or(0) > kVanished)
+        ++counters_.vanished;
+    object.stalled = false;
+  }
+  if (kept) object.handed_at = 0;
+  // The object goes from hand to hand while both touch it, or when the owner ends its grip. It is not free between.
+  if (object.owned && object.handed_at == 0 && guest != nullptr && !(kept && owner_touches)) {
+    object.owner = *guest;
+    object.handed_at = now;
+    return;
+  }
+  if (object.handed_at != 0 && age_of(object.handed_at, now).value_or(0) < kHandOver) return;
+  object.handed_at = 0;
+  object.owned = claims != nullptr;
+  if (claims != nullptr) object.owner = *claims;
 }
 
 /// In free flight the copy needs the hand's wrench. In contact with a neighbour the twin also feels a reaction that
@@ -567,6 +601,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     }
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
+    object->handed_at = 0;
     object->planes.clear();
     describe(slot, true);
     return result_of(kReplyApplied, "removed");

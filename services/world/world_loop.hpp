@@ -112,6 +112,7 @@ class WorldLoop {
     bool put = false;        ///< moved by a message that the hand which held it may not have received
     Nanoseconds put_at = 0;  ///< time of the first step after the move; 0: no step yet
     HandKey owner;
+    Nanoseconds handed_at = 0;  ///< when `owner` became the next owner; 0: it knows, and claims the object
     double owner_step = 0;
     Pose pose;
     Twist velocity;
@@ -147,6 +148,9 @@ class WorldLoop {
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
   void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
+  bool touches_assembly(const ObjectCoupling& hand, std::size_t assembly) const;
+  void choose_owner(Object& object, Nanoseconds now, const WorldInput& input, const HandKey* claims, bool owner_touches,
+                    const HandKey* guest);
   Wrench without_reaction(const Object& object, const Follower& follower, const Wrench& hand) const;
   void stop_at_planes(const Object& object, const Follower& follower, Wrench& wrench) const;
   Vector3 gravity_of(const Object& object) const;

@@ -57,6 +57,7 @@ SOFTHAND_NAMED(NeighbourPlane);
 SOFTHAND_NAMED(ObjectState);
 SOFTHAND_NAMED(WorldObjects);
 SOFTHAND_NAMED(ObjectTwin);
+SOFTHAND_NAMED(ContactPatch);
 SOFTHAND_NAMED(ObjectCoupling);
 SOFTHAND_NAMED(BoneSample);
 SOFTHAND_NAMED(BoneWrench);

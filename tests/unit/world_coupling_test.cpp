@@ -11,9 +11,9 @@
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "messages/newest_couplings.hpp"
 #include "unit/world_objects.hpp"
 #include "unit/world_twin.hpp"
-#include "world/newest_couplings.hpp"
 #include "world/world_loop.hpp"
 
 namespace softhand {

@@ -1,4 +1,4 @@
-// The newest coupling of each hand, for WorldInput.
+// The newest coupling of each hand: input of the world, and of hands that touch the same objects.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +10,13 @@
 #include "messages/messages.hpp"
 
 namespace softhand {
+
+/// The hand's twin of an object. Null: it has none.
+inline const ObjectTwin* twin_of(const ObjectCoupling& coupling, std::uint32_t id) {
+  for (const ObjectTwin& twin : coupling.twins)
+    if (twin.object == id) return &twin;
+  return nullptr;
+}
 
 /// Anybody on the domain can invent users. If the list is full, a new hand takes the place of the one that was heard
 /// the longest time ago. Does not allocate after construction. A sample from the future is refused here, because it
