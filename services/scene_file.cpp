@@ -158,10 +158,11 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   v.string("name", o.name, "Name of the scene.");
   v.string("watch", o.watch,
            "One line on what to watch. `softhand demo` lists the scenes of config/scenes that have this key.");
-  v.string("plays", o.plays,
-           "Name of the table `[[hands]]` whose hand this process simulates. A scene with several hands has such tables. "
-           "Each has a `name`, and keys of the scene that replace the scene's own, for example `hands.generator`. "
-           "Empty = the first.");
+  v.string(
+      "plays", o.plays,
+      "Name of the table `[[hands]]` whose hand this process simulates. A scene with several hands has such tables. "
+      "Each has a `name`, and keys of the scene that replace the scene's own, for example `hands.generator`. "
+      "Empty = the first.");
   v.integer("user", o.user, "1", {0, 15}, "User of the hand. It is part of the key of every topic about a hand.");
   v.string("motion", o.motion,
            "Recorded motion that the replay tracker plays: CSV of WebXR joint poses, columns in "
@@ -200,7 +201,8 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
     scene.ignored.emplace_back(key);
     return true;
   };
-  Variants hands{.list = "hands"};
+  Variants hands;
+  hands.list = "hands";
   constexpr std::string_view kPlays = "plays=";
   for (const std::string& assignment : overrides)
     if (assignment.starts_with(kPlays)) hands.chosen = assignment.substr(kPlays.size());

@@ -23,6 +23,7 @@
 
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "energies/clique.hpp"
@@ -61,6 +62,10 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   /// The site exerts no more force. Used for a joint that is not tracked and for an empty object slot.
   void clear_target(int site) { at(site).active = false; }
   bool has_target(int site) const { return at(site).active; }
+  /// As set; zero velocity without a target.
+  std::pair<Pose, Twist> target(int site) const {
+    return {at(site).target, at(site).active ? at(site).target_velocity : Twist{}};
+  }
   void set_gains(int site, const CouplingGains& gains);
 
   /// All that a step carries to the next one, and what the caller set.

@@ -291,7 +291,7 @@ struct ObjectTwin {
 };
 inline constexpr std::size_t kMaxMirrored = 16;
 /// The contact of one bone with one object, for another hand that touches this object too. At `stamp.sample_time` and
-/// the twin's pose it has this force. Then the contact moves with the bone (energies/other_hands.hpp).
+/// the twin's pose it has this force. Then the contact moves (energies/other_hands.hpp).
 struct ContactPatch {
   std::uint32_t object = 0;
   std::uint32_t body = 0;   ///< 0..20
@@ -299,8 +299,8 @@ struct ContactPatch {
   Vec3 normal{0, 1, 0};     ///< unit, from the hand into the object
   Vec3 force{};             ///< from the hand on the object, N
   Vec3 torque{};            ///< the same about `point`, N m
-  Vec3 linear_velocity{};   ///< of the bone at `point`, m/s
-  Vec3 angular_velocity{};  ///< of the bone, rad/s
+  Vec3 linear_velocity{};   ///< with which the contact moves, m/s
+  Vec3 angular_velocity{};  ///< rad/s
   double stiffness = 0;     ///< N/m along the normal; across: times min(friction, 1)
   double radius = 0;        ///< m, root mean square distance of the contact points from `point`
   double friction = 0;

@@ -31,8 +31,8 @@ struct AppliedOverride {
 /// Says whether a top-level key of a shared file belongs to another program.
 using ForeignKey = std::function<bool(std::string_view)>;
 
-/// A top-level array of tables in which each table has a `name` and keys of the whole file. One of the tables is chosen.
-/// Its keys replace those of the file.
+/// A top-level array of tables in which each table has a `name` and keys of the whole file. One of the tables is
+/// chosen. Its keys replace those of the file.
 struct Variants {
   std::string list;                ///< key of the array
   std::string chosen;              ///< name; empty: the first

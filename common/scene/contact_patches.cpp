@@ -51,15 +51,16 @@ void write_patches(const HandModel& hand, const ContactSet& contacts, const Stat
       if (pressure > 0) visit(sums[points[anchor.point].body], anchor, into, force, pressure);
     }
   };
-  for_each_pressing([&](Sum& sum, const ContactAnchor& anchor, const Vector3& into, const Vector3& force, double weight) {
-    sum.force += force;
-    sum.normal += weight * into;
-    sum.point += weight * contacts.position(anchor, state);
-    sum.rest += weight * rest_place(hand, points, anchor.point);
-    sum.pressure += weight;
-    sum.stiffness += anchor.stiffness;
-    sum.friction = anchor.friction;
-  });
+  for_each_pressing(
+      [&](Sum& sum, const ContactAnchor& anchor, const Vector3& into, const Vector3& force, double weight) {
+        sum.force += force;
+        sum.normal += weight * into;
+        sum.point += weight * contacts.position(anchor, state);
+        sum.rest += weight * rest_place(hand, points, anchor.point);
+        sum.pressure += weight;
+        sum.stiffness += anchor.stiffness;
+        sum.friction = anchor.friction;
+      });
   for (Sum& sum : sums) {
     if (!(sum.pressure > 0)) continue;
     sum.point /= sum.pressure;
@@ -75,7 +76,6 @@ void write_patches(const HandModel& hand, const ContactSet& contacts, const Stat
     const double length = sum.normal.norm();
     if (!(length > 0) || !(sum.force.dot(sum.normal) > 0)) continue;
     const Vector3 normal = sum.normal / length;
-    const Twist bone = at_point(state.body_velocities[b], sum.point - state.body_poses[b].position);
     ContactPatch patch;
     patch.object = object;
     patch.body = static_cast<std::uint32_t>(b);
@@ -83,8 +83,6 @@ void write_patches(const HandModel& hand, const ContactSet& contacts, const Stat
     patch.normal = to_wire(normal);
     patch.force = to_wire(sum.force);
     patch.torque = to_wire(sum.torque);
-    patch.linear_velocity = to_wire(bone.linear);
-    patch.angular_velocity = to_wire(bone.angular);
     patch.stiffness = stiffness_of(hand, state, b, sum, normal);
     patch.radius = std::sqrt(sum.square / sum.pressure);
     patch.friction = sum.friction;

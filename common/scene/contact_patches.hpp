@@ -10,7 +10,8 @@
 namespace softhand {
 
 /// Adds a patch for each bone whose skin presses on the object in the slot, at the end of the last step. `object` is
-/// its id. If there is no place for all, those with the least force are left out. Does not allocate.
+/// its id. If there is no place for all, those with the least force are left out. Does not write velocities. Does not
+/// allocate.
 ///
 /// The stiffness is that of contact and tissue between the object and the bone: twice the secant of the tissue in
 /// series with the contact. The secant is the normal force over the distance by which the bone has approached the

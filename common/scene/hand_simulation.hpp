@@ -163,6 +163,8 @@ class HandSimulation {
   // Results of the last step.
   Pose joint_pose(Joint joint) const;
   Twist joint_velocity(Joint joint) const;
+  /// Velocity (world) of the point at `place` if it moved rigidly with the carpus, without the noise of a hand at rest.
+  Twist carrying_velocity(const Vector3& place) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
   Wrench coupling_wrench(Body body) const;
   /// Wrench of the hand and of flexible objects on the object in the slot, about the object's centre of mass.

@@ -370,10 +370,12 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
     compliance_place_.push_back(compliance_place);
     total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3).setZero();
   };
+  bool is_full = false;
   const auto touch = [&](std::int32_t block) {
     if (place_[static_cast<std::size_t>(block)] >= 0) return;
     if (block >= core) {
-      if (blocks_.size() < static_cast<std::size_t>(kMaxCondensedBlocks)) include(block, -1);
+      is_full |= blocks_.size() == static_cast<std::size_t>(kMaxCondensedBlocks);
+      if (!is_full) include(block, -1);
     } else if (!compliance.has(block) && std::find(added_.begin(), added_.end(), block) == added_.end()) {
       added_.push_back(block);
     }
@@ -397,7 +399,8 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
   // Neighbours are in one pass over the factor.
   std::sort(added_.begin(), added_.end());
   const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxCondensedBlocks);
-  if (added_.size() > compliance.room() || blocks_.size() + compliance.blocks().size() + added_.size() - known > room) {
+  if (is_full || added_.size() > compliance.room() ||
+      blocks_.size() + compliance.blocks().size() + added_.size() - known > room) {
     return Condensed::no_room;
   }
   if (!compliance.include(added_, factor.core())) return Condensed::not_positive;
@@ -565,18 +568,18 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
     condensed_operations_ += kBlockOperations * static_cast<double>(blocks_.size());
     for (const Energy* term : kinked) term->add_hessian(trial_, hessian, curvature);
   };
-  // Includes what `trial_` touches.
+  // Includes what `trial_` touches. New blocks move at once as the forces so far move them, and may touch more.
   const auto touch = [&] {
-    renew_kinked();
-    const std::size_t before = blocks_.size();
-    const Condensed included = include_touched(hessian, factor, kept, compliance);
-    if (included != Condensed::found || (before == blocks_.size() && before > 0)) return included;
-    hessian.take_back();
-    condense(hessian, kept, compliance);
-    move_to(state, total_.head(size_));
-    energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
-    renew_kinked();
-    return Condensed::found;
+    for (bool is_condensed = !blocks_.empty();; is_condensed = true) {
+      renew_kinked();
+      const std::size_t before = blocks_.size();
+      const Condensed included = include_touched(hessian, factor, kept, compliance);
+      if (included != Condensed::found || (before == blocks_.size() && is_condensed)) return included;
+      hessian.take_back();
+      condense(hessian, kept, compliance);
+      move_to(state, total_.head(size_));
+      energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
+    }
   };
   Condensed result = touch();
   double first_residual = 0;

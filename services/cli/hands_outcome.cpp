@@ -4,19 +4,19 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr double kLifted = 0.01;  // m
-constexpr double kHardly = 0.01;   // m/s
+constexpr double kSettles = 0.5;  // s, at the start of the hold
 
 }  // namespace
 
 HandsOutcome::HandsOutcome(const OutcomeFrame& frame, double gravity)
-    : object_(frame.object), weight_(frame.object_mass * gravity) {}
+    : frame_(frame), object_(frame.object), weight_(frame.object_mass * gravity) {}
 
 void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling& coupling, const Contacts& contacts,
                        const Pose& palm, const WorldObjects& objects) {
@@ -24,7 +24,6 @@ void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling&
   const auto object = std::find_if(objects.objects.begin(), objects.objects.end(),
                                    [this](const ObjectState& each) { return each.object == object_; });
   if (object == objects.objects.end()) return;
-  if (!first_height_) first_height_ = object->position[1];
   Held& held = held_[hand];
   held.touches = false;
   for (const ObjectTwin& twin : coupling.twins) {
@@ -48,7 +47,7 @@ void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling&
   }
   if (hand != 1) return;
   if (held_[0].touches && held_[1].touches) {
-    add_both(*object);
+    if (is_held(time)) add_both(*object);
     handed_at_ = time;
     for (std::size_t h = 0; h < 2; ++h) at_hand_over_[h] = held_[h].in_palm;
     receiver_.reset();
@@ -58,14 +57,20 @@ void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling&
     if (!receiver_) receiver_ = holder;
     if (*receiver_ != holder) return;
     handed_slip_ = std::max(handed_slip_, (held_[holder].in_palm.position - at_hand_over_[holder].position).norm());
-    handed_turn_ = std::max(
-        handed_turn_, held_[holder].in_palm.orientation.angularDistance(at_hand_over_[holder].orientation));
+    handed_turn_ =
+        std::max(handed_turn_, held_[holder].in_palm.orientation.angularDistance(at_hand_over_[holder].orientation));
     handed_seconds_ = static_cast<double>(time - *handed_at_) * 1e-9;
   }
 }
 
+bool HandsOutcome::is_held(Nanoseconds time) const {
+  const double seconds = static_cast<double>(time - frame_.motion_start) * 1e-9;
+  return std::any_of(frame_.phases.begin(), frame_.phases.end(), [seconds](const MotionPhase& phase) {
+    return phase.name == "hold" && seconds >= phase.begin + kSettles && seconds <= phase.end;
+  });
+}
+
 void HandsOutcome::add_both(const ObjectState& object) {
-  if (object.position[1] < *first_height_ + kLifted || to_vector(object.linear_velocity).norm() > kHardly) return;
   const double carried = held_[0].force.y() + held_[1].force.y();
   lowest_carried_ = both_steps_ == 0 ? carried : std::min(lowest_carried_, carried);
   highest_carried_ = both_steps_ == 0 ? carried : std::max(highest_carried_, carried);

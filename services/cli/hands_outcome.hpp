@@ -38,12 +38,13 @@ class HandsOutcome {
     Pose in_palm;                      // of the object
   };
   void add_both(const ObjectState& object);
+  bool is_held(Nanoseconds time) const;
 
+  OutcomeFrame frame_;
   std::uint32_t object_;
   double weight_;  // N
   std::array<Held, 2> held_;
-  std::optional<double> first_height_;
-  // While both hold the object above its first place and it hardly moves.
+  // While both touch the object in the phase `hold`, without its first half second.
   int both_steps_ = 0;
   double carried_ = 0, lowest_carried_ = 0, highest_carried_ = 0;  // sums of upward forces, N
   double share_ = 0, lever_share_ = 0;                             // sums over these steps

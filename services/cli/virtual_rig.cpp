@@ -112,8 +112,8 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
     : options_(scene.options),
       witness_(witness),
       transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
-      world_(std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz,
-                                         options_.joints)) {
+      world_(
+          std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints)) {
   for (const ObjectDescription& description : world_->descriptions()) {
     const bool has_file = !description.shape.file.empty();
     file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);
@@ -127,8 +127,7 @@ VirtualRig::~VirtualRig() = default;
 
 // The phases differ so that no two loops tick at the same time.
 void VirtualRig::add_loop(RigLoop name, double rate_hz, double phase, std::function<void(Nanoseconds)> step) {
-  loops_.push_back(
-      {nanoseconds(1.0 / rate_hz), kStart + nanoseconds(phase / rate_hz), name, std::move(step)});
+  loops_.push_back({nanoseconds(1.0 / rate_hz), kStart + nanoseconds(phase / rate_hz), name, std::move(step)});
 }
 
 void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::unique_ptr<TrackerSource> tracker) {
@@ -144,8 +143,7 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
   hand.tracker = std::move(tracker);
   if (!options.hand.direct)
     hand.tracking = std::make_unique<TrackingLoop>(options.tracking, options.hand.rate_hz, model, key);
-  hand.loop =
-      std::make_unique<HandLoop>(model, options.hand, key, object_spring(options_.world), scene.soft_objects);
+  hand.loop = std::make_unique<HandLoop>(model, options.hand, key, object_spring(options_.world), scene.soft_objects);
   for (std::size_t i = 0; i < file_shapes_.size(); ++i)
     hand.loop->describe_object(world_->descriptions()[i], file_shapes_[i]);
   for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand.loop->describe_joint(joint);
@@ -160,8 +158,7 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
   if (hand.tracking)
     add_loop(RigLoop::tracking, options.tracking.rate_hz, 0.31 + shift,
              [this, &hand](Nanoseconds now) { step_tracking(hand, now); });
-  add_loop(RigLoop::hand, options.hand.rate_hz, 0.47 + shift,
-           [this, &hand](Nanoseconds now) { step_hand(hand, now); });
+  add_loop(RigLoop::hand, options.hand.rate_hz, 0.47 + shift, [this, &hand](Nanoseconds now) { step_hand(hand, now); });
   add_loop(RigLoop::haptic, options.haptic.loop.rate_hz, 0.79 + shift,
            [this, &hand](Nanoseconds now) { step_haptic(hand, now); });
 }

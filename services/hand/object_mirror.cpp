@@ -32,6 +32,10 @@ bool usable(const ContactPatch& patch) {
          moderate(patch.torque) && moderate(patch.linear_velocity) && moderate(patch.angular_velocity) &&
          between(patch.stiffness, 0, 1e9) && between(patch.radius, 0, 1) && between(patch.friction, 0, 1e9);
 }
+bool usable(const ObjectTwin& twin) {
+  return moderate(twin.position) && is_unit(to_quaternion(twin.orientation).norm()) && moderate(twin.linear_velocity) &&
+         moderate(twin.angular_velocity);
+}
 bool usable(const ObjectState& object) {
   return moderate(object.position) && is_unit(to_quaternion(object.orientation).norm()) &&
          moderate(object.linear_velocity) && moderate(object.angular_velocity) && moderate(object.gravity) &&
@@ -314,23 +318,26 @@ ObjectMirror::KnownObject* ObjectMirror::find_object(std::uint32_t id) {
   return known == objects_.end() ? nullptr : &*known;
 }
 
-double ObjectMirror::extrapolation_of_world(Nanoseconds time) const {
+double ObjectMirror::extrapolation(Nanoseconds sample_time, Nanoseconds time) const {
   const double limit = options_.extrapolation_limit;
-  return std::clamp((static_cast<double>(time) - static_cast<double>(world_time_)) * 1e-9, -limit, limit);
+  return std::clamp((static_cast<double>(time) - static_cast<double>(sample_time)) * 1e-9, -limit, limit);
 }
 
-ObjectMirror::WorldStep ObjectMirror::world_step(Nanoseconds now) const {
-  const double to_start = extrapolation_of_world(now - static_cast<Nanoseconds>(time_step_ * 1e9));
-  return {to_start, (extrapolation_of_world(now) - to_start) / time_step_};
+ObjectMirror::SampleStep ObjectMirror::sample_step(Nanoseconds sample_time, Nanoseconds now) const {
+  const double to_start = extrapolation(sample_time, now - static_cast<Nanoseconds>(time_step_ * 1e9));
+  return {to_start, (extrapolation(sample_time, now) - to_start) / time_step_};
 }
 
-// Moves the twin in this step like the world's copy: from the copy's pose at the start of the step to its pose now.
-void ObjectMirror::follow_world(const KnownObject& object, Nanoseconds now) {
-  const WorldStep step = world_step(now);
-  const Pose pose = to_pose(object.state.position, object.state.orientation);
-  const Twist velocity = twist_of(object.state);
+// Moves the twin in this step like the sampled body: from its pose at the start of the step to its pose now.
+void ObjectMirror::follow(const KnownObject& object, Nanoseconds now, Nanoseconds sample_time, const Pose& pose,
+                          const Twist& velocity) {
+  const SampleStep step = sample_step(sample_time, now);
   simulation_.set_slot_motion(object.slot, extrapolated(pose, velocity, step.to_start),
                               {step.moving_part * velocity.linear, step.moving_part * velocity.angular});
+}
+
+void ObjectMirror::follow_world(const KnownObject& object, Nanoseconds now) {
+  follow(object, now, world_time_, to_pose(object.state.position, object.state.orientation), twist_of(object.state));
 }
 
 void ObjectMirror::measure_distances() {
@@ -550,11 +557,11 @@ void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool sett
   if (symmetric_) {
     const Pose pose = to_pose(object.state.position, object.state.orientation);
     const Twist velocity = twist_of(object.state);
-    simulation_.set_object_target(object.slot, extrapolated(pose, velocity, extrapolation_of_world(now)), velocity);
+    simulation_.set_object_target(object.slot, extrapolated(pose, velocity, extrapolation(world_time_, now)), velocity);
     return;
   }
   if (is_guest(object, now)) {
-    follow_world(object, now);
+    follow_owner(object, now);
     object.owned = false;
     return;
   }
@@ -566,19 +573,41 @@ void ObjectMirror::follow_or_own(KnownObject& object, Nanoseconds now, bool sett
   object.is_free = object.owned || (!settles && simulation_.may_touch(object.slot));
 }
 
+// The coupling of the hand that owns the object for the world, if it is another hand and its coupling is fresh.
+const ObjectCoupling* ObjectMirror::owner_of(const KnownObject& object, Nanoseconds now) const {
+  const HandKey owner{object.state.owner_user, object.state.owner_side};
+  for (const ObjectCoupling& other : other_hands_) {
+    const std::optional<double> age = age_of(other.stamp.sample_time, now);
+    if (other.hand == owner && age && *age <= kHandStale) return &other;
+  }
+  return nullptr;
+}
+
 // Whether another hand owns the object. This hand gives it up when that hand claims it, not before, so that the object
 // is never without an owner.
 bool ObjectMirror::is_guest(const KnownObject& object, Nanoseconds now) const {
-  const HandKey owner{object.state.owner_user, object.state.owner_side};
-  if (object.state.owned == 0 || owner == hand_) return false;
-  if (!object.owned) return true;
-  for (const ObjectCoupling& other : other_hands_) {
-    const std::optional<double> age = age_of(other.stamp.sample_time, now);
-    if (!(other.hand == owner) || !age || *age > kHandStale) continue;
-    const ObjectTwin* twin = twin_of(other, object.id);
-    return twin != nullptr && twin->owned != 0;
+  if (object.state.owned == 0 || HandKey{object.state.owner_user, object.state.owner_side} == hand_) return false;
+  const ObjectCoupling* owner = owner_of(object, now);
+  if (!object.owned || owner == nullptr) return true;
+  const ObjectTwin* twin = twin_of(*owner, object.id);
+  return twin != nullptr && twin->owned != 0;
+}
+
+// The owner's twin is where the forces of both hands act. The world's copy follows it later.
+void ObjectMirror::follow_owner(const KnownObject& object, Nanoseconds now) {
+  const ObjectCoupling* owner = owner_of(object, now);
+  const ObjectTwin* twin = owner == nullptr ? nullptr : twin_of(*owner, object.id);
+  if (twin == nullptr || twin->owned == 0 || !usable(*twin)) {
+    follow_world(object, now);
+    return;
   }
-  return true;
+  const Pose pose = to_pose(twin->position, twin->orientation);
+  // A touched object is extrapolated as if it moved with this hand. Its own velocity answers to this hand's forces, and
+  // extrapolation would amplify the answer.
+  const bool touches = simulation_.touched(object.slot);
+  const Twist velocity = touches ? simulation_.carrying_velocity(pose.position)
+                                 : Twist{to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)};
+  follow(object, now, owner->stamp.sample_time, pose, velocity);
 }
 
 // The contacts of the other hands act on an object that this hand owns.
@@ -588,7 +617,7 @@ void ObjectMirror::take_patches(const KnownObject& object, Nanoseconds now) {
     const ObjectTwin* twin = twin_of(other, object.id);
     if (!age || *age > kHandStale || twin == nullptr) continue;
     const Pose pose = to_pose(twin->position, twin->orientation);
-    const bool is_pose = moderate(twin->position) && is_unit(pose.orientation.norm());
+    const bool is_pose = usable(*twin);
     for (const ContactPatch& patch : other.patches) {
       if (patch.object != object.id) continue;
       if (is_pose && usable(patch)) {
@@ -610,7 +639,7 @@ void ObjectMirror::set_body(KnownObject& object, Nanoseconds now) {
   }
   simulation_.make_dynamic(object.slot, to_vector(object.state.gravity));
   // The planes are extrapolated to the start of the step, like the copies: one sample may be used in several steps.
-  const WorldStep step = world_step(now);
+  const SampleStep step = sample_step(world_time_, now);
   auto planes = object.state.planes;
   for (NeighbourPlane& plane : planes) {
     const Vector3 velocity = to_vector(plane.velocity);

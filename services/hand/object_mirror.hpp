@@ -79,9 +79,9 @@ class ObjectMirror {
     int place = -1;  // in the simulation; -1: does not act
   };
 
-  /// Times (s) by which the world's sample is extrapolated: to the start of the step that ends at `now`.
+  /// Times (s) by which a sample of an object is extrapolated: to the start of the step that ends at `now`.
   /// `moving_part` is the part of the step in which the extrapolation limit allows motion.
-  struct WorldStep {
+  struct SampleStep {
     double to_start = 0;
     double moving_part = 1;
   };
@@ -98,13 +98,17 @@ class ObjectMirror {
   void follow_or_own(KnownObject& object, Nanoseconds now, bool settles);
   bool is_guest(const KnownObject& object, Nanoseconds now) const;
   void take_patches(const KnownObject& object, Nanoseconds now);
+  void follow(const KnownObject& object, Nanoseconds now, Nanoseconds sample_time, const Pose& pose,
+              const Twist& velocity);
   void follow_world(const KnownObject& object, Nanoseconds now);
+  void follow_owner(const KnownObject& object, Nanoseconds now);
+  const ObjectCoupling* owner_of(const KnownObject& object, Nanoseconds now) const;
   void set_body(KnownObject& object, Nanoseconds now);
   void move_joints();
   void set_joint(const KnownJoint& joint, const KnownObject& parent, const KnownObject& child);
-  /// Time (s) by which the world's sample is extrapolated to `time`. Negative if the sample is newer.
-  double extrapolation_of_world(Nanoseconds time) const;
-  WorldStep world_step(Nanoseconds now) const;
+  /// Time (s) by which a sample is extrapolated to `time`. Negative if the sample is newer.
+  double extrapolation(Nanoseconds sample_time, Nanoseconds time) const;
+  SampleStep sample_step(Nanoseconds sample_time, Nanoseconds now) const;
   template <typename Object, typename Visit>
   static void visit_state(Object& object, Visit&& visit);
 
@@ -116,8 +120,8 @@ class ObjectMirror {
   LoadShape load_shape_;
   std::vector<KnownObject> objects_;
   std::vector<KnownJoint> joints_;
-  std::vector<int> slot_object_;  // index into objects_, -1 = free
-  std::vector<int> waiting_;      // indices into objects_ of near objects without a slot, nearest first
+  std::vector<int> slot_object_;                 // index into objects_, -1 = free
+  std::vector<int> waiting_;                     // indices into objects_ of near objects without a slot, nearest first
   std::span<const ObjectCoupling> other_hands_;  // valid in `begin_step` and until the next one
   Nanoseconds world_time_ = 0;
   ObjectMirrorCounters counters_;

@@ -3,8 +3,8 @@
 #include <memory>
 #include <utility>
 
-#include "messages/newest_couplings.hpp"
 #include "flight/world_flight.hpp"
+#include "messages/newest_couplings.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "world/world_loop.hpp"

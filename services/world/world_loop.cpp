@@ -15,10 +15,10 @@
 namespace softhand {
 namespace {
 
-constexpr double kForceStall = 0.030;    // s; older contact forces are ignored
-constexpr double kMotionStall = 0.100;   // s; older velocities are ignored
-constexpr double kVanished = 0.500;      // s; an older owner has vanished
-constexpr double kHandOver = 0.200;      // s; a hand that does not claim the object until then does not become its owner
+constexpr double kForceStall = 0.030;   // s; older contact forces are ignored
+constexpr double kMotionStall = 0.100;  // s; older velocities are ignored
+constexpr double kVanished = 0.500;     // s; an older owner has vanished
+constexpr double kHandOver = 0.200;     // s; a hand that does not claim the object until then does not become its owner
 constexpr double kClaimHoldoff = 0.200;  // s after a move; until then, claims by hands that may not know the new place
                                          // are ignored
 constexpr double kNearestPlane = 0.005;  // m

@@ -465,12 +465,82 @@ TEST(WorldCoupling, KeepsTheFirstOwnerAndRefusesANonFiniteTwin) {
   couplings[0].twins[0].owned = 1;
   EXPECT_EQ(step().owner_side, 1u);
   couplings[1].twins[0].owned = 0;
+  couplings[1].twins[0].contact_force = {};
   EXPECT_EQ(step().owner_side, 0u);
   couplings[0].twins[0].position[1] = std::nan("");
   const ObjectState last = step();
   EXPECT_EQ(last.owned, 0u);
   EXPECT_TRUE(std::isfinite(last.position[1]));
   EXPECT_EQ(world.counters().refused_nonfinite, 1u);
+}
+
+// Two hands and one cube in the air. Each hand has a twin of it.
+struct TwoHands {
+  TwoHands() : world({}, {table(), cube(0.05, 0.3)}) {
+    for (std::uint32_t side : {0u, 1u}) {
+      couplings[side].hand = {0, side};
+      couplings[side].step_period = 1.0 / 90;
+      ObjectTwin twin;
+      twin.object = 2;
+      twin.position = {0, 0.3, 0};
+      couplings[side].twins.push_back(twin);
+    }
+  }
+  ObjectTwin& twin(std::uint32_t side) { return couplings[side].twins.items[0]; }
+  void touch(std::uint32_t side, double newton) { twin(side).contact_force = {0, newton, 0}; }
+  ObjectState step() {
+    now += 4000000;
+    for (ObjectCoupling& each : couplings) each.stamp.sample_time = now;
+    return object(world.step(now, {couplings}), 2);
+  }
+  WorldLoop world;
+  std::array<ObjectCoupling, 2> couplings;
+  Nanoseconds now = 0;
+};
+
+TEST(WorldCoupling, AnObjectGoesFromTheOwnerToTheHandThatStillTouchesIt) {
+  constexpr double kWeight = 0.05 * 9.81;
+  TwoHands hands;
+  hands.twin(1).owned = 1;
+  hands.touch(1, kWeight);
+  EXPECT_EQ(hands.step().owner_side, 1u);
+  hands.touch(0, 0.2);  // both touch: nothing changes
+  for (int n = 0; n < 50; ++n) EXPECT_EQ(hands.step().owner_side, 1u);
+  // The owner lets go. The other hand is the next owner, and until it claims the object the twin of the first one
+  // leads.
+  hands.touch(1, 0);
+  const ObjectState before = hands.step();
+  EXPECT_EQ(before.owner_side, 0u);
+  for (int n = 0; n < 5; ++n) EXPECT_EQ(hands.step().owned, 1u);
+  // The first owner gives it up before the second has claimed it: the object does not fall.
+  hands.twin(1).owned = 0;
+  ObjectState state;
+  for (int n = 0; n < 5; ++n) state = hands.step();
+  EXPECT_EQ(state.owned, 1u);
+  EXPECT_EQ(state.owner_side, 0u);
+  EXPECT_LT(std::abs(state.position[1] - before.position[1]), 1e-3);
+  hands.twin(0).owned = 1;
+  hands.touch(0, kWeight);
+  for (int n = 0; n < 100; ++n) state = hands.step();
+  EXPECT_EQ(state.owner_side, 0u);
+  EXPECT_NEAR(state.position[1], 0.3, 1e-3);
+  EXPECT_EQ(hands.world.counters().vanished, 0u);
+}
+
+TEST(WorldCoupling, AnObjectFallsIfTheNextOwnerDoesNotClaimIt) {
+  TwoHands hands;
+  hands.twin(1).owned = 1;
+  hands.touch(1, 0.5);
+  hands.step();
+  hands.touch(0, 0.2);
+  hands.touch(1, 0);
+  hands.twin(1).owned = 0;
+  EXPECT_EQ(hands.step().owner_side, 0u);
+  hands.touch(0, 0);
+  ObjectState state;
+  for (int n = 0; n < 100; ++n) state = hands.step();
+  EXPECT_EQ(state.owned, 0u);
+  EXPECT_LT(state.position[1], 0.25);
 }
 
 // An owner's samples that must not reach the engine. Each would make the object's motion infinite or hold it for ever.

@@ -103,7 +103,8 @@ class GraspMotion : public Motion {
     add("turn", o.turn_time, &Place::turn, o.turn_angle);
     if (o.other_turn_angle != 0) add("turn_other", 2 * o.turn_time, &Place::turn, o.other_turn_angle);
     add("return", o.return_time, &Place::turn, 0);
-    add("lower", o.lower_time, &Place::height, places_.back().height - o.lift_height - o.lower_depth);
+    add("lower", o.lower_time, &Place::height,
+        places_.back().height - o.lift_height - o.lower_depth + o.release_height);
     add_pause("place", o.place_time);
     add("release", o.release_time, &Place::openness, 1);
     add("retreat", o.retreat_time, &Place::away, 1);

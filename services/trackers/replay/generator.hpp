@@ -37,6 +37,7 @@ struct GeneratorOptions {
   std::int64_t repeats = 1;
   double ring_opening = 0;
   double lower_depth = 0.001;
+  double release_height = 0;
   double approach_time = 1.0;
   double close_time = 0.8;
   double settle_time = 0.5;
@@ -106,6 +107,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.integer("repeats", o.repeats, "1", {1, 100}, "Number of grips (unscrew) or strokes (scissors).");
   v.number("ring_opening", o.ring_opening, "m", {0, 0.05},
            "Distance of each finger from the closed face while it enters and leaves its ring (scissors).");
+  v.number("release_height", o.release_height, "m", {0, 1},
+           "Height above its first place at which the object is released (pinch): another hand may hold it then.");
   v.number("lower_depth", o.lower_depth, "m", {0, 0.02},
            "The hand puts the object down this far below its first place, so that it sits firmly.");
   const auto time = [&v](std::string_view key, double& value, std::string_view text) {

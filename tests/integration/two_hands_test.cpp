@@ -1,0 +1,94 @@
+// Two hands with one object: the scenes two_hand_lift and hand_over on the virtual clock.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "cli/commands.hpp"
+#include "cli/virtual_rig.hpp"
+#include "scene_file.hpp"
+
+namespace softhand {
+namespace {
+
+nlohmann::json simulate(const std::string& scene, std::vector<std::string> overrides = {},
+                        const std::string& hand = "right_400.hand.json") {
+  SimulateArguments arguments;
+  arguments.scene = SOFTHAND_SOURCE_DIR "/config/scenes/" + scene + ".toml";
+  arguments.hand = hand;
+  arguments.overrides = std::move(overrides);
+  arguments.json = std::filesystem::temp_directory_path() / ("softhand_two_hands_" + std::to_string(getpid()));
+  run_simulate(arguments);
+  std::ifstream in(arguments.json);
+  nlohmann::json summary = nlohmann::json::parse(in);
+  std::filesystem::remove(arguments.json);
+  return summary;
+}
+
+TEST(TwoHands, LiftABoxTogether) {
+  const nlohmann::json summary = simulate("two_hand_lift");
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+  EXPECT_GT(summary["lifted_mm"].get<double>(), 130);
+  EXPECT_EQ(summary["hands"]["owner_changes"], 0);
+  EXPECT_GT(summary["hands"]["both_hold_steps"].get<int>(), 350);
+}
+
+// Here contact on the condensed hand moved a node that touched something new, and wrote outside its matrix.
+TEST(TwoHands, LiftABoxTogetherWithFinerHands) {
+  const nlohmann::json summary = simulate("two_hand_lift", {}, "right_750.hand.json");
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+}
+
+TEST(TwoHands, HandABarOver) {
+  const nlohmann::json summary = simulate("hand_over");
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+  EXPECT_EQ(summary["hands"]["owner_changes"], 1);
+  EXPECT_GT(summary["hands"]["handed_seconds"].get<double>(), 3);
+  EXPECT_EQ(simulate("hand_over")["state_hash"], summary["state_hash"]);
+}
+
+TEST(TwoHands, ASceneWithOneHandHasNoTermForOthers) {
+  const nlohmann::json summary = simulate("pinch", {"generator.hold_time=0.1"});
+  EXPECT_EQ(summary["hand_counters"]["patches_used"], 0);
+  EXPECT_FALSE(summary.contains("hands"));
+  const Scene scene = read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml");
+  EXPECT_FALSE(scene.options.hand.simulation.other_hands);
+}
+
+TEST(TwoHands, EachProcessReadsItsOwnHandOfTheScene) {
+  const std::string path = SOFTHAND_SOURCE_DIR "/config/scenes/two_hand_lift.toml";
+  const Scene right = read_scene(path), left = read_scene(path, {"plays=left", "hand.rate_hz=60"});
+  EXPECT_EQ(right.hands, (std::vector<std::string>{"right", "left"}));
+  EXPECT_EQ(right.options.hand.side, "right");
+  EXPECT_EQ(left.options.hand.side, "left");
+  EXPECT_EQ(left.options.hand.rate_hz, 60);
+  EXPECT_EQ(left.options.generator.object_position[0], -right.options.generator.object_position[0]);
+  EXPECT_TRUE(left.options.hand.simulation.other_hands);
+}
+
+std::string refusal(const std::string& text, const std::vector<std::string>& overrides = {}) {
+  try {
+    read_scene_text("s.toml", text, overrides);
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(TwoHands, RefusesBadTablesOfHands) {
+  EXPECT_EQ(refusal("[[hands]]\nname = \"a\"\n[hands.hand]\nsyde = \"left\"\n").substr(0, 9), "s.toml:4:");
+  EXPECT_NE(refusal("[[hands]]\nuser = 1\n").find("expected tables [[hands]], each with a name"), std::string::npos);
+  EXPECT_NE(refusal("[[hands]]\nname = \"a\"\n[[hands]]\nname = \"a\"\n").find("'a' is there twice"),
+            std::string::npos);
+  EXPECT_NE(refusal("hands = 3\n").find("expected an array of tables [[hands]]"), std::string::npos);
+  EXPECT_NE(refusal("[[hands]]\nname = \"a\"\n", {"plays=b"}).find("no table [[hands]] has the name 'b'"),
+            std::string::npos);
+  EXPECT_NE(refusal("", {"plays=b"}).find("no table [[hands]] has the name 'b'"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace softhand
