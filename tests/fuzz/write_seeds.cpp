@@ -25,6 +25,7 @@
 #include "trackers/leap/leap_message.hpp"
 #include "trackers/leap/simulated_leap.hpp"
 #include "trackers/natnet/simulated_motive.hpp"
+#include "trackers/openxr/openxr_hands.hpp"
 #include "trackers/osc/simulated_performer.hpp"
 #include "trackers/replay/recording.hpp"
 #include "trackers/streamer/simulated_streamer.hpp"
@@ -231,6 +232,24 @@ void add_leap(Seeds& seeds) {
   }
 }
 
+void add_openxr(Seeds& seeds) {
+  OpenXrFrame frame;
+  frame.time = kArrival - 1;
+  frame.head.flags = 15;
+  std::string bytes = bytes_of(frame.time) + bytes_of(frame.head);
+  for (OpenXrHand& hand : frame.hands) {
+    hand.is_active = true;
+    hand.joints.fill({15, {0, 0, 0, 1}, {0.1f, 1, 0.2f}, 0.01f});
+    hand.velocities.fill({3, {1, 0, 0}, {0, 1, 0}});
+    bytes += '\1' + bytes_of(hand.joints) + bytes_of(hand.velocities);
+  }
+  OpenXrDecoder decoder;
+  CheckedSink sink;
+  decoder.take({frame.bytes(), kArrival, 1, true}, sink);
+  expect(sink.count == 3, "openxr: the seed is accepted");
+  seeds.add("openxr", bytes);
+}
+
 void add_opengloves(Seeds& seeds) {
   const std::array<int, 5> values{0, 1000, 2047, 3000, 4095};
   const auto add = [&seeds](const std::string& lines) {
@@ -325,6 +344,7 @@ int main(int argc, char** argv) {
   fuzz::add_natnet(seeds);
   fuzz::add_vrpn(seeds);
   fuzz::add_leap(seeds);
+  fuzz::add_openxr(seeds);
   fuzz::add_opengloves(seeds);
   fuzz::add_page(seeds);
   fuzz::add_mesh_files(seeds);
