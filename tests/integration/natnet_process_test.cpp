@@ -33,19 +33,6 @@ class NatNetProcess : public ::testing::Test {
     arguments.insert(arguments.end(), words.begin(), words.end());
     return std::make_unique<testing::Process>("simulate-tracker-natnet", arguments, true);
   }
-  bool health(Health of) {
-    return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
-  }
-  bool hands_and_head_arrive() {
-    listener_.hands = {};
-    listener_.head = {};
-    const int before = listener_.count;
-    return listener_.until([] {},
-                           [&] {
-                             return listener_.count > before + 50 && listener_.hands[0].source == 6 &&
-                                    listener_.hands[1].source == 6 && listener_.head.valid == 1;
-                           });
-  }
   void expect_no_refusals() {
     for (const char* reason : {"content", "models", "shape", "order"})
       EXPECT_EQ(listener_.counter(std::string("refused_") + reason), 0) << reason;
@@ -59,11 +46,11 @@ class NatNetProcess : public ::testing::Test {
 
 TEST_F(NatNetProcess, FollowsSkeletonsThroughPowerCycles) {
   start({"skeleton=Actor", "head.body=3", "bones=local", "up_axis=z"});
-  EXPECT_TRUE(health(Health::opening));
+  EXPECT_TRUE(listener_.until_health(Health::opening));
   for (const char* version : {"3.0", "4.1", "4.0"}) {
     const auto simulator = motive({version, "local", "z-up"});
-    ASSERT_TRUE(health(Health::live)) << version;
-    ASSERT_TRUE(hands_and_head_arrive()) << version;
+    ASSERT_TRUE(listener_.until_health(Health::live)) << version;
+    ASSERT_TRUE(listener_.until_hands(6, true)) << version;
     for (const Skeleton& hand : listener_.hands) {
       for (const JointSample& joint : hand.joints) EXPECT_NE(joint.flags & kJointValid, 0u);
       // The exposure was 4 ms before the sending.
@@ -72,7 +59,7 @@ TEST_F(NatNetProcess, FollowsSkeletonsThroughPowerCycles) {
     }
     EXPECT_NEAR(listener_.head.position[1], 1.6, 1e-6);
     simulator->end(SIGKILL);
-    ASSERT_TRUE(health(Health::lost)) << version;
+    ASSERT_TRUE(listener_.until_health(Health::lost)) << version;
   }
   expect_no_refusals();
   EXPECT_EQ(listener_.counter("refused_size"), 0);
@@ -83,11 +70,11 @@ TEST_F(NatNetProcess, FollowsRigidBodiesByMulticast) {
   start({"left.body=1", "right.body=2", "head.body=3", "multicast=true", "data_port=" + data, "network=127.0.0.1"});
   for (const char* version : {"3.0", "4.1"}) {
     const auto simulator = motive({version, "multicast", data});
-    ASSERT_TRUE(health(Health::live)) << version;
-    ASSERT_TRUE(hands_and_head_arrive()) << version;
+    ASSERT_TRUE(listener_.until_health(Health::live)) << version;
+    ASSERT_TRUE(listener_.until_hands(6, true)) << version;
     EXPECT_EQ(listener_.hands[1].joints[5].flags, 0u);
     simulator->end(SIGKILL);
-    ASSERT_TRUE(health(Health::lost)) << version;
+    ASSERT_TRUE(listener_.until_health(Health::lost)) << version;
   }
   expect_no_refusals();
   // The frames of the new version, until the server has said that it has another one.

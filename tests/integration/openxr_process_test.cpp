@@ -32,19 +32,6 @@ class OpenXrProcess : public ::testing::Test {
     std::ofstream(file_ + ".new") << state;
     std::filesystem::rename(file_ + ".new", file_);
   }
-  bool health(Health of) {
-    return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
-  }
-  bool hands_and_head_arrive() {
-    listener_.hands = {};
-    listener_.head = {};
-    const int before = listener_.count;
-    return listener_.until([] {},
-                           [&] {
-                             return listener_.count > before + 50 && listener_.hands[0].source == 9 &&
-                                    listener_.hands[1].source == 9 && listener_.head.valid == 1;
-                           });
-  }
 
   const std::string file_ = ::testing::TempDir() + "softhand_openxr_" + std::to_string(getpid());
   testing::TrackerListener listener_;
@@ -53,12 +40,12 @@ class OpenXrProcess : public ::testing::Test {
 
 TEST_F(OpenXrProcess, FollowsAHeadsetThroughPowerCycles) {
   start(OPENXR_MANIFEST);
-  EXPECT_TRUE(health(Health::opening));
+  EXPECT_TRUE(listener_.until_health(Health::opening));
   EXPECT_EQ(listener_.counter("connections"), 0);
   for (const char* end : {"", "lost"}) {
     headset("worn");
-    ASSERT_TRUE(health(Health::live));
-    ASSERT_TRUE(hands_and_head_arrive());
+    ASSERT_TRUE(listener_.until_health(Health::live));
+    ASSERT_TRUE(listener_.until_hands(9, true));
     EXPECT_NEAR(listener_.head.position[1], 1.6, 1e-6);
     for (std::size_t side = 0; side < 2; ++side) {
       const Skeleton& hand = listener_.hands[side];
@@ -85,10 +72,10 @@ TEST_F(OpenXrProcess, FollowsAHeadsetThroughPowerCycles) {
     }
     ASSERT_TRUE(listener_.until([] {}, [&] { return listener_.counter("connections") == 0; })) << end;
     std::filesystem::remove(file_);
-    ASSERT_TRUE(health(Health::lost)) << end;
+    ASSERT_TRUE(listener_.until_health(Health::lost)) << end;
   }
   headset("worn");
-  ASSERT_TRUE(health(Health::live));
+  ASSERT_TRUE(listener_.until_health(Health::live));
   EXPECT_GE(listener_.counter("reconnects"), 2);
   EXPECT_EQ(listener_.counter("refused_content") + listener_.counter("refused_order"), 0);
   const int status = tracker_->end(SIGTERM);
@@ -108,27 +95,12 @@ TEST_F(OpenXrProcess, LatencyAdded) {
   headset("worn");
   start(OPENXR_MANIFEST);
   // The sample time is the time at which the runtime was asked.
-  std::vector<double> latencies;
-  std::uint64_t newest = 0;
-  EXPECT_TRUE(listener_.until([] {},
-                              [&] {
-                                const Stamp& stamp = listener_.hands[1].stamp;
-                                if (stamp.sequence != newest)
-                                  latencies.push_back(static_cast<double>(stamp.publish_time - stamp.sample_time) *
-                                                      1e-6);
-                                newest = stamp.sequence;
-                                return latencies.size() == 400;
-                              }));
-  ASSERT_EQ(latencies.size(), 400u);
-  std::sort(latencies.begin(), latencies.end());
-  std::printf("openxr: latency added p50 %.2f ms, p99 %.2f ms (400 frames)\n", latencies[200], latencies[396]);
-  EXPECT_GT(latencies[200], 0);
-  EXPECT_LT(latencies[200], 3);
+  testing::check_stamped_latency(listener_, "openxr");
 }
 
 TEST_F(OpenXrProcess, WaitsForARuntime) {
   start("/nowhere/runtime.json");
-  EXPECT_TRUE(health(Health::opening));
+  EXPECT_TRUE(listener_.until_health(Health::opening));
   EXPECT_EQ(listener_.counter("connections"), 0);
   const int status = tracker_->end(SIGTERM);
   EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);

@@ -17,9 +17,6 @@ namespace {
 class VrpnProcess : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { testing::use_own_domain(); }
-  bool health(Health of) {
-    return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
-  }
 
   testing::TrackerListener listener_;
   int port_ = testing::free_port(SOCK_STREAM);
@@ -32,18 +29,11 @@ class VrpnProcess : public ::testing::Test {
 };
 
 TEST_F(VrpnProcess, FollowsTheSimulatorThroughPowerCycles) {
-  EXPECT_TRUE(health(Health::opening));
+  EXPECT_TRUE(listener_.until_health(Health::opening));
   for (int cycle = 0; cycle < 3; ++cycle) {
     testing::Process simulator("simulate-tracker-vrpn", {std::to_string(port_), "z-up"}, true);
-    ASSERT_TRUE(health(Health::live)) << cycle;
-    listener_.hands = {};
-    listener_.head = {};
-    const int before = listener_.count;
-    ASSERT_TRUE(listener_.until([] {},
-                                [&] {
-                                  return listener_.count > before + 50 && listener_.hands[0].source == 7 &&
-                                         listener_.hands[1].source == 7 && listener_.head.valid == 1;
-                                }));
+    ASSERT_TRUE(listener_.until_health(Health::live)) << cycle;
+    ASSERT_TRUE(listener_.until_hands(7, true)) << cycle;
     for (const Skeleton& hand : listener_.hands) {
       EXPECT_NEAR(hand.joints[1].position[1], 1.1, 1e-6);
       EXPECT_LE(hand.stamp.sample_time, hand.stamp.publish_time);
@@ -51,7 +41,7 @@ TEST_F(VrpnProcess, FollowsTheSimulatorThroughPowerCycles) {
     }
     EXPECT_NEAR(listener_.head.position[1], 1.6, 1e-6);
     simulator.end(SIGKILL);
-    ASSERT_TRUE(health(Health::lost)) << cycle;
+    ASSERT_TRUE(listener_.until_health(Health::lost)) << cycle;
   }
   EXPECT_TRUE(listener_.until([] {}, [&] { return listener_.counter("connections") == 0; }));
   EXPECT_EQ(listener_.counter("reconnects"), 2);

@@ -13,6 +13,7 @@
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
 #include "support/moving_hand.hpp"
+#include "support/tracker_sink.hpp"
 #include "trackers/leap/leap_hands.hpp"
 #include "trackers/leap/leap_message.hpp"
 #include "trackers/leap/leapc_service.hpp"
@@ -26,12 +27,7 @@ constexpr Nanoseconds kMillisecond = 1'000'000;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 
-struct Sink final : TrackerSink {
-  void hand(const Skeleton& sample) override { hands[sample.hand.side] = sample, ++count; }
-  void head(const HeadPose&) override { ADD_FAILURE(); }
-  std::array<Skeleton, 2> hands{};
-  int count = 0;
-};
+using Sink = testing::TrackerSamples;
 
 class Leap : public ::testing::Test {
  protected:

@@ -15,6 +15,7 @@
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
 #include "support/moving_hand.hpp"
+#include "support/tracker_sink.hpp"
 #include "trackers/natnet/motive.hpp"
 #include "trackers/natnet/simulated_motive.hpp"
 
@@ -36,13 +37,7 @@ std::string from_hex(std::string_view hex) {
   return out;
 }
 
-struct Sink final : TrackerSink {
-  void hand(const Skeleton& sample) override { hands[sample.hand.side] = sample, ++count; }
-  void head(const HeadPose& sample) override { newest_head = sample, ++heads; }
-  std::array<Skeleton, 2> hands{};
-  HeadPose newest_head;
-  int count = 0, heads = 0;
-};
+using Sink = testing::TrackerSamples;
 
 // One rigid body at (0.1, 1.2, -0.3), 1.5 s, ticks 100, 110, 120.
 MotiveScene sample_scene() {

@@ -9,6 +9,7 @@
 #include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
+#include "support/tracker_sink.hpp"
 #include "trackers/vrpn/simulated_vrpn.hpp"
 #include "trackers/vrpn/vrpn_server.hpp"
 
@@ -18,13 +19,7 @@ namespace {
 constexpr Nanoseconds kMillisecond = 1'000'000;
 using namespace std::string_literals;
 
-struct Sink final : TrackerSink {
-  void hand(const Skeleton& sample) override { hands[sample.hand.side] = sample, ++count; }
-  void head(const HeadPose& sample) override { newest_head = sample, ++heads; }
-  std::array<Skeleton, 2> hands{};
-  HeadPose newest_head;
-  int count = 0, heads = 0;
-};
+using Sink = testing::TrackerSamples;
 
 VrpnOptions options_of_three() {
   VrpnOptions options;
