@@ -445,6 +445,17 @@ TEST_F(Motive, ModelsAreFetchedAgainWhenTheyChange) {
   EXPECT_EQ(decoder_->refusals().total(), 0u);
 }
 
+TEST_F(Motive, ANewerServerIsAskedOnceForAnOlderFormat) {
+  make(body_options(), {4, 1});
+  EXPECT_EQ(asked(NatNetMessage::request), 0);
+  take(motive_server_info({4, 3}, kTicks));
+  for (int i = 0; i < 2; ++i) turn();
+  EXPECT_EQ(asked(NatNetMessage::request), 1);
+  show(sample_scene());  // in 4.1
+  EXPECT_EQ(sink_.count, 2);
+  EXPECT_EQ(decoder_->refusals().total(), 0u);
+}
+
 TEST_F(Motive, ASilentServerIsAskedUntilItAnswers) {
   is_on_ = false;
   make(skeleton_options("global", "y"), {3, 0});

@@ -107,6 +107,7 @@ MotiveRefusal MotiveDecoder::take_server_info(std::string_view payload, Nanoseco
   server_ = server;
   shown_ = arrival;  // now it has time to send frames
   asks_version_ = false;
+  wants_older_bitstream_ = server->version > kNewestNatNet;
   next_words_ = 0;
   return MotiveRefusal::none;
 }

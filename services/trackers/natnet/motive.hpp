@@ -50,7 +50,8 @@ class MotiveDecoder {
     next_words_ = now + kBetweenWords;
     if (!server_ || asks_version_ || is_silent(now)) send(connect_);
     if (!server_) return;
-    if (server_->version > kNewestNatNet) send(older_bitstream_);
+    if (wants_older_bitstream_) send(older_bitstream_);
+    wants_older_bitstream_ = false;
     if (!is_multicast_) send(keep_alive_);
     if (needs_models_) send(request_models_);
     send(echo_request(now));
@@ -102,7 +103,7 @@ class MotiveDecoder {
 
   std::optional<NatNetServer> server_;
   Nanoseconds shown_ = 0, next_words_ = 0;  // newest frame or greeting; next time to speak
-  bool asks_version_ = false, needs_models_ = false;
+  bool asks_version_ = false, needs_models_ = false, wants_older_bitstream_ = false;
   std::uint16_t parameters_ = 0;  // of the newest frame
   std::optional<std::int32_t> number_;
   ClockOffset clock_;
