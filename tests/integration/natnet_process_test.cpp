@@ -15,6 +15,40 @@
 namespace softhand {
 namespace {
 
+// Motive in the test's own hands.
+class Server {
+ public:
+  explicit Server(int port) : socket_(socket(AF_INET, SOCK_DGRAM, 0)) {
+    const sockaddr_in own = testing::loopback(port);
+    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&own), sizeof own), 0);
+  }
+  ~Server() { close(socket_); }
+  void answer() {
+    char bytes[2048];
+    socklen_t size = sizeof client_;
+    for (ssize_t count; (count = recvfrom(socket_, bytes, sizeof bytes, MSG_DONTWAIT,
+                                          reinterpret_cast<sockaddr*>(&client_), &size)) > 0;)
+      send(motive_answer({bytes, static_cast<std::size_t>(count)}, {3, 0}, static_cast<std::uint64_t>(now()),
+                         1'000'000'000, "", false));
+  }
+  void send(const std::string& packet) {
+    if (packet.empty() || client_.sin_port == 0) return;
+    sendto(socket_, packet.data(), packet.size(), 0, reinterpret_cast<const sockaddr*>(&client_), sizeof client_);
+  }
+  void show(double x = 0) {
+    MotiveScene scene;
+    scene.number = ++number_;
+    scene.bodies = {{1, {Vector3(x, 1, 0), Quaternion::Identity()}, true}};
+    scene.ticks.fill(static_cast<std::uint64_t>(now()));
+    send(motive_frame({3, 0}, scene));
+  }
+
+ private:
+  int socket_;
+  sockaddr_in client_{};
+  std::int32_t number_ = 0;
+};
+
 class NatNetProcess : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { testing::use_own_domain(); }
@@ -32,6 +66,15 @@ class NatNetProcess : public ::testing::Test {
     std::vector<std::string> arguments{std::to_string(port_)};
     arguments.insert(arguments.end(), words.begin(), words.end());
     return std::make_unique<testing::Process>("simulate-tracker-natnet", arguments, true);
+  }
+  // True if hands arrive from a server in the test's own hands. Its version and its clock are known then.
+  bool follows(Server& server) {
+    return listener_.until(
+        [&] {
+          server.answer();
+          server.show();
+        },
+        [&] { return listener_.counter("published") > 10; });
   }
   void expect_no_refusals() {
     for (const char* reason : {"content", "models", "shape", "order"})
@@ -81,50 +124,10 @@ TEST_F(NatNetProcess, FollowsRigidBodiesByMulticast) {
   EXPECT_LT(listener_.counter("refused_size"), 60);
 }
 
-// Motive in the test's own hands.
-class Server {
- public:
-  explicit Server(int port) : socket_(socket(AF_INET, SOCK_DGRAM, 0)) {
-    const sockaddr_in own = testing::loopback(port);
-    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&own), sizeof own), 0);
-  }
-  ~Server() { close(socket_); }
-  void answer() {
-    char bytes[2048];
-    socklen_t size = sizeof client_;
-    for (ssize_t count; (count = recvfrom(socket_, bytes, sizeof bytes, MSG_DONTWAIT,
-                                          reinterpret_cast<sockaddr*>(&client_), &size)) > 0;)
-      send(motive_answer({bytes, static_cast<std::size_t>(count)}, {3, 0}, static_cast<std::uint64_t>(now()),
-                         1'000'000'000, "", false));
-  }
-  void send(const std::string& packet) {
-    if (packet.empty() || client_.sin_port == 0) return;
-    sendto(socket_, packet.data(), packet.size(), 0, reinterpret_cast<const sockaddr*>(&client_), sizeof client_);
-  }
-  void show(double x = 0) {
-    MotiveScene scene;
-    scene.number = ++number_;
-    scene.bodies = {{1, {Vector3(x, 1, 0), Quaternion::Identity()}, true}};
-    scene.ticks.fill(static_cast<std::uint64_t>(now()));
-    send(motive_frame({3, 0}, scene));
-  }
-
- private:
-  int socket_;
-  sockaddr_in client_{};
-  std::int32_t number_ = 0;
-};
-
 TEST_F(NatNetProcess, RefusesAndCountsBadPackets) {
   Server server(port_);
   start({"right.body=1"});
-  // Connected: the clock was asked.
-  ASSERT_TRUE(listener_.until(
-      [&] {
-        server.answer();
-        server.show();
-      },
-      [&] { return listener_.counter("published") > 10; }));
+  ASSERT_TRUE(follows(server));
   const double before = listener_.counter("refused_size");
   EXPECT_EQ(before, 0);
   const std::string good = motive_frame({3, 0}, MotiveScene{});
@@ -145,12 +148,7 @@ TEST_F(NatNetProcess, RefusesAndCountsBadPackets) {
 TEST_F(NatNetProcess, LatencyAdded) {
   Server server(port_);
   start({"right.body=1"});
-  ASSERT_TRUE(listener_.until(
-      [&] {
-        server.answer();
-        server.show();
-      },
-      [&] { return listener_.counter("published") > 10; }));
+  ASSERT_TRUE(follows(server));
   testing::check_latency(listener_, "natnet", [&] {
     server.answer();
     server.show();
