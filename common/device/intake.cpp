@@ -539,6 +539,7 @@ void Intake::connect_tcp(const std::string& address, std::int64_t port, Framing 
 void Intake::open_serial(const std::string& path, std::int64_t baud, Framing framing) {
   impl_->open_serial(path, baud, framing);
 }
+void Intake::translate(Translate translate) { queue().translate(std::move(translate)); }
 void Intake::start() { impl_->start(); }
 bool Intake::connected() const { return impl_->connected(); }
 Intake::Counters Intake::counters() const { return impl_->counters(); }

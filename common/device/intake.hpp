@@ -60,6 +60,8 @@ class Intake {
   /// Opens the port as 8N1 without flow control, now or when it appears: see Backoff. Throws std::invalid_argument for
   /// a baud rate that termios lacks.
   void open_serial(const std::string& path, std::int64_t baud, Framing framing);
+  /// See Translate. Call it before `start`.
+  void translate(Translate translate);
   /// Starts the thread.
   void start();
 

@@ -329,6 +329,8 @@ TEST(Intake, ConnectsToAServerAndDividesItsPacketsBySize) {
   const auto [server, port] = bound_socket(SOCK_STREAM, "127.0.0.1");
   Intake intake(8);
   intake.connect_tcp("127.0.0.1", port, sized_packet, "greeting");
+  // Empty packets are left out before they wait.
+  intake.translate([](const Arrival& packet) { return packet.bytes == "0" ? std::string_view() : packet.bytes; });
   intake.start();
   Received received(intake);
   std::this_thread::sleep_for(150ms);  // the server does not listen yet
@@ -346,15 +348,15 @@ TEST(Intake, ConnectsToAServerAndDividesItsPacketsBySize) {
     send_text(client, part);
     std::this_thread::sleep_for(5ms);
   }
-  ASSERT_TRUE(received.count(4));
-  EXPECT_EQ(received.packets, (std::vector<std::string>{"3abc", "1d", "0", "7seven!?"}));
+  ASSERT_TRUE(received.count(3));
+  EXPECT_EQ(received.packets, (std::vector<std::string>{"3abc", "1d", "7seven!?"}));
   EXPECT_TRUE(intake.connected());
   close(client);  // within a packet
   client = accept_client();
   EXPECT_EQ(intake.counters().refused_cut, 1u);
   send_text(client, "1ax");  // no packet of this protocol: connected again
   close(accept_client());
-  ASSERT_TRUE(received.count(5));
+  ASSERT_TRUE(received.count(4));
   EXPECT_EQ(received.packets.back(), "1a");
   EXPECT_EQ(intake.counters().refused_size, 1u);
   EXPECT_EQ(intake.counters().reconnects, 2u);

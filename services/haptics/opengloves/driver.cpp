@@ -12,6 +12,6 @@ DriverChecks check(const Options& options) {
   return {own.serial.empty() ? check_tcp_listening(own.address, own.port) : check_serial(own.serial)};
 }
 
-const RegisterDriver<Options> driver{
-    "haptic_opengloves", "softhand-haptic-opengloves: a LucidGloves or SenseShift glove, fingers and brakes.", check};
+const RegisterDriver<Options> driver{"haptic_opengloves", "a LucidGloves or SenseShift glove, fingers and brakes.",
+                                     check};
 }  // namespace
