@@ -3,15 +3,19 @@
 //   // driver.cpp in the folder of the driver
 //   const RegisterDriver<StreamerOptions> driver{"tracker_streamer", "Hand Tracking Streamer on a Quest."};
 //
+// A driver may also say what it needs on this machine, for `softhand doctor`: a function from its options to checks.
+//
 // The program of a driver links only its own driver.cpp. `softhand` links those of all drivers in this repository, so
 // that it can check their sections and print their options (docs/add-a-tracker.md).
 #pragma once
 
 #include <any>
+#include <functional>
 #include <map>
 #include <string>
 #include <string_view>
 
+#include "device/driver_check.hpp"
 #include "runtime/options.hpp"
 
 namespace softhand {
@@ -41,6 +45,8 @@ class DriverOptions {
 struct Driver {
   std::string about;  ///< one line: which devices it drives
   DriverOptions options;
+  /// What the driver finds with these options. Null: it needs nothing.
+  std::function<DriverChecks(const DriverOptions&)> check{};
 };
 /// By section of the scene file: "tracker_streamer" is the section of softhand-tracker-streamer.
 using Drivers = std::map<std::string, Driver>;
@@ -59,8 +65,11 @@ void add_driver(std::string section, Driver driver);
 
 template <typename Options>
 struct RegisterDriver {
-  RegisterDriver(std::string section, std::string about) {
-    device_detail::add_driver(std::move(section), {std::move(about), DriverOptions::of<Options>()});
+  RegisterDriver(std::string section, std::string about, DriverChecks (*check)(const Options&) = nullptr) {
+    Driver driver{std::move(about), DriverOptions::of<Options>(), nullptr};
+    if (check != nullptr)
+      driver.check = [check](const DriverOptions& options) { return check(*options.as<Options>()); };
+    device_detail::add_driver(std::move(section), std::move(driver));
   }
 };
 

@@ -15,12 +15,14 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <functional>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include "device/health.hpp"
+#include "device/stream_socket.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/scheduling.hpp"
@@ -52,40 +54,87 @@ class File {
   int number_;
 };
 
+std::runtime_error cannot(const std::string& what, const std::string& address, std::int64_t port,
+                          const std::string& why) {
+  return std::runtime_error("cannot " + what + " " + address + ":" + std::to_string(port) + ": " + why);
+}
+
+/// A numeric address and a port.
+struct Address {
+  sockaddr_storage bytes{};
+  socklen_t size = 0;
+
+  Address() = default;
+  /// `what` is for the error.
+  Address(const std::string& address, std::int64_t port, const std::string& what) {
+    auto& four = reinterpret_cast<sockaddr_in&>(bytes);
+    auto& six = reinterpret_cast<sockaddr_in6&>(bytes);
+    const auto wire_port = htons(static_cast<std::uint16_t>(port));
+    if (inet_pton(AF_INET, address.c_str(), &four.sin_addr) == 1) {
+      four.sin_family = AF_INET;
+      four.sin_port = wire_port;
+      size = sizeof four;
+    } else if (inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1) {
+      six.sin6_family = AF_INET6;
+      six.sin6_port = wire_port;
+      size = sizeof six;
+    } else {
+      throw cannot(what, address, port, "expected a numeric address such as 127.0.0.1 or 0.0.0.0");
+    }
+  }
+  sockaddr* pointer() { return reinterpret_cast<sockaddr*>(&bytes); }
+  const sockaddr* pointer() const { return reinterpret_cast<const sockaddr*>(&bytes); }
+  bool is_host_of(const Address& other) const {
+    if (bytes.ss_family != other.bytes.ss_family) return false;
+    if (bytes.ss_family == AF_INET)
+      return reinterpret_cast<const sockaddr_in&>(bytes).sin_addr.s_addr ==
+             reinterpret_cast<const sockaddr_in&>(other.bytes).sin_addr.s_addr;
+    return std::memcmp(&reinterpret_cast<const sockaddr_in6&>(bytes).sin6_addr,
+                       &reinterpret_cast<const sockaddr_in6&>(other.bytes).sin6_addr, sizeof(in6_addr)) == 0;
+  }
+  std::uint16_t port() const {
+    return ntohs(bytes.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(bytes).sin6_port
+                                             : reinterpret_cast<const sockaddr_in&>(bytes).sin_port);
+  }
+};
+
+File open_socket(const Address& of, int type) {
+  return File(socket(of.bytes.ss_family, type | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+}
+
 struct Bound {
   File socket;
   std::uint16_t port = 0;
 };
 
 Bound bind_socket(int type, const std::string& address, std::int64_t port) {
-  const auto refuse = [&](const std::string& why) {
-    return std::runtime_error(std::string("cannot listen on ") + (type == SOCK_DGRAM ? "UDP " : "TCP ") + address +
-                              ":" + std::to_string(port) + ": " + why);
-  };
-  sockaddr_storage to{};
-  auto& four = reinterpret_cast<sockaddr_in&>(to);
-  auto& six = reinterpret_cast<sockaddr_in6&>(to);
-  socklen_t size = sizeof four;
-  const auto wire_port = htons(static_cast<std::uint16_t>(port));
-  if (inet_pton(AF_INET, address.c_str(), &four.sin_addr) == 1) {
-    four.sin_family = AF_INET;
-    four.sin_port = wire_port;
-  } else if (inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1) {
-    six.sin6_family = AF_INET6;
-    six.sin6_port = wire_port;
-    size = sizeof six;
-  } else {
-    throw refuse("expected a numeric address such as 127.0.0.1 or 0.0.0.0");
-  }
-  Bound out{File(socket(to.ss_family, type | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)), 0};
+  const std::string what = std::string("listen on ") + (type == SOCK_DGRAM ? "UDP" : "TCP");
+  Address to(address, port, what);
+  Bound out{open_socket(to, type), 0};
   const int yes = 1;
   // A TCP port that was in use may be taken again at once. A UDP port with this option could be shared by mistake.
   if (type == SOCK_STREAM) setsockopt(out.socket.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-  if (!out.socket.open() || bind(out.socket.number(), reinterpret_cast<const sockaddr*>(&to), size) != 0 ||
+  if (!out.socket.open() || bind(out.socket.number(), to.pointer(), to.size) != 0 ||
       (type == SOCK_STREAM && listen(out.socket.number(), 16) != 0))
-    throw refuse(std::strerror(errno));
-  getsockname(out.socket.number(), reinterpret_cast<sockaddr*>(&to), &size);
-  out.port = ntohs(to.ss_family == AF_INET6 ? six.sin6_port : four.sin_port);
+    throw cannot(what, address, port, std::strerror(errno));
+  getsockname(out.socket.number(), to.pointer(), &to.size);
+  out.port = to.port();
+  return out;
+}
+
+File join_group(const std::string& group, std::int64_t port, const std::string& network) {
+  const std::string what = "join the multicast group";
+  ip_mreqn membership{};
+  if (inet_pton(AF_INET, group.c_str(), &membership.imr_multiaddr) != 1 ||
+      inet_pton(AF_INET, network.c_str(), &membership.imr_address) != 1)
+    throw cannot(what, group, port, "expected a numeric address of IPv4, and one of a network of this machine");
+  const Address to(group, port, what);
+  File out = open_socket(to, SOCK_DGRAM);
+  const int yes = 1;
+  if (!out.open() || setsockopt(out.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
+      bind(out.number(), to.pointer(), to.size) != 0 ||
+      setsockopt(out.number(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership) != 0)
+    throw cannot(what, group, port, std::strerror(errno));
   return out;
 }
 
@@ -116,20 +165,19 @@ File open_port(const std::string& path, speed_t speed) {
   return file;
 }
 
+// A connection that has begun. A server that does not answer fails it after 7 s.
+File begin_connection(const Address& to) {
+  File out = open_socket(to, SOCK_STREAM);
+  const int attempts = 2;
+  setsockopt(out.number(), IPPROTO_TCP, TCP_SYNCNT, &attempts, sizeof attempts);
+  if (!out.open() || (connect(out.number(), to.pointer(), to.size) != 0 && errno != EINPROGRESS)) return File();
+  return out;
+}
+
 // A socket whose peer is gone must not raise SIGPIPE.
 ssize_t write_to(int file, std::string_view bytes) {
   const ssize_t size = send(file, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
   return size < 0 && errno == ENOTSOCK ? write(file, bytes.data(), bytes.size()) : size;
-}
-
-// Closes connections of a peer that vanished without a word, 11 s after its last byte.
-void watch_peer(int socket) {
-  const int yes = 1, idle = 5, interval = 2, count = 3;
-  setsockopt(socket, SOL_SOCKET, SO_KEEPALIVE, &yes, sizeof yes);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPIDLE, &idle, sizeof idle);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPINTVL, &interval, sizeof interval);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPCNT, &count, sizeof count);
-  setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);  // a command must not wait for the next one
 }
 
 }  // namespace
@@ -152,16 +200,28 @@ class Intake::Impl {
 
   std::uint16_t listen_udp(const std::string& address, std::int64_t port) {
     Bound bound = bind_socket(SOCK_DGRAM, address, port);
-    datagrams_.push_back(std::move(bound.socket));
+    datagrams_.push_back({std::move(bound.socket), {}, false});
     return bound.port;
   }
-  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, char end) {
+  void connect_udp(const std::string& address, std::int64_t port) {
+    const Address server(address, port, "send to UDP");
+    datagrams_.push_back({open_socket(server, SOCK_DGRAM), server, true});
+  }
+  void join_udp(const std::string& address, const std::string& group, std::int64_t port, const std::string& network) {
+    datagrams_.push_back({join_group(group, port, network), Address(address, port, "receive from UDP"), false});
+  }
+  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, Framing framing) {
     Bound bound = bind_socket(SOCK_STREAM, address, port);
-    listeners_.push_back({std::move(bound.socket), end});
+    listeners_.push_back({std::move(bound.socket), framing});
     return bound.port;
   }
-  void open_serial(const std::string& path, std::int64_t baud, char end) {
-    ports_.push_back({path, termios_speed(baud), end, {}, 0, 0});
+  void connect_tcp(const std::string& address, std::int64_t port, Framing framing, const std::string& greeting) {
+    const Address server(address, port, "connect to TCP");
+    ports_.push_back({[server] { return begin_connection(server); }, true, framing, greeting, {}, 0, 0});
+  }
+  void open_serial(const std::string& path, std::int64_t baud, Framing framing) {
+    const speed_t speed = termios_speed(baud);
+    ports_.push_back({[path, speed] { return open_port(path, speed); }, false, framing, "", {}, 0, 0});
   }
   void start() {
     has_datagrams_ = !datagrams_.empty();
@@ -185,23 +245,31 @@ class Intake::Impl {
   }
 
  private:
+  struct Datagrams {
+    File socket;
+    Address server;  // of size 0: packets of any sender are taken
+    bool sends;      // to the server
+  };
   struct Listener {
     File socket;
-    char end;
+    Framing framing;
   };
+  // What is opened again after a failure.
   struct Port {
-    std::string path;
-    speed_t speed;
-    char end;
+    std::function<File()> open;
+    bool is_socket;  // it opens when the server answers
+    Framing framing;
+    std::string greeting;
     Backoff backoff;
     Nanoseconds next_attempt;
     std::uint64_t connection;  // 0 = closed
   };
   struct Stream {
     File file;
-    char end;
+    Framing framing;
     std::uint64_t id;
-    std::string waiting;    // bytes of a packet without its end
+    bool is_connecting;
+    std::string waiting{};  // bytes of a packet without its end
     bool skipping = false;  // to the end of a packet that is too large
     bool is_closed = false;
     // Bytes to the device: of the packet that has begun, and the newest packet that waits behind it.
@@ -219,10 +287,10 @@ class Intake::Impl {
       open_ports();
       files.clear();
       files.push_back({wake_.number(), POLLIN, 0});
-      for (const File& socket : datagrams_) files.push_back({socket.number(), POLLIN, 0});
+      for (const Datagrams& each : datagrams_) files.push_back({each.socket.number(), POLLIN, 0});
       for (const Listener& listener : listeners_) files.push_back({listener.socket.number(), POLLIN, 0});
       for (const Stream& stream : streams_) {
-        const bool writes = !stream.sending.empty();
+        const bool writes = stream.is_connecting || !stream.sending.empty();
         files.push_back({stream.file.number(), static_cast<short>(writes ? POLLIN | POLLOUT : POLLIN), 0});
       }
       if (poll(files.data(), files.size(), milliseconds_to_next_attempt()) < 0 && errno != EINTR) return;
@@ -234,12 +302,17 @@ class Intake::Impl {
       outgoing_.take([this](const Arrival& packet) {
         for (Stream& stream : streams_)
           if (packet.connection == 0 || packet.connection == stream.id) enqueue(stream, packet.bytes);
+        for (const Datagrams& each : datagrams_) {
+          if (packet.connection != 0 || !each.sends) continue;
+          sendto(each.socket.number(), packet.bytes.data(), packet.bytes.size(), MSG_DONTWAIT, each.server.pointer(),
+                 each.server.size);
+        }
       });
       for (Stream& stream : streams_) write_bytes(stream);
       if (ends) return write_last();
       std::size_t at = 1;
-      for (const File& socket : datagrams_)
-        if (files[at++].revents != 0) receive_datagrams(socket);
+      for (const Datagrams& each : datagrams_)
+        if (files[at++].revents != 0) receive_datagrams(each);
       const std::size_t first_stream = at + listeners_.size();
       for (std::size_t i = 0; i < streams_.size(); ++i)
         if (files[first_stream + i].revents != 0) receive_bytes(streams_[i]);
@@ -250,6 +323,7 @@ class Intake::Impl {
   }
 
   void enqueue(Stream& stream, std::string_view bytes) {
+    if (stream.is_connecting) return;
     if (!stream.next.empty()) ++superseded_;
     (stream.sending.empty() ? stream.sending : stream.next) = bytes;
   }
@@ -276,11 +350,17 @@ class Intake::Impl {
     }
   }
 
-  void receive_datagrams(const File& socket) {
+  void receive_datagrams(const Datagrams& from) {
     for (int i = 0; i < kMostReads; ++i) {
+      Address sender;
+      sender.size = sizeof sender.bytes;
       // The buffer has one spare byte. A datagram that fills it is larger than allowed.
-      const ssize_t size = recv(socket.number(), buffer_.data(), buffer_.size(), MSG_DONTWAIT);
+      const ssize_t size =
+          recvfrom(from.socket.number(), buffer_.data(), buffer_.size(), MSG_DONTWAIT, sender.pointer(), &sender.size);
+      // A server that is not there answers ECONNREFUSED once.
+      if (size < 0 && errno == ECONNREFUSED) continue;
       if (size < 0) return;
+      if (from.server.size != 0 && !sender.is_host_of(from.server)) continue;
       if (static_cast<std::size_t>(size) > largest_) {
         ++refused_size_;
       } else {
@@ -294,20 +374,43 @@ class Intake::Impl {
     if (!socket.open()) return;
     watch_peer(socket.number());
     if (streams_.size() >= kMostConnections) streams_.front().is_closed = true;
-    add_stream(std::move(socket), listener.end);
+    established(add_stream(std::move(socket), listener.framing, false));
   }
 
-  std::uint64_t add_stream(File file, char end) {
-    streams_.push_back({std::move(file), end, ++opened_, {}});
+  Stream& add_stream(File file, Framing framing, bool is_connecting) {
+    streams_.push_back({std::move(file), framing, ++last_id_, is_connecting});
     for (std::string* text : {&streams_.back().waiting, &streams_.back().sending, &streams_.back().next})
       text->reserve(largest_);
+    return streams_.back();
+  }
+  void established(Stream& stream) {
+    stream.is_connecting = false;
+    ++opened_;
     // Connections that are opened while another one exists are no reconnects: two hands have two connections.
     if (!closed_any_) first_ = opened_.load();
     ++connections_;
-    return opened_;
+    for (Port& port : ports_) {
+      if (port.connection != stream.id) continue;
+      port.backoff.reset();
+      if (!port.greeting.empty()) enqueue(stream, port.greeting);
+    }
+  }
+  // Returns true if bytes may be received.
+  bool finish_connecting(Stream& stream) {
+    int error = 0;
+    socklen_t size = sizeof error;
+    getsockopt(stream.file.number(), SOL_SOCKET, SO_ERROR, &error, &size);
+    if (error != 0) {
+      stream.is_closed = true;
+      return false;
+    }
+    watch_peer(stream.file.number());
+    established(stream);
+    return true;
   }
 
   void receive_bytes(Stream& stream) {
+    if (stream.is_connecting && !finish_connecting(stream)) return;
     for (int i = 0; i < kMostReads; ++i) {
       const ssize_t size = read(stream.file.number(), buffer_.data(), buffer_.size());
       if (size < 0 && errno == EINTR) continue;
@@ -321,8 +424,9 @@ class Intake::Impl {
   }
 
   void split(Stream& stream, std::string_view bytes, Nanoseconds time) {
+    if (stream.framing.size != nullptr) return split_by_size(stream, bytes, time);
     while (!bytes.empty()) {
-      const std::size_t end = bytes.find(stream.end);
+      const std::size_t end = bytes.find(stream.framing.end);
       const std::string_view part = bytes.substr(0, end);
       if (!stream.skipping && stream.waiting.size() + part.size() > largest_) {
         ++refused_size_;
@@ -338,11 +442,32 @@ class Intake::Impl {
     }
   }
 
+  void split_by_size(Stream& stream, std::string_view bytes, Nanoseconds time) {
+    while (!bytes.empty() && !stream.is_closed) {
+      const std::size_t part = std::min(bytes.size(), largest_ - stream.waiting.size());
+      stream.waiting += bytes.substr(0, part);
+      bytes.remove_prefix(part);
+      std::string_view rest = stream.waiting;
+      std::size_t size = stream.framing.size(rest);
+      for (; size != 0 && size <= rest.size(); size = stream.framing.size(rest)) {
+        queue_.push({rest.substr(0, size), time, stream.id, false});
+        rest.remove_prefix(size);
+      }
+      stream.waiting.erase(0, stream.waiting.size() - rest.size());
+      if (size <= largest_ && stream.waiting.size() < largest_) continue;
+      ++refused_size_;
+      stream.waiting.clear();
+      stream.is_closed = true;
+    }
+  }
+
   void close_streams() {
     for (const Stream& stream : streams_) {
       if (!stream.is_closed) continue;
-      closed_any_ = true;
-      --connections_;
+      if (!stream.is_connecting) {
+        closed_any_ = true;
+        --connections_;
+      }
       if (!stream.waiting.empty()) ++refused_cut_;
       for (Port& port : ports_) {
         if (port.connection != stream.id) continue;
@@ -356,10 +481,11 @@ class Intake::Impl {
   void open_ports() {
     for (Port& port : ports_) {
       if (port.connection != 0 || now() < port.next_attempt) continue;
-      File file = open_port(port.path, port.speed);
+      File file = port.open();
       if (file.open()) {
-        port.connection = add_stream(std::move(file), port.end);
-        port.backoff.reset();
+        Stream& stream = add_stream(std::move(file), port.framing, port.is_socket);
+        port.connection = stream.id;
+        if (!port.is_socket) established(stream);
       } else {
         port.next_attempt = now() + port.backoff.next();
       }
@@ -381,12 +507,13 @@ class Intake::Impl {
   ArrivalQueue outgoing_;
   std::string buffer_;
   File wake_;
-  std::vector<File> datagrams_;
+  std::vector<Datagrams> datagrams_;
   std::vector<Listener> listeners_;
   std::vector<Port> ports_;
   std::vector<Stream> streams_;
   bool has_datagrams_ = false;
   bool closed_any_ = false;
+  std::uint64_t last_id_ = 0;
   // Written by the thread, read by `counters`.
   std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0}, superseded_{0};
   std::atomic<bool> stop_{false};
@@ -398,10 +525,21 @@ Intake::~Intake() = default;
 std::uint16_t Intake::listen_udp(const std::string& address, std::int64_t port) {
   return impl_->listen_udp(address, port);
 }
-std::uint16_t Intake::listen_tcp(const std::string& address, std::int64_t port, char end) {
-  return impl_->listen_tcp(address, port, end);
+std::uint16_t Intake::listen_tcp(const std::string& address, std::int64_t port, Framing framing) {
+  return impl_->listen_tcp(address, port, framing);
 }
-void Intake::open_serial(const std::string& path, std::int64_t baud, char end) { impl_->open_serial(path, baud, end); }
+void Intake::connect_udp(const std::string& address, std::int64_t port) { impl_->connect_udp(address, port); }
+void Intake::join_udp(const std::string& address, const std::string& group, std::int64_t port,
+                      const std::string& network) {
+  impl_->join_udp(address, group, port, network);
+}
+void Intake::connect_tcp(const std::string& address, std::int64_t port, Framing framing, const std::string& greeting) {
+  impl_->connect_tcp(address, port, framing, greeting);
+}
+void Intake::open_serial(const std::string& path, std::int64_t baud, Framing framing) {
+  impl_->open_serial(path, baud, framing);
+}
+void Intake::translate(Translate translate) { queue().translate(std::move(translate)); }
 void Intake::start() { impl_->start(); }
 bool Intake::connected() const { return impl_->connected(); }
 Intake::Counters Intake::counters() const { return impl_->counters(); }

@@ -1,5 +1,5 @@
 // Receives the packets of a device by UDP, TCP or a serial port, in its own thread, and connects again when the device
-// comes back. Writes packets to the device on the same connection.
+// comes back. Writes packets to the device on the same connection. Listens to devices, or connects to servers.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +11,19 @@
 #include "messages/messages.hpp"
 
 namespace softhand {
+
+/// How a stream of bytes is divided into packets.
+struct Framing {
+  /// Size of the first packet of `bytes`: 0 if it takes more bytes to know, more than the largest packet if the bytes
+  /// are not of this protocol.
+  using Size = std::size_t (*)(std::string_view bytes);
+
+  Framing(char last) : end(last) {}           // NOLINT: a character says enough
+  Framing(Size of_first) : size(of_first) {}  // NOLINT
+
+  Size size = nullptr;
+  char end = '\0';  ///< without `size`: ends each packet and is not part of it
+};
 
 class Intake {
  public:
@@ -35,10 +48,20 @@ class Intake {
   /// port and reason if listening fails.
   std::uint16_t listen_udp(const std::string& address, std::int64_t port);
   /// At most 16 connections. One more closes the oldest.
-  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, char end);
+  std::uint16_t listen_tcp(const std::string& address, std::int64_t port, Framing framing);
+  /// Sends datagrams to a server, and receives those of its address, whatever their port.
+  void connect_udp(const std::string& address, std::int64_t port);
+  /// Receives what the server at `address` sends to a multicast group. `network`: the address of this machine in the
+  /// network of the server. 0.0.0.0: the network of the default route. IPv4 only. Other programs may join too.
+  void join_udp(const std::string& address, const std::string& group, std::int64_t port, const std::string& network);
+  /// Connects to a server, now or when it appears: see Backoff. Each connection first sends the greeting. A stream that
+  /// is not of the protocol, by `framing`, is closed, counted as refused_size, and connected again.
+  void connect_tcp(const std::string& address, std::int64_t port, Framing framing, const std::string& greeting = "");
   /// Opens the port as 8N1 without flow control, now or when it appears: see Backoff. Throws std::invalid_argument for
   /// a baud rate that termios lacks.
-  void open_serial(const std::string& path, std::int64_t baud, char end);
+  void open_serial(const std::string& path, std::int64_t baud, Framing framing);
+  /// See Translate. Call it before `start`.
+  void translate(Translate translate);
   /// Starts the thread.
   void start();
 
@@ -47,7 +70,8 @@ class Intake {
   void take(F&& f) {
     queue().take(std::forward<F>(f));
   }
-  /// Writes a packet of at most `largest` bytes to a connection, or to all of them if it is 0. For a device that does
+  /// Writes a packet of at most `largest` bytes to a connection, or to all of them and to the servers of `connect_udp`
+  /// if it is 0. For a device that does
   /// not take its bytes in time only the newest packet waits. The destructor waits up to 50 ms for the last one. Does
   /// not block or allocate. One thread may call it.
   void send(std::uint64_t connection, std::string_view bytes);

@@ -110,4 +110,19 @@ bool LandmarkLifter::lift(const Landmarks& landmarks, Skeleton& out) const {
   return true;
 }
 
+bool LandmarkLifter::lift(const HandBones& bones, Skeleton& out) const {
+  Landmarks points;
+  points[0] = bones.wrist.position;
+  for (std::size_t finger = 0; finger < kFingerCount; ++finger) {
+    const auto& joints = bones.fingers[finger];
+    for (std::size_t k = 0; k < 3; ++k) points[1 + 4 * finger + k] = joints[k].position;
+    // Along the axis of the bone before it, in the frame of the last bone.
+    points[4 + 4 * finger] = joints[2] * (0.8 * (joints[1].inverse() * joints[2].position));
+  }
+  if (!lift(points, out)) return false;
+  for (int finger = 0; finger < kFingerCount; ++finger)
+    out.joints[at(tip_of(static_cast<Finger>(finger)))].flags = kJointValid | kJointInferred;
+  return true;
+}
+
 }  // namespace softhand

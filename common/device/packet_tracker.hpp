@@ -1,7 +1,8 @@
-// A tracker whose samples come as packets: an intake receives them, and a decoder makes hands of them.
+// A tracker whose samples come as packets: a receiver takes them from the device, and a decoder makes hands of them.
 #pragma once
 
 #include <cstddef>
+#include <string_view>
 #include <utility>
 
 #include "device/intake.hpp"
@@ -9,27 +10,31 @@
 
 namespace softhand {
 
-/// `Decoder` has take(const Arrival&, TrackerSink&) and refusals(). A driver's constructor opens the ports of `intake_`
-/// and starts it.
-template <typename Decoder>
+/// `Decoder` has take(const Arrival&, TrackerSink&) and refusals(). If it has speak(now, send) too, this is called
+/// after the packets, with a function send(std::string_view) that sends a packet to the device. `Receiver` is Intake,
+/// WebSocketClient or DeviceThread. A driver's constructor prepares and starts `receiver_`.
+template <typename Decoder, typename Receiver = Intake>
 class PacketTracker : public TrackerSource {
  public:
-  void poll(Nanoseconds, TrackerSink& out) final {
-    intake_.take([&](const Arrival& packet) { decoder_.take(packet, out); });
+  void poll(Nanoseconds now, TrackerSink& out) final {
+    receiver_.take([&](const Arrival& packet) { decoder_.take(packet, out); });
+    if constexpr (requires { decoder_.speak(now, [](std::string_view) {}); })
+      decoder_.speak(now, [this](std::string_view bytes) { receiver_.send(0, bytes); });
   }
   SourceState state() const final {
-    return {intake_.connected(), decoder_.refusals().total() + intake_.counters().refused()};
+    return {receiver_.connected(), decoder_.refusals().total() + receiver_.counters().refused()};
   }
   void fill_status(LoopStatus& status) const final {
-    intake_.fill_status(status);
-    decoder_.refusals().fill_status(status, intake_.counters().refused_size);
+    receiver_.fill_status(status);
+    decoder_.refusals().fill_status(status, receiver_.counters().refused_size);
   }
 
  protected:
-  /// `largest` and `slots` as those of an intake.
-  PacketTracker(std::size_t largest, Decoder decoder, std::size_t slots = Intake::kDefaultSlots)
-      : intake_(largest, slots), decoder_(std::move(decoder)) {}
-  Intake intake_;
+  /// `of_receiver`: the arguments of its constructor.
+  template <typename... Arguments>
+  explicit PacketTracker(Decoder decoder, Arguments&&... of_receiver)
+      : receiver_(std::forward<Arguments>(of_receiver)...), decoder_(std::move(decoder)) {}
+  Receiver receiver_;
 
  private:
   Decoder decoder_;

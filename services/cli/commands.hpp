@@ -45,6 +45,14 @@ int run_trackers(const TrackersArguments& arguments);
 /// `softhand check FILE`: validates a scene, rig, network, hand or object file.
 int run_check(const std::string& path);
 
+/// `softhand doctor [DEVICE]` says what is missing for a device on this machine.
+struct DoctorArguments {
+  std::string device;                  ///< a driver's section, with or without its kind; empty = list the drivers
+  std::string scene;                   ///< scene with the options of the driver; empty = defaults
+  std::vector<std::string> overrides;  ///< --set
+};
+int run_doctor(const DoctorArguments& arguments);
+
 /// `softhand cyclone`: prints the network settings for a program on Cyclone DDS.
 int run_cyclone(const std::string& role);
 

@@ -106,6 +106,16 @@ int main(int argc, char** argv) {
   command->add_option("file", file, "The file")->required()->type_name("FILE");
   command->callback([&] { run = [&file] { return run_check(file); }; });
 
+  DoctorArguments doctor;
+  command = app.add_subcommand("doctor",
+                               "Say what is missing for a device on this machine: permission, port, service, library, "
+                               "version. Without a name: list the devices");
+  command->add_option("device", doctor.device, "Name in the list, e.g. natnet");
+  command->add_option("--config", doctor.scene, "Scene with the options of its driver; default: their defaults")
+      ->type_name("FILE");
+  overrides(command, doctor.overrides);
+  command->callback([&] { run = [&doctor] { return run_doctor(doctor); }; });
+
   std::string role = "client";
   command = app.add_subcommand("cyclone",
                                "Print the settings of SOFTHAND_NETWORK for a program on Cyclone DDS (CYCLONEDDS_URI)");

@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "device/driver_check.hpp"
 #include "runtime/options.hpp"
 
 namespace softhand::web {
@@ -34,6 +35,14 @@ inline void describe(OptionVisitor& v, Listening& o,
       "token", o.token,
       "Viewer only. Programs of other machines may send messages only with this token in their address "
       "(`?token=...`): letters, digits, - and _. Empty = a new random one at each start, printed with the address.");
+}
+
+/// What the server needs on this machine.
+inline DriverChecks checks(const Listening& o) {
+  DriverChecks out{check_tcp_listening(o.address, o.port)};
+  if (!o.certificate.empty()) out.push_back(check_file("the certificate", o.certificate));
+  if (!o.key.empty()) out.push_back(check_file("the key", o.key));
+  return out;
 }
 
 }  // namespace softhand::web

@@ -21,10 +21,17 @@
 #include "support/block_hand.hpp"
 #include "support/webxr_frame.hpp"
 #include "trackers/landmarks/landmarks.hpp"
+#include "trackers/leap/leap_hands.hpp"
+#include "trackers/leap/leap_message.hpp"
+#include "trackers/leap/simulated_leap.hpp"
+#include "trackers/natnet/simulated_motive.hpp"
+#include "trackers/openxr/openxr_hands.hpp"
 #include "trackers/osc/simulated_performer.hpp"
 #include "trackers/replay/recording.hpp"
 #include "trackers/streamer/simulated_streamer.hpp"
 #include "trackers/streamer/streamer.hpp"
+#include "trackers/vrpn/simulated_vrpn.hpp"
+#include "trackers/vrpn/vrpn_server.hpp"
 #include "trackers/webxr/webxr_frames.hpp"
 #include "viewer/frames.hpp"
 
@@ -177,6 +184,72 @@ void add_osc(Seeds& seeds) {
       1);
 }
 
+void add_natnet(Seeds& seeds) {
+  NatNetOptions options;
+  options.skeleton = "Actor";
+  options.bones = "local";
+  for (const NatNetVersion version : {NatNetVersion{3, 0}, NatNetVersion{4, 1}}) {
+    MotiveScene scene;
+    scene.has_extras = true;
+    scene.bodies = {{1, {}, true}, {3, {}, true}};
+    scene.skeletons = {{1, motive_skeleton({mirrored(shipped_hand()).rest_joints, shipped_hand().rest_joints}, true)}};
+    const std::string models = motive_models(version, "Actor", 1, true), frame = motive_frame(version, scene);
+    MotiveDecoder decoder(shipped_hand(), options);
+    CheckedSink sink;
+    for (const std::string& packet : {motive_server_info(version, 10'000'000), models, frame})
+      decoder.take({packet, kArrival, 0, false}, sink);
+    expect(sink.count == 2, "natnet: the seed is accepted");
+    seeds.add("natnet", static_cast<char>((version.major - 3) << 4 | version.minor) + models + frame);
+  }
+}
+
+void add_vrpn(Seeds& seeds) {
+  VrpnOptions options;
+  options.left.sensor = 0;
+  VrpnDecoder decoder(options);
+  CheckedSink sink;
+  const std::string stream = vrpn_greeting() + vrpn_pose(5, 3, 1'000'000, 0, {}) + vrpn_pose(5, 3, 2'000'000, 1, {});
+  for (std::string_view rest = stream; !rest.empty();) {
+    const std::size_t size = vrpn_packet_size(rest);
+    decoder.take({rest.substr(0, size), kArrival, 1, false}, sink);
+    rest.remove_prefix(size);
+  }
+  expect(sink.count == 1, "vrpn: the seed is accepted");
+  seeds.add("vrpn", stream);
+}
+
+void add_leap(Seeds& seeds) {
+  for (const LeapService service : {LeapService::old, LeapService::beta}) {
+    const std::string message = leap_frame_message(
+        5, {{Side::left, mirrored(shipped_hand()).rest_joints}, {Side::right, shipped_hand().rest_joints}}, service);
+    LeapDecoder decoder(shipped_hand(), false);
+    CheckedSink sink;
+    LeapFrame frame;
+    expect(read_leap_message(message, frame), "leap: the seed is a frame");
+    decoder.take({frame.bytes(), kArrival, 1, true}, sink);
+    expect(sink.count == 2 && decoder.refusals().total() == 0, "leap: the seed is accepted");
+    seeds.add("leap", message);
+  }
+}
+
+void add_openxr(Seeds& seeds) {
+  OpenXrFrame frame;
+  frame.time = kArrival - 1;
+  frame.head.flags = 15;
+  std::string bytes = bytes_of(frame.time) + bytes_of(frame.head);
+  for (OpenXrHand& hand : frame.hands) {
+    hand.is_active = true;
+    hand.joints.fill({15, {0, 0, 0, 1}, {0.1f, 1, 0.2f}, 0.01f});
+    hand.velocities.fill({3, {1, 0, 0}, {0, 1, 0}});
+    bytes += '\1' + bytes_of(hand.joints) + bytes_of(hand.velocities);
+  }
+  OpenXrDecoder decoder;
+  CheckedSink sink;
+  decoder.take({frame.bytes(), kArrival, 1, true}, sink);
+  expect(sink.count == 3, "openxr: the seed is accepted");
+  seeds.add("openxr", bytes);
+}
+
 void add_opengloves(Seeds& seeds) {
   const std::array<int, 5> values{0, 1000, 2047, 3000, 4095};
   const auto add = [&seeds](const std::string& lines) {
@@ -268,6 +341,10 @@ int main(int argc, char** argv) {
   fuzz::add_webxr(seeds);
   fuzz::add_streamer(seeds);
   fuzz::add_osc(seeds);
+  fuzz::add_natnet(seeds);
+  fuzz::add_vrpn(seeds);
+  fuzz::add_leap(seeds);
+  fuzz::add_openxr(seeds);
   fuzz::add_opengloves(seeds);
   fuzz::add_page(seeds);
   fuzz::add_mesh_files(seeds);

@@ -1,10 +1,12 @@
 # Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake
 # FULL is a finished build with all options.
 cmake_minimum_required(VERSION 3.25)
-set(features viewer socket_trackers hand_builder object_builder tests)
+set(features viewer socket_trackers openxr hand_builder object_builder tests)
 # Words in the commands of a build (compilations and links) that occur only if the build has the feature.
 set(only_viewer bin/softhand-viewer libsofthand_viewer_server.a)
-set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a)
+set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a
+    libsofthand_websocket_client.a bin/softhand-tracker-leap)
+set(only_openxr bin/softhand-tracker-openxr libsofthand_openxr_session.a openxr_loader)
 set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a)
 set(only_object_builder bin/softhand-build-object libsofthand_object_builder.a cgal_solid.cpp)
 # Meshes, for both builders.
@@ -60,6 +62,9 @@ function(check name)
   endif()
   if(meshes IN_LIST off AND cache MATCHES "\nCGAL_DIR:")
     message(SEND_ERROR "${name}: CMake searched for CGAL although no feature needs it")
+  endif()
+  if(openxr IN_LIST off AND cache MATCHES "\nOpenXR_DIR:")
+    message(SEND_ERROR "${name}: CMake searched for the OpenXR loader although its feature is off")
   endif()
   if(tests IN_LIST off)
     foreach(entry GTest_DIR benchmark_DIR CycloneDDS_DIR FASTDDSGEN CHOLMOD_LIBRARY VALGRIND)

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "bus/bus.hpp"
+#include "device/health.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "support/own_domain.hpp"
@@ -92,6 +93,21 @@ struct TrackerListener {
     }
     return false;
   }
+  /// Waits until the tracker has this health. Returns false after ten seconds.
+  bool until_health(Health of) {
+    return until([] {}, [&] { return counter("health") == static_cast<double>(of); });
+  }
+  /// Waits until 50 hands of both sides have arrived from this source, and also a head if `with_head`.
+  bool until_hands(std::uint32_t source, bool with_head) {
+    hands = {};
+    head = {};
+    const int before = count;
+    return until([] {},
+                 [&] {
+                   return count > before + 50 && hands[0].source == source && hands[1].source == source &&
+                          (!with_head || head.valid == 1);
+                 });
+  }
   /// -1 before the first status with this counter.
   double counter(const std::string& name) const {
     for (const NamedValue& each : status.counters)
@@ -108,6 +124,15 @@ struct TrackerListener {
   int count = 0;       ///< of hands of user 0
   std::string module;  ///< whose status is read; empty: of any module
 };
+
+inline void check_latencies(std::vector<double>& latencies, const char* name) {
+  ASSERT_GE(latencies.size(), 300u) << name;
+  std::sort(latencies.begin(), latencies.end());
+  const double p50 = latencies[latencies.size() / 2], p99 = latencies[latencies.size() * 99 / 100];
+  std::printf("%s: latency added p50 %.2f ms, p99 %.2f ms (%zu packets)\n", name, p50, p99, latencies.size());
+  EXPECT_GT(p50, 0) << name;
+  EXPECT_LT(p50, 3) << name;  // the poll's period is 1 ms; the machine may be busy
+}
 
 /// Latency that a tracker adds: from the sending of a packet to the publication of its right hand, on one machine.
 /// `send` sends one packet that becomes one sample of the right hand. Prints and checks the quantiles of 400 packets at
@@ -132,12 +157,22 @@ void check_latency(TrackerListener& listener, const char* name, Send&& send) {
         latencies.push_back(static_cast<double>(stamp.publish_time - sent[newest - before - 1]) * 1e-6);
         return latencies.size() == 400;
       });
-  ASSERT_GE(latencies.size(), 300u) << name;
-  std::sort(latencies.begin(), latencies.end());
-  const double p50 = latencies[latencies.size() / 2], p99 = latencies[latencies.size() * 99 / 100];
-  std::printf("%s: latency added p50 %.2f ms, p99 %.2f ms (%zu packets)\n", name, p50, p99, latencies.size());
-  EXPECT_GT(p50, 0) << name;
-  EXPECT_LT(p50, 3) << name;  // the poll's period is 1 ms; the machine may be busy
+  check_latencies(latencies, name);
+}
+
+/// The same for a device whose sample time is the time at which it delivers: from then to the publication.
+inline void check_stamped_latency(TrackerListener& listener, const char* name) {
+  std::vector<double> latencies;
+  std::uint64_t newest = listener.hands[1].stamp.sequence;
+  listener.until([] {},
+                 [&] {
+                   const Stamp& stamp = listener.hands[1].stamp;
+                   if (stamp.sequence != newest)
+                     latencies.push_back(static_cast<double>(stamp.publish_time - stamp.sample_time) * 1e-6);
+                   newest = stamp.sequence;
+                   return latencies.size() == 400;
+                 });
+  check_latencies(latencies, name);
 }
 
 }  // namespace softhand::testing

@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "device/device_thread.hpp"
 #include "device/driver.hpp"
 #include "device/health.hpp"
 #include "device/intake.hpp"
@@ -255,6 +256,143 @@ TEST(Intake, JoinsAndSplitsTheLinesOfAStream) {
   EXPECT_GT(received.connections.back(), received.connections.front());
   EXPECT_EQ(intake.counters().reconnects, 1u);
   close(peer);
+}
+
+sockaddr_in address_of(const char* host, int port) {
+  sockaddr_in out{};
+  out.sin_family = AF_INET;
+  out.sin_port = htons(static_cast<std::uint16_t>(port));
+  inet_pton(AF_INET, host, &out.sin_addr);
+  return out;
+}
+// A socket at any free port of a host.
+std::pair<int, int> bound_socket(int type, const char* host) {
+  const int number = socket(AF_INET, type, 0);
+  sockaddr_in own = address_of(host, 0);
+  socklen_t size = sizeof own;
+  EXPECT_EQ(bind(number, reinterpret_cast<const sockaddr*>(&own), size), 0);
+  getsockname(number, reinterpret_cast<sockaddr*>(&own), &size);
+  return {number, ntohs(own.sin_port)};
+}
+
+TEST(Intake, AsksAServerByUdpAndHearsNobodyElse) {
+  const auto [server, port] = bound_socket(SOCK_DGRAM, "127.0.0.1");
+  const auto [other_port, ignored_1] = bound_socket(SOCK_DGRAM, "127.0.0.1");
+  const auto [other_host, ignored_2] = bound_socket(SOCK_DGRAM, "127.0.0.2");
+  Intake intake(8);
+  intake.connect_udp("127.0.0.1", port);
+  intake.start();
+  intake.send(0, "hello");
+  char bytes[16];
+  sockaddr_in client{};
+  socklen_t size = sizeof client;
+  ASSERT_EQ(recvfrom(server, bytes, sizeof bytes, 0, reinterpret_cast<sockaddr*>(&client), &size), 5);
+  EXPECT_EQ(std::string(bytes, 5), "hello");
+  Received received(intake);
+  for (const int from : {other_host, server, other_port}) {
+    const std::string text = from == other_host ? "stranger" : "answer";
+    sendto(from, text.data(), text.size(), 0, reinterpret_cast<const sockaddr*>(&client), size);
+  }
+  ASSERT_TRUE(received.count(2));
+  EXPECT_EQ(received.packets, (std::vector<std::string>{"answer", "answer"}));
+  EXPECT_THROW(intake.connect_udp("localhost", 1), std::runtime_error);
+  for (const int number : {server, other_port, other_host}) close(number);
+}
+
+TEST(Intake, TwoProgramsJoinAMulticastGroup) {
+  const auto [server, port] = bound_socket(SOCK_DGRAM, "127.0.0.1");
+  const sockaddr_in own = address_of("127.0.0.1", 0), group = address_of("239.255.42.98", port);
+  setsockopt(server, IPPROTO_IP, IP_MULTICAST_IF, &own.sin_addr, sizeof own.sin_addr);
+  Intake one(8), two(8), other(8);
+  one.join_udp("127.0.0.1", "239.255.42.98", port, "127.0.0.1");
+  two.join_udp("127.0.0.1", "239.255.42.98", port, "127.0.0.1");
+  other.join_udp("127.0.0.2", "239.255.42.98", port, "127.0.0.1");  // of another server
+  for (Intake* intake : {&one, &two, &other}) intake->start();
+  for (int i = 0; i < 3; ++i) sendto(server, "data", 4, 0, reinterpret_cast<const sockaddr*>(&group), sizeof group);
+  Received first(one), second(two), third(other);
+  EXPECT_TRUE(first.count(3));
+  EXPECT_TRUE(second.count(3));
+  third.until([&, i = 0]() mutable { return ++i > 10; });
+  EXPECT_TRUE(third.packets.empty());
+  EXPECT_THROW(one.join_udp("127.0.0.1", "127.0.0.1", port, "0.0.0.0"), std::runtime_error);
+  EXPECT_THROW(one.join_udp("127.0.0.1", "::1", port, "0.0.0.0"), std::runtime_error);
+  close(server);
+}
+
+// Packets of a byte that states their size, and that many bytes. 'x' is no size.
+std::size_t sized_packet(std::string_view bytes) {
+  if (bytes.empty()) return 0;
+  return bytes[0] == 'x' ? 1000 : 1 + static_cast<std::size_t>(bytes[0] - '0');
+}
+
+TEST(Intake, ConnectsToAServerAndDividesItsPacketsBySize) {
+  const auto [server, port] = bound_socket(SOCK_STREAM, "127.0.0.1");
+  Intake intake(8);
+  intake.connect_tcp("127.0.0.1", port, sized_packet, "greeting");
+  // Empty packets are left out before they wait.
+  intake.translate([](const Arrival& packet) { return packet.bytes == "0" ? std::string_view() : packet.bytes; });
+  intake.start();
+  Received received(intake);
+  std::this_thread::sleep_for(150ms);  // the server does not listen yet
+  EXPECT_FALSE(intake.connected());
+  ASSERT_EQ(listen(server, 1), 0);
+  const auto accept_client = [server = server] {
+    const int client = accept(server, nullptr, nullptr);
+    char bytes[8];
+    EXPECT_EQ(recv(client, bytes, sizeof bytes, MSG_WAITALL), 8);
+    EXPECT_EQ(std::string(bytes, 8), "greeting");
+    return client;
+  };
+  int client = accept_client();
+  for (const char* part : {"3", "ab", "c", "1d0", "7seve", "n!?1"}) {
+    send_text(client, part);
+    std::this_thread::sleep_for(5ms);
+  }
+  ASSERT_TRUE(received.count(3));
+  EXPECT_EQ(received.packets, (std::vector<std::string>{"3abc", "1d", "7seven!?"}));
+  EXPECT_TRUE(intake.connected());
+  close(client);  // within a packet
+  client = accept_client();
+  EXPECT_EQ(intake.counters().refused_cut, 1u);
+  send_text(client, "1ax");  // no packet of this protocol: connected again
+  close(accept_client());
+  ASSERT_TRUE(received.count(4));
+  EXPECT_EQ(received.packets.back(), "1a");
+  EXPECT_EQ(intake.counters().refused_size, 1u);
+  EXPECT_EQ(intake.counters().reconnects, 2u);
+  close(client);
+  close(server);
+}
+
+TEST(DeviceThread, OpensTheDeviceAgainAndStopsWithinASession) {
+  std::atomic<int> sessions{0};
+  {
+    DeviceThread thread(8);
+    EXPECT_FALSE(thread.connected());
+    thread.start([&](DeviceThread& of) {
+      const int session = ++sessions;
+      if (session == 1) throw std::runtime_error("DeviceThread: a test without a device");
+      of.opened();
+      of.push(session == 2 ? "two" : "three", now());
+      if (session == 2) return;  // lost
+      while (!of.stops()) of.sleep(1'000'000'000);
+    });
+    std::vector<std::string> packets;
+    std::vector<std::uint64_t> connections;
+    for (int i = 0; i < 1000 && packets.size() < 2; ++i) {
+      thread.take([&](const Arrival& packet) {
+        packets.emplace_back(packet.bytes);
+        connections.push_back(packet.connection);
+      });
+      std::this_thread::sleep_for(5ms);
+    }
+    EXPECT_EQ(packets, (std::vector<std::string>{"two", "three"}));
+    ASSERT_EQ(connections.size(), 2u);
+    EXPECT_NE(connections[0], connections[1]);
+    EXPECT_TRUE(thread.connected());
+    EXPECT_EQ(thread.counters().reconnects, 1u);
+  }
+  EXPECT_EQ(sessions, 3);
 }
 
 TEST(Intake, TheOldestOfTooManyConnectionsIsClosed) {

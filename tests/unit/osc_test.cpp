@@ -13,6 +13,7 @@
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
 #include "support/moving_hand.hpp"
+#include "support/tracker_sink.hpp"
 #include "trackers/osc/performer.hpp"
 #include "trackers/osc/simulated_performer.hpp"
 
@@ -26,13 +27,7 @@ constexpr Nanoseconds kMillisecond = 1'000'000;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 
-struct Sink final : TrackerSink {
-  void hand(const Skeleton& sample) override { hands[sample.hand.side] = sample, ++count; }
-  void head(const HeadPose& sample) override { newest_head = sample, ++heads; }
-  std::array<Skeleton, 2> hands{};
-  HeadPose newest_head;
-  int count = 0, heads = 0;
-};
+using Sink = testing::TrackerSamples;
 
 class Osc : public ::testing::Test {
  protected:

@@ -3,5 +3,9 @@
 #include "trackers/landmarks/landmarks_options.hpp"
 
 namespace {
-const softhand::RegisterDriver<softhand::LandmarksOptions> driver{"tracker_landmarks", "a camera."};
-}
+using namespace softhand;
+
+DriverChecks check(const LandmarksOptions& options) { return web::checks(options.listening); }
+
+const RegisterDriver<LandmarksOptions> driver{"tracker_landmarks", "a camera.", check};
+}  // namespace

@@ -3,5 +3,9 @@
 #include "trackers/osc/osc_options.hpp"
 
 namespace {
-const softhand::RegisterDriver<softhand::OscOptions> driver{"tracker_osc", "senders of VMC and of OSC trackers."};
-}
+using namespace softhand;
+
+DriverChecks check(const OscOptions& options) { return {check_udp_listening(options.address, options.port)}; }
+
+const RegisterDriver<OscOptions> driver{"tracker_osc", "senders of VMC and of OSC trackers.", check};
+}  // namespace

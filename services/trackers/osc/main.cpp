@@ -11,10 +11,10 @@ using namespace softhand;
 class OscTracker final : public PacketTracker<PerformerDecoder> {
  public:
   OscTracker(const HandModel& hand, const OscOptions& options)
-      : PacketTracker(kLargestOscPacket, PerformerDecoder(hand, options), kOscSlots) {
-    std::printf("listening on UDP port %u\n", intake_.listen_udp(options.address, options.port));
+      : PacketTracker(PerformerDecoder(hand, options), kLargestOscPacket, kOscSlots) {
+    std::printf("listening on UDP port %u\n", receiver_.listen_udp(options.address, options.port));
     std::fflush(stdout);
-    intake_.start();
+    receiver_.start();
   }
 };
 }  // namespace

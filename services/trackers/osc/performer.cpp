@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "device/body_mount.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
@@ -28,9 +29,7 @@ bool to_pose(const OscMessage& message, Pose& out) {
   if (!all_finite(v)) return false;
   out.position = Vector3(v[0], v[1], -v[2]);
   out.orientation = Quaternion(v[6], -v[3], -v[4], v[5]);
-  if (!is_place(out.position) || !(std::abs(out.orientation.norm() - 1) < 0.01)) return false;
-  out.orientation.normalize();
-  return true;
+  return make_plausible(out);
 }
 
 }  // namespace
@@ -96,24 +95,18 @@ OscRefusal PerformerDecoder::deliver_hand(std::size_t side, Nanoseconds time, Tr
   for (const Pose& bone : trunk_) wrist = wrist * bone;
   for (std::size_t i = 0; i < kArmBones; ++i) wrist = wrist * hand.bones[i];
   // Only the places of the bones are used: the axes of an avatar's bones differ from avatar to avatar.
-  Landmarks points;
-  points[0] = wrist.position;
+  HandBones bones{wrist, {}};
   for (std::size_t finger = 0; finger < kFingerCount; ++finger) {
     Pose bone = wrist;
     for (std::size_t k = 0; k < 3; ++k) {
       bone = bone * hand.bones[kArmBones + 3 * finger + k];
-      points[1 + 4 * finger + k] = bone.position;
+      bones.fingers[finger][k] = bone;
     }
-    // An avatar has no bone at the tip. The last bone continues along the axis of the bone before it.
-    points[4 + 4 * finger] = bone * (0.8 * hand.bones[kArmBones + 3 * finger + 2].position);
   }
-  if (!lifters_[side].lift(points, hand_)) return OscRefusal::shape;
-  for (int finger = 0; finger < kFingerCount; ++finger)
-    hand_.joints[static_cast<std::size_t>(index_of(tip_of(static_cast<Finger>(finger))))].flags =
-        kJointValid | kJointInferred;
+  if (!lifters_[side].lift(bones, hand_)) return OscRefusal::shape;
   hand_.hand.side = static_cast<std::uint32_t>(side);
   hand_.confidence = 1;
-  stamp(hand_.stamp, side, time);
+  stamps_.stamp(side, time, hand_.stamp);
   out.hand(hand_);
   return OscRefusal::none;
 }
@@ -152,14 +145,9 @@ OscRefusal PerformerDecoder::take_tracker(std::string_view address, const OscMes
   }
   for (std::size_t side = 0; side < 2; ++side) {
     if (wrist_trackers_[side] != static_cast<std::int64_t>(number)) continue;
-    hand_ = Skeleton{};  // no other joint is seen
-    JointSample& wrist = hand_.joints[static_cast<std::size_t>(index_of(Joint::wrist))];
-    wrist.position = to_wire(tracker.pose.position);
-    wrist.orientation = to_wire(tracker.pose.orientation);
-    wrist.flags = kJointValid | kJointTracked;
+    set_wrist(tracker.pose, hand_);
     hand_.hand.side = static_cast<std::uint32_t>(side);
-    hand_.confidence = 1;
-    stamp(hand_.stamp, side, time);
+    stamps_.stamp(side, time, hand_.stamp);
     out.hand(hand_);
   }
   return OscRefusal::none;
@@ -169,15 +157,8 @@ void PerformerDecoder::deliver_head(const Pose& pose, Nanoseconds time, TrackerS
   head_.position = to_wire(pose.position);
   head_.orientation = to_wire(pose.orientation);
   head_.valid = 1;
-  stamp(head_.stamp, 2, time);
+  stamps_.stamp(SampleStamps::kHead, time, head_.stamp);
   out.head(head_);
-}
-
-void PerformerDecoder::stamp(Stamp& stamp, std::size_t track, Nanoseconds time) {
-  // Two samples of one bundle have one arrival time, and times must ascend.
-  last_[track] = std::max(last_[track] + 1, time);
-  stamp.sample_time = last_[track];
-  stamp.sequence = ++sequence_[track];
 }
 
 }  // namespace softhand

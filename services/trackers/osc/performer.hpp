@@ -8,6 +8,7 @@
 #include "device/arrival_queue.hpp"
 #include "device/landmark_lifter.hpp"
 #include "device/refusals.hpp"
+#include "device/sample_stamps.hpp"
 #include "device/tracker_source.hpp"
 #include "trackers/osc/osc_options.hpp"
 #include "trackers/osc/osc_packet.hpp"
@@ -58,7 +59,6 @@ class PerformerDecoder {
   OscRefusal take_tracker(std::string_view address, const OscMessage& message, Nanoseconds time, TrackerSink& out);
   OscRefusal deliver_hand(std::size_t side, Nanoseconds time, TrackerSink& out);
   void deliver_head(const Pose& pose, Nanoseconds time, TrackerSink& out);
-  void stamp(Stamp& stamp, std::size_t track, Nanoseconds time);
 
   const std::array<std::int64_t, 2> wrist_trackers_;  // left, right
   std::array<LandmarkLifter, 2> lifters_;
@@ -66,8 +66,7 @@ class PerformerDecoder {
   std::array<Pose, kTrunkBones> trunk_;
   std::array<Hand, 2> hands_;
   std::array<Tracker, 9> trackers_;  // 0 = head
-  std::array<std::uint64_t, 3> sequence_{};
-  std::array<Nanoseconds, 3> last_{};
+  SampleStamps stamps_;
   Skeleton hand_;
   HeadPose head_;
   Refusals<OscRefusal, kOscRefusalNames.size()> refusals_{kOscRefusalNames};

@@ -3,6 +3,12 @@
 #include "trackers/streamer/streamer_options.hpp"
 
 namespace {
-const softhand::RegisterDriver<softhand::StreamerOptions> driver{"tracker_streamer",
-                                                                 "the app Hand Tracking Streamer on a Quest."};
+using namespace softhand;
+
+DriverChecks check(const StreamerOptions& options) {
+  return {check_udp_listening(options.address, options.udp_port),
+          check_tcp_listening(options.address, options.tcp_port)};
 }
+
+const RegisterDriver<StreamerOptions> driver{"tracker_streamer", "the app Hand Tracking Streamer on a Quest.", check};
+}  // namespace

@@ -12,12 +12,12 @@ using namespace softhand;
 class StreamerTracker final : public PacketTracker<StreamerDecoder> {
  public:
   StreamerTracker(const HandModel& hand, const StreamerOptions& options)
-      : PacketTracker(kLargestStreamerPacket, StreamerDecoder(hand)) {
-    const unsigned udp = intake_.listen_udp(options.address, options.udp_port);
-    const unsigned tcp = intake_.listen_tcp(options.address, options.tcp_port, '\n');
+      : PacketTracker(StreamerDecoder(hand), kLargestStreamerPacket) {
+    const unsigned udp = receiver_.listen_udp(options.address, options.udp_port);
+    const unsigned tcp = receiver_.listen_tcp(options.address, options.tcp_port, '\n');
     std::printf("listening on %s, UDP port %u and TCP port %u\n", options.address.c_str(), udp, tcp);
     std::fflush(stdout);
-    intake_.start();
+    receiver_.start();
   }
 };
 }  // namespace

@@ -3,5 +3,9 @@
 #include "trackers/webxr/webxr_options.hpp"
 
 namespace {
-const softhand::RegisterDriver<softhand::WebXrOptions> driver{"tracker_webxr", "a headset's browser."};
-}
+using namespace softhand;
+
+DriverChecks check(const WebXrOptions& options) { return web::checks(options.listening); }
+
+const RegisterDriver<WebXrOptions> driver{"tracker_webxr", "a headset's browser.", check};
+}  // namespace
