@@ -3,7 +3,9 @@
 
 #include <atomic>
 #include <cstring>
+#include <functional>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "messages/messages.hpp"
@@ -18,6 +20,10 @@ struct Arrival {
   bool binary = false;           ///< of a WebSocket message; false for all others
 };
 
+/// Turns a packet into the bytes that wait for the taker, in the thread that pushes. So a decoder that allocates does
+/// not run in a loop. The bytes are valid until its next call. Empty: nothing waits.
+using Translate = std::function<std::string_view(const Arrival&)>;
+
 /// One thread pushes and one thread takes. Neither waits, locks or allocates.
 class ArrivalQueue {
  public:
@@ -25,8 +31,13 @@ class ArrivalQueue {
   explicit ArrivalQueue(std::size_t largest, std::size_t slots = 64)
       : largest_(largest), bytes_(slots * largest), slots_(slots) {}
 
-  /// Copies the packet. A full queue drops it and counts it as passed over: the taker does not keep up.
-  void push(const Arrival& packet) {
+  /// Call it before the first `push`.
+  void translate(Translate translate) { translate_ = std::move(translate); }
+  /// Copies the packet, or what it was translated to. A full queue drops it and counts it as passed over: the taker
+  /// does not keep up.
+  void push(Arrival packet) {
+    if (translate_) packet.bytes = translate_(packet);
+    if (translate_ && packet.bytes.empty()) return;
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail - head_.load(std::memory_order_acquire) == slots_.size() || packet.bytes.size() > largest_) {
       passed_over_.fetch_add(1, std::memory_order_relaxed);
@@ -53,6 +64,7 @@ class ArrivalQueue {
 
  private:
   std::size_t largest_;
+  Translate translate_;
   std::vector<char> bytes_;
   std::vector<Arrival> slots_;
   std::atomic<std::size_t> head_{0}, tail_{0};

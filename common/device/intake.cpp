@@ -3,7 +3,6 @@
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -21,6 +20,7 @@
 #include <vector>
 
 #include "device/health.hpp"
+#include "device/stream_socket.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/scheduling.hpp"
@@ -120,16 +120,6 @@ File open_port(const std::string& path, speed_t speed) {
 ssize_t write_to(int file, std::string_view bytes) {
   const ssize_t size = send(file, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
   return size < 0 && errno == ENOTSOCK ? write(file, bytes.data(), bytes.size()) : size;
-}
-
-// Closes connections of a peer that vanished without a word, 11 s after its last byte.
-void watch_peer(int socket) {
-  const int yes = 1, idle = 5, interval = 2, count = 3;
-  setsockopt(socket, SOL_SOCKET, SO_KEEPALIVE, &yes, sizeof yes);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPIDLE, &idle, sizeof idle);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPINTVL, &interval, sizeof interval);
-  setsockopt(socket, IPPROTO_TCP, TCP_KEEPCNT, &count, sizeof count);
-  setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);  // a command must not wait for the next one
 }
 
 }  // namespace

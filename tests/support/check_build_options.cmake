@@ -4,7 +4,8 @@ cmake_minimum_required(VERSION 3.25)
 set(features viewer socket_trackers hand_builder object_builder tests)
 # Words in the commands of a build (compilations and links) that occur only if the build has the feature.
 set(only_viewer bin/softhand-viewer libsofthand_viewer_server.a)
-set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a)
+set(only_socket_trackers bin/softhand-tracker-webxr bin/softhand-tracker-landmarks libsofthand_tracker_sockets.a
+    libsofthand_websocket_client.a)
 set(only_hand_builder bin/softhand-build-hand libsofthand_hand_builder.a)
 set(only_object_builder bin/softhand-build-object libsofthand_object_builder.a cgal_solid.cpp)
 # Meshes, for both builders.
