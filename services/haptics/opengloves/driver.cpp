@@ -5,5 +5,5 @@
 
 namespace {
 const softhand::RegisterDriver<softhand::DeviceOptions<softhand::OpenGlovesOptions>> driver{
-    "haptic_opengloves", "softhand-haptic-opengloves: a LucidGloves or SenseShift glove, fingers and brakes."};
+    "haptic_opengloves", "a LucidGloves or SenseShift glove, fingers and brakes."};
 }
