@@ -14,6 +14,8 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <functional>
+#include <optional>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -32,6 +34,7 @@ constexpr std::size_t kMostConnections = 16;
 constexpr int kMostReads = 64;  // of one sender in a turn
 constexpr std::size_t kOutgoing = 64;
 constexpr Nanoseconds kLastPacketTime = 50'000'000;
+constexpr timeval kConnectTime{0, 500'000};  // s, us
 
 /// Owns a file descriptor.
 class File {
@@ -52,6 +55,32 @@ class File {
   int number_;
 };
 
+struct Address {
+  sockaddr_storage storage{};
+  socklen_t size = 0;
+  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+};
+
+// Returns nothing if the address is not numeric.
+std::optional<Address> parse_address(const std::string& address, std::int64_t port) {
+  Address out;
+  auto& four = reinterpret_cast<sockaddr_in&>(out.storage);
+  auto& six = reinterpret_cast<sockaddr_in6&>(out.storage);
+  const auto wire_port = htons(static_cast<std::uint16_t>(port));
+  if (inet_pton(AF_INET, address.c_str(), &four.sin_addr) == 1) {
+    four.sin_family = AF_INET;
+    four.sin_port = wire_port;
+    out.size = sizeof four;
+  } else if (inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1) {
+    six.sin6_family = AF_INET6;
+    six.sin6_port = wire_port;
+    out.size = sizeof six;
+  } else {
+    return std::nullopt;
+  }
+  return out;
+}
+
 struct Bound {
   File socket;
   std::uint16_t port = 0;
@@ -62,30 +91,28 @@ Bound bind_socket(int type, const std::string& address, std::int64_t port) {
     return std::runtime_error(std::string("cannot listen on ") + (type == SOCK_DGRAM ? "UDP " : "TCP ") + address +
                               ":" + std::to_string(port) + ": " + why);
   };
-  sockaddr_storage to{};
-  auto& four = reinterpret_cast<sockaddr_in&>(to);
-  auto& six = reinterpret_cast<sockaddr_in6&>(to);
-  socklen_t size = sizeof four;
-  const auto wire_port = htons(static_cast<std::uint16_t>(port));
-  if (inet_pton(AF_INET, address.c_str(), &four.sin_addr) == 1) {
-    four.sin_family = AF_INET;
-    four.sin_port = wire_port;
-  } else if (inet_pton(AF_INET6, address.c_str(), &six.sin6_addr) == 1) {
-    six.sin6_family = AF_INET6;
-    six.sin6_port = wire_port;
-    size = sizeof six;
-  } else {
-    throw refuse("expected a numeric address such as 127.0.0.1 or 0.0.0.0");
-  }
-  Bound out{File(socket(to.ss_family, type | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)), 0};
+  std::optional<Address> to = parse_address(address, port);
+  if (!to) throw refuse("expected a numeric address such as 127.0.0.1 or 0.0.0.0");
+  Bound out{File(socket(to->storage.ss_family, type | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)), 0};
   const int yes = 1;
   // A TCP port that was in use may be taken again at once. A UDP port with this option could be shared by mistake.
   if (type == SOCK_STREAM) setsockopt(out.socket.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-  if (!out.socket.open() || bind(out.socket.number(), reinterpret_cast<const sockaddr*>(&to), size) != 0 ||
+  if (!out.socket.open() || bind(out.socket.number(), to->get(), to->size) != 0 ||
       (type == SOCK_STREAM && listen(out.socket.number(), 16) != 0))
     throw refuse(std::strerror(errno));
-  getsockname(out.socket.number(), reinterpret_cast<sockaddr*>(&to), &size);
-  out.port = ntohs(to.ss_family == AF_INET6 ? six.sin6_port : four.sin_port);
+  getsockname(out.socket.number(), reinterpret_cast<sockaddr*>(&to->storage), &to->size);
+  out.port = ntohs(to->storage.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(to->storage).sin6_port
+                                                     : reinterpret_cast<const sockaddr_in&>(to->storage).sin_port);
+  return out;
+}
+
+// Waits for at most kConnectTime.
+File connect_socket(const Address& to) {
+  File out(socket(to.storage.ss_family, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  setsockopt(out.number(), SOL_SOCKET, SO_SNDTIMEO, &kConnectTime, sizeof kConnectTime);
+  if (!out.open() || connect(out.number(), to.get(), to.size) != 0) return File();
+  fcntl(out.number(), F_SETFL, O_NONBLOCK);
+  watch_peer(out.number());
   return out;
 }
 
@@ -151,7 +178,12 @@ class Intake::Impl {
     return bound.port;
   }
   void open_serial(const std::string& path, std::int64_t baud, char end) {
-    ports_.push_back({path, termios_speed(baud), end, {}, 0, 0});
+    ports_.push_back({[path, speed = termios_speed(baud)] { return open_port(path, speed); }, end, "", {}, 0, 0});
+  }
+  void connect_tcp(const std::string& address, std::int64_t port, char end, const std::string& greeting) {
+    const auto to = parse_address(address, port);
+    if (!to) throw std::invalid_argument("address '" + address + "': expected a numeric address, as 127.0.0.1");
+    ports_.push_back({[to = *to] { return connect_socket(to); }, end, greeting, {}, 0, 0});
   }
   void start() {
     has_datagrams_ = !datagrams_.empty();
@@ -179,10 +211,11 @@ class Intake::Impl {
     File socket;
     char end;
   };
+  // A serial port, or a service to which we connect.
   struct Port {
-    std::string path;
-    speed_t speed;
+    std::function<File()> open;
     char end;
+    std::string greeting;
     Backoff backoff;
     Nanoseconds next_attempt;
     std::uint64_t connection;  // 0 = closed
@@ -346,9 +379,10 @@ class Intake::Impl {
   void open_ports() {
     for (Port& port : ports_) {
       if (port.connection != 0 || now() < port.next_attempt) continue;
-      File file = open_port(port.path, port.speed);
+      File file = port.open();
       if (file.open()) {
         port.connection = add_stream(std::move(file), port.end);
+        streams_.back().sending = port.greeting;
         port.backoff.reset();
       } else {
         port.next_attempt = now() + port.backoff.next();
@@ -392,6 +426,10 @@ std::uint16_t Intake::listen_tcp(const std::string& address, std::int64_t port, 
   return impl_->listen_tcp(address, port, end);
 }
 void Intake::open_serial(const std::string& path, std::int64_t baud, char end) { impl_->open_serial(path, baud, end); }
+void Intake::connect_tcp(const std::string& address, std::int64_t port, char end, const std::string& greeting) {
+  impl_->connect_tcp(address, port, end, greeting);
+}
+void Intake::translate(Translate translate) { queue().translate(std::move(translate)); }
 void Intake::start() { impl_->start(); }
 bool Intake::connected() const { return impl_->connected(); }
 Intake::Counters Intake::counters() const { return impl_->counters(); }

@@ -1,5 +1,5 @@
 // Receives the packets of a device by UDP, TCP or a serial port, in its own thread, and connects again when the device
-// comes back. Writes packets to the device on the same connection.
+// or its service comes back. Writes packets to the device on the same connection.
 #pragma once
 
 #include <cstdint>
@@ -39,6 +39,11 @@ class Intake {
   /// Opens the port as 8N1 without flow control, now or when it appears: see Backoff. Throws std::invalid_argument for
   /// a baud rate that termios lacks.
   void open_serial(const std::string& path, std::int64_t baud, char end);
+  /// Connects to a service, now or when it appears: see Backoff. Each new connection first sends `greeting`, of at most
+  /// `largest` bytes. Throws std::invalid_argument if the address is not numeric.
+  void connect_tcp(const std::string& address, std::int64_t port, char end, const std::string& greeting);
+  /// See Translate. Call it before `start`.
+  void translate(Translate translate);
   /// Starts the thread.
   void start();
 
