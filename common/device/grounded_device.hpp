@@ -20,7 +20,7 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   void poll(Nanoseconds now, TrackerSink& out) override {
     if (cursors_.load(newest_) && newest_.time - tracked_at_ >= kTrackPeriod) {
       tracked_at_ = newest_.time;
-      point_.lift(to_vector(newest_.vector), hand_);
+      point_.lift(to_vector(newest_.position), hand_);
       hand_.stamp.sample_time = newest_.time;
       ++hand_.stamp.sequence;
       out.hand(hand_);
@@ -37,8 +37,13 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   DeviceLimits limits() const override { return point_.limits(); }
   void command(const BoneWrench& input, std::span<double> requested) override { point_.command(input, requested); }
   bool measure(Nanoseconds, std::span<double> positions) override {
-    if (is_fresh_) std::copy(newest_.vector.begin(), newest_.vector.end(), positions.begin());
+    if (is_fresh_) std::copy(newest_.position.begin(), newest_.position.end(), positions.begin());
     return is_fresh_;
+  }
+  /// What the thread applied until it measured the newest position.
+  bool measure_commands(std::span<double> commands) override {
+    std::copy(newest_.acted.begin(), newest_.acted.end(), commands.begin());
+    return true;
   }
   void write(Nanoseconds now, std::span<const double> commands) override {
     forces_.store({now, {commands[0], commands[1], commands[2]}});
@@ -61,7 +66,7 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
     const bool is_plausible =
         std::all_of(position.begin(), position.end(), [](double x) { return std::abs(x) <= kFarthest; });
     if (is_plausible) {
-      cursors_.store({time, position});
+      cursors_.store({time, position, applied_});
     } else {
       ++refused_;
     }
@@ -69,22 +74,29 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   /// The force to apply now, N. Zero if the loop stands still.
   Vec3 force(Nanoseconds now) {
     forces_.load(force_);
-    return now - force_.time < kSilentLoop ? force_.vector : Vec3{};
+    return applied_ = now - force_.time < kSilentLoop ? force_.newton : Vec3{};
   }
 
  private:
   static constexpr Nanoseconds kTrackPeriod = 4'000'000, kOld = 50'000'000, kSilentLoop = 20'000'000;
-  struct Timed {
+  struct Cursor {
     Nanoseconds time = 0;
-    Vec3 vector{};
+    Vec3 position{};
+    Vec3 acted{};  // force before that time, N
+  };
+  struct Force {
+    Nanoseconds time = 0;
+    Vec3 newton{};
   };
   GroundedPoint point_;
-  Timed newest_;
+  Cursor newest_;
   Nanoseconds tracked_at_ = 0;
   bool is_fresh_ = false;
   Skeleton hand_;
-  Timed force_;  // of the thread of the device
-  LatestValue<Timed> cursors_, forces_;
+  Force force_;     // of the thread of the device
+  Vec3 applied_{};  // the same
+  LatestValue<Cursor> cursors_;
+  LatestValue<Force> forces_;
   std::atomic<bool> is_open_{false};
   std::atomic<std::uint64_t> openings_{0}, refused_{0}, errors_{0};
 };

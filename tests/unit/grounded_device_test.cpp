@@ -120,6 +120,66 @@ TEST(GroundedDevice, LetsGoIfTheLoopStandsStill) {
   EXPECT_EQ(device.force(kStart + 20 * kMillisecond), Vec3{});
 }
 
+// The observer counts the work of the force that acted, not of the one that the loop has just commanded.
+TEST(GroundedDevice, KnowsWhichForceActed) {
+  Device device;
+  Hands hands;
+  Vec3 acted{};
+  const auto acted_at = [&](Nanoseconds time) {
+    device.moved(time, {});
+    device.poll(time, hands);
+    EXPECT_TRUE(device.measure_commands(acted));
+    return acted;
+  };
+  device.set_open(true);
+  device.write(kStart, Vec3{1, 2, 3});
+  EXPECT_EQ(acted_at(kStart + 1), Vec3{});
+  device.force(kStart + 1);
+  device.write(kStart + 2, Vec3{4, 5, 6});
+  EXPECT_EQ(acted_at(kStart + 2), (Vec3{1, 2, 3}));
+  device.force(kStart + 2);
+  EXPECT_EQ(acted_at(kStart + 3), (Vec3{4, 5, 6}));
+  device.force(kStart + 21 * kMillisecond);  // the loop stands still
+  EXPECT_EQ(acted_at(kStart + 22 * kMillisecond), Vec3{});
+}
+
+class Late final : public HapticDriver {
+ public:
+  DeviceLimits limits() const override { return {1, -10, 10, 1e6, 1000, 10}; }
+  void command(const BoneWrench& input, std::span<double> requested) override {
+    requested[0] = input.bones[0].coupling_force[0];
+  }
+  bool measure(Nanoseconds, std::span<double> positions) override {
+    positions[0] = position;
+    return true;
+  }
+  bool measure_commands(std::span<double> commands) override {
+    commands[0] = acted;
+    return knows;
+  }
+  void write(Nanoseconds, std::span<const double>) override {}
+  double position = 0, acted = 0;
+  bool knows = true;
+};
+TEST(DeviceLoop, ObservesTheCommandsThatActed) {
+  for (const bool knows : {true, false}) {
+    const auto driver = std::make_shared<Late>();
+    driver->knows = knows;
+    DeviceLoop<BoneWrench> loop({}, driver, 1, 0);
+    BoneWrench input;
+    input.simulated_valid = 1;
+    input.stamp = {1, 1, 0, kStart, kStart, {}};
+    input.bones[0].coupling_force = {2, 0, 0};
+    loop.step(kStart, &input);
+    loop.step(kStart + kMillisecond, nullptr);
+    EXPECT_EQ(loop.commands()[0], 2);
+    driver->position = -0.001;  // against the command
+    driver->acted = 0.5;
+    loop.step(kStart + 2 * kMillisecond, nullptr);
+    EXPECT_NEAR(loop.feedback().passivity().energy(), knows ? 0.5e-3 : 2e-3, 1e-12);
+  }
+}
+
 TEST(GroundedDevice, RefusesAbsurdPositions) {
   Device device;
   Hands hands;

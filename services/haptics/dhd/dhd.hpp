@@ -1,6 +1,10 @@
 // Devices of Force Dimension and the Novint Falcon, by the DHD library of Force Dimension.
 #pragma once
 
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -48,7 +52,11 @@ class Dhd final : public GroundedDevice {
   using Options = DhdOptions;
   /// Throws std::runtime_error if the library cannot be loaded.
   Dhd(const Options& options, const HandModel& hand)
-      : GroundedDevice(options.point, hand), options_(options), library_(options.library) {
+      : GroundedDevice(options.point, hand),
+        options_(options),
+        library_(options.library),
+        wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+    if (wake_ < 0) throw std::runtime_error("eventfd: no file descriptor is free");
     std::printf("loaded %s\n", options.library.c_str());
     std::fflush(stdout);
     thread_ = std::thread([this] {
@@ -60,10 +68,19 @@ class Dhd final : public GroundedDevice {
   ~Dhd() override {
     stop_ = true;
     thread_.join();
+    close(wake_);
+  }
+
+  // Each step of the loop wakes the thread, so that it measures once between two steps.
+  void write(Nanoseconds now, std::span<const double> commands) override {
+    GroundedDevice::write(now, commands);
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t ignored = ::write(wake_, &one, sizeof one);
   }
 
  private:
   static constexpr std::chrono::milliseconds kPeriod{1};
+  static constexpr int kLongestWait = 5;  // ms, for the loop
 
   void run() {
     Backoff backoff;
@@ -86,11 +103,12 @@ class Dhd final : public GroundedDevice {
     library_.set_gravity_compensation(1, id);
     bool works = library_.enable_force(1, id) >= 0;
     set_open(works);
-    auto next = std::chrono::steady_clock::now();
     while (works && !stop_) {
       works = step(id);
-      next = std::max(next + kPeriod, std::chrono::steady_clock::now());
-      std::this_thread::sleep_until(next);
+      pollfd wake{wake_, POLLIN, 0};
+      ::poll(&wake, 1, kLongestWait);
+      std::uint64_t wakes = 0;
+      [[maybe_unused]] const ssize_t ignored = read(wake_, &wakes, sizeof wakes);
     }
     set_open(false);
     if (!works) {
@@ -113,6 +131,7 @@ class Dhd final : public GroundedDevice {
 
   Options options_;
   DhdLibrary library_;
+  const int wake_;
   std::atomic<bool> stop_{false};
   std::thread thread_;
 };

@@ -8,8 +8,9 @@ namespace softhand {
 struct DhdOptions {
   std::string library = "libdhd.so.3";
   std::int64_t index = -1;
-  // Limits of a Falcon, the weakest of these devices, as in docs/haptic-stability.md.
-  GroundedPointOptions point{.maximum_force = 8, .slew = 2000, .stiffness = 3000, .damping = 20};
+  // The force of a Falcon, the weakest of these devices. Stiffness and damping are a third of what it renders without
+  // delay: this driver has one (docs/haptic-stability.md).
+  GroundedPointOptions point{.maximum_force = 8, .slew = 1000, .stiffness = 1000, .damping = 10};
 };
 inline void describe(OptionVisitor& v, DhdOptions& o) {
   v.string("library", o.library, "The library of the Force Dimension SDK: a path, or a name that the loader finds.");

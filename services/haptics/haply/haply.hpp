@@ -67,6 +67,14 @@ class Haply final : public TrackerSource, public HapticDriver {
     if (newest_.has_velocity) std::copy(newest_.velocity.begin(), newest_.velocity.end(), velocities.begin());
     return newest_.has_velocity;
   }
+  /// The service says which force it applies. A report follows the force of the report before.
+  bool measure_commands(std::span<double> commands) override {
+    if (acted_count_ == 0) return newest_.has_force;
+    for (std::size_t i = 0; i < 3; ++i) commands[i] = acted_[i] / acted_count_;
+    acted_ = {};
+    acted_count_ = 0;
+    return newest_.has_force;
+  }
   // The service answers each message with one report, and a force lasts for one tick. So a message is sent in each
   // step, but not more than two before their reports, or they would queue up. Zero does not wait.
   void write(Nanoseconds now, std::span<const double> commands) override {
@@ -121,6 +129,8 @@ class Haply final : public TrackerSource, public HapticDriver {
     if (!refusals_.accepted(report.refusal)) return;
     ++reports_;
     if (report.has_device && !newest_.has_device) begin(message.time, key_);
+    for (std::size_t i = 0; i < 3; ++i) acted_[i] += newest_.force[i];
+    ++acted_count_;
     newest_ = report;
     newest_time_ = message.time;
     if (!report.has_device) return;
@@ -172,6 +182,8 @@ class Haply final : public TrackerSource, public HapticDriver {
   Vector3 sent_ = Vector3::Zero();
   HaplyForceKey key_ = HaplyForceKey::vector;
   int without_effect_ = 0;
+  Vec3 acted_{};  // sum of the forces before the reports of this step
+  int acted_count_ = 0;
   bool is_braked_ = false;
   std::uint64_t reports_ = 0, safety_events_ = 0, key_changes_ = 0;
   Skeleton hand_;
