@@ -33,6 +33,8 @@ class Recorder final : public DeviceDriver<Input> {
     if (asks_nan) requested[0] = std::numeric_limits<double>::quiet_NaN();
   }
   bool measure(Nanoseconds now, std::span<double> positions) override { return driver_->measure(now, positions); }
+  bool measure_velocities(std::span<double> velocities) override { return driver_->measure_velocities(velocities); }
+  bool measure_commands(std::span<double> commands) override { return driver_->measure_commands(commands); }
   void write(Nanoseconds now, std::span<const double> commands) override {
     written_.assign(commands.begin(), commands.end());
     driver_->write(now, commands);

@@ -173,9 +173,12 @@ void DeviceFeedback<BoneWrench>::measure(Nanoseconds now, HapticDriver& driver, 
     motion_.clear();
   } else {
     measures_ = true;
-    if (!motion_.add(now, positions_)) ++refused_motion_;
+    const bool is_motion = motion_.add(now, positions_);
+    const bool has_velocities = is_motion && driver.measure_velocities({velocities_.data(), actuators_});
+    if (!is_motion || (has_velocities && !motion_.set_velocities(velocities_))) ++refused_motion_;
   }
-  passivity_.observe(commands, motion_);
+  const bool knows = !motion_.empty() && driver.measure_commands({acted_.data(), actuators_});
+  passivity_.observe(knows ? std::span<const double>{acted_.data(), actuators_} : commands, motion_);
 }
 
 std::span<const double> DeviceFeedback<BoneWrench>::requested() {

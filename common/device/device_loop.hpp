@@ -49,8 +49,16 @@ class DeviceDriver {
   /// A haptic device that measures its motion writes the position of each actuator, m, in the direction in which a
   /// positive command pushes the user. Returns false if it does not measure or lost its sensor. Real-time.
   virtual bool measure(Nanoseconds, std::span<double> /*positions*/) { return false; }
+  /// Called after a `measure` that returned true. A device that also measures velocities writes them, m/s, and returns
+  /// true. Otherwise the loop computes them from the positions. Real-time.
+  virtual bool measure_velocities(std::span<double>) { return false; }
+  /// Called after a `measure` that returned true. A device that knows when its commands acted writes those that acted
+  /// while it made its last step, and returns true. Otherwise the loop takes those of its last `write`. Real-time.
+  virtual bool measure_commands(std::span<double>) { return false; }
   /// Sends commands within the limits to the device. Real-time: must not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
+  /// Adds counters of the driver to the status. Must not allocate.
+  virtual void fill_status(LoopStatus&) const {}
 };
 using TactileDriver = DeviceDriver<Contacts>;
 
@@ -191,7 +199,7 @@ class DeviceFeedback<BoneWrench> {
   DeviceMotion motion_;
   LocalModel model_;
   PassivityControl passivity_;
-  ActuatorValues requested_{}, positions_{};
+  ActuatorValues requested_{}, positions_{}, velocities_{}, acted_{};
   bool measures_ = false;
   std::uint64_t refused_motion_ = 0;
 };

@@ -28,6 +28,7 @@ bool is_plausible(const BoneSample& bone) {
 
 bool DeviceMotion::add(Nanoseconds now, std::span<const double> positions) {
   bool is_motion = true;
+  has_velocities_ = false;
   for (std::size_t i = 0; i < actuators_; ++i) {
     is_motion = is_motion && std::isfinite(positions[i]);
     if (count_ > 0) is_motion = is_motion && std::abs(positions[i] - sample(0).positions[i]) <= kJump;
@@ -42,6 +43,13 @@ bool DeviceMotion::add(Nanoseconds now, std::span<const double> positions) {
   std::copy_n(positions.begin(), actuators_, ring_[newest_].positions.begin());
   count_ = std::min(count_ + 1, kHistory);
   return true;
+}
+
+bool DeviceMotion::set_velocities(std::span<const double> velocities) {
+  has_velocities_ = std::all_of(velocities.begin(), velocities.begin() + static_cast<std::ptrdiff_t>(actuators_),
+                                [](double velocity) { return std::abs(velocity) <= kFastest; });
+  if (has_velocities_) std::copy_n(velocities.begin(), actuators_, velocities_.begin());
+  return has_velocities_;
 }
 
 ActuatorValues DeviceMotion::step(std::size_t steps_ago) const {
@@ -66,6 +74,7 @@ ActuatorValues DeviceMotion::at(Nanoseconds time) const {
 }
 
 ActuatorValues DeviceMotion::velocities() const {
+  if (has_velocities_) return velocities_;
   ActuatorValues out{};
   if (count_ < 2) return out;
   std::size_t ago = 1;

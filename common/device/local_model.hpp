@@ -32,13 +32,21 @@ class DeviceMotion {
  public:
   /// A larger change between two steps is a fault of the sensor or a new calibration, and no motion, m.
   static constexpr double kJump = 0.1;
+  /// A larger velocity is a fault of the device, m/s.
+  static constexpr double kFastest = 10;
   /// Time over which velocities are taken, ns. It averages the resolution of a sensor.
   static constexpr Nanoseconds kVelocityTime = 4'000'000;
 
   explicit DeviceMotion(std::size_t actuators) : actuators_(actuators) {}
   /// Returns false if the positions are not finite or jumped. The history then begins again. Real-time.
   bool add(Nanoseconds now, std::span<const double> positions);
-  void clear() { count_ = 0; }
+  /// Velocities that the device measured with the newest positions, m/s. Returns false if they are not finite or
+  /// absurd: then they are computed. Real-time.
+  bool set_velocities(std::span<const double> velocities);
+  void clear() {
+    count_ = 0;
+    has_velocities_ = false;
+  }
   bool empty() const { return count_ == 0; }
   /// The newest sample. The motion must not be empty.
   const ActuatorValues& positions() const { return sample(0).positions; }
@@ -46,7 +54,7 @@ class DeviceMotion {
   ActuatorValues step(std::size_t steps_ago = 0) const;
   /// Positions at `time`, interpolated; before and after the history its first and last ones.
   ActuatorValues at(Nanoseconds time) const;
-  /// Mean velocities over the last kVelocityTime, m/s. Zero without two samples.
+  /// Those that the device measured, m/s. Otherwise the mean over the last kVelocityTime, zero without two samples.
   ActuatorValues velocities() const;
 
  private:
@@ -61,6 +69,8 @@ class DeviceMotion {
   std::array<Sample, kHistory> ring_{};
   std::size_t newest_ = 0;
   std::size_t count_ = 0;
+  bool has_velocities_ = false;
+  ActuatorValues velocities_{};  // measured
 };
 
 class LocalModel {

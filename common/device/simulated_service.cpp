@@ -1,5 +1,7 @@
 #include "device/simulated_service.hpp"
 
+#include <fcntl.h>
+
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/beast/core.hpp>
@@ -19,6 +21,9 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 namespace websocket = beast::websocket;
 using tcp = asio::ip::tcp;
+
+// A driver that a test starts must not inherit the sockets: they would stay open after the service.
+void keep_from_children(int socket) { fcntl(socket, F_SETFD, FD_CLOEXEC); }
 
 class Client : public std::enable_shared_from_this<Client> {
  public:
@@ -93,6 +98,7 @@ class SimulatedService::Impl {
     acceptor_.bind(endpoint, error);
     if (error) throw std::runtime_error("cannot listen on port " + std::to_string(port) + ": " + error.message());
     acceptor_.listen();
+    keep_from_children(acceptor_.native_handle());
     accept();
     thread_ = std::thread([this] { context_.run(); });
   }
@@ -112,6 +118,7 @@ class SimulatedService::Impl {
     acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
       if (error) return;
       socket.set_option(tcp::no_delay(true));
+      keep_from_children(socket.native_handle());
       std::erase_if(clients_, [](const auto& client) { return client->is_ended(); });
       clients_.push_back(std::make_shared<Client>(std::move(socket), behaviour_));
       clients_.back()->start();

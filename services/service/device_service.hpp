@@ -56,7 +56,17 @@ class DeviceFace {
   std::unique_ptr<Input> input_ = std::make_unique<Input>();
 };
 
-/// `Driver` is a HapticDriver or a TactileDriver that is made from its `Driver::Options`. Its driver.cpp registered
+/// The driver is made from its options, and from the hand of the scene if it takes one.
+template <typename Driver>
+std::shared_ptr<Driver> make_driver(const typename Driver::Options& options, const Scene& scene) {
+  if constexpr (std::is_constructible_v<Driver, const typename Driver::Options&, const HandModel&>) {
+    return std::make_shared<Driver>(options, load_scene_hand(scene));
+  } else {
+    return std::make_shared<Driver>(options);
+  }
+}
+
+/// `Driver` is a HapticDriver or a TactileDriver (`make_driver`). Its driver.cpp registered
 /// DeviceOptions<Driver::Options>. `options_of` names another part of the scene with `.loop` and `.driver`.
 template <typename Driver, typename OptionsOf>
 int run_device(int argc, char** argv, const std::string& module, OptionsOf options_of) {
@@ -68,11 +78,14 @@ int run_device(int argc, char** argv, const std::string& module, OptionsOf optio
     const Scene scene = read_scene(arguments.config, arguments.overrides);
     const auto& options = options_of(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);
-    DeviceFace<typename Driver::Input> device(service, options.loop, std::make_shared<Driver>(options.driver),
-                                              hand_key(scene), arguments.device);
+    const auto driver = make_driver<Driver>(options.driver, scene);
+    DeviceFace<Input> device(service, options.loop, driver, hand_key(scene), arguments.device);
     service.run({[&](Nanoseconds now) { device.step(now); },
                  [&](const Message& message) { return device.answer(message, arguments.module); },
-                 [&](LoopStatus& status, Nanoseconds now) { device.fill_status(status, now); }});
+                 [&](LoopStatus& status, Nanoseconds now) {
+                   device.fill_status(status, now);
+                   driver->fill_status(status);
+                 }});
     device.stop();
   });
 }
@@ -81,8 +94,8 @@ int run_device(int argc, char** argv, const std::string& module) {
   return run_device<Driver>(argc, argv, module, &driver_options<DeviceOptions<typename Driver::Options>>);
 }
 
-/// A device with both faces in one process. `Device` is a TrackerSource and a HapticDriver or TactileDriver that is
-/// made from its `Device::Options` and the hand of the scene. One loop, at `rate_hz` of the device, polls it and then
+/// A device with both faces in one process. `Device` is a TrackerSource and a HapticDriver or TactileDriver
+/// (`make_driver`). One loop, at `rate_hz` of the device, polls it and then
 /// lets it write.
 template <typename Device>
 int run_tracking_device(int argc, char** argv, const std::string& module) {
@@ -92,7 +105,7 @@ int run_tracking_device(int argc, char** argv, const std::string& module) {
     const HandKey hand = hand_key(scene);
     const auto& options = driver_options<DeviceOptions<typename Device::Options>>(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);
-    const auto device = std::make_shared<Device>(options.driver, load_scene_hand(scene));
+    const auto device = make_driver<Device>(options.driver, scene);
     TrackerFace tracker(service, Pacing::real, arguments, hand.user);
     DeviceFace<typename Device::Input> back(service, options.loop, device, hand, arguments.device);
     service.run({[&](Nanoseconds now) {

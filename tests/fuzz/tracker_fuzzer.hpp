@@ -44,14 +44,19 @@ class CheckedSink final : public TrackerSink {
   }
 };
 
-/// Calls f(const Arrival&) for each line of a stream.
+/// Calls f(const Arrival&) for each packet of a stream.
 template <typename F>
-void for_each_line(std::string_view bytes, F&& f) {
+void for_each_packet(std::string_view bytes, char end_of_packet, F&& f) {
   while (!bytes.empty()) {
-    const std::size_t end = bytes.find('\n');
+    const std::size_t end = bytes.find(end_of_packet);
     f(Arrival{bytes.substr(0, end), kArrival, 1, false});
     bytes.remove_prefix(end == std::string_view::npos ? bytes.size() : end + 1);
   }
+}
+
+template <typename F>
+void for_each_line(std::string_view bytes, F&& f) {
+  for_each_packet(bytes, '\n', std::forward<F>(f));
 }
 
 }  // namespace softhand::fuzz

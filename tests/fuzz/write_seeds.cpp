@@ -12,6 +12,7 @@
 #include "bus/topics.hpp"
 #include "fuzz/fuzzer.hpp"
 #include "fuzz/tracker_fuzzer.hpp"
+#include "haptics/haply/haply_messages.hpp"
 #include "haptics/opengloves/alpha_line.hpp"
 #include "haptics/opengloves/simulated_glove.hpp"
 #include "mesh_files/mesh_file.hpp"
@@ -20,6 +21,9 @@
 #include "runtime/record_file.hpp"
 #include "support/block_hand.hpp"
 #include "support/webxr_frame.hpp"
+#include "tactile/bhaptics/player_messages.hpp"
+#include "tactile/weart/simulated_touchdiver.hpp"
+#include "tactile/weart/weart_messages.hpp"
 #include "trackers/landmarks/landmarks.hpp"
 #include "trackers/leap/leap_hands.hpp"
 #include "trackers/leap/leap_message.hpp"
@@ -265,6 +269,50 @@ void add_opengloves(Seeds& seeds) {
   add("0&1023&512&0&0&512&512&0&0&0&0&1&0\n0&1023&512&0&0&512&512&0&0&0&0&1&0\n");
 }
 
+void add_haply(Seeds& seeds) {
+  const auto add_report = [&seeds](const std::string& text) {
+    const HaplyReport report = decode_haply_report(text, "049D");
+    expect(report.refusal == HaplyRefusal::none && report.has_device, "haply: the seed is accepted");
+    seeds.add("haply", text);
+  };
+  add_report(
+      R"({"session_id":7,"inverse3":[{"device_id":"049D","config":{"type":"inverse3"},"state":{"cursor_position":)"
+      R"({"x":0.01,"y":-0.12,"z":0.15},"cursor_velocity":{"x":0.1,"y":0.2,"z":0.3},"current_cursor_force":{"x":0,)"
+      R"("y":0,"z":1.5}},"status":{}}],"verse_grip":[]})");
+  add_report(R"({"inverse3":[{"device_id":"049D","state":{"cursor_position":{"x":0,"y":0,"z":0}}}]})");
+  const std::string event =
+      R"({"name":"device-safety-triggered","category":"device","level":"error","data":{"device_id":"049D",)"
+      R"("safety_type":"ebrake_triggered"},"message":"text"})";
+  expect(decode_haply_event(event).kind == HaplyEventKind::brake, "haply: the event is accepted");
+  seeds.add("haply", event);
+}
+
+void add_bhaptics(Seeds& seeds) {
+  for (const char* const text :
+       {R"({"ConnectedDeviceCount":1,"ConnectedPositions":["GloveR"],"Status":{"GloveR":[0,1,2,3,4,5]}})",
+        R"({"connectedPositions":[204],"status":{"GloveR":[0,0,0,0,0,100]}})"}) {
+    const PlayerReport report = decode_player_report(text, Side::right);
+    expect(report.is_connected && report.has_motors, "bhaptics: the seed is accepted");
+    seeds.add("bhaptics", text);
+  }
+}
+
+void add_weart(Seeds& seeds) {
+  const std::string bending =
+      R"({"type":"TRACKING_BENDING_G2","ts":1,"data":{"handSide":"RIGHT","index":{"closure":1,"abduction":0.5}}})";
+  const std::string status = R"({"type":"MW_STATUS","ts":1,"data":{"status":"RUNNING","statusCode":0}})";
+  const std::string devices = R"({"type":"DEVICES_STATUS","ts":1,"data":{"devices":[{"handSide":"RIGHT"}]}})";
+  for (const std::string& text :
+       {weart_tracking(0, 100, 255), std::string("CalibrationStatus:1:2~CalibrationResult:1:0~"),
+        bending + "~" + status + "~", devices + "~"}) {
+    for_each_packet(text, kWeartEnd, [](const Arrival& packet) {
+      const WeartReport report = decode_weart(packet.bytes, Side::right);
+      expect(report.refusal == WeartRefusal::none && report.kind != WeartKind::other, "weart: the seed is accepted");
+    });
+    seeds.add("weart", text);
+  }
+}
+
 void add_page(Seeds& seeds) {
   const auto add = [&seeds](viewer::FrameType type, const std::string& payload) {
     const std::string frame =
@@ -346,6 +394,9 @@ int main(int argc, char** argv) {
   fuzz::add_leap(seeds);
   fuzz::add_openxr(seeds);
   fuzz::add_opengloves(seeds);
+  fuzz::add_haply(seeds);
+  fuzz::add_bhaptics(seeds);
+  fuzz::add_weart(seeds);
   fuzz::add_page(seeds);
   fuzz::add_mesh_files(seeds);
 }

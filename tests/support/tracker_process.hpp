@@ -57,6 +57,7 @@ class Process {
     process_ = 0;
     return status;
   }
+  pid_t id() const { return process_; }
   const std::string& line() const { return line_; }
   /// The number after `text` in the first line, -1 without it.
   int number_after(const std::string& text) const {

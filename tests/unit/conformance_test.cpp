@@ -7,11 +7,16 @@
 #include <fstream>
 #include <iterator>
 
+#include "haptics/dhd/dhd.hpp"
+#include "haptics/haply/haply.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "haptics/opengloves/opengloves.hpp"
+#include "haptics/openhaptics/openhaptics.hpp"
 #include "haptics/sample/sample_glove.hpp"
 #include "model/hand_model.hpp"
+#include "tactile/bhaptics/bhaptics.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
+#include "tactile/weart/weart.hpp"
 
 namespace softhand {
 namespace {
@@ -35,11 +40,47 @@ TEST(Conformance, SampleGlove) {
   EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<SampleGlove>(SampleGloveOptions{}); }), "");
 }
 
+const HandModel& hand() {
+  static const HandModel model = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
+  return model;
+}
+
 TEST(Conformance, OpenGloves) {
-  const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
   OpenGlovesOptions options;
   options.port = 0;
-  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<OpenGloves>(options, hand); }), "");
+  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<OpenGloves>(options, hand()); }), "");
+}
+
+// No service listens at port 1.
+TEST(Conformance, Haply) {
+  HaplyOptions options;
+  options.port = 1;
+  options.event_port = 0;
+  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<Haply>(options, hand()); }), "");
+}
+
+TEST(Conformance, Bhaptics) {
+  BhapticsOptions options;
+  options.port = 1;
+  EXPECT_EQ(text_of<Contacts>([&] { return std::make_shared<Bhaptics>(options, hand()); }), "");
+}
+
+TEST(Conformance, Weart) {
+  WeartOptions options;
+  options.port = 1;
+  EXPECT_EQ(text_of<Contacts>([&] { return std::make_shared<Weart>(options, hand()); }), "");
+}
+
+TEST(Conformance, Dhd) {
+  DhdOptions options;
+  options.library = DHD_STAND_IN;
+  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<Dhd>(options, hand()); }), "");
+}
+
+TEST(Conformance, OpenHaptics) {
+  OpenHapticsOptions options;
+  options.library = HD_STAND_IN;
+  EXPECT_EQ(text_of<BoneWrench>([&] { return std::make_shared<OpenHaptics>(options, hand()); }), "");
 }
 
 TEST(Conformance, EveryDriverIsTested) {

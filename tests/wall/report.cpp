@@ -50,6 +50,25 @@ int run_wall(const WallArguments& arguments) {
       print(row + "\n");
     }
   }
+  print(
+      "\n| device | delay, ms | positions missing | near, commands assumed: N/m | known: N/m | four times its "
+      "stiffness, "
+      "assumed: lowest energy, mJ | known: mJ |\n"
+      "| --- | --- | --- | --- | --- | --- | --- |\n");
+  for (const Device& device : kDevices) {
+    for (const int delay : {0, 1, 2}) {
+      for (const double missing : {0.0, 0.1, 0.5}) {
+        const Path assumed{.delay = delay, .missing = missing}, known{delay, missing, false, true};
+        const auto largest = [&](const Path& path) { return largest_stiffness(device, {}, Mode::near, true, path); };
+        const auto lowest = [&](const Path& path) {
+          return 1e3 *
+                 worst({device, {}, {}, std::min(4 * device.stiffness, 10000.0), Mode::near, 0, path}).lowest_energy;
+        };
+        print(fmt::format("| {} | {} | {:.0f} % | {:.0f} | {:.0f} | {:.1f} | {:.1f} |\n", device.name, delay,
+                          100 * missing, largest(assumed), largest(known), lowest(assumed), lowest(known)));
+      }
+    }
+  }
   report::write_file(arguments.markdown, text);
   return good ? 0 : 1;
 }

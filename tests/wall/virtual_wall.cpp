@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <memory>
 #include <random>
@@ -44,8 +45,13 @@ double wanted(double time) {
 // One actuator. A positive command pushes out of the wall.
 class WallDriver final : public HapticDriver {
  public:
-  WallDriver(const Device& device, bool measures, const double& position)
-      : device_(device), measures_(measures), position_(position) {}
+  WallDriver(const Trial& trial, const double& position, const double& velocity)
+      : device_(trial.device),
+        measures_(trial.mode != Mode::held),
+        path_(trial.path),
+        random_(trial.seed + 1000),
+        position_(position),
+        velocity_(velocity) {}
   DeviceLimits limits() const override {
     return {1, -device_.force, device_.force, kSlew, device_.stiffness, device_.damping};
   }
@@ -53,24 +59,46 @@ class WallDriver final : public HapticDriver {
     requested[0] = input.bones[0].coupling_force[0];
   }
   bool measure(Nanoseconds, std::span<double> positions) override {
-    positions[0] = device_.resolution * std::floor(position_ / device_.resolution);
+    reports_.push_back({device_.resolution * std::floor(position_ / device_.resolution), velocity_, force});
+    if (reports_.size() > static_cast<std::size_t>(path_.delay) + 1) reports_.pop_front();
+    if (static_cast<double>(random_() >> 11) * 0x1.0p-53 >= path_.missing) report_ = reports_.front();
+    positions[0] = report_[0];
     return measures_;
   }
-  void write(Nanoseconds, std::span<const double> commands) override { force = commands[0]; }
+  bool measure_velocities(std::span<double> velocities) override {
+    velocities[0] = report_[1];
+    return path_.measures_velocity;
+  }
+  bool measure_commands(std::span<double> commands) override {
+    commands[0] = report_[2];
+    return path_.knows_commands;
+  }
+  void write(Nanoseconds, std::span<const double> commands) override {
+    commands_.push_back(commands[0]);
+    if (commands_.size() <= static_cast<std::size_t>(path_.delay)) return;
+    force = commands_.front();
+    commands_.pop_front();
+  }
 
   double force = 0;
 
  private:
   Device device_;
   bool measures_;
+  Path path_;
+  std::mt19937_64 random_;
   const double& position_;
+  const double& velocity_;
+  std::deque<std::array<double, 3>> reports_;  // on their way: position, velocity, force that acted
+  std::array<double, 3> report_{};
+  std::deque<double> commands_;  // on their way
 };
 
 }  // namespace
 
 Result run(const Trial& trial) {
   double x = kOutside, v = 0;
-  const auto driver = std::make_shared<WallDriver>(trial.device, trial.mode != Mode::held, x);
+  const auto driver = std::make_shared<WallDriver>(trial, x, v);
   DeviceLoop<BoneWrench> loop({}, driver, 1, 0);
   struct Message {
     Nanoseconds arrives = 0;
@@ -163,11 +191,11 @@ Result worst(Trial trial) {
   return out;
 }
 
-double largest_stiffness(const Device& device, const Link& link, Mode mode, bool passive) {
+double largest_stiffness(const Device& device, const Link& link, Mode mode, bool passive, const Path& path) {
   double largest = 0;
   for (int step = 0; step <= 30; ++step) {
     const double stiffness = std::pow(10, 1 + 0.1 * step);
-    const Result result = worst({device, {}, link, stiffness, mode, 0});
+    const Result result = worst({device, {}, link, stiffness, mode, 0, path});
     if (!result.stable() || (passive && !result.passive())) break;
     largest = stiffness;
   }

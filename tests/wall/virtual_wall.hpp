@@ -44,6 +44,14 @@ struct Link {
   double rate = 90;       ///< Hz
 };
 
+/// What stands between the loop and the motors of the device.
+struct Path {
+  int delay = 0;       ///< steps of the loop: age of a position in the loop, and again of a force at the motors
+  double missing = 0;  ///< share of the steps in which no new position has come; the next one brings the newest
+  bool measures_velocity = false;
+  bool knows_commands = false;  ///< a position comes with the force that acted before it
+};
+
 /// What the device gets.
 enum class Mode {
   held,     ///< it does not measure, so each force is held until the next message: no local model and no controller
@@ -58,6 +66,7 @@ struct Trial {
   double stiffness = 0;  ///< N/m of the wall
   Mode mode = Mode::near;
   std::uint64_t seed = 1;
+  Path path{};
 };
 struct Result {
   double lowest_energy = 0;  ///< J that the user put in minus what came back, at its lowest; by the true motion
@@ -74,6 +83,6 @@ Result worst(Trial trial);
 
 /// The largest stiffness up to which every wall is stable, and passive too if `passive`, by `worst`. Steps of 26 % from
 /// 10 to 10,000 N/m; 0: none.
-double largest_stiffness(const Device& device, const Link& link, Mode mode, bool passive);
+double largest_stiffness(const Device& device, const Link& link, Mode mode, bool passive, const Path& path = {});
 
 }  // namespace softhand::wall

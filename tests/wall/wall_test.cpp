@@ -1,6 +1,11 @@
 // A wall that is felt through the local model, with the delay, jitter and loss of a real rig.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
+#include "haptics/dhd/dhd_options.hpp"
+#include "haptics/haply/haply_options.hpp"
+#include "haptics/openhaptics/openhaptics_options.hpp"
 #include "wall/virtual_wall.hpp"
 
 namespace softhand::wall {
@@ -39,6 +44,42 @@ TEST(VirtualWall, NeverGivesAMillijouleWithTheLocalModel) {
       for (const double stiffness : {50.0, 200.0, 800.0, 3200.0, 10000.0}) {
         const Result result = worst({device, {}, {}, stiffness, mode, 0});
         EXPECT_TRUE(result.passive()) << device.name << ' ' << stiffness << " N/m: " << result.lowest_energy << " J";
+      }
+    }
+  }
+}
+
+// The limits that the drivers of grounded devices have by default, with a position and a force that are a step late and
+// a tenth of the positions missing. The mass of an Inverse3 is not known.
+TEST(VirtualWall, DriversHaveLimitsForTheirDelay) {
+  const Path path{.delay = 1, .missing = 0.1, .knows_commands = true};
+  const auto device_of = [](std::string_view name, const GroundedPointOptions& o, double mass) {
+    return Device{name, o.maximum_force, o.stiffness, o.damping, mass, 0.1, 60e-6};
+  };
+  for (const Device& device :
+       {device_of("haply, light", HaplyOptions{}.point, 0.05), device_of("haply, heavy", HaplyOptions{}.point, 0.2),
+        device_of("dhd", DhdOptions{}.point, 0.15), device_of("openhaptics", OpenHapticsOptions{}.point, 0.045)}) {
+    for (const double share : {0.25, 0.5, 1.0}) {
+      const Result result = worst({device, {}, {}, share * device.stiffness, Mode::near, 0, path});
+      EXPECT_TRUE(result.passive()) << device.name << ' ' << share << ' ' << result.lowest_energy;
+      EXPECT_TRUE(result.stable()) << device.name << ' ' << share << ' ' << result.ripple;
+    }
+  }
+}
+
+// The controller learns of the work of a force only after the delay. It must know which force acted.
+TEST(VirtualWall, DelayCostsEnergyAndKnownCommandsBoundIt) {
+  for (const Device& device : kDevices) {
+    for (const double share : {1.0, 4.0}) {
+      const auto lowest = [&](const Path& path) {
+        const double stiffness = std::min(share * device.stiffness, 10000.0);
+        return worst({device, {}, {}, stiffness, Mode::near, 0, path}).lowest_energy;
+      };
+      EXPECT_GE(lowest({}), -1e-3) << device.name;
+      const double assumed = lowest({.delay = 2}), known = lowest({.delay = 2, .knows_commands = true});
+      EXPECT_GE(known, -0.2) << device.name << ' ' << share;
+      if (share > 1) {
+        EXPECT_LT(assumed, 5 * known) << device.name;
       }
     }
   }

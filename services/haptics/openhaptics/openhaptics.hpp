@@ -1,0 +1,159 @@
+// Devices of 3D Systems (Touch, Phantom), by the HD library of OpenHaptics.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <thread>
+
+#include "device/grounded_device.hpp"
+#include "device/health.hpp"
+#include "device/shared_library.hpp"
+#include "haptics/openhaptics/openhaptics_options.hpp"
+#include "runtime/clock.hpp"
+#include "runtime/scheduling.hpp"
+
+namespace softhand {
+
+/// The functions that this driver calls, and their constants (README.md says how sure they are).
+class HdLibrary {
+ public:
+  struct Error {
+    unsigned code;
+    int internal_code;
+    unsigned device;
+  };
+  using Callback = unsigned (*)(void* data);
+  static constexpr unsigned kNoDevice = 0xffffffff;
+  static constexpr unsigned kPosition = 0x2050, kForce = 0x2700;  // parameters: mm, N
+  static constexpr unsigned kForceOutput = 0x4000;                // capability
+  static constexpr unsigned kDone = 0, kContinue = 1;             // results of a callback
+  static constexpr unsigned short kPriority = 0x7fff;
+  /// Errors of the class "force": motors too warm, too much force, too fast. The device goes on without force.
+  static constexpr bool is_force_error(unsigned code) { return code >> 8 == 2; }
+
+  explicit HdLibrary(const std::string& path) : library_(path) {
+    library_.find("hdInitDevice", init_device);
+    library_.find("hdDisableDevice", disable_device);
+    library_.find("hdMakeCurrentDevice", make_current_device);
+    library_.find("hdEnable", enable);
+    library_.find("hdGetError", get_error);
+    library_.find("hdScheduleAsynchronous", schedule_asynchronous);
+    library_.find("hdStartScheduler", start_scheduler);
+    library_.find("hdStopScheduler", stop_scheduler);
+    library_.find("hdBeginFrame", begin_frame);
+    library_.find("hdEndFrame", end_frame);
+    library_.find("hdGetDoublev", get_doubles);
+    library_.find("hdSetDoublev", set_doubles);
+  }
+
+  unsigned (*init_device)(const char* name);
+  void (*disable_device)(unsigned device);
+  void (*make_current_device)(unsigned device);
+  void (*enable)(unsigned capability);
+  Error (*get_error)();
+  unsigned long (*schedule_asynchronous)(Callback callback, void* data, unsigned short priority);
+  void (*start_scheduler)();
+  void (*stop_scheduler)();
+  void (*begin_frame)(unsigned device);
+  void (*end_frame)(unsigned device);
+  void (*get_doubles)(unsigned parameter, double* values);
+  void (*set_doubles)(unsigned parameter, const double* values);
+
+ private:
+  SharedLibrary library_;
+};
+
+class OpenHaptics final : public GroundedDevice {
+ public:
+  using Options = OpenHapticsOptions;
+  /// Throws std::runtime_error if the library cannot be loaded.
+  OpenHaptics(const Options& options, const HandModel& hand)
+      : GroundedDevice(options.point, hand), options_(options), library_(options.library) {
+    std::printf("loaded %s\n", options.library.c_str());
+    std::fflush(stdout);
+    thread_ = std::thread([this] {
+      become_ordinary();
+      run();
+    });
+  }
+  /// Sets the force of the device to zero and closes it.
+  ~OpenHaptics() override {
+    stop_ = true;
+    thread_.join();
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kPeriod{1};
+  static constexpr Nanoseconds kLastCallback = 50'000'000;
+
+  // Opens and closes the device. Forces are set only in the callback of the vendor's scheduler.
+  void run() {
+    Backoff backoff;
+    bool is_told = false;
+    while (!stop_) {
+      device_ = library_.init_device(options_.device.empty() ? nullptr : options_.device.c_str());
+      const HdLibrary::Error error = library_.get_error();
+      if (error.code == 0 && device_ != HdLibrary::kNoDevice) {
+        serve();
+        backoff.reset();
+        is_told = false;
+      } else if (!is_told) {
+        std::fprintf(stderr, "no device: HD error 0x%04x\n", error.code);
+        is_told = true;
+      }
+      const Nanoseconds end = now() + backoff.next();
+      while (!stop_ && now() < end) std::this_thread::sleep_for(kPeriod);
+    }
+  }
+  void serve() {
+    library_.make_current_device(device_);
+    library_.enable(HdLibrary::kForceOutput);
+    is_lost_ = is_done_ = false;
+    set_open(true);
+    library_.schedule_asynchronous(&OpenHaptics::call, this, HdLibrary::kPriority);
+    library_.start_scheduler();
+    while (!stop_ && !is_lost_) std::this_thread::sleep_for(kPeriod);
+    // The last callback sets the force to zero.
+    const Nanoseconds end = now() + kLastCallback;
+    while (!is_done_ && now() < end) std::this_thread::sleep_for(kPeriod);
+    set_open(false);
+    library_.stop_scheduler();
+    library_.disable_device(device_);
+    if (is_lost_) {
+      count_error();
+      std::fprintf(stderr, "device lost: HD error 0x%04x\n", error_.load());
+    }
+  }
+  static unsigned call(void* self) { return static_cast<OpenHaptics*>(self)->step(); }
+  // In the thread of the scheduler, 1,000 times a second.
+  unsigned step() {
+    const bool is_last = stop_ || is_lost_;
+    std::array<double, 3> millimetres{};
+    library_.begin_frame(device_);
+    library_.get_doubles(HdLibrary::kPosition, millimetres.data());
+    const Nanoseconds time = now();
+    moved(time, {1e-3 * millimetres[0], 1e-3 * millimetres[1], 1e-3 * millimetres[2]});
+    const Vec3 newton = is_last ? Vec3{} : force(time);
+    library_.set_doubles(HdLibrary::kForce, newton.data());
+    library_.end_frame(device_);
+    const HdLibrary::Error error = library_.get_error();
+    if (HdLibrary::is_force_error(error.code)) count_error();
+    if (error.code != 0 && !HdLibrary::is_force_error(error.code)) {
+      error_ = error.code;
+      is_lost_ = true;
+    }
+    is_done_ = is_last;
+    return is_last ? HdLibrary::kDone : HdLibrary::kContinue;
+  }
+
+  Options options_;
+  HdLibrary library_;
+  unsigned device_ = HdLibrary::kNoDevice;
+  std::atomic<unsigned> error_{0};
+  std::atomic<bool> stop_{false}, is_lost_{false}, is_done_{false};
+  std::thread thread_;
+};
+
+}  // namespace softhand

@@ -1,0 +1,225 @@
+// softhand-haptic-dhd and softhand-haptic-openhaptics with stand-in libraries: hands, forces, the local model, cables
+// that are pulled out, absurd positions, the end.
+#include <fcntl.h>
+#include <sys/mman.h>
+
+#include <cmath>
+#include <limits>
+#include <new>
+#include <string>
+
+#include "haptics/dhd/stand_in.hpp"
+#include "haptics/openhaptics/stand_in.hpp"
+#include "support/device_process.hpp"
+
+namespace softhand {
+namespace {
+
+// A struct that this process shares with the driver.
+template <typename T>
+class SharedStruct {
+ public:
+  explicit SharedStruct(const char* variable) : path_("/dev/shm/softhand_" + std::to_string(getpid())) {
+    const int file = open(path_.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    EXPECT_EQ(ftruncate(file, sizeof(T)), 0);
+    void* bytes = mmap(nullptr, sizeof(T), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    close(file);
+    value_ = new (bytes) T;
+    setenv(variable, path_.c_str(), 1);
+  }
+  ~SharedStruct() {
+    munmap(value_, sizeof(T));
+    unlink(path_.c_str());
+  }
+  SharedStruct(const SharedStruct&) = delete;
+  SharedStruct& operator=(const SharedStruct&) = delete;
+  T* operator->() { return value_; }
+
+ private:
+  std::string path_;
+  T* value_;
+};
+
+struct DhdDevice {
+  static constexpr const char* kModule = "haptic-dhd";
+  static constexpr const char* kLibrary = DHD_STAND_IN;
+  DhdDevice() : state(kDhdStandInFile) {}
+  // In metres: x right, y up, z to the user.
+  void move_to(const Vec3& p) {
+    state->position[0] = p[2];
+    state->position[1] = p[0];
+    state->position[2] = p[1];
+  }
+  Vec3 force() { return {state->force[1], state->force[2], state->force[0]}; }
+  void check() {}
+  SharedStruct<DhdStandIn> state;
+};
+
+struct HdDevice {
+  static constexpr const char* kModule = "haptic-openhaptics";
+  static constexpr const char* kLibrary = HD_STAND_IN;
+  HdDevice() : state(kHdStandInFile) {}
+  void move_to(const Vec3& p) {
+    for (std::size_t i = 0; i < 3; ++i) state->position[i] = 1e3 * p[i];
+  }
+  Vec3 force() { return {state->force[0], state->force[1], state->force[2]}; }
+  void check() { EXPECT_EQ(state->outside, 0); }
+  SharedStruct<HdStandIn> state;
+};
+
+template <typename Device>
+class GroundedLibrary : public testing::DeviceProcess<BoneWrench> {
+ protected:
+  GroundedLibrary() : DeviceProcess(Device::kModule) {}
+  void TearDown() override { device_.check(); }
+  void start_driver(std::vector<std::string> settings = {}) {
+    settings.push_back("library=" + std::string(Device::kLibrary));
+    settings.emplace_back("maximum_force=2");
+    start(settings);
+    ASSERT_TRUE(health(Health::live));
+  }
+  BoneSample& bone(Body body = Body::index_distal) { return input_.bones[static_cast<std::size_t>(index_of(body))]; }
+  void set_force(double x, double y, double z) {
+    input_.simulated_valid = 1;
+    bone().coupling_force = {x, y, z};
+  }
+  bool feels(const Vec3& newton) {
+    return push([&] { return (to_vector(device_.force()) - to_vector(newton)).norm() < 1e-6; });
+  }
+
+  Device device_;
+};
+using Devices = ::testing::Types<DhdDevice, HdDevice>;
+struct Names {
+  template <typename Device>
+  static std::string GetName(int) {
+    return std::is_same_v<Device, DhdDevice> ? "Dhd" : "OpenHaptics";
+  }
+};
+TYPED_TEST_SUITE(GroundedLibrary, Devices, Names);
+
+TYPED_TEST(GroundedLibrary, TracksTheHeldBoneAndPushesIt) {
+  this->device_.move_to({0.01, 0.02, 0.03});
+  this->start_driver({"base_position=[0, 1, 0.5]", "base_orientation=[0, 0.7071067811865476, 0, 0.7071067811865476]"});
+  const Skeleton& hand = this->listener_.hands[1];
+  const auto tip = static_cast<std::size_t>(index_of(Joint::index_tip));
+  const auto is_at = [&](const Vector3& place) {
+    return this->listener_.until([] {}, [&] { return (to_vector(hand.joints[tip].position) - place).norm() < 1e-9; });
+  };
+  // The device is turned by a quarter to the left: its right is away from the user.
+  EXPECT_TRUE(is_at({0.03, 1.02, 0.49}));
+  this->device_.move_to({0.01, 0.05, 0.03});
+  EXPECT_TRUE(is_at({0.03, 1.05, 0.49}));
+  EXPECT_EQ(hand.joints[tip].flags, kJointValid | kJointTracked);
+
+  this->set_force(0.25, 1, -0.5);
+  EXPECT_TRUE(this->feels({0.5, 1, 0.25}));
+  EXPECT_TRUE(this->device_.state->is_enabled);
+  this->set_force(0, -30, 0);
+  EXPECT_TRUE(this->feels({0, -2, 0}));
+}
+
+TYPED_TEST(GroundedLibrary, ScalesMotionAndForceSoThatNoWorkIsLost) {
+  this->device_.move_to({0, 0.02, 0});
+  this->start_driver({"scale=3", "holds=hand"});
+  const auto palm = static_cast<std::size_t>(index_of(Joint::palm));
+  const Skeleton& hand = this->listener_.hands[1];
+  EXPECT_TRUE(this->listener_.until(
+      [] {}, [&] { return (to_vector(hand.joints[palm].position) - Vector3(0, 0.06, 0)).norm() < 1e-9; }));
+  this->set_force(0, 0.25, 0);
+  this->bone(Body::carpus).coupling_force = {0, 0.25, 0};
+  EXPECT_TRUE(this->feels({0, 1.5, 0}));
+}
+
+TYPED_TEST(GroundedLibrary, EvaluatesThePlaneAtTheMeasuredPosition) {
+  this->start_driver({"stiffness=500", "damping=0", "slew=100000"});
+  this->input_.simulated_valid = 1;
+  this->bone().contact_normal = {0, 1, 0};
+  this->bone().contact_stiffness = 200;
+  this->bone().contact_gap = 0.002;
+  double felt = 0;
+  for (int attempt = 0; attempt < 100 && std::abs(felt - 0.6) > 1e-6; ++attempt) {  // the machine may be busy
+    this->device_.move_to({0, 0.01, 0});
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    this->write();  // one message, while the cursor is 2 mm above the plane
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_NEAR(this->device_.force()[1], 0, 1e-6);
+    this->device_.move_to({0, 0.005, 0});  // 3 mm into it
+    const Nanoseconds since = now();
+    while (now() - since < 20'000'000 && std::abs(felt - 0.6) > 1e-6) felt = this->device_.force()[1];
+  }
+  EXPECT_NEAR(felt, 0.6, 1e-6);
+  EXPECT_TRUE(this->counts("planes", 1));
+  // The work of the cursor and a force is observed.
+  this->set_force(0, 1, 0);
+  this->bone().contact_gap = 0;
+  double height = 0.01;
+  EXPECT_TRUE(this->listener_.until(
+      [&] {
+        this->device_.move_to({0, height -= 1e-5, 0});
+        this->write();
+      },
+      [&] { return this->listener_.status.passivity_energy != 0; }));
+}
+
+TYPED_TEST(GroundedLibrary, EveryEndIsZero) {
+  this->start_driver();
+  this->set_force(0, 1, 0);
+  this->check_every_end([&] { return this->device_.force()[1] == 1; },
+                        [&] { return to_vector(this->device_.force()).isZero(0); });
+  EXPECT_EQ(this->device_.state->closed, 1);
+  EXPECT_TRUE(this->device_.state->was_zero_at_close);
+}
+
+TYPED_TEST(GroundedLibrary, OpensAgainAfterTheCableWasOut) {
+  this->start_driver();
+  for (int cycle = 1; cycle <= 2; ++cycle) {
+    this->device_.state->is_present = false;
+    ASSERT_TRUE(this->health(Health::lost));
+    this->device_.state->is_present = true;
+    ASSERT_TRUE(this->health(Health::live));
+    this->set_force(0, 1, 0);
+    EXPECT_TRUE(this->feels({0, 1, 0})) << cycle;
+    EXPECT_TRUE(this->counts("openings", cycle + 1));
+    EXPECT_EQ(this->device_.state->closed, cycle);
+    EXPECT_TRUE(this->device_.state->was_zero_at_close);
+  }
+  EXPECT_TRUE(this->counts("device_errors", 2));
+}
+
+TYPED_TEST(GroundedLibrary, RefusesAbsurdPositions) {
+  this->start_driver();
+  for (const double absurd :
+       {std::numeric_limits<double>::quiet_NaN(), 1e9, -std::numeric_limits<double>::infinity()}) {
+    const double before = this->listener_.counter("refused_range");
+    this->device_.move_to({0, absurd, 0});
+    EXPECT_TRUE(this->listener_.until([] {}, [&] { return this->listener_.counter("refused_range") > before + 10; }));
+    this->device_.move_to({0, 0, 0});
+    EXPECT_TRUE(this->health(Health::live));
+  }
+  for (const JointSample& joint : this->listener_.hands[1].joints) EXPECT_TRUE(all_finite(joint.position));
+}
+
+TYPED_TEST(GroundedLibrary, SaysWhichLibraryIsMissing) {
+  this->start({"library=/nowhere/libmissing.so"});
+  EXPECT_NE(this->driver_->end(SIGTERM), 0);
+}
+
+// A force error of the vendor's library, as motors that are too warm, is no reason to close the device.
+TEST(OpenHapticsProcess, CountsForceErrors) {
+  testing::use_own_domain();
+  HdDevice device;
+  testing::TrackerListener listener;
+  listener.module = HdDevice::kModule;
+  const testing::Process driver("softhand-haptic-openhaptics",
+                                {"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml", "--set",
+                                 "haptic_openhaptics.library=" + std::string(HdDevice::kLibrary)},
+                                true);
+  ASSERT_TRUE(listener.until([] {}, [&] { return listener.counter("openings") == 1; }));
+  device.state->error = 0x0200;
+  EXPECT_TRUE(listener.until([] {}, [&] { return listener.counter("device_errors") > 10; }));
+  EXPECT_EQ(listener.counter("openings"), 1);
+}
+
+}  // namespace
+}  // namespace softhand

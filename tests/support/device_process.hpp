@@ -1,0 +1,115 @@
+// A haptic or tactile driver as a process: its input, its motors, and its status.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "device/health.hpp"
+#include "support/tracker_process.hpp"
+
+namespace softhand::testing {
+
+inline void stamp_input(Stamp& stamp) {
+  stamp.clock_id = clock_id();
+  stamp.epoch = 7;
+  ++stamp.sequence;
+  stamp.sample_time = stamp.publish_time = now();
+}
+
+/// `Input` is BoneWrench or Contacts, of the hand of the scene.
+template <typename Input>
+class DeviceProcess : public ::testing::Test {
+ protected:
+  explicit DeviceProcess(std::string module) : module_(std::move(module)) { listener_.module = module_; }
+  static void SetUpTestSuite() { use_own_domain(); }
+
+  /// `settings`: keys and values of the section of the driver.
+  void start(const std::vector<std::string>& settings) {
+    std::string section = module_;
+    section[section.find('-')] = '_';
+    std::vector<std::string> arguments{"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml",
+                                       "--device", "3"};
+    for (const std::string& setting : settings) {
+      arguments.emplace_back("--set");
+      arguments.push_back(section + "." + setting);
+    }
+    driver_.emplace("softhand-" + module_, arguments, true);
+  }
+  bool health(Health of) {
+    return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
+  }
+  bool counts(const std::string& counter, double value) {
+    return listener_.until([] {}, [&] { return listener_.counter(counter) == value; });
+  }
+  void write() {
+    stamp_input(input_.stamp);
+    writer_.write(input_);
+  }
+  /// Writes the input at 200 Hz until `done`. Returns false after ten seconds.
+  template <typename Done>
+  bool push(const Done& done) {
+    for (int i = 0; i < 2000; ++i) {
+      write();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      if (done()) return true;
+    }
+    return false;
+  }
+  void motors(const char* value) {
+    Message message;
+    message.id = static_cast<std::uint64_t>(now());
+    set_text(message.module, module_);
+    set_text(message.key, "motors");
+    set_text(message.value, value);
+    message.stamp.publish_time = now();
+    messages_.write(message);
+  }
+  /// Milliseconds from `since` until `is_off`; 1000 if it does not come.
+  template <typename IsOff>
+  static double milliseconds_until(const IsOff& is_off, Nanoseconds since) {
+    while (!is_off() && now() - since < 1'000'000'000) std::this_thread::yield();
+    return static_cast<double>(now() - since) * 1e-6;
+  }
+  /// Checks and prints how soon the device is off: motors off, a silent simulation, SIGTERM. `pushes`: the device
+  /// renders the input. The process ends.
+  template <typename Pushes, typename IsOff>
+  void check_every_end(const Pushes& pushes, const IsOff& is_off) {
+    ASSERT_TRUE(push(pushes));
+    const Nanoseconds sent = now();
+    motors("off");
+    EXPECT_TRUE(push(is_off));
+    std::printf("%s, motors off: zero after %.1f ms\n", module_.c_str(), static_cast<double>(now() - sent) * 1e-6);
+    EXPECT_LT(now() - sent, 100'000'000);  // 50 ms; the machine may be busy
+    motors("on");
+    ASSERT_TRUE(push(pushes));
+    const double silence = milliseconds_until(is_off, now());
+    std::printf("%s, silence: zero after %.1f ms\n", module_.c_str(), silence);
+    EXPECT_LT(silence, 100);
+    ASSERT_TRUE(push(pushes));
+    const Nanoseconds stopped = now();
+    kill(driver_->id(), SIGTERM);
+    std::printf("%s, SIGTERM: zero after %.1f ms\n", module_.c_str(), milliseconds_until(is_off, stopped));
+    EXPECT_TRUE(is_off());
+    EXPECT_EQ(driver_->end(SIGTERM), 0);
+  }
+
+  const std::string module_;
+  TrackerListener listener_;
+  bus::Writer<Input> writer_{listener_.participant, topic()};
+  bus::Writer<Message> messages_{listener_.participant, bus::topics::message};
+  Input input_;
+  std::optional<Process> driver_;
+
+ private:
+  static const bus::Topic<Input>& topic() {
+    if constexpr (std::is_same_v<Input, BoneWrench>) {
+      return bus::topics::bone_wrench;
+    } else {
+      return bus::topics::contacts;
+    }
+  }
+};
+
+}  // namespace softhand::testing
