@@ -46,9 +46,12 @@ void record(const RenderArguments& arguments, const std::string& path) {
   VirtualRig rig(
       scene, hand,
       std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  rig.add_other_hands(scene, overrides);
   viewer::Recording recording(path);
-  const auto described = std::make_unique<HandDescription>(rig.hand().description());
-  recording.add(0, viewer::encode(*described, hand.nodes));
+  for (std::size_t i = 0; i < rig.hand_count(); ++i) {
+    const auto described = std::make_unique<HandDescription>(rig.hand(i).description());
+    recording.add(0, viewer::encode(*described, rig.hand(i).simulation().hand().nodes));
+  }
   for (std::size_t i = 0; i < rig.world().descriptions().size(); ++i) {
     const ObjectOptions& object = scene.options.objects[i];
     recording.add(0, viewer::encode(rig.world().descriptions()[i],

@@ -87,16 +87,6 @@ Json ledger_rows(const EnergyLedger& ledger) {
   return json;
 }
 
-void add_hand(VirtualRig& rig, const std::string& path, std::vector<std::string> overrides, const std::string& name) {
-  overrides.push_back("plays=" + name);
-  const Scene scene = read_scene(path, overrides);
-  const HandModel hand = load_scene_hand(scene);
-  const auto motion = make_scene_motion(scene, hand);
-  const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
-  rig.add_hand(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
-  rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat, rig.hand_count() - 1);
-}
-
 }  // namespace
 
 int run_simulate(const SimulateArguments& arguments) {
@@ -115,7 +105,7 @@ int run_simulate(const SimulateArguments& arguments) {
   const HandKey key{static_cast<std::uint32_t>(scene.options.user), hand.side == Side::right ? 1u : 0u};
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, key));
   rig.set_user(motion, scene.options.tracker.start_time, scene.options.tracker.repeat);
-  for (std::size_t i = 1; i < scene.hands.size(); ++i) add_hand(rig, arguments.scene, overrides, scene.hands[i]);
+  rig.add_other_hands(scene, overrides);
 
   double seconds = arguments.seconds > 0 ? arguments.seconds : scene.options.simulate.seconds;
   if (seconds <= 0) seconds = motion->duration() - scene.options.tracker.start_time + 0.5;

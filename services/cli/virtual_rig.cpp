@@ -163,6 +163,19 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
            [this, &hand](Nanoseconds now) { step_haptic(hand, now); });
 }
 
+void VirtualRig::add_other_hands(const Scene& first, const std::vector<std::string>& overrides) {
+  for (std::size_t i = 1; i < first.hands.size(); ++i) {
+    std::vector<std::string> settings = overrides;
+    settings.push_back("plays=" + first.hands[i]);
+    const Scene scene = read_scene(first.path, settings);
+    const HandModel hand = load_scene_hand(scene);
+    const std::shared_ptr<const Motion> motion = make_scene_motion(scene, hand);
+    const ReplayOptions& options = scene.options.tracker;
+    add_hand(scene, hand, std::make_unique<ReplayTracker>(motion, options, hand_key(scene)));
+    set_user(motion, options.start_time, options.repeat, i);
+  }
+}
+
 void VirtualRig::set_user(std::shared_ptr<const Motion> motion, double start_time, bool repeat, std::size_t hand) {
   hands_[hand]->user = std::move(motion);
   hands_[hand]->user_start = start_time;

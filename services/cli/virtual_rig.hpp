@@ -100,6 +100,8 @@ class VirtualRig {
   /// Adds another hand with its own tracker, intermediate layer and glove, before `run`. `scene`: as its process reads
   /// it (`SceneOptions::plays`). The objects are those of the first hand's scene. Hand 0 is that of the constructor.
   void add_hand(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker);
+  /// Adds all further hands of the first hand's scene, with its `--set` assignments. Each plays its motion.
+  void add_other_hands(const Scene& first, const std::vector<std::string>& overrides);
   std::size_t hand_count() const { return hands_.size(); }
 
   /// The motion of the user's hand without the noise of the tracker. Time 0 of the rig is `start_time` of the motion;

@@ -623,7 +623,7 @@ void ObjectMirror::take_patches(const KnownObject& object, Nanoseconds now) {
       if (is_pose && usable(patch)) {
         simulation_.add_other_hand(object.slot, patch, pose, std::clamp(*age, 0.0, options_.extrapolation_limit));
       } else {
-        ++counters_.refused_patches;
+        ++counters_.refused_nonfinite;
       }
     }
   }

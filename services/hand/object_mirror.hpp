@@ -16,11 +16,10 @@
 namespace softhand {
 
 struct ObjectMirrorCounters {
-  std::uint64_t refused_nonfinite = 0;  ///< states of objects with a number that is not finite
+  std::uint64_t refused_nonfinite = 0;  ///< states of objects, and contacts of other hands, with an absurd number
   /// (object, step) pairs near the hand without a slot: all slots were taken, or too few were free for all objects that
   /// joints connect.
   std::uint64_t without_slot = 0;
-  std::uint64_t refused_patches = 0;  ///< contacts of other hands with an absurd number
 };
 
 class ObjectMirror {

@@ -55,6 +55,7 @@ TEST(TwoHands, ASceneWithOneHandHasNoTermForOthers) {
   const nlohmann::json summary = simulate("pinch", {"generator.hold_time=0.1"});
   EXPECT_EQ(summary["hand_counters"]["patches_used"], 0);
   EXPECT_FALSE(summary.contains("hands"));
+  EXPECT_FALSE(summary.contains("soft"));
   const Scene scene = read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml");
   EXPECT_FALSE(scene.options.hand.simulation.other_hands);
 }

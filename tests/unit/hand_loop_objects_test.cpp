@@ -1,9 +1,11 @@
 // The hand loop and objects: slots, ownership, motion of the world, and what it refuses.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -412,6 +414,124 @@ TEST_P(HandLoopAllocations, AStepAllocatesNothing) {
   EXPECT_TRUE(touched);
   EXPECT_EQ(contact_solves > 0, GetParam() > 0) << "only truncated steps solve contact alone";
   EXPECT_EQ(std::exchange(allocations, 0), 0);
+}
+
+// The right hand of these tests presses on a cube. The left hand is only its messages.
+struct WithAnotherHand {
+  WithAnotherHand() : loop(model, options(), {0, 1}) {
+    loop.describe_object(cube(3));
+    other.hand = {0, 0};
+    ObjectTwin twin;
+    twin.object = 3;
+    twin.position = to_wire(below);
+    other.twins.push_back(twin);
+    ContactPatch patch;
+    patch.object = 3;
+    patch.point = to_wire(Vector3(below - Vector3(0, 0.02, 0)));
+    patch.normal = {0, 1, 0};
+    patch.force = {0, 0.3, 0};
+    patch.stiffness = 500;
+    patch.radius = 0.004;
+    patch.friction = 0.8;
+    other.patches.push_back(patch);
+  }
+  static HandOptions options() {
+    HandOptions o = loop_options();
+    o.simulation.other_hands = true;
+    return o;
+  }
+  const HandOutput& step() {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    const Skeleton sample =
+        skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i++));
+    WorldObjects world = world_with(3, below, now);
+    world.objects[0].owned = owner ? 1 : 0;
+    world.objects[0].owner_side = owner.value_or(0);
+    other.stamp.sample_time = now - 11'111'111;
+    return loop.step(now, {&sample, nullptr, &world, {&other, 1}}, {});
+  }
+  bool owns() { return step().coupling.twins[0].owned != 0; }
+  void own() {
+    owner.reset();
+    for (int n = 0; n < 60 && !owns(); ++n) continue;
+    ASSERT_TRUE(owns());
+  }
+  HandModel model = hand();
+  HandLoop loop;
+  Vector3 below{-0.012, -0.039, -0.092};
+  ObjectCoupling other;
+  std::optional<std::uint32_t> owner;  // side of the hand that owns the cube for the world
+  int i = 1;
+};
+
+TEST(HandLoop, ContactsOfAnotherHandActOnAnOwnedObject) {
+  WithAnotherHand hands;
+  hands.own();
+  hands.owner = 1;
+  const ObjectTwin twin = hands.step().coupling.twins[0];
+  EXPECT_EQ(twin.owned, 1u);
+  EXPECT_GT(twin.coupling_force[1], 0.05) << "N, from the other hand";
+  EXPECT_GT(hands.loop.simulation().work().patches_used, 0u);
+}
+
+TEST(HandLoop, OneHandTellsTheOtherItsContacts) {
+  WithAnotherHand hands;
+  hands.own();
+  const HandOutput& output = hands.step();
+  ASSERT_GT(output.coupling.patches.size(), 0u);
+  Vector3 force = Vector3::Zero();
+  for (const ContactPatch& patch : output.coupling.patches) {
+    EXPECT_EQ(patch.object, 3u);
+    EXPECT_GT(patch.stiffness, 0);
+    force += to_vector(patch.force);
+  }
+  EXPECT_LT((force - to_vector(output.coupling.twins[0].contact_force)).norm(), 0.05 * force.norm());
+  hands.other.twins.clear();
+  EXPECT_EQ(hands.step().coupling.patches.size(), 0u) << "no other hand has the object";
+}
+
+TEST(HandLoop, GivesAnObjectUpOnlyWhenTheNextOwnerClaimsIt) {
+  WithAnotherHand hands;
+  hands.own();
+  hands.owner = 0;
+  for (int n = 0; n < 5; ++n) EXPECT_TRUE(hands.owns());
+  hands.other.twins[0].owned = 1;
+  EXPECT_FALSE(hands.owns());
+  EXPECT_GT(hands.loop.simulation().contact_count(), 0) << "a guest goes on touching it";
+  hands.owner = 1;
+  hands.other.twins[0].owned = 0;
+  EXPECT_TRUE(hands.owns());
+}
+
+TEST(HandLoop, GuestFollowsTheTwinOfTheOwner) {
+  WithAnotherHand hands;
+  hands.own();
+  hands.owner = 0;
+  hands.other.twins[0].owned = 1;
+  hands.other.twins[0].position[0] += 0.001;
+  const ObjectTwin twin = hands.step().coupling.twins[0];
+  EXPECT_NEAR(twin.position[0], hands.below.x() + 0.001, 2e-4);
+}
+
+TEST(HandLoop, RefusesAbsurdContactsOfAnotherHand) {
+  WithAnotherHand hands;
+  hands.own();
+  hands.owner = 1;
+  const ContactPatch good = hands.other.patches[0];
+  for (const auto& spoil : std::vector<std::function<void(ContactPatch&)>>{
+           [](ContactPatch& p) { p.force[1] = std::nan(""); }, [](ContactPatch& p) { p.stiffness = 1e300; },
+           [](ContactPatch& p) {
+             p.normal = {0, 0, 0};
+           },
+           [](ContactPatch& p) { p.friction = -1; }, [](ContactPatch& p) { p.linear_velocity[2] = 1e9; },
+           [](ContactPatch& p) { p.radius = std::nan(""); }}) {
+    hands.other.patches.items[0] = good;
+    spoil(hands.other.patches.items[0]);
+    const std::uint64_t before = hands.loop.counters().refused_nonfinite;
+    const ObjectTwin twin = hands.step().coupling.twins[0];
+    EXPECT_EQ(hands.loop.counters().refused_nonfinite, before + 1);
+    EXPECT_EQ(twin.coupling_force, (Vec3{0, 0, 0}));
+  }
 }
 
 }  // namespace
