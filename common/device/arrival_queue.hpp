@@ -5,6 +5,7 @@
 #include <cstring>
 #include <functional>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -23,6 +24,20 @@ struct Arrival {
 /// Turns a packet into the bytes that wait for the taker, in the thread that pushes. So a decoder that allocates does
 /// not run in a loop. The bytes are valid until its next call. Empty: nothing waits.
 using Translate = std::function<std::string_view(const Arrival&)>;
+
+/// For packets that were translated to a value: its bytes, and the value in a packet.
+template <typename T>
+std::string_view bytes_of(const T& value) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  return {reinterpret_cast<const char*>(&value), sizeof value};
+}
+template <typename T>
+T value_in(const Arrival& packet) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  T value;
+  std::memcpy(&value, packet.bytes.data(), sizeof value);
+  return value;
+}
 
 /// One thread pushes and one thread takes. Neither waits, locks or allocates.
 class ArrivalQueue {

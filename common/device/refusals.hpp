@@ -44,4 +44,14 @@ class Refusals {
   std::array<std::uint64_t, count> counts_{};
 };
 
+/// The report that `read(Report&)` fills, or one with nothing but its refusal.
+template <typename Report, typename Read>
+Report report_or_refusal(Read&& read) {
+  Report out;
+  const auto refusal = read(out);
+  if (refusal != decltype(refusal){}) out = Report{};
+  out.refusal = refusal;
+  return out;
+}
+
 }  // namespace softhand

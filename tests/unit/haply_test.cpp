@@ -104,12 +104,12 @@ TEST(HaplyEvent, KnowsWhatStopsADevice) {
 
 TEST(HaplyCommand, WritesBothKeysInTheAxesOfTheService) {
   const HaplyId id{'0', '4', '9', 'D'};
-  EXPECT_EQ(
-      HaplyCommand(id, HaplyForceKey::vector, {1, 2, 3}).text(),
-      R"({"inverse3":[{"device_id":"049D","commands":{"set_cursor_force":{"vector":{"x":1.000000,"y":-3.000000,"z":2.000000}}}}]})");
-  EXPECT_EQ(
-      HaplyCommand(id, HaplyForceKey::values, {-40, 0, 0}).text(),
-      R"({"inverse3":[{"device_id":"049D","commands":{"set_cursor_force":{"values":{"x":-40.000000,"y":0.000000,"z":0.000000}}}}]})");
+  EXPECT_EQ(HaplyCommand(id, HaplyForceKey::vector, {1, 2, 3}).text(),
+            R"({"inverse3":[{"device_id":"049D","commands":{"set_cursor_force":)"
+            R"({"vector":{"x":1.000000,"y":-3.000000,"z":2.000000}}}}]})");
+  EXPECT_EQ(HaplyCommand(id, HaplyForceKey::values, {-40, 0, 0}).text(),
+            R"({"inverse3":[{"device_id":"049D","commands":{"set_cursor_force":)"
+            R"({"values":{"x":-40.000000,"y":0.000000,"z":0.000000}}}}]})");
   HaplyId longest;
   longest.fill('a');
   longest.back() = '\0';

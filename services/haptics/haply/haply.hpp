@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <cstring>
 
 #include "device/device_loop.hpp"
 #include "device/grounded_point.hpp"
@@ -39,8 +38,8 @@ class Haply final : public TrackerSource, public HapticDriver {
   }
 
   void poll(Nanoseconds now, TrackerSink& out) override {
-    service_.take([&](const Arrival& message) { take(from_bytes<HaplyReport>(message), message, out); });
-    events_.take([&](const Arrival& message) { take(from_bytes<HaplyEvent>(message), message.time); });
+    service_.take([&](const Arrival& message) { take(value_in<HaplyReport>(message), message, out); });
+    events_.take([&](const Arrival& message) { take(value_in<HaplyEvent>(message), message.time); });
     if (!service_.connected() || now - newest_time_ > kOld) newest_.has_device = false;
     if (is_halted(now)) ramp_from_ = now;
   }
@@ -103,18 +102,6 @@ class Haply final : public TrackerSource, public HapticDriver {
   // A force without effect: at least kFelt is commanded, and the service reports less than kNothing.
   static constexpr double kFelt = 0.3, kNothing = 1e-3;
   static constexpr int kReportsWithoutEffect = 100;
-
-  template <typename T>
-  static std::string_view bytes_of(const T& value) {
-    static_assert(std::is_trivially_copyable_v<T>);
-    return {reinterpret_cast<const char*>(&value), sizeof value};
-  }
-  template <typename T>
-  static T from_bytes(const Arrival& message) {
-    T value;
-    std::memcpy(&value, message.bytes.data(), sizeof value);
-    return value;
-  }
 
   void take(const HaplyReport& report, const Arrival& message, TrackerSink& out) {
     if (message.connection != connection_) {

@@ -92,40 +92,33 @@ HaplyRefusal read_report(std::string_view text, std::string_view device_id, Hapl
   return HaplyRefusal::none;
 }
 
-}  // namespace
-
-HaplyReport decode_haply_report(std::string_view text, std::string_view device_id) {
-  HaplyReport out;
-  const HaplyRefusal refusal = read_report(text, device_id, out);
-  if (refusal == HaplyRefusal::none) return out;
-  HaplyReport refused;
-  refused.refusal = refusal;
-  return refused;
-}
-
-HaplyEvent decode_haply_event(std::string_view text) {
-  const auto refused = [](HaplyRefusal refusal) {
-    HaplyEvent out;
-    out.refusal = refusal;
-    return out;
-  };
+HaplyRefusal read_event(std::string_view text, HaplyEvent& out) {
   const Json json = Json::parse(text, nullptr, false);
-  if (json.is_discarded() || !json.is_object()) return refused(HaplyRefusal::json);
+  if (json.is_discarded() || !json.is_object()) return HaplyRefusal::json;
   const Json* name = member(json, "name");
-  if (name == nullptr || !name->is_string()) return refused(HaplyRefusal::content);
-  HaplyEvent out;
+  if (name == nullptr || !name->is_string()) return HaplyRefusal::content;
   const Json* data = member(json, "data");
   const Json* id = data == nullptr ? nullptr : member(*data, "device_id");
-  if (id != nullptr && !read_id(id, out.device_id)) return refused(HaplyRefusal::content);
+  if (id != nullptr && !read_id(id, out.device_id)) return HaplyRefusal::content;
   if (*name == "device-disconnected") out.kind = HaplyEventKind::stop;
   if (*name == "device-safety-triggered") {
     const Json* type = data == nullptr ? nullptr : member(*data, "safety_type");
-    if (type == nullptr || !type->is_string()) return refused(HaplyRefusal::content);
+    if (type == nullptr || !type->is_string()) return HaplyRefusal::content;
     if (*type == "ebrake_triggered") out.kind = HaplyEventKind::brake;
     if (*type == "ebrake_released") out.kind = HaplyEventKind::release;
     if (*type == "stall_detected" || *type == "stability_ceiling") out.kind = HaplyEventKind::stop;
   }
-  return out;
+  return HaplyRefusal::none;
+}
+
+}  // namespace
+
+HaplyReport decode_haply_report(std::string_view text, std::string_view device_id) {
+  return report_or_refusal<HaplyReport>([&](HaplyReport& out) { return read_report(text, device_id, out); });
+}
+
+HaplyEvent decode_haply_event(std::string_view text) {
+  return report_or_refusal<HaplyEvent>([&](HaplyEvent& out) { return read_event(text, out); });
 }
 
 HaplyCommand::HaplyCommand(const HaplyId& device_id, HaplyForceKey key, const Vector3& force) {

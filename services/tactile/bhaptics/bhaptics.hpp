@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <cstring>
 
 #include "device/device_loop.hpp"
 #include "device/websocket_client.hpp"
@@ -23,9 +22,9 @@ class Bhaptics final : public TactileDriver {
         player_({options.address, options.port, "/v2/feedbacks?app_id=softhand&app_name=softhand"},
                 kLargestPlayerMessage, kSlots) {
     // JSON is decoded in the thread that receives, because its decoder allocates.
-    player_.translate([this](const Arrival& message) -> std::string_view {
+    player_.translate([this](const Arrival& message) {
       report_ = decode_player_report(message.bytes, side_);
-      return {reinterpret_cast<const char*>(&report_), sizeof report_};
+      return bytes_of(report_);
     });
     std::printf("connecting to %s, port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
     std::fflush(stdout);
@@ -42,7 +41,7 @@ class Bhaptics final : public TactileDriver {
   }
   // A frame outlives a dead client by its duration. So frames are short, and sent again while something vibrates.
   void write(Nanoseconds now, std::span<const double> commands) override {
-    player_.take([this](const Arrival& message) { take(message); });
+    player_.take([this](const Arrival& message) { take(value_in<PlayerReport>(message)); });
     const bool is_zero = std::all_of(commands.begin(), commands.end(), [](double command) { return command == 0; });
     const bool lets_go = is_zero && !is_off_;
     if (!lets_go && (is_zero || now - sent_at_ < kFramePeriod)) return;
@@ -62,9 +61,7 @@ class Bhaptics final : public TactileDriver {
   static constexpr Nanoseconds kFramePeriod = 20'000'000;
   static constexpr int kFrameMilliseconds = 50;
 
-  void take(const Arrival& message) {
-    PlayerReport report;
-    std::memcpy(&report, message.bytes.data(), sizeof report);
+  void take(const PlayerReport& report) {
     if (!refusals_.accepted(report.refusal)) return;
     if (report.has_positions) is_connected_ = report.is_connected;
     if (report.has_motors) intensity_ = *std::max_element(report.motors.begin(), report.motors.end());

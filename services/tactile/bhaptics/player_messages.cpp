@@ -53,12 +53,7 @@ PlayerRefusal read_report(std::string_view text, Side side, PlayerReport& out) {
 }  // namespace
 
 PlayerReport decode_player_report(std::string_view text, Side side) {
-  PlayerReport out;
-  const PlayerRefusal refusal = read_report(text, side, out);
-  if (refusal == PlayerRefusal::none) return out;
-  PlayerReport refused;
-  refused.refusal = refusal;
-  return refused;
+  return report_or_refusal<PlayerReport>([&](PlayerReport& out) { return read_report(text, side, out); });
 }
 
 PlayerFrame::PlayerFrame(Side side, std::span<const double> intensities, int milliseconds) {

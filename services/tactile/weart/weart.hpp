@@ -5,7 +5,6 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
-#include <cstring>
 #include <string>
 
 #include "device/device_loop.hpp"
@@ -22,9 +21,9 @@ class Weart final : public TrackerSource, public TactileDriver {
   Weart(const Options& options, const HandModel& hand)
       : options_(options), side_(hand.side), points_(options.pro ? 6 : 3), lifter_(hand, hand.side) {
     // JSON is decoded in the thread that receives, because its decoder allocates.
-    intake_.translate([this](const Arrival& message) -> std::string_view {
+    intake_.translate([this](const Arrival& message) {
       report_ = decode_weart(message.bytes, side_);
-      return {reinterpret_cast<const char*>(&report_), sizeof report_};
+      return bytes_of(report_);
     });
     intake_.connect_tcp(options.address, options.port, kWeartEnd, greeting());
     std::printf("connecting to %s, TCP port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
@@ -40,8 +39,7 @@ class Weart final : public TrackerSource, public TactileDriver {
 
   void poll(Nanoseconds, TrackerSink& out) override {
     intake_.take([&](const Arrival& message) {
-      WeartReport report;
-      std::memcpy(&report, message.bytes.data(), sizeof report);
+      const auto report = value_in<WeartReport>(message);
       if (refusals_.accepted(report.refusal)) take(report, message.time, out);
     });
   }

@@ -142,12 +142,7 @@ WeartRefusal read_message(std::string_view text, Side side, WeartReport& out) {
 }  // namespace
 
 WeartReport decode_weart(std::string_view text, Side side) {
-  WeartReport out;
-  const WeartRefusal refusal = read_message(text, side, out);
-  if (refusal == WeartRefusal::none) return out;
-  WeartReport refused;
-  refused.refusal = refusal;
-  return refused;
+  return report_or_refusal<WeartReport>([&](WeartReport& out) { return read_message(text, side, out); });
 }
 
 WeartCommand::WeartCommand(Side side, std::span<const WeartEffects> points, int texture, double volume) {
