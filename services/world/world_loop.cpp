@@ -383,8 +383,9 @@ void WorldLoop::choose_owner(Object& object, Nanoseconds now, const WorldInput& 
     object.stalled = false;
   }
   if (kept) object.handed_at = 0;
-  // The object goes from hand to hand while both touch it, or when the owner ends its grip. It is not free between.
-  if (object.owned && object.handed_at == 0 && guest != nullptr && !(kept && owner_touches)) {
+  // When the owner no longer touches the object, it goes to a hand that does. It is not free between.
+  const bool ends = kept ? !owner_touches : claims == nullptr;
+  if (object.owned && object.handed_at == 0 && guest != nullptr && ends) {
     object.owner = *guest;
     object.handed_at = now;
     return;
