@@ -27,7 +27,7 @@ using Translate = std::function<std::string_view(const Arrival&)>;
 
 /// For packets that were translated to a value: its bytes, and the value in a packet.
 template <typename T>
-std::string_view bytes_of(const T& value) {
+std::string_view packet_of(const T& value) {
   static_assert(std::is_trivially_copyable_v<T>);
   return {reinterpret_cast<const char*>(&value), sizeof value};
 }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdio>
 #include <optional>
+#include <string>
 
 #include "integration/rig_harness.hpp"
 #include "messages/convert.hpp"
@@ -49,16 +50,28 @@ class TwoHandsRig : public ::testing::Test {
       return std::all_of(kModules.begin(), kModules.end(),
                          [&](const char* name) { return listener.process_id(name) > 0; });
     })) << up.output();
-    EXPECT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "reset", "now"}).exit_code, 0);
-    ASSERT_TRUE(listener.wait(15s, [&] {
-      poll();
-      return height_ > 0.15;
-    })) << "the box is at " << height_ << " m\n" << up.output();
+    // A tracker that begins alone lifts one end. Then the motions begin again.
+    std::string replies;
+    bool is_lifted = false;
+    for (int attempt = 0; attempt < 3 && !is_lifted; ++attempt) {
+      const Finished sent = run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "reset", "now"});
+      EXPECT_EQ(sent.exit_code, 0);
+      replies += sent.output;
+      is_lifted = listener.wait(6s, [&] {
+        poll();
+        return height_ > 0.15;
+      });
+      if (!is_lifted)
+        std::printf("not lifted: the box is at %.3f m, forces %.1f and %.1f N, ages %.0f and %.0f ms\n", height_,
+                    forces_[0].norm(), forces_[1].norm(), listener.modules["hand_left"].input_age_ms,
+                    listener.modules["hand_right"].input_age_ms);
+    }
+    ASSERT_TRUE(is_lifted) << replies << up.output();
   }
 
-  static constexpr std::array kModules{"world",          "hand_right",    "hand_left",    "tracking_right",
-                                       "tracking_left",  "tracker_right", "tracker_left", "haptic_right",
-                                       "haptic_left"};
+  static constexpr std::array kModules{"world",          "hand_right",    "hand_left",
+                                       "tracking_right", "tracking_left", "tracker_right",
+                                       "tracker_left",   "haptic_right",  "haptic_left"};
   std::optional<bus::Participant> participant_;
   std::optional<bus::Reader<ObjectCoupling>> couplings_;
   std::optional<bus::Reader<WorldObjects>> objects_;
@@ -110,10 +123,12 @@ TEST_F(TwoHandsRig, KillingAHandAndTheWorldLosesNothing) {
   EXPECT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "reset", "now"}).exit_code, 0);
   listener.listen(500ms);
   height_ = 0;
-  EXPECT_TRUE(listener.wait(15s, [&] {
-    poll();
-    return height_ > 0.15;
-  })) << "the box is at " << height_ << " m";
+  EXPECT_TRUE(listener.wait(15s,
+                            [&] {
+                              poll();
+                              return height_ > 0.15;
+                            }))
+      << "the box is at " << height_ << " m";
   EXPECT_TRUE(finite_);
   for (const auto& [topic, number] : listener.nonfinite) EXPECT_EQ(number, 0u) << topic;
   up.send_signal(SIGINT);

@@ -25,11 +25,11 @@ class Haply final : public TrackerSource, public HapticDriver {
     // JSON is decoded in the threads that receive, because its decoder allocates.
     service_.translate([this](const Arrival& message) {
       report_ = decode_haply_report(message.bytes, options_.device_id);
-      return bytes_of(report_);
+      return packet_of(report_);
     });
     events_.translate([this](const Arrival& message) {
       event_ = decode_haply_event(message.bytes);
-      return bytes_of(event_);
+      return packet_of(event_);
     });
     std::printf("connecting to %s, port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
     std::fflush(stdout);

@@ -24,7 +24,7 @@ class Bhaptics final : public TactileDriver {
     // JSON is decoded in the thread that receives, because its decoder allocates.
     player_.translate([this](const Arrival& message) {
       report_ = decode_player_report(message.bytes, side_);
-      return bytes_of(report_);
+      return packet_of(report_);
     });
     std::printf("connecting to %s, port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
     std::fflush(stdout);

@@ -23,7 +23,7 @@ class Weart final : public TrackerSource, public TactileDriver {
     // JSON is decoded in the thread that receives, because its decoder allocates.
     intake_.translate([this](const Arrival& message) {
       report_ = decode_weart(message.bytes, side_);
-      return bytes_of(report_);
+      return packet_of(report_);
     });
     intake_.connect_tcp(options.address, options.port, kWeartEnd, greeting());
     std::printf("connecting to %s, TCP port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
