@@ -3,4 +3,4 @@
 add_test(NAME build_options COMMAND ${CMAKE_COMMAND} -DSOURCE=${PROJECT_SOURCE_DIR} -DFULL=${PROJECT_BINARY_DIR}
   -DBINARY=${PROJECT_BINARY_DIR}/build_options
          -P ${PROJECT_SOURCE_DIR}/tests/support/check_build_options.cmake)
-set_tests_properties(build_options PROPERTIES TIMEOUT 300)
+set_tests_properties(build_options PROPERTIES TIMEOUT 600)
