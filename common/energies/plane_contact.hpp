@@ -79,7 +79,7 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   /// The objects were repositioned: all contacts end. Planes stay.
   void reset();
   /// Sets the planes as they are at the start of the next step. Then they move with their velocity until they are set
-  /// again. A plane keeps its friction state if its neighbour had a plane before with a normal within 25 degrees. The
+  /// again. A plane keeps its friction state if its neighbour had a plane before with a normal within 26 degrees. The
   /// plane of a compliant neighbour uses at most 0.2 of the neighbour's stiffness, because more would not be stable.
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
 

@@ -48,7 +48,7 @@ int main(int argc, char** argv) {
     command->add_option("--seconds", up.seconds, "Stop after this time; default: run until Ctrl-C")
         ->type_name("S")
         ->check(CLI::NonNegativeNumber);
-    command->add_option("--json", up.json, "Listen to all topics and write a summary of the run (docs/outcome.md)")
+    command->add_option("--json", up.json, "Listen to the rig and write a summary of the run (docs/outcome.md)")
         ->type_name("FILE");
     command
         ->add_option("--hand", up.hand,
