@@ -103,8 +103,9 @@ TEST_F(HaplyProcess, ChangesAKeyWithoutEffect) {
   std::string key;
   SimulatedService service(0, {[&](const std::string&) { return first; },
                                [&](const std::string& message) {
-                                 const auto command =
-                                     nlohmann::json::parse(message)["inverse3"][0]["commands"]["set_cursor_force"];
+                                 const auto devices = nlohmann::json::parse(message)["inverse3"];
+                                 if (devices.empty()) return device_->report(false).dump();
+                                 const auto command = devices[0]["commands"]["set_cursor_force"];
                                  const std::lock_guard lock(mutex);
                                  key = command.begin().key();
                                  force = key == "values" ? double(command["values"]["z"]) : 0;
@@ -120,6 +121,7 @@ TEST_F(HaplyProcess, ChangesAKeyWithoutEffect) {
     return std::abs(force - 1) < 1e-3;
   }));
   EXPECT_TRUE(counts("force_key_changes", 1));
+  const std::lock_guard lock(mutex);
   EXPECT_EQ(key, "values");
 }
 
