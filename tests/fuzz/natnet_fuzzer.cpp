@@ -27,7 +27,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   take(motive_server_info(version, 10'000'000));
   std::string_view rest(reinterpret_cast<const char*>(data + 1), size - 1);
   while (rest.size() >= 4) {
-    ByteReader<std::endian::little> header(rest.substr(2));
+    PacketReader<std::endian::little> header(rest.substr(2));
     const std::size_t packet = std::min(rest.size(), std::size_t{4} + header.read<std::uint16_t>());
     take(rest.substr(0, packet));
     rest.remove_prefix(packet);

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 #include "messages/messages.hpp"
 
 namespace softhand::testing {
@@ -31,11 +31,11 @@ struct CapturedPacket {
 inline std::vector<CapturedPacket> captured_packets(const std::string& name) {
   std::vector<CapturedPacket> out;
   const std::string file = captured(name);
-  ByteReader<std::endian::little> blocks(file);
+  PacketReader<std::endian::little> blocks(file);
   while (blocks.good() && !blocks.at_end()) {
     const auto type = blocks.read<std::uint32_t>();
     const auto size = blocks.read<std::uint32_t>();
-    ByteReader<std::endian::little> block(blocks.take(size - 8));
+    PacketReader<std::endian::little> block(blocks.take(size - 8));
     if (type != 6) continue;  // an enhanced packet
     block.take(4);
     const auto high = block.read<std::uint32_t>(), low = block.read<std::uint32_t>();
@@ -45,7 +45,7 @@ inline std::vector<CapturedPacket> captured_packets(const std::string& name) {
     constexpr std::size_t kEthernet = 14, kUdp = 8;
     if (packet.size() < kEthernet + 20 || packet.substr(12, 2) != std::string_view("\x08\0", 2) || packet[23] != 17)
       continue;
-    ByteReader<std::endian::big> udp(packet.substr(kEthernet + 4 * (static_cast<std::size_t>(packet[14]) & 15)));
+    PacketReader<std::endian::big> udp(packet.substr(kEthernet + 4 * (static_cast<std::size_t>(packet[14]) & 15)));
     CapturedPacket each;
     each.time = static_cast<Nanoseconds>(std::uint64_t{high} << 32 | low) * 1000;
     each.from = udp.read<std::uint16_t>();

@@ -2,7 +2,7 @@
 
 #include <bit>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 #include "trackers/natnet/natnet_options.hpp"
 
 namespace {
@@ -10,7 +10,7 @@ using namespace softhand;
 
 DriverChecks check(const NatNetOptions& options) {
   // A greeting: its header, our name, and the newest version that we understand.
-  ByteWriter<std::endian::little> greeting;
+  PacketWriter<std::endian::little> greeting;
   greeting.add(std::uint16_t{0}).add(std::uint16_t{269}).add_padded("softhand", 260);
   greeting.add(std::uint8_t{4}).add(std::uint8_t{1}).add_padded("", 7);
   std::string answer;
@@ -18,7 +18,7 @@ DriverChecks check(const NatNetOptions& options) {
                                     "Start Motive, stream to the network of this machine, and open its firewall",
                                     answer)};
   if (out[0].is_good) {
-    ByteReader<std::endian::little> in(answer);
+    PacketReader<std::endian::little> in(answer);
     in.take(4 + 256 + 4);
     const int major = in.read<std::uint8_t>(), minor = in.read<std::uint8_t>();
     out.push_back({in.good() && major >= 3, "it speaks NatNet " + std::to_string(major) + "." + std::to_string(minor),

@@ -4,14 +4,14 @@
 #include <bit>
 #include <cmath>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 #include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
 
-using Reader = ByteReader<std::endian::little>;
-using Writer = ByteWriter<std::endian::little>;
+using Reader = PacketReader<std::endian::little>;
+using Writer = PacketWriter<std::endian::little>;
 
 constexpr std::int64_t kReordered = 100;              // frames; a number that is further back is a new start
 constexpr Nanoseconds kOldestSample = 1'000'000'000;  // before its arrival

@@ -2,12 +2,12 @@
 
 #include <bit>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 
 namespace softhand {
 namespace {
 
-using Reader = ByteReader<std::endian::little>;
+using Reader = PacketReader<std::endian::little>;
 
 constexpr std::size_t kNameSize = 256;
 constexpr std::size_t kVector = 12, kLabelledMarker = 26;  // bytes

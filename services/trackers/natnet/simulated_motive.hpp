@@ -10,8 +10,8 @@
 #include <string_view>
 #include <vector>
 
-#include "device/byte_reader.hpp"
 #include "device/landmark_lifter.hpp"
+#include "device/packet_bytes.hpp"
 #include "trackers/natnet/motive.hpp"
 #include "trackers/natnet/natnet_packet.hpp"
 
@@ -33,7 +33,7 @@ struct MotiveScene {
 };
 
 namespace motive_detail {
-using Writer = ByteWriter<std::endian::little>;
+using Writer = PacketWriter<std::endian::little>;
 
 inline void add_floats(Writer& out, int count, float value) {
   for (int i = 0; i < count; ++i) out.add(value);

@@ -6,13 +6,13 @@
 #include <string>
 #include <string_view>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 #include "trackers/vrpn/vrpn_message.hpp"
 
 namespace softhand {
 
 namespace vrpn_detail {
-using Writer = ByteWriter<std::endian::big>;
+using Writer = PacketWriter<std::endian::big>;
 }
 
 /// A message with its padding. `sent` is on the server's clock.

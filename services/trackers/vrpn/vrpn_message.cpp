@@ -3,12 +3,12 @@
 #include <bit>
 #include <limits>
 
-#include "device/byte_reader.hpp"
+#include "device/packet_bytes.hpp"
 
 namespace softhand {
 namespace {
 
-using Reader = ByteReader<std::endian::big>;
+using Reader = PacketReader<std::endian::big>;
 
 constexpr std::size_t padded(std::size_t size) { return (size + 7) / 8 * 8; }
 

@@ -15,9 +15,9 @@ namespace softhand {
 
 /// Reads from the front. Behind the end everything is zero and empty, and the reader stays bad.
 template <std::endian order>
-class ByteReader {
+class PacketReader {
  public:
-  explicit ByteReader(std::string_view bytes) : bytes_(bytes) {}
+  explicit PacketReader(std::string_view bytes) : bytes_(bytes) {}
 
   template <typename T>
   T read() {
@@ -65,10 +65,10 @@ class ByteReader {
 
 /// Appends numbers and texts.
 template <std::endian order>
-class ByteWriter {
+class PacketWriter {
  public:
   template <typename T>
-  ByteWriter& add(T value) {
+  PacketWriter& add(T value) {
     static_assert(std::is_arithmetic_v<T>);
     std::array<char, sizeof value> copy;
     std::memcpy(copy.data(), &value, sizeof value);
@@ -77,12 +77,12 @@ class ByteWriter {
     return *this;
   }
   /// `size` bytes: the text, then zeros.
-  ByteWriter& add_padded(std::string_view text, std::size_t size) {
+  PacketWriter& add_padded(std::string_view text, std::size_t size) {
     bytes += text.substr(0, size);
     bytes.append(size - std::min(size, text.size()), '\0');
     return *this;
   }
-  ByteWriter& add_text(std::string_view text) { return add_padded(text, text.size() + 1); }
+  PacketWriter& add_text(std::string_view text) { return add_padded(text, text.size() + 1); }
 
   std::string bytes;
 };
