@@ -74,10 +74,13 @@ TEST_F(HaplyProcess, AsksForAReportInEachStep) {
   start_driver();
   const int before = device_->messages();
   const Nanoseconds since = now();
-  std::this_thread::sleep_for(std::chrono::seconds(1));
-  const double rate = (device_->messages() - before) / (1e-9 * static_cast<double>(now() - since));
-  std::printf("haply: %.0f messages per second\n", rate);
-  EXPECT_GT(rate, 100);
+  // Nothing else happens that the driver could answer. On a loaded machine this may take seconds.
+  constexpr int kMessages = 500;
+  while (device_->messages() - before < kMessages && now() - since < 20'000'000'000)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  const int received = device_->messages() - before;
+  std::printf("haply: %.0f messages per second\n", received / (1e-9 * static_cast<double>(now() - since)));
+  EXPECT_GE(received, kMessages);
 }
 
 TEST_F(HaplyProcess, FindsTheKeyOfAForce) {
