@@ -12,4 +12,4 @@ target_link_libraries(test_two_hands_rig PRIVATE softhand_options softhand_rig_h
 target_compile_definitions(test_two_hands_rig PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
 add_dependencies(test_two_hands_rig softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay
   softhand-haptic-log)
-gtest_discover_tests(test_two_hands_rig DISCOVERY_MODE PRE_TEST PROPERTIES RUN_SERIAL TRUE TIMEOUT 120)
+gtest_discover_tests(test_two_hands_rig DISCOVERY_MODE PRE_TEST PROPERTIES RUN_SERIAL TRUE TIMEOUT 180)
