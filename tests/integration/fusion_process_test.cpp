@@ -40,18 +40,23 @@ class FusionProcess : public ::testing::Test {
   std::uint64_t sequence_ = 0;
 };
 
-// In real time: the wrist at 90 Hz, the fingers at 60 Hz and 30 ms late, with dips of confidence.
-TEST_F(FusionProcess, ComposesARecordedHandThatWasDivided) {
+// In real time: the wrist at 90 Hz, the fingers at 60 Hz and 30 ms late, with dips of confidence. A busy machine can
+// keep this test from writing in time. The hand is then another one, so what arrives up to 0.1 s after is not judged.
+// Fusion.ComposesARecordedHandThatWasDivided judges the recorded hand, in steps of a time of its own.
+TEST_F(FusionProcess, ComposesAHandThatWasDivided) {
+  const auto motion = testing::free_motion();
+  constexpr double kLate = 5e-3, kRecovery = 0.1;  // s
   start({"--set", "tracker_fusion.delay=0.015"});
-  const auto motion = testing::quest_hand();
   std::mt19937_64 random(5);
   testing::TipErrors errors;
   const Nanoseconds begin = now();
   const auto clock_at = [&](double time) { return begin + static_cast<Nanoseconds>(time * 1e9); };
-  double next_wrist = 0, next_fingers = 0, time = 0;
+  double next_wrist = 0, next_fingers = 0, time = 0, judged_from = 0.5;
   while (time < motion->duration()) {
     std::this_thread::sleep_for(std::chrono::microseconds(500));
     time = static_cast<double>(now() - begin) * 1e-9;
+    if (time > std::min(next_wrist, next_fingers + testing::kFingerDelay) + kLate)
+      judged_from = std::max(judged_from, time + kRecovery);
     if (time >= next_wrist) {
       write(testing::only_wrist(motion->at(next_wrist)), clock_at(next_wrist));
       next_wrist += 1.0 / 90;
@@ -61,7 +66,7 @@ TEST_F(FusionProcess, ComposesARecordedHandThatWasDivided) {
       next_fingers += 1.0 / 60;
     }
     listener_.skeletons.take_all([&](const Skeleton& hand) {
-      if (hand.hand.user != 0 || time < 0.5) return;
+      if (hand.hand.user != 0 || time < judged_from) return;
       EXPECT_EQ(hand.source, 9u);
       errors.add(hand, motion->at(static_cast<double>(hand.stamp.sample_time - begin) * 1e-9));
     });
@@ -70,7 +75,7 @@ TEST_F(FusionProcess, ComposesARecordedHandThatWasDivided) {
   std::printf("fingertips: %.2f mm RMS, %.0f mm at most, %d samples\n", errors.rms() * 1e3, errors.largest() * 1e3,
               errors.samples());
   EXPECT_GT(errors.samples(), 300);
-  EXPECT_LT(errors.rms(), 6e-3);
+  EXPECT_LT(errors.rms(), 1e-3);
   EXPECT_EQ(listener_.counter("refused"), 0);
 }
 

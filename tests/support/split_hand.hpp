@@ -20,14 +20,19 @@ inline constexpr double kFingerDelay = 0.03;                         // s
 
 inline std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
+/// Every joint in motion, generated.
+inline std::shared_ptr<const Motion> free_motion() {
+  GeneratorOptions options;
+  options.motion = "free_motion";
+  return make_motion(load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"), options);
+}
+
 /// The recorded Quest hand, or a generated motion on a machine without it.
 inline std::shared_ptr<const Motion> quest_hand() {
   if (std::filesystem::exists(recorded_hand_path()))
     return std::make_shared<Recording>(Recording::load(recorded_hand_path()));
   std::printf("no recording; a generated motion instead\n");
-  GeneratorOptions options;
-  options.motion = "free_motion";
-  return make_motion(load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"), options);
+  return free_motion();
 }
 
 /// A sample of all joints, in the world.
