@@ -44,8 +44,9 @@ class TrackerSource {
   virtual SourceState state() const { return {}; }
   /// Adds counters of the source to the status.
   virtual void fill_status(LoopStatus&) const {}
-  /// Starts a played motion over. A device cannot do this.
-  virtual void restart() {}
+  /// Starts a played motion over, as if it had begun at `begin`. This time is not in the future. A device cannot do
+  /// this.
+  virtual void restart(Nanoseconds /*begin*/) {}
 };
 
 }  // namespace softhand

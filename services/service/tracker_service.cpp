@@ -63,9 +63,9 @@ std::optional<MessageReply> TrackerFace::answer(const Message& message, const st
   return reply_to(message, module, kReplyApplied, "strength set");
 }
 
-void TrackerFace::restart(TrackerSource& source) {
-  source.restart();
-  started_ = false;
+void TrackerFace::restart(TrackerSource& source, Nanoseconds begin) {
+  source.restart(begin);
+  started_ = true;
   // The sequence starts again. Subscribers must see a new epoch, as after a restart of the process.
   ++restarts_;
 }
@@ -134,13 +134,14 @@ int run_tracker(int argc, char** argv, const TrackerProgram& program) {
         return reply_to(message, arguments.module, kReplyIgnored,
                         is_played ? "unknown key; known: strength, restart" : "unknown key; known: strength");
       }
-      face.restart(*source);
+      face.restart(*source, service.clock().at(now()));
       return reply_to(message, arguments.module, kReplyApplied, "the motion starts again");
     };
     const auto fill_status = [&](LoopStatus& status, Nanoseconds now) { face.fill_status(*source, status, now); };
     Service::Callbacks callbacks{
         .step = [&](Nanoseconds now) { face.poll(*source, now); }, .answer = answer, .fill_status = fill_status};
-    if (is_played) callbacks.reset = [&](Nanoseconds) { face.restart(*source); };
+    // A message can be late. The motions of all trackers begin at the reset's own time nevertheless.
+    if (is_played) callbacks.reset = [&](Nanoseconds begin) { face.restart(*source, begin); };
     service.run(callbacks);
   });
 }

@@ -39,8 +39,8 @@ class TrackerFace final : private TrackerSink {
   void poll(TrackerSource& source, Nanoseconds now);
   /// Answers the message `strength`. Returns nothing for other messages.
   std::optional<MessageReply> answer(const Message& message, const std::string& module);
-  /// Starts a played motion over.
-  void restart(TrackerSource& source);
+  /// Starts a played motion over, as if it had begun at the simulated time `begin`.
+  void restart(TrackerSource& source, Nanoseconds begin);
   void fill_status(const TrackerSource& source, LoopStatus& status, Nanoseconds now) const;
 
  private:

@@ -3,6 +3,7 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <string>
 #include <vector>
@@ -49,15 +50,16 @@ class Pacer {
   std::map<std::string, std::vector<Times>> heard;
   std::map<std::string, std::uint32_t> answers;  // to the last command
 
-  /// Sends a command to the rig. This process's own clock, `control`, gets the same command for comparison.
-  void command(const std::string& key, const std::string& value) {
+  /// Sends a command to the rig as if it had been under way for `delay`. This process's own clock, `control`, gets the
+  /// same command for comparison.
+  void command(const std::string& key, const std::string& value, Nanoseconds delay = 0) {
     Message message;
     message.id = ++id_;
     message.stamp.sequence = id_;
     set_text(message.module, "*");
     set_text(message.key, key);
     set_text(message.value, value);
-    message.stamp.sample_time = message.stamp.publish_time = now();
+    message.stamp.sample_time = message.stamp.publish_time = now() - delay;
     answers.clear();
     commands_.write(message);
     control.answer(message, "test", now());
@@ -226,6 +228,20 @@ TEST_F(Pace, ResetStartsOver) {
     EXPECT_NEAR(cube[2], 0, 0.002);
   }
   EXPECT_TRUE(listener.wait(20s, [&] { return height() > 0.05; })) << "the cube must be lifted again";
+}
+
+// A process that is discovered late gets a reset late. Two trackers must play their motions together nevertheless.
+TEST_F(Pace, AMotionBeginsAtTheTimeOfTheResetAlsoWhenTheMessageIsLate) {
+  RigListener listener;
+  Pacer pacer;
+  const Program tracker(
+      {SOFTHAND_PROGRAMS "/softhand-tracker-replay", "--config", SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml"});
+  ASSERT_TRUE(listener.wait(10s, [&] { return listener.counter("tracker", "motion_start_s") > 0; }));
+  const Nanoseconds sent = now() - 900'000'000;
+  pacer.command("reset", "now", 900'000'000);
+  const double begin = static_cast<double>(sent + TimeControl::kNotice) * 1e-9;
+  EXPECT_TRUE(listener.wait(5s, [&] { return std::abs(listener.counter("tracker", "motion_start_s") - begin) < 0.01; }))
+      << "the motion began " << listener.counter("tracker", "motion_start_s") - begin << " s late";
 }
 
 }  // namespace

@@ -70,6 +70,24 @@ TEST(ReplayTracker, NoiseHasTheRequestedSizeAndDoesNotDependOnTheCaller) {
   EXPECT_LT(std::abs(sum / n), 2e-5);
 }
 
+TEST(ReplayTracker, ARestartBeginsAtItsOwnTime) {
+  ReplayOptions options;
+  options.rate_hz = 100;
+  ReplayTracker punctual(free_motion(), options, {3, 0}, 9), late(free_motion(), options, {3, 0}, 9);
+  Skeleton expected, sample;
+  punctual.sample(0, expected);
+  late.sample(0, sample);
+  punctual.restart(1000 * kMillisecond);
+  ASSERT_TRUE(punctual.sample(1000 * kMillisecond, expected));
+  EXPECT_EQ(expected.stamp.sample_time, 1000 * kMillisecond);
+  ASSERT_TRUE(punctual.sample(1400 * kMillisecond, expected));
+  late.restart(1000 * kMillisecond);  // 0.4 s later
+  ASSERT_TRUE(late.sample(1400 * kMillisecond, sample));
+  EXPECT_EQ(sample.stamp.sample_time, 1400 * kMillisecond);
+  EXPECT_EQ(sample.stamp.sequence, expected.stamp.sequence);
+  for (std::size_t j = 0; j < kJointCount; ++j) EXPECT_EQ(sample.joints[j].position, expected.joints[j].position);
+}
+
 TEST(ReplayTracker, FaultsOccurAtTheRequestedTimes) {
   ReplayOptions options;
   options.rate_hz = 100;

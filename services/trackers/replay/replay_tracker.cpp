@@ -150,8 +150,9 @@ void ReplayTracker::poll(Nanoseconds now, TrackerSink& out) {
   if (sample(now, polled_)) out.hand(polled_);
 }
 
-void ReplayTracker::restart() {
-  started_ = false;
+void ReplayTracker::restart(Nanoseconds begin) {
+  started_ = true;
+  start_ = begin;
   last_ = -1;
   remaining_duplicates_ = 0;
 }

@@ -74,7 +74,7 @@ class ReplayTracker : public TrackerSource {
   /// them. The set of samples and their noise do not depend on the times of the calls.
   bool sample(Nanoseconds now, Skeleton& out);
   void poll(Nanoseconds now, TrackerSink& out) override;
-  void restart() override;
+  void restart(Nanoseconds begin) override;
   /// Adds the time at which the motion's time was 0. `softhand up` needs it to judge the run.
   void fill_status(LoopStatus& status) const override;
   /// True after the motion has ended. Never true if it repeats.
