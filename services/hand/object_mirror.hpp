@@ -85,15 +85,17 @@ class ObjectMirror {
     double moving_part = 1;
   };
 
-  KnownObject* find_object(std::uint32_t id);
-  void release(std::uint32_t assembly);
-  void find_assemblies();
+  // Which objects get slots (object_slots.cpp).
   void measure_distances();
   void measure_soft_distance(KnownObject& object) const;
   void give_slots(Nanoseconds now);
   void give_slot(std::size_t object, int slot, Nanoseconds now);
   bool get_slots_for_assembly(KnownObject& object, Nanoseconds now);
   void clear_slot(KnownObject& object);
+
+  KnownObject* find_object(std::uint32_t id);
+  void release(std::uint32_t assembly);
+  void find_assemblies();
   void follow_or_own(KnownObject& object, Nanoseconds now, bool settles);
   bool is_guest(const KnownObject& object, Nanoseconds now) const;
   void take_patches(const KnownObject& object, Nanoseconds now);
