@@ -34,6 +34,7 @@ struct SimulateOptions {
   double seconds = 0;
   double transport_ms = 0.1;
   double hand_compute_fraction = 0.6;
+  double hand_phase = 0.017;
 };
 inline void describe(OptionVisitor& v, SimulateOptions& o) {
   v.number("seconds", o.seconds, "s", {0, 86400},
@@ -41,6 +42,8 @@ inline void describe(OptionVisitor& v, SimulateOptions& o) {
   v.number("transport_ms", o.transport_ms, "ms", {0, 100}, "Delay of every message on the virtual clock.");
   v.number("hand_compute_fraction", o.hand_compute_fraction, "1", {0, 1},
            "Delay from reading the hand's inputs to publishing its results, as a fraction of its period.");
+  v.number("hand_phase", o.hand_phase, "1", {0, 1},
+           "Delay of the loops of each hand after those of the hand before it, as a fraction of their periods.");
 }
 
 struct JudgeOptions {

@@ -15,6 +15,7 @@ void HandSimulation::visit_own(Self& self, Visit&& visit) {
   visit(self.untangled_nodes_);
   visit(self.untangled_);
   visit(self.bone_contact_forces_);
+  visit(self.carpus_velocity_);
   visit(self.ledger_enabled_);
   visit(self.ledger_);
   visit(self.stored_);

@@ -164,6 +164,7 @@ class HandSimulation {
   Pose joint_pose(Joint joint) const;
   Twist joint_velocity(Joint joint) const;
   /// Velocity (world) of the point at `place` if it moved rigidly with the carpus, without the noise of a hand at rest.
+  /// 0 without the option `other_hands`.
   Twist carrying_velocity(const Vector3& place) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
   Wrench coupling_wrench(Body body) const;
@@ -253,6 +254,7 @@ class HandSimulation {
   std::unique_ptr<NewtonSolver> solver_;
   std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
   std::array<Vector3, kBodyCount> bone_contact_forces_;
+  Twist carpus_velocity_;  // without the noise of rest; 0 without other hands
   bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger

@@ -136,7 +136,7 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
   for (const auto& other : hands_)
     if (other->loop->description().hand == key)
       throw std::invalid_argument("two hands of the rig have the same user and side");
-  const double shift = 0.017 * static_cast<double>(hands_.size());
+  const double shift = options.simulate.hand_phase * static_cast<double>(hands_.size());
   Hand& hand = *hands_.emplace_back(std::make_unique<Hand>(*this));
   hand.place = hands_.size() - 1;
   hand.compute = nanoseconds(options.simulate.hand_compute_fraction / options.hand.rate_hz);
