@@ -36,7 +36,7 @@ States read_states(std::string_view answer) {
   return out;
 }
 
-// The middleware only answers questions here. Nothing starts, and a driver that runs is not disturbed.
+// The middleware only answers questions here. Nothing starts.
 DriverChecks check(const Options& options) {
   const WeartOptions& own = options.driver;
   std::string answer;
