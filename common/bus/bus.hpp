@@ -1,18 +1,11 @@
 // Publish and subscribe over DDS with plain structs. This header includes no DDS header.
 //
-// A process begins with its participant:
-//
-//   bus::Participant participant("tracking");
-//
-// It reads and writes topics:
-//
-//   bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
-//   bus::Writer intermediate(participant, bus::topics::intermediate_skeleton);
-//
-// In its loop, it takes the newest sample, and writes only for somebody:
-//
-//   if (tracked.take_latest(skeleton)) ...
-//   if (intermediate.has_readers()) intermediate.write(skeleton);
+// How a process uses it:
+// 1. `bus::Participant participant("tracking");` joins the domain.
+// 2. `bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});` reads a topic.
+// 3. `bus::Writer intermediate(participant, bus::topics::intermediate_skeleton);` writes a topic.
+// 4. In the loop, `tracked.take_latest(skeleton)` takes the newest sample.
+// 5. `if (intermediate.has_readers()) intermediate.write(skeleton);` writes only if somebody reads.
 //
 // The threads of the DDS layer inherit the scheduling of the thread that creates the Participant. They must be ordinary
 // (runtime/scheduling.hpp). One thread at a time may use a Reader. Writers are thread-safe.

@@ -1,9 +1,10 @@
-// Drivers register themselves: their section of the scene file and one line about them. No list of drivers exists.
+// Drivers register themselves. No list of drivers exists. The file driver.cpp in the folder of a driver has, as an
+// example, `const RegisterDriver<StreamerOptions> driver{"tracker_streamer", "Hand Tracking Streamer on a Quest."};`.
 //
-//   // driver.cpp in the folder of the driver
-//   const RegisterDriver<StreamerOptions> driver{"tracker_streamer", "Hand Tracking Streamer on a Quest."};
-//
-// A driver may also say what it needs on this machine, for `softhand doctor`: a function from its options to checks.
+// 1. The template argument is the type of its options.
+// 2. The first argument is its section of the scene file.
+// 3. The second argument is one line about it.
+// 4. The third argument may be a function from the options to checks. `softhand doctor` runs these checks.
 //
 // The program of a driver links only its own driver.cpp. `softhand` links those of all drivers in this repository, so
 // that it can check their sections and print their options (docs/add-a-tracker.md).

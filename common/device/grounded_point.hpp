@@ -1,5 +1,5 @@
-// A grounded haptic device with three motors that move one point, its cursor: which bone of the hand the cursor holds,
-// where the device stands in the world, and how far it may push.
+// A grounded haptic device with three motors. They move one point, its cursor. The options say which bone of the hand
+// the cursor holds, where the device stands in the world, and how hard it may push.
 //
 // The frame of the device has x to the right, y up and z to the user. Drivers convert the axes of their device.
 #pragma once

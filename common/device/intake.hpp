@@ -70,10 +70,9 @@ class Intake {
   void take(F&& f) {
     queue().take(std::forward<F>(f));
   }
-  /// Writes a packet of at most `largest` bytes to a connection, or to all of them and to the servers of `connect_udp`
-  /// if it is 0. For a device that does
-  /// not take its bytes in time only the newest packet waits. The destructor waits up to 50 ms for the last one. Does
-  /// not block or allocate. One thread may call it.
+  /// Writes a packet of at most `largest` bytes to a connection. 0: to all of them and to the servers of `connect_udp`.
+  /// For a device that does not take its bytes in time only the newest packet waits. The destructor waits up to 50 ms
+  /// for the last one. Does not block or allocate. One thread may call it.
   void send(std::uint64_t connection, std::string_view bytes);
   /// False if no packet can arrive now: nothing listens to UDP, and nothing is connected.
   bool connected() const;

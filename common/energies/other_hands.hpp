@@ -2,14 +2,21 @@
 // a hand. It publishes its contacts as patches, one per bone and object (ContactPatch). The owner of the object adds
 // them as one implicit term. This is not in the source, where one hand touches an object.
 //
-//   U = sum over patches of  1/2 k max(0, f_n/k - n . d)^2
-//                            + CoulombSpring(k min(mu, 1), max(mu f_n, |f_t|))(|d_t - f_t/k_t|)
-//                            + CoulombSpring(k r^2, max(mu f_n r, |m|))(|phi - m/(k r^2)|)
+//   U   = sum over patches of U_n + U_t + U_m
+//   U_n = 1/2 k max(0, f_n/k - n . d)^2
+//   U_t = C(|d_t - f_t/k_t|) with the stiffness k_t = k min(mu, 1) and the bound max(mu f_n, |f_t|)
+//   U_m = C(|phi - m/k_m|) with the stiffness k_m = k r^2 and the bound max(mu f_n r, |m|)
 //
-// d is how far the material point of the object at the patch has moved relative to the patch, and d_t its tangential
-// part. phi is the same for the rotation. The patch moves with the velocity of its bone. f_n, f_t and m are the normal
-// force, the tangential force and the torque about the patch's point, as published. So at d = 0 and phi = 0 the term
-// has exactly the published wrench, and it never pulls.
+// C(s) is the energy of a CoulombSpring at the stretch s (contact/coulomb.hpp).
+//
+// Motion since the sample: d is the displacement of the object's material point relative to the patch. d_t is its
+// tangential part. The rotation vector phi is the rotation of the object relative to the patch. The patch moves with
+// the velocity of its bone.
+//
+// The patch publishes its normal n, its friction coefficient mu and its radius r. The normal part of its force is f_n,
+// the tangential part is f_t. Its torque about its point is m.
+//
+// At d = 0 and phi = 0 the term has exactly the published wrench. It never pulls.
 //
 // k is the stiffness of contact and tissue in front of the other hand's bone. The bone gives way too, so k is an upper
 // bound. With an upper bound, wrench and object converge for any delay of the messages. With less than half of the true

@@ -49,13 +49,14 @@ std::string reference_markdown(const Description& description, std::string_view 
 }  // namespace config_detail
 
 /// Reads TOML `text` into `options`. `path` is used only in error messages.
-/// - Missing keys keep their values.
-/// - An array of tables overwrites the existing elements in order and appends the rest.
-/// - Unknown keys, wrong types, values out of range and non-finite numbers are errors. They are reported together,
-///   sorted by line. For an unknown key the message suggests the nearest known key.
-/// - Top-level keys that `foreign` accepts and `options` does not have are ignored. Null accepts none.
-/// - If `variants` is not null, the chosen one is read after the file. An unknown name is an error.
-/// On errors, throws ConfigError and does not change `options`.
+///
+/// Missing keys keep their values. An array of tables overwrites the existing elements in order and appends the rest.
+/// Top-level keys that `foreign` accepts and `options` does not have are ignored. Null accepts none. If `variants` is
+/// not null, the chosen one is read after the file. An unknown name is an error.
+///
+/// Unknown keys, wrong types, values out of range and non-finite numbers are errors. They are reported together, sorted
+/// by line. For an unknown key the message suggests the nearest known key. On errors, throws ConfigError and does not
+/// change `options`.
 template <typename T>
 void read_toml_text(T& options, std::string_view text, const std::string& path, const ForeignKey& foreign = nullptr,
                     Variants* variants = nullptr) {

@@ -1,14 +1,17 @@
-# softhand_driver(KIND NAME [LINK targets...] [SIMULATOR_LINK targets...]): a driver in the current folder, in this
-# repository or in a project that calls find_package(softhand). KIND is tracker, haptic or tactile. The files:
-# - driver.cpp registers the options (device/driver.hpp). In this repository, `softhand` links it too.
+# softhand_driver(KIND NAME [LINK targets...] [CHECK_LINK targets...] [SIMULATOR_LINK targets...]): a driver in the
+# current folder, in this repository or in a project that calls find_package(softhand). KIND is tracker, haptic or
+# tactile. The files:
+# - driver.cpp registers the options (device/driver.hpp). In this repository, `softhand` links it too, with the targets
+#   of CHECK_LINK: those of LINK that the driver's checks need.
 # - main.cpp becomes the program softhand-KIND-NAME.
 # - simulator.cpp, if it exists, becomes the program simulate-KIND-NAME. In this repository it is built with the tests.
 function(softhand_driver kind name)
-  cmake_parse_arguments(ARG "" "" "LINK;SIMULATOR_LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "LINK;CHECK_LINK;SIMULATOR_LINK" ${ARGN})
   set(options softhand_${kind}_${name}_options)
   add_library(${options} OBJECT driver.cpp)
-  target_link_libraries(${options} PRIVATE softhand_device)
+  target_link_libraries(${options} PRIVATE softhand_device ${ARG_CHECK_LINK})
   set_property(GLOBAL APPEND PROPERTY SOFTHAND_DRIVERS ${options})
+  set_property(GLOBAL APPEND PROPERTY SOFTHAND_DRIVER_CHECKS ${ARG_CHECK_LINK})
   # This library has the mains of all kinds of drivers.
   set(links ${ARG_LINK} ${options} softhand_tracker_service)
   set(simulator_links ${ARG_LINK} ${ARG_SIMULATOR_LINK})

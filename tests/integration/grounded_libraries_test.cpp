@@ -1,44 +1,16 @@
 // softhand-haptic-dhd and softhand-haptic-openhaptics with stand-in libraries: hands, forces, the local model, cables
 // that are pulled out, absurd positions, the end.
-#include <fcntl.h>
-#include <sys/mman.h>
-
 #include <cmath>
 #include <limits>
-#include <new>
 #include <string>
 
 #include "haptics/dhd/stand_in.hpp"
 #include "haptics/openhaptics/stand_in.hpp"
 #include "support/device_process.hpp"
+#include "support/shared_struct.hpp"
 
 namespace softhand {
 namespace {
-
-// A struct that this process shares with the driver.
-template <typename T>
-class SharedStruct {
- public:
-  explicit SharedStruct(const char* variable) : path_("/dev/shm/softhand_" + std::to_string(getpid())) {
-    const int file = open(path_.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    EXPECT_EQ(ftruncate(file, sizeof(T)), 0);
-    void* bytes = mmap(nullptr, sizeof(T), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
-    close(file);
-    value_ = new (bytes) T;
-    setenv(variable, path_.c_str(), 1);
-  }
-  ~SharedStruct() {
-    munmap(value_, sizeof(T));
-    unlink(path_.c_str());
-  }
-  SharedStruct(const SharedStruct&) = delete;
-  SharedStruct& operator=(const SharedStruct&) = delete;
-  T* operator->() { return value_; }
-
- private:
-  std::string path_;
-  T* value_;
-};
 
 struct DhdDevice {
   static constexpr const char* kModule = "haptic-dhd";
@@ -52,7 +24,7 @@ struct DhdDevice {
   }
   Vec3 force() { return {state->force[1], state->force[2], state->force[0]}; }
   void check() {}
-  SharedStruct<DhdStandIn> state;
+  testing::SharedStruct<DhdStandIn> state;
 };
 
 struct HdDevice {
@@ -64,24 +36,19 @@ struct HdDevice {
   }
   Vec3 force() { return {state->force[0], state->force[1], state->force[2]}; }
   void check() { EXPECT_EQ(state->outside, 0); }
-  SharedStruct<HdStandIn> state;
+  testing::SharedStruct<HdStandIn> state;
 };
 
 template <typename Device>
-class GroundedLibrary : public testing::DeviceProcess<BoneWrench> {
+class GroundedLibrary : public testing::GroundedProcess {
  protected:
-  GroundedLibrary() : DeviceProcess(Device::kModule) {}
+  GroundedLibrary() : GroundedProcess(Device::kModule) {}
   void TearDown() override { device_.check(); }
   void start_driver(std::vector<std::string> settings = {}) {
     settings.push_back("library=" + std::string(Device::kLibrary));
     settings.emplace_back("maximum_force=2");
     start(settings);
     ASSERT_TRUE(health(Health::live));
-  }
-  BoneSample& bone(Body body = Body::index_distal) { return input_.bones[static_cast<std::size_t>(index_of(body))]; }
-  void set_force(double x, double y, double z) {
-    input_.simulated_valid = 1;
-    bone().coupling_force = {x, y, z};
   }
   bool feels(const Vec3& newton) {
     return push([&] { return (to_vector(device_.force()) - to_vector(newton)).norm() < 1e-6; });

@@ -10,9 +10,9 @@
 namespace softhand {
 namespace {
 
-class HaplyProcess : public testing::DeviceProcess<BoneWrench> {
+class HaplyProcess : public testing::GroundedProcess {
  protected:
-  HaplyProcess() : DeviceProcess("haptic-haply") {}
+  HaplyProcess() : GroundedProcess("haptic-haply") {}
   void open_device(const std::string& key = "vector", std::int64_t port = 0, std::int64_t event_port = 0) {
     device_.emplace(port, event_port, key);
   }
@@ -21,12 +21,6 @@ class HaplyProcess : public testing::DeviceProcess<BoneWrench> {
     settings.push_back("event_port=" + std::to_string(device_->event_port()));
     start(settings);
     ASSERT_TRUE(health(Health::live));
-  }
-  BoneSample& bone(Body body = Body::index_distal) { return input_.bones[static_cast<std::size_t>(index_of(body))]; }
-  // On the held bone, in the world.
-  void set_force(double x, double y, double z) {
-    input_.simulated_valid = 1;
-    bone().coupling_force = {x, y, z};
   }
   // The last command, in the world: x right, y up, z to the user.
   Vec3 commanded() const {

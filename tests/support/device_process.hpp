@@ -112,4 +112,16 @@ class DeviceProcess : public ::testing::Test {
   }
 };
 
+/// A grounded device that holds a bone.
+class GroundedProcess : public DeviceProcess<BoneWrench> {
+ protected:
+  using DeviceProcess::DeviceProcess;
+  BoneSample& bone(Body body = Body::index_distal) { return input_.bones[static_cast<std::size_t>(index_of(body))]; }
+  /// On the bone that is held without other settings, in the world, N.
+  void set_force(double x, double y, double z) {
+    input_.simulated_valid = 1;
+    bone().coupling_force = {x, y, z};
+  }
+};
+
 }  // namespace softhand::testing

@@ -48,6 +48,51 @@ class Leap : public ::testing::Test {
     decoder_.refusals().fill_status(status, 0);
     return testing::counter_of(status, "refused_" + name);
   }
+  // Sends the recorded frames of `name` and judges each hand in them.
+  void judge_recorded_frames(const char* name) {
+    if (!testing::has_captured(name)) GTEST_SKIP() << "no " << testing::captured_path(name);
+    std::istringstream lines(testing::captured(name));
+    int frames = 0, hands = 0;
+    double worst = 0;
+    for (std::string line; std::getline(lines, line); ++frames) {
+      LeapFrame frame;
+      ASSERT_TRUE(read_leap_message(line, frame));
+      ASSERT_EQ(frame.refusal, LeapRefusal::none);
+      take(frame);
+      for (std::uint32_t i = 0; i < frame.hand_count; ++i) {
+        const LeapHand& seen = frame.hands[i];
+        const Skeleton& hand = sink_.hands[seen.side];
+        EXPECT_GT(hand.confidence, 0);
+        ++hands;
+        // The index knuckle is where the service says, up to the proportions of the hand.
+        worst = std::max(
+            worst,
+            (to_vector(hand.joints[at(Joint::index_proximal)].position) - to_vector(seen.bones[1][1].from)).norm());
+        // The wrist is behind the palm, and the thumb on its side: on the left of a right hand from the back.
+        const Pose wrist = to_pose(hand.joints[at(Joint::wrist)]);
+        EXPECT_GT((wrist.inverse() * to_vector(seen.palm)).z(), -0.12);
+        EXPECT_LT((wrist.inverse() * to_vector(seen.palm)).z(), -0.03);
+        const double thumb = (wrist.inverse() * to_vector(hand.joints[at(Joint::thumb_proximal)].position)).x();
+        EXPECT_LT(seen.side == 1 ? thumb : -thumb, 0);
+      }
+    }
+    std::printf("%s: %d frames, %d hands, index knuckle within %.1f mm\n", name, frames, hands, 1e3 * worst);
+    EXPECT_EQ(decoder_.refusals().total(), 0u);
+    EXPECT_GE(hands, 240);
+    EXPECT_LT(worst, 0.03);
+  }
+  // Sends the frames of `moving` as a right hand, and compares the hands that arrive.
+  testing::Deviations follow(const testing::MovingHand& moving, LeapService service) {
+    decoder_ = LeapDecoder(moving.hand, false);
+    testing::Deviations deviations;
+    for (const JointFrames& sent : moving.frames) {
+      send(leap_frame_message(microseconds_ += 9000, {{Side::right, sent}}, service));
+      for (std::size_t j = 0; j < kJointCount; ++j) deviations.add(j, to_pose(sink_.hands[1].joints[j]), sent[j]);
+    }
+    EXPECT_EQ(decoder_.refusals().total(), 0u);
+    deviations.print(service == LeapService::beta ? "without bones" : "with bones");
+    return deviations;
+  }
 
   HandModel hand_ = shipped_hand();
   LeapDecoder decoder_{hand_, false};
@@ -147,59 +192,24 @@ TEST_F(Leap, TimesAreThoseOfTheService) {
   EXPECT_EQ(refused("order"), 1);
 }
 
-TEST_F(Leap, RecordedFramesAreHands) {
-  for (const char* name : {"leap/pinch-right.jsonl", "leap/claps-both.jsonl"}) {
-    if (!testing::has_captured(name)) GTEST_SKIP() << "no data";
-    decoder_ = LeapDecoder(hand_, false);
-    sink_ = {};
-    ++connection_;
-    std::istringstream lines(testing::captured(name));
-    int frames = 0, hands = 0;
-    double worst = 0;
-    for (std::string line; std::getline(lines, line); ++frames) {
-      LeapFrame frame;
-      ASSERT_TRUE(read_leap_message(line, frame));
-      ASSERT_EQ(frame.refusal, LeapRefusal::none);
-      take(frame);
-      for (std::uint32_t i = 0; i < frame.hand_count; ++i) {
-        const LeapHand& seen = frame.hands[i];
-        const Skeleton& hand = sink_.hands[seen.side];
-        EXPECT_GT(hand.confidence, 0);
-        ++hands;
-        // The index knuckle is where the service says, up to the proportions of the hand.
-        worst = std::max(
-            worst,
-            (to_vector(hand.joints[at(Joint::index_proximal)].position) - to_vector(seen.bones[1][1].from)).norm());
-        // The wrist is behind the palm, and the thumb on its side: on the left of a right hand from the back.
-        const Pose wrist = to_pose(hand.joints[at(Joint::wrist)]);
-        EXPECT_GT((wrist.inverse() * to_vector(seen.palm)).z(), -0.12);
-        EXPECT_LT((wrist.inverse() * to_vector(seen.palm)).z(), -0.03);
-        const double thumb = (wrist.inverse() * to_vector(hand.joints[at(Joint::thumb_proximal)].position)).x();
-        EXPECT_LT(seen.side == 1 ? thumb : -thumb, 0);
-      }
-    }
-    std::printf("%s: %d frames, %d hands, index knuckle within %.1f mm\n", name, frames, hands, 1e3 * worst);
-    EXPECT_EQ(decoder_.refusals().total(), 0u);
-    EXPECT_GE(hands, 240);
-    EXPECT_LT(worst, 0.03);
-  }
+TEST_F(Leap, RecordedFramesOfOneHandAreHands) { judge_recorded_frames("leap/pinch-right.jsonl"); }
+TEST_F(Leap, RecordedFramesOfBothHandsAreHands) { judge_recorded_frames("leap/claps-both.jsonl"); }
+
+TEST_F(Leap, FollowsAGeneratedHand) {
+  const testing::MovingHand moving = testing::generated_hand(hand_);
+  EXPECT_LT(follow(moving, LeapService::current).distance(1), 0.01);
+  EXPECT_LT(follow(moving, LeapService::beta).distance(1), 0.01);
 }
 
 TEST_F(Leap, FollowsARecordedHand) {
   if (!std::filesystem::exists(testing::recorded_hand_path())) GTEST_SKIP() << "no " << testing::recorded_hand_path();
   const testing::MovingHand moving = testing::recorded_hand(hand_);
-  for (const LeapService service : {LeapService::current, LeapService::beta}) {
-    decoder_ = LeapDecoder(moving.hand, false);
-    testing::Deviations deviations;
-    for (const JointFrames& sent : moving.frames) {
-      send(leap_frame_message(microseconds_ += 9000, {{Side::right, sent}}, service));
-      for (std::size_t j = 0; j < kJointCount; ++j) deviations.add(j, to_pose(sink_.hands[1].joints[j]), sent[j]);
-    }
-    EXPECT_EQ(decoder_.refusals().total(), 0u);
-    deviations.print(service == LeapService::beta ? "without bones" : "with bones");
-    EXPECT_LT(deviations.distance(0.5), 5);
-    EXPECT_LT(deviations.distance(0.99), service == LeapService::beta ? 25 : 0.01);
-  }
+  testing::Deviations with_bones = follow(moving, LeapService::current);
+  EXPECT_LT(with_bones.distance(0.5), 5);
+  EXPECT_LT(with_bones.distance(0.99), 0.01);
+  testing::Deviations without_bones = follow(moving, LeapService::beta);
+  EXPECT_LT(without_bones.distance(0.5), 5);
+  EXPECT_LT(without_bones.distance(0.99), 25);
 }
 
 TEST_F(Leap, RefusesBadMessages) {

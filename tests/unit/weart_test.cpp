@@ -66,6 +66,19 @@ TEST(WeartReport, DecodesStates) {
   }
 }
 
+TEST(WeartReport, AsksForStatesAndReadsTheVersion) {
+  const std::string questions = weart_questions();
+  EXPECT_EQ(questions.find(R"({"type":"MW_GET_STATUS","ts":)"), 0u);
+  EXPECT_NE(questions.find(R"(}~{"type":"DEVICES_GET_STATUS","ts":)"), std::string::npos);
+  EXPECT_EQ(questions.back(), kWeartEnd);
+  EXPECT_EQ(questions.find("StartFromClient"), std::string::npos);
+  EXPECT_EQ(weart_version(R"({"type":"MW_STATUS","data":{"statusCode":0,"version":"2.0.1"}})"), "2.0.1");
+  // Others are not shown: a terminal would obey control characters.
+  for (const char* text : {R"({"type":"MW_STATUS","data":{"version":"2\u001b[2J"}})", R"({"data":{"version":2}})",
+                           R"({"data":{}})", R"({"data":7})", "[]", "2.0.1", "{", ""})
+    EXPECT_EQ(weart_version(text), "") << text;
+}
+
 TEST(WeartReport, RefusesMalformedMessages) {
   const std::pair<std::string, WeartRefusal> cases[]{
       {"", WeartRefusal::syntax},

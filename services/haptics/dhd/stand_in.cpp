@@ -36,6 +36,7 @@ int answer(char id) {
 }  // namespace
 
 extern "C" {
+int dhdGetDeviceCount() { return device().is_present ? 1 : 0; }
 int dhdOpen() {
   if (!device().is_present) return -1;
   ++device().opened;

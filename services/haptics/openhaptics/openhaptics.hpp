@@ -9,61 +9,12 @@
 
 #include "device/grounded_device.hpp"
 #include "device/health.hpp"
-#include "device/shared_library.hpp"
+#include "haptics/openhaptics/hd_library.hpp"
 #include "haptics/openhaptics/openhaptics_options.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/scheduling.hpp"
 
 namespace softhand {
-
-/// The functions that this driver calls, and their constants (README.md says how sure they are).
-class HdLibrary {
- public:
-  struct Error {
-    unsigned code;
-    int internal_code;
-    unsigned device;
-  };
-  using Callback = unsigned (*)(void* data);
-  static constexpr unsigned kNoDevice = 0xffffffff;
-  static constexpr unsigned kPosition = 0x2050, kForce = 0x2700;  // parameters: mm, N
-  static constexpr unsigned kForceOutput = 0x4000;                // capability
-  static constexpr unsigned kDone = 0, kContinue = 1;             // results of a callback
-  static constexpr unsigned short kPriority = 0x7fff;
-  /// Errors of the class "force": motors too warm, too much force, too fast. The device goes on without force.
-  static constexpr bool is_force_error(unsigned code) { return code >> 8 == 2; }
-
-  explicit HdLibrary(const std::string& path) : library_(path) {
-    library_.find("hdInitDevice", init_device);
-    library_.find("hdDisableDevice", disable_device);
-    library_.find("hdMakeCurrentDevice", make_current_device);
-    library_.find("hdEnable", enable);
-    library_.find("hdGetError", get_error);
-    library_.find("hdScheduleAsynchronous", schedule_asynchronous);
-    library_.find("hdStartScheduler", start_scheduler);
-    library_.find("hdStopScheduler", stop_scheduler);
-    library_.find("hdBeginFrame", begin_frame);
-    library_.find("hdEndFrame", end_frame);
-    library_.find("hdGetDoublev", get_doubles);
-    library_.find("hdSetDoublev", set_doubles);
-  }
-
-  unsigned (*init_device)(const char* name);
-  void (*disable_device)(unsigned device);
-  void (*make_current_device)(unsigned device);
-  void (*enable)(unsigned capability);
-  Error (*get_error)();
-  unsigned long (*schedule_asynchronous)(Callback callback, void* data, unsigned short priority);
-  void (*start_scheduler)();
-  void (*stop_scheduler)();
-  void (*begin_frame)(unsigned device);
-  void (*end_frame)(unsigned device);
-  void (*get_doubles)(unsigned parameter, double* values);
-  void (*set_doubles)(unsigned parameter, const double* values);
-
- private:
-  SharedLibrary library_;
-};
 
 class OpenHaptics final : public GroundedDevice {
  public:
@@ -93,14 +44,14 @@ class OpenHaptics final : public GroundedDevice {
     Backoff backoff;
     bool is_told = false;
     while (!stop_) {
-      device_ = library_.init_device(options_.device.empty() ? nullptr : options_.device.c_str());
-      const HdLibrary::Error error = library_.get_error();
-      if (error.code == 0 && device_ != HdLibrary::kNoDevice) {
+      unsigned error = 0;
+      device_ = library_.open(options_.device, error);
+      if (device_ != HdLibrary::kNoDevice) {
         serve();
         backoff.reset();
         is_told = false;
       } else if (!is_told) {
-        std::fprintf(stderr, "no device: HD error 0x%04x\n", error.code);
+        std::fprintf(stderr, "no device: HD error 0x%04x\n", error);
         is_told = true;
       }
       const Nanoseconds end = now() + backoff.next();

@@ -19,8 +19,7 @@ class Bhaptics final : public TactileDriver {
   Bhaptics(const Options& options, const HandModel& hand)
       : options_(options),
         side_(hand.side),
-        player_({options.address, options.port, "/v2/feedbacks?app_id=softhand&app_name=softhand"},
-                kLargestPlayerMessage, kSlots) {
+        player_({options.address, options.port, player_target("softhand")}, kLargestPlayerMessage, kSlots) {
     // JSON is decoded in the thread that receives, because its decoder allocates.
     player_.translate([this](const Arrival& message) {
       report_ = decode_player_report(message.bytes, side_);

@@ -52,6 +52,10 @@ PlayerRefusal read_report(std::string_view text, Side side, PlayerReport& out) {
 
 }  // namespace
 
+std::string player_target(const std::string& application) {
+  return "/v2/feedbacks?app_id=" + application + "&app_name=" + application;
+}
+
 PlayerReport decode_player_report(std::string_view text, Side side) {
   return report_or_refusal<PlayerReport>([&](PlayerReport& out) { return read_report(text, side, out); });
 }

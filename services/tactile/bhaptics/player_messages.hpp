@@ -19,6 +19,9 @@ inline constexpr std::size_t kLargestPlayerMessage = 16384;
 enum class PlayerRefusal : std::uint8_t { none, json, content, range };
 inline constexpr std::array<std::string_view, 4> kPlayerRefusalNames{"none", "json", "content", "range"};
 
+/// The path and query of the Player's messages of version 2. `application`: the name of this client.
+std::string player_target(const std::string& application);
+
 /// What a message says about the glove of one hand. Trivially copyable: it goes through a queue.
 struct PlayerReport {
   PlayerRefusal refusal = PlayerRefusal::none;

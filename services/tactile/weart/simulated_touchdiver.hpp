@@ -104,6 +104,7 @@ class SimulatedTouchDiver {
     const std::size_t hand = message.find(":RIGHT:");
     if (hand == std::string::npos) {
       requests_.push_back(message);
+      answer(message);
       return;
     }
     const std::string point = message.substr(hand + 7), effect = message.substr(0, hand);
@@ -113,6 +114,15 @@ class SimulatedTouchDiver {
       if (effect == "stop" + std::string(1, static_cast<char>(name[0] - 'a' + 'A')) + name.substr(1))
         effects_.erase(key);
     }
+  }
+
+  void answer(const std::string& question) {
+    std::string state;
+    if (question.find("\"MW_GET_STATUS\"") != std::string::npos)
+      state = R"({"type":"MW_STATUS","ts":1,"data":{"status":"IDLE","version":"2.0.0","statusCode":0}}~)";
+    if (question.find("\"DEVICES_GET_STATUS\"") != std::string::npos)
+      state = R"({"type":"DEVICES_STATUS","ts":1,"data":{"devices":[{"handSide":"RIGHT","batteryLevel":80}]}}~)";
+    ::send(client_, state.data(), state.size(), MSG_NOSIGNAL);
   }
 
   int listener_;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <string>
 
@@ -86,11 +85,7 @@ class Weart final : public TrackerSource, public TactileDriver {
   static constexpr int kCalibrating = 1;
 
   std::string greeting() const {
-    const auto time = std::chrono::system_clock::now().time_since_epoch();
-    const auto milliseconds = std::chrono::duration_cast<std::chrono::milliseconds>(time).count();
-    std::string text = "StartFromClient:SdkLLCPP:2.0.0:TrackType1~";
-    for (const char* type : {"MW_GET_STATUS", "DEVICES_GET_STATUS"})
-      text += std::string(R"({"type":")") + type + R"(","ts":)" + std::to_string(milliseconds) + "}~";
+    std::string text = "StartFromClient:SdkLLCPP:2.0.0:TrackType1~" + weart_questions();
     if (options_.calibrate) text += "StartCalibration~";
     return text;
   }

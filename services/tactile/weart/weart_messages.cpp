@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -143,6 +144,25 @@ WeartRefusal read_message(std::string_view text, Side side, WeartReport& out) {
 
 WeartReport decode_weart(std::string_view text, Side side) {
   return report_or_refusal<WeartReport>([&](WeartReport& out) { return read_message(text, side, out); });
+}
+
+std::string weart_version(std::string_view text) {
+  const Json json = Json::parse(text, nullptr, false);
+  const Json* data = member(json, "data");
+  const Json* version = data == nullptr ? nullptr : member(*data, "version");
+  if (version == nullptr || !version->is_string()) return "";
+  const auto& out = version->get_ref<const std::string&>();
+  const bool is_plain = std::all_of(out.begin(), out.end(), [](char c) { return c > ' ' && c <= '~'; });
+  return is_plain ? out : "";
+}
+
+std::string weart_questions() {
+  const auto time = std::chrono::system_clock::now().time_since_epoch();
+  const auto milliseconds = std::chrono::duration_cast<std::chrono::milliseconds>(time).count();
+  std::string out;
+  for (const char* type : {"MW_GET_STATUS", "DEVICES_GET_STATUS"})
+    out += std::string(R"({"type":")") + type + R"(","ts":)" + std::to_string(milliseconds) + "}" + kWeartEnd;
+  return out;
 }
 
 WeartCommand::WeartCommand(Side side, std::span<const WeartEffects> points, int texture, double volume) {

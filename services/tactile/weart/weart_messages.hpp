@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "device/curl_lifter.hpp"
@@ -31,6 +32,10 @@ struct WeartReport {
 };
 /// Messages of the other hand are of kind `other`.
 WeartReport decode_weart(std::string_view text, Side side);
+/// The version of the middleware in its status message. Empty if the message has none.
+std::string weart_version(std::string_view text);
+/// The messages that ask for the states of the middleware and of its devices. Nothing starts.
+std::string weart_questions();
 
 /// The points on which a device acts, in the order of the fingers and the palm.
 inline constexpr std::array<std::string_view, 6> kWeartPoints{"THUMB", "INDEX", "MIDDLE", "ANNULAR", "PINKY", "PALM"};
