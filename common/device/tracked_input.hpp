@@ -1,13 +1,14 @@
 // Converts the samples of a tracker into target poses in the world. It refuses samples that cannot be a hand, applies
-// the mount, estimates velocities and extrapolates to the time of the step. When another tracker takes the hand over,
-// the difference between the two fades out. The tracking loop uses it. The hand
-// simulation uses it if it runs without the intermediate skeleton (figure 2B).
+// the mount, removes noise, estimates velocities and extrapolates to the time of the step. When another tracker takes
+// the hand over, the difference between the two fades out. The tracking loop uses it. The hand simulation uses it if it
+// runs without the intermediate skeleton (figure 2B).
 #pragma once
 
 #include <array>
 #include <cstdint>
 
 #include "device/pose_blend.hpp"
+#include "device/pose_filter.hpp"
 #include "math/types.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
@@ -17,6 +18,8 @@ namespace softhand {
 struct TrackedInputOptions {
   double extrapolation_limit = 0.05;
   double velocity_smoothing = 0.008;
+  double smoothing_cutoff = 0;
+  double smoothing_speed = 0.02;
   double stale_after = 0.08;
   double reposition_distance = 0.5;
   double maximum_speed = 10;
@@ -104,11 +107,12 @@ class TrackedInput {
     Pose pose;
   };
   struct Track {
-    Pose pose;            // world, at `time`
+    Pose pose;            // world, at `time`, filtered
     Twist velocity;       // filtered
     Pose from_neighbour;  // in the frame of the neighbour that this joint moves with when it is unseen; from the last
                           // sample with both
     PoseBlend blend;      // from the former tracker
+    PoseFilter filter;
     bool seen = false;
     bool attached = false;  // from_neighbour is known
   };

@@ -21,6 +21,7 @@
 #include "energies/skeleton_tissue.hpp"
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
+#include "math/low_pass.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "scene/contact_patches.hpp"
@@ -66,8 +67,7 @@ void follow_carpus(const Twist& carpus, double time_step, Twist& smoothed) {
   constexpr double kCutoffOfSpeed = 100;  // Hz per m/s
   constexpr double kLever = 0.1;          // m, from the carpus to the fingers
   const double speed = smoothed.linear.norm() + kLever * smoothed.angular.norm();
-  const double rate = 2 * M_PI * (kCutoffAtRest + kCutoffOfSpeed * speed) * time_step;
-  const double gain = rate / (1 + rate);
+  const double gain = low_pass_gain(kCutoffAtRest + kCutoffOfSpeed * speed, time_step);
   smoothed.linear += gain * (carpus.linear - smoothed.linear);
   smoothed.angular += gain * (carpus.angular - smoothed.angular);
 }
