@@ -16,6 +16,7 @@
 #include "bus/bus.hpp"
 #include "cli/check.hpp"
 #include "cli/commands.hpp"
+#include "cli/module_table.hpp"
 #include "cli/outcome.hpp"
 #include "cli/rig.hpp"
 #include "cli/rig_lock.hpp"
@@ -58,10 +59,10 @@ class Listener {
 
   /// `watched` gets the signs of life of its children.
   void poll(Supervisor* watched = nullptr) {
-    status_.take_all([&](const LoopStatus& status) {
+    status_.take_all([&, at = now()](const LoopStatus& status) {
       const std::string module(get_text(status.module));
       if (module == kRigModule || module.starts_with(std::string(kRigModule) + "-")) return;
-      modules_[module] = status;
+      if (LoopStatus* const known = modules_.of(module, at)) *known = status;
       if (watched != nullptr) watched->heard(module, static_cast<pid_t>(status.process_id));
     });
     if (!streams_) return;
@@ -75,7 +76,14 @@ class Listener {
     streams_->wrench.take_all([this](const BoneWrench& m) { outcome_.on_bone_wrench(m); });
     streams_->device.take_all([this](const DeviceState& m) { outcome_.on_device(m); });
   }
-  const std::map<std::string, LoopStatus>& modules() const { return modules_; }
+  /// The processes of `rig` are modules that always have a place.
+  void expect(const RigOptions& rig) {
+    std::set<std::string> names;
+    for (const RigProcess& process : rig.processes) names.insert(process.name);
+    modules_.expect(std::move(names));
+  }
+  const std::map<std::string, LoopStatus>& modules() const { return modules_.rows(); }
+  std::uint64_t refused_statuses() const { return modules_.refused(); }
   /// Call it after the processes have ended. Discards their last statuses too.
   void forget_modules() {
     poll();
@@ -84,7 +92,7 @@ class Listener {
   const Outcome& outcome() const { return outcome_; }
   /// Start of the motion of a tracker in `rig`, on the clock of this host; 0 = not received.
   Nanoseconds motion_start(const RigOptions& rig) const {
-    for (const auto& [name, status] : modules_) {
+    for (const auto& [name, status] : modules()) {
       // A counter of another host is on another clock.
       if (std::none_of(rig.processes.begin(), rig.processes.end(), [&name](auto& each) { return each.name == name; }))
         continue;
@@ -116,7 +124,7 @@ class Listener {
   std::uint32_t user_;
   bus::Reader<LoopStatus> status_;
   std::optional<Streams> streams_;
-  std::map<std::string, LoopStatus> modules_;
+  ModuleTable<LoopStatus> modules_;
   Outcome outcome_;
 };
 
@@ -348,6 +356,7 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
     summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   summary["seconds"] = seconds;
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
+  summary["refused_statuses"] = listener.refused_statuses();
   for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
   summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start(control.rig()))));
@@ -376,6 +385,7 @@ int run_up(const UpArguments& arguments) {
   bool clean = true;
   do {
     Supervisor supervisor(say);
+    listener.expect(control.rig());
     start_processes(supervisor, listener, control, stop);
     const auto started = Clock::now();
     const std::chrono::duration<double> run_time(arguments.seconds);
