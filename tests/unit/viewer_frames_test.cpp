@@ -152,6 +152,7 @@ TEST(ViewerFrames, StatusKeepsItsValues) {
   in.energies.push_back(named("tissue", 0.5));
   in.ledger.push_back(named("work", 0.75));
   add_counter(in, "chord_steps", 7);
+  set_text(in.second_writer, "objects: world, process 7 on lab-pc");
   const Frame frame = encode(in, 4);
   expect_header(frame, FrameType::loop_status, 4);
   const auto real = [&frame](std::size_t index) { return at<double>(frame, 24 + 8 * index); };

@@ -246,6 +246,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
       if (get_text(message.module) == "viewer") return;  // the viewer answers
       MessageReply reply;
+      add_counter(haptic, "second_writer", 42);
+      set_text(haptic.second_writer, "bone_wrench: tracking, process 4711 on lab-pc");
       reply.id = message.id;
       set_text(reply.module, "hand");
       reply.result = kReplyApplied;

@@ -317,6 +317,7 @@ export interface Status {
   ledger: Named[]; // J
   counters: Named[];
 }
+  secondWriter: string; // last refused second writer of an input: topic, process and host; empty: none
 export function status(payload: DataView): Status {
   const r = new Reader(payload);
   const named = (): Named[] => {
@@ -347,7 +348,14 @@ export function status(payload: DataView): Status {
     inverted: r.u32(),
   };
   r.at += 4;
-  return { ...head, module: r.text(64), energies: named(), ledger: named(), counters: named() };
+  return {
+    ...head,
+    module: r.text(64),
+    energies: named(),
+    ledger: named(),
+    counters: named(),
+    secondWriter: r.text(128),
+  };
 }
 
 export interface Reply {
