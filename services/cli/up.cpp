@@ -129,7 +129,7 @@ class Listener {
 };
 
 // Answers messages that concern the whole rig: choose another scene, or another process among those that share a name.
-// Its status lists the choices as counters "WHAT CHOICE", with the value 1 for the running ones.
+// It publishes what can be chosen.
 class RigControl {
  public:
   RigControl(const bus::Participant& participant, const UpArguments& arguments)
@@ -139,6 +139,7 @@ class RigControl {
         messages_(participant, bus::topics::message),
         replies_(participant, bus::topics::message_reply),
         statuses_(participant, bus::topics::loop_status),
+        choices_(participant, bus::topics::rig_choices),
         epoch_(participant.epoch()),
         clock_id_(clock_id()) {
     overrides_ = arguments.overrides;
@@ -151,15 +152,16 @@ class RigControl {
         scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());
-    for (const std::string& each : scenes_) {
-      if (choice_text("scene", each).size() >= sizeof(NamedValue::name))
-        say(kRigModule, "the status does not list the scene " + each + "; expected at most 25 characters");
-    }
+    // A message could not name it.
+    std::erase_if(scenes_, [](const std::string& each) {
+      if (each.size() < sizeof(ShortText)) return false;
+      say(kRigModule, "the scene " + each + " cannot be chosen; expected a name of at most 63 characters");
+      return true;
+    });
     const auto choices = static_cast<std::size_t>(std::count_if(
         rig_.processes.begin(), rig_.processes.end(), [](const RigProcess& each) { return !each.choice.empty(); }));
-    if (scenes_.size() + choices > kMaxCounters)
-      say(kRigModule,
-          fmt::format("the status lists {} of {} scenes and choices", kMaxCounters, scenes_.size() + choices));
+    if (scenes_.size() + choices > kMaxChoices)
+      say(kRigModule, fmt::format("{} of {} choices are published", kMaxChoices, scenes_.size() + choices));
   }
 
   const RigOptions& rig() const { return rig_; }
@@ -182,30 +184,42 @@ class RigControl {
       stamp(reply.stamp, ++replied_);
       replies_.write(reply);
     });
+    if (std::exchange(choices_due_, false)) publish_choices();
     if (Clock::now() < next_status_) return;
     next_status_ = Clock::now() + milliseconds(500);
     LoopStatus status;
     set_text(status.module, module_);
     status.process_id = static_cast<std::uint32_t>(getpid());
     status.input_age_ms = -1;
-    const std::string running = fs::path(rig_.scene).stem().string();
-    for (const std::string& each : scenes_) offer(status, "scene", each, each == running);
+    stamp(status.stamp, ++published_);
+    statuses_.write(status);
+  }
+
+ private:
+  void publish_choices() {
+    RigChoices message;
+    set_text(message.module, module_);
+    // Processes first: they are few.
     const std::vector<RigProcess> chosen = chosen_processes(rig_);
     for (const RigProcess& process : rig_.processes) {
       const auto is_it = [&process](const RigProcess& other) {
         return other.name == process.name && other.choice == process.choice;
       };
       if (!process.choice.empty())
-        offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
+        offer(message, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
     }
-    stamp(status.stamp, ++published_);
-    statuses_.write(status);
+    const std::string running = fs::path(rig_.scene).stem().string();
+    for (const std::string& each : scenes_) offer(message, "scene", each, each == running);
+    stamp(message.stamp, ++offered_);
+    choices_.write(message);
   }
 
- private:
-  static void offer(LoopStatus& status, const std::string& what, const std::string& choice, bool runs) {
-    const std::string text = choice_text(what, choice);
-    if (text.size() < sizeof(NamedValue::name)) add_counter(status, text, runs ? 1 : 0);
+  static void offer(RigChoices& message, const std::string& what, const std::string& choice, bool runs) {
+    RigChoice each;
+    set_text(each.what, what);
+    set_text(each.choice, choice);
+    each.running = runs ? 1 : 0;
+    message.choices.push_back(each);
   }
 
   void stamp(Stamp& stamp, std::uint64_t sequence) const {
@@ -229,7 +243,7 @@ class RigControl {
     }
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
     if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it))
-      return reply(kReplyIgnored, "unknown key; known: scene, and the process names in the status");
+      return reply(kReplyIgnored, "unknown key; known: scene, and the processes that have a choice");
     if (!arguments_.json.empty()) return reply(kReplyRefused, "a run with a summary (--json) cannot be changed");
     if (what == "scene") {
       if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end())
@@ -244,7 +258,7 @@ class RigControl {
     } else if (!choose(rig_, what, choice)) {
       return reply(kReplyRefused, "no such choice of " + what + " in the rig");
     }
-    changed_ = true;
+    changed_ = choices_due_ = true;
     return reply(kReplyApplied, "restarting with " + what + " " + choice);
   }
 
@@ -257,13 +271,16 @@ class RigControl {
   bus::Reader<Message> messages_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> statuses_;
+  bus::Writer<RigChoices> choices_;
   TimeControl time_control_;
   Clock::time_point next_status_{};
   std::uint64_t epoch_;
   std::uint32_t clock_id_;
   std::uint64_t replied_ = 0;
   std::uint64_t published_ = 0;
+  std::uint64_t offered_ = 0;
   bool changed_ = false;
+  bool choices_due_ = true;
   bool stop_requested_ = false;
 };
 

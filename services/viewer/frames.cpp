@@ -281,6 +281,20 @@ Frame encode(const MessageReply& reply, std::uint32_t slot) {
   return out.finish();
 }
 
+Frame encode(const RigChoices& choices, std::uint32_t slot) {
+  Packer out(FrameType::rig_choices, slot, 72 + 136 * choices.choices.size());
+  out.text(choices.module);
+  out.integer(static_cast<std::uint32_t>(choices.choices.size()));
+  out.integer(0);
+  for (const RigChoice& each : choices.choices) {
+    out.text(each.what);
+    out.text(each.choice);
+    out.integer(each.running);
+    out.integer(0);
+  }
+  return out.finish();
+}
+
 Frame encode(const GatewayState& state) {
   Packer out(FrameType::gateway, 0, 48 + 8 * state.refused.size());
   out.put(static_cast<double>(state.clock) * 1e-9);

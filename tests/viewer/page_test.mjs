@@ -301,7 +301,7 @@ test("the page selects another offered scene and switches motors off", async () 
 });
 
 test("the page shows the scenes that the rig offers now, with blanks in their names", async () => {
-  await tell("*", "offer", "scene my own");
+  await tell("*", "offer", "my own");
   const options = page.locator("#offer-scene option");
   await until("the offer", async () => (await options.allTextContents()).join() === "demo,my own");
   await page.selectOption("#offer-scene", "my own");

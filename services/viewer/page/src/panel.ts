@@ -172,7 +172,7 @@ export class Panel {
   }
 
   status(status: Status, now: number): void {
-    if (status.nominalRate === 0) return; // `softhand up` has no loop; its status only lists choices
+    if (status.nominalRate === 0) return; // `softhand up` has no loop
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
