@@ -193,9 +193,14 @@ class Reader {
   /// Meant for topics with many instances and for messages. Takes at most as many as `take_latest`.
   template <typename F>
   std::size_t take_all(F&& f) {
+    return take_some(endpoint_.most_samples(), std::forward<F>(f));
+  }
+  /// The same for at most `most` samples. The others stay for the next call, as far as the history keeps them.
+  template <typename F>
+  std::size_t take_some(int most, F&& f) {
     std::size_t count = 0;
     std::int64_t time = 0;
-    int left = endpoint_.most_samples();
+    int left = most;
     while (endpoint_.take_next(scratch_.get(), scratch_->well_formed, time, left)) {
       ++count;
       f(std::as_const(scratch_->value));

@@ -354,6 +354,20 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("counters", m.counters);
 }
 
+template <typename V, Is<RigChoice> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("what", m.what);
+  v.field("choice", m.choice);
+  v.field("running", m.running);
+}
+
+template <typename V, Is<RigChoices> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("module_name", m.module);
+  v.field("stamp", m.stamp);
+  v.field("choices", m.choices);
+}
+
 template <typename V, Is<HostClock> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.field("clock_id", m.clock_id);

@@ -93,6 +93,9 @@ inline constexpr Topic<MessageReply> message_reply{{
 inline constexpr Topic<LoopStatus> loop_status{{
     "softhand/v1/loop_status", "softhand::v1::LoopStatus",
     reliable,   vol,  4, 64,      0,  0,    0, any,       10, "every module", "cli, viewer, recorder"}};
+inline constexpr Topic<RigChoices> rig_choices{{
+    "softhand/v1/rig_choices", "softhand::v1::RigChoices",
+    reliable,   late, 1, 16,      0,  0,    0, any,        0, "softhand up", "cli, viewer, recorder"}};
 inline constexpr Topic<ClockBeacon> clock_beacon{{
     "softhand/v1/clock_beacon", "softhand::v1::ClockBeacon",
     best_effort, vol, 16, 1,       0,  0,    0, any,       10, "every module", "every module, recorder"}};
@@ -112,8 +115,8 @@ template <typename F>
 void for_each(F&& f) {
   f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
       f(object_coupling), f(bone_wrench);
-  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(clock_beacon), f(object_description),
-      f(object_joint), f(hand_description);
+  f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(rig_choices), f(clock_beacon),
+      f(object_description), f(object_joint), f(hand_description);
 }
 
 }  // namespace topics

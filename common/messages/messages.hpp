@@ -420,6 +420,20 @@ struct LoopStatus {
   BoundedVector<NamedValue, kMaxCounters> counters;  ///< refused_nonfinite, refused_order, repositioned, ...
 };
 
+inline constexpr std::size_t kMaxChoices = 128;
+struct RigChoice {
+  ShortText what{};           ///< key of the message that chooses it: "scene", or the name of a process
+  ShortText choice{};         ///< value of that message
+  std::uint32_t running = 0;  ///< 1: it runs now
+};
+/// rig_choices: what a message to a rig can choose. `softhand up` writes it at its start and after each change. Key:
+/// module name.
+struct RigChoices {
+  ShortText module{};  ///< addressee of the message
+  Stamp stamp;
+  BoundedVector<RigChoice, kMaxChoices> choices;
+};
+
 inline constexpr std::size_t kMaxHosts = 16;
 /// Another host, as the writer's host sees it.
 struct HostClock {

@@ -48,9 +48,8 @@ RigOptions read_rig(const std::string& path) {
   for (const RigProcess& process : rig.processes) {
     if (process.name.empty() || process.name.size() >= sizeof(ShortText))
       throw ConfigError(path + ": process: name '" + process.name + "': expected 1 to 63 characters");
-    if (!process.choice.empty() && choice_text(process.name, process.choice).size() >= sizeof(NamedValue::name))
-      throw ConfigError(path + ": process: name and choice '" + choice_text(process.name, process.choice) +
-                        "': expected at most 30 characters together");
+    if (process.choice.size() >= sizeof(ShortText))
+      throw ConfigError(path + ": process: choice '" + process.choice + "': expected at most 63 characters");
   }
   std::set<std::pair<std::string, std::string>> known;
   for (const RigProcess& process : rig.processes) {
@@ -75,8 +74,6 @@ bool share_domain(std::string_view one, std::string_view other) {
   const std::size_t slash = one.find('/');
   return slash != std::string_view::npos && one != other && other.substr(0, slash + 1) == one.substr(0, slash + 1);
 }
-
-std::string choice_text(const std::string& what, const std::string& choice) { return what + " " + choice; }
 
 bool choose(RigOptions& rig, const std::string& name, const std::string& choice) {
   const auto is_it = [&](const RigProcess& process) {

@@ -24,7 +24,7 @@ inline void describe(OptionVisitor& v, RigProcess& o) {
            "Log prefix, and the module name under which the process publishes loop_status. At most 63 characters.");
   v.string("choice", o.choice,
            "Distinguishes processes of the same name. Only one of them runs: the first, or the one named in `choose`. "
-           "Empty = the only process of its name. Name and choice have at most 30 characters together.");
+           "Empty = the only process of its name. At most 63 characters.");
   v.string("program", o.program, "Program: a file in the folder of softhand, or a path.");
   v.string("arguments", o.arguments,
            "Arguments, separated by spaces. {scene} is replaced by the path of the rig's scene file.");
@@ -72,9 +72,6 @@ RigOptions read_rig(const std::string& path);
 std::string full_name(const RigOptions& rig);
 /// True if rigs with these full names share a domain: different parts of one rig.
 bool share_domain(std::string_view one, std::string_view other);
-
-/// How the status of the rig names what can be chosen. It has room for 31 characters.
-std::string choice_text(const std::string& what, const std::string& choice);
 
 /// Selects the process `name` with the choice `choice`. Returns false if there is no such process.
 bool choose(RigOptions& rig, const std::string& name, const std::string& choice);

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
@@ -11,6 +10,7 @@
 
 #include "bus/bus.hpp"
 #include "cli/commands.hpp"
+#include "cli/module_table.hpp"
 #include "cli/status_table.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -42,7 +42,10 @@ int run_status(const StatusArguments& arguments) {
   const StopSignal stop;
   const bus::Participant participant("softhand status");
   bus::Reader reader(participant, bus::topics::loop_status);
-  std::map<std::string, LoopStatus> modules;
+  bus::Reader choices_reader(participant, bus::topics::rig_choices);
+  ModuleTable<LoopStatus> table;
+  ModuleTable<RigChoices> rigs;
+  const auto& modules = table.rows();
   const bool terminal = isatty(STDOUT_FILENO) != 0;
   // A snapshot waits long enough to discover every writer and to receive one message of each. A handshake with each of
   // them takes longer.
@@ -50,18 +53,31 @@ int run_status(const StatusArguments& arguments) {
   const auto started = std::chrono::steady_clock::now();
   while (!stop.requested()) {
     std::this_thread::sleep_for(std::chrono::milliseconds(250));
-    reader.take_all([&modules](const LoopStatus& status) { modules[std::string(get_text(status.module))] = status; });
+    reader.take_all([&table, at = now()](const LoopStatus& status) {
+      if (LoopStatus* const known = table.of(get_text(status.module), at)) *known = status;
+    });
+    choices_reader.take_all([&rigs, at = now()](const RigChoices& choices) {
+      if (RigChoices* const known = rigs.of(get_text(choices.module), at)) *known = choices;
+    });
     const bool snapshot = arguments.once || arguments.json;
     if (snapshot && std::chrono::steady_clock::now() - started < discovery) continue;
     if (arguments.json) {
       nlohmann::ordered_json json = nlohmann::ordered_json::object();
-      for (const auto& [name, status] : modules) json[name] = status_json(status);
+      for (const auto& [name, status] : modules) {
+        json[name] = status_json(status);
+        if (const auto rig = rigs.rows().find(name); rig != rigs.rows().end())
+          json[name]["choices"] = choices_json(rig->second);
+      }
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
       fmt::print("{}{}{}", status_table(modules, now()), clock_lines(participant),
                  modules.empty() ? "no module found on this domain\n" : "");
+      for (const auto& [name, choices] : rigs.rows()) fmt::print("{}", choices_text(choices));
     }
+    if (table.refused() > 0)
+      fmt::print(arguments.json ? stderr : stdout, "{} statuses of further modules refused: only {} modules fit\n",
+                 table.refused(), table.kMost);
     std::fflush(stdout);
     if (snapshot) return modules.empty() ? 1 : 0;
   }

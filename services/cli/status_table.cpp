@@ -2,7 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
+#include <string_view>
+#include <utility>
 
 #include "device/health.hpp"
 #include "messages/age.hpp"
@@ -62,6 +65,27 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
     if (!(silent > 1.0)) out += physics_line(status);
   }
   return out;
+}
+
+std::string choices_text(const RigChoices& choices) {
+  std::map<std::string_view, std::pair<std::string, std::string>> texts;  // running, others
+  for (const RigChoice& each : choices.choices) {
+    auto& [running, others] = texts[get_text(each.what)];
+    std::string& list = each.running != 0 ? running : others;
+    list += fmt::format("{}{}", list.empty() ? " " : ", ", get_text(each.choice));
+  }
+  std::string out;
+  for (const auto& [what, text] : texts)
+    out += fmt::format("{} {}:{}{}{}\n", get_text(choices.module), what, text.first.empty() ? " -" : text.first,
+                       text.second.empty() ? "" : "; others:", text.second);
+  return out;
+}
+
+nlohmann::ordered_json choices_json(const RigChoices& choices) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  for (const RigChoice& each : choices.choices)
+    json[std::string(get_text(each.what))][std::string(get_text(each.choice))] = each.running != 0;
+  return json;
 }
 
 nlohmann::ordered_json status_json(const LoopStatus& status) {

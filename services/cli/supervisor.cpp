@@ -1,5 +1,6 @@
 #include "cli/supervisor.hpp"
 
+#include <dirent.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
@@ -26,7 +27,10 @@ constexpr std::chrono::seconds kCleanSlate{10};
 constexpr std::chrono::seconds kFirstSign{30};  // a process may compute for a while before its loop starts
 constexpr milliseconds kMercy{500};             // from SIGTERM to SIGKILL for a silent child
 constexpr milliseconds kLongestPoll{100};       // a longer pause is the caller's, and no silence of the children
-constexpr unsigned kGuardGrace = 3;             // s, from the end of the supervisor to the end of a group
+constexpr unsigned kGuardGrace = 3;             // s, from the end of the supervisor to SIGKILL
+constexpr int kMostRounds = 100;                // of 10 ms, in which a guard waits for the end of orphans
+constexpr int kStopNow = SIGUSR2;               // from the supervisor to a guard: SIGKILL for the child
+constexpr int kSupervisorGone = SIGUSR1;        // from the kernel to a guard
 
 std::string how_it_ended(int status) {
   if (WIFSIGNALED(status)) return "killed by signal " + std::to_string(WTERMSIG(status));
@@ -38,7 +42,7 @@ std::string how_it_ended(int status) {
 struct Supervisor::Child {
   ChildSpec spec;
   pid_t pid = -1;
-  pid_t group = -1;  // and process id of the guard
+  pid_t guard = -1;  // and process group. It ends after the child, in the same way
   int output = -1;
   std::string partial_line;
   Clock::time_point started;
@@ -62,29 +66,14 @@ namespace {
 // Between fork and exec only functions that are safe in a signal handler may be called, because other threads may hold
 // locks.
 
-// Keeps the group alive, so that its number belongs to nobody else. Kills the group some time after the supervisor.
-[[noreturn]] void guard(pid_t supervisor) {
-  setpgid(0, 0);
-  prctl(PR_SET_NAME, "softhand-guard");
-  prctl(PR_SET_PDEATHSIG, SIGUSR1);
-  close_range(0, ~0U, 0);
-  sigset_t end;
-  sigemptyset(&end);
-  sigaddset(&end, SIGUSR1);
-  if (getppid() == supervisor) sigwaitinfo(&end, nullptr);
-  for (unsigned rest = kGuardGrace; rest > 0;) rest = sleep(rest);
-  kill(0, SIGKILL);
-  _exit(1);
-}
-
-[[noreturn]] void become(char* const* command, pid_t group, pid_t supervisor, int output, const sigset_t& signals) {
+[[noreturn]] void become(char* const* command, pid_t guard, int output, const sigset_t& signals) {
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
   pthread_sigmask(SIG_SETMASK, &signals, nullptr);
-  // The child dies when its supervisor dies for any reason. It is in its own process group, so that Ctrl-C reaches only
-  // the supervisor, which stops the children in order.
+  // The child dies when its guard dies for any reason. It is in the process group of the guard, so that Ctrl-C reaches
+  // only the supervisor, which stops the children in order.
   prctl(PR_SET_PDEATHSIG, SIGTERM);
-  if (getppid() != supervisor || setpgid(0, group) != 0) _exit(1);
+  if (getppid() != guard) _exit(1);
   dup2(output, STDOUT_FILENO);
   dup2(output, STDERR_FILENO);
   // Without this, the children would inherit sockets and lock files of DDS. If the supervisor dies, the children
@@ -94,6 +83,112 @@ namespace {
   constexpr char kWhy[] = "the program cannot be executed\n";
   [[maybe_unused]] const ssize_t ignored = write(STDERR_FILENO, kWhy, sizeof kWhy - 1);
   _exit(kExitConfiguration);
+}
+
+// Number of the parent of the process with this number; 0 if there is no such process.
+pid_t parent_of(const char* process) {
+  char path[64] = "/proc/";
+  if (std::strlen(process) > 20) return 0;
+  std::strcat(std::strcat(path, process), "/stat");
+  const int file = open(path, O_RDONLY | O_CLOEXEC);
+  if (file < 0) return 0;
+  char text[512];
+  const ssize_t size = read(file, text, sizeof text);
+  close(file);
+  // NUMBER (NAME) STATE PARENT. The name may contain parentheses.
+  const char* at = size > 0 ? static_cast<const char*>(memrchr(text, ')', static_cast<std::size_t>(size))) : nullptr;
+  if (at == nullptr) return 0;
+  pid_t parent = 0;
+  for (at += 4; at < text + size && *at >= '0' && *at <= '9'; ++at) parent = 10 * parent + (*at - '0');
+  return parent;
+}
+
+void kill_own_children() {
+  const pid_t self = getpid();
+  const int folder = open("/proc", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (folder < 0) return;
+  alignas(dirent64) char entries[4096];
+  for (ssize_t size; (size = getdents64(folder, entries, sizeof entries)) > 0;) {
+    for (ssize_t at = 0; at < size;) {
+      const auto* entry = reinterpret_cast<const dirent64*>(entries + at);
+      at += entry->d_reclen;
+      if (entry->d_name[0] < '1' || entry->d_name[0] > '9' || parent_of(entry->d_name) != self) continue;
+      pid_t process = 0;
+      for (const char* digit = entry->d_name; *digit != '\0'; ++digit) process = 10 * process + (*digit - '0');
+      kill(process, SIGKILL);
+    }
+  }
+  close(folder);
+}
+
+// The child has ended. All its descendants have this process as their parent now, or get it when their own parent is
+// killed. Those that cannot be killed, for example of another user, stay.
+void end_orphans() {
+  for (int round = 0; round < kMostRounds; ++round) {
+    kill_own_children();
+    pid_t ended;
+    while ((ended = waitpid(-1, nullptr, WNOHANG)) > 0) continue;
+    if (ended < 0) return;  // no child is left
+    usleep(10000);
+  }
+}
+
+// Ends in the same way as the child.
+[[noreturn]] void end_like(int status) {
+  if (WIFSIGNALED(status)) {
+    const int signal_number = WTERMSIG(status);
+    prctl(PR_SET_DUMPABLE, 0);  // the child has left its core already
+    signal(signal_number, SIG_DFL);
+    sigset_t one;
+    sigemptyset(&one);
+    sigaddset(&one, signal_number);
+    sigprocmask(SIG_UNBLOCK, &one, nullptr);
+    kill(getpid(), signal_number);
+  }
+  _exit(WEXITSTATUS(status));
+}
+
+// The process of a guard. All signals are blocked. It passes on the signals of the supervisor, because it alone knows
+// for sure whether the child still exists. Its number is also that of the group.
+[[noreturn]] void guard(char* const* command, pid_t supervisor, int output, int report, const sigset_t& signals) {
+  setpgid(0, 0);
+  prctl(PR_SET_NAME, "softhand-guard");
+  prctl(PR_SET_CHILD_SUBREAPER, 1);
+  prctl(PR_SET_PDEATHSIG, kSupervisorGone);
+  if (getppid() != supervisor) _exit(1);
+  const pid_t self = getpid();
+  const pid_t child = _Fork();
+  if (child == 0) become(command, self, output, signals);
+  if (child < 0 || write(report, &child, sizeof child) != sizeof child) _exit(1);
+  close_range(0, ~0U, 0);
+  sigset_t all;
+  sigfillset(&all);
+  for (;;) {
+    switch (sigwaitinfo(&all, nullptr)) {
+      case SIGTERM:
+        kill(child, SIGTERM);
+        break;
+      case kSupervisorGone:
+        kill(child, SIGTERM);
+        alarm(kGuardGrace);
+        break;
+      case SIGALRM:
+      case kStopNow:
+        kill(child, SIGKILL);
+        break;
+      case SIGCHLD: {
+        int status = 0;
+        for (pid_t ended; (ended = waitpid(-1, &status, WNOHANG)) > 0;) {
+          if (ended != child) continue;
+          end_orphans();
+          end_like(status);
+        }
+        break;
+      }
+      default:
+        break;
+    }
+  }
 }
 
 }  // namespace
@@ -112,9 +207,14 @@ void Supervisor::start(const ChildSpec& spec) {
 }
 
 void Supervisor::launch(Child& child) {
-  int ends[2];
+  int ends[2], report[2];
   if (pipe2(ends, O_CLOEXEC) != 0)
     throw std::runtime_error(child.spec.name + ": cannot create a pipe: " + std::strerror(errno));
+  if (pipe2(report, O_CLOEXEC) != 0) {
+    const int error = errno;
+    close(ends[0]), close(ends[1]);
+    throw std::runtime_error(child.spec.name + ": cannot create a pipe: " + std::strerror(error));
+  }
   std::vector<char*> arguments;
   for (const std::string& word : child.spec.command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
@@ -124,22 +224,22 @@ void Supervisor::launch(Child& child) {
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
-  const pid_t group = fork();
-  if (group == 0) guard(supervisor);
-  if (group > 0) setpgid(group, group);  // the guard does this, too; whoever is first
-  const pid_t pid = group > 0 ? fork() : -1;
-  if (pid == 0) become(arguments.data(), group, supervisor, ends[1], before);
+  const pid_t own_guard = fork();
+  if (own_guard == 0) guard(arguments.data(), supervisor, ends[1], report[1], before);
   const int error = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
-  close(ends[1]);
-  if (pid < 0) {
+  close(ends[1]), close(report[1]);
+  pid_t pid = -1;
+  const bool started = own_guard > 0 && read(report[0], &pid, sizeof pid) == sizeof pid;
+  close(report[0]);
+  if (!started) {
     close(ends[0]);
-    if (group > 0) kill(group, SIGKILL), waitpid(group, nullptr, 0);
-    throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(error));
+    if (own_guard > 0) waitpid(own_guard, nullptr, 0);
+    throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(own_guard < 0 ? error : EAGAIN));
   }
   fcntl(ends[0], F_SETFL, O_NONBLOCK);
   child.pid = pid;
-  child.group = group;
+  child.guard = own_guard;
   child.output = ends[0];
   child.started = child.silent_since = Clock::now();
   child.has_reported = child.is_ending = false;
@@ -164,11 +264,9 @@ void Supervisor::read_output(Child& child) {
   }
 }
 
-// The child has ended. Ends what it left behind.
+// The child has ended, and what it left behind.
 void Supervisor::bury(Child& child) {
-  kill(-child.group, SIGKILL);
-  waitpid(child.group, nullptr, 0);
-  child.pid = child.group = -1;
+  child.pid = child.guard = -1;
   if (child.output >= 0) read_output(child);
   if (child.output >= 0) close(child.output);
   child.output = -1;
@@ -180,7 +278,7 @@ void Supervisor::reap() {
   for (auto& child : children_) {
     if (child->pid < 0) continue;
     int status = 0;
-    if (waitpid(child->pid, &status, WNOHANG) != child->pid) continue;
+    if (waitpid(child->guard, &status, WNOHANG) != child->guard) continue;
     bury(*child);
     if (stopping_) {
       if (status != 0) log_(child->spec.name, "stopped, " + how_it_ended(status));
@@ -203,7 +301,7 @@ void Supervisor::reap() {
 void Supervisor::heard(const std::string& name, pid_t id) {
   for (auto& child : children_) {
     // The program may be a script that runs the process with this id.
-    if (child->spec.name != name || child->pid < 0 || getpgid(id) != child->group || child->is_ending) continue;
+    if (child->spec.name != name || child->pid < 0 || getpgid(id) != child->guard || child->is_ending) continue;
     child->silent_since = Clock::now();
     child->has_reported = true;
   }
@@ -224,7 +322,7 @@ void Supervisor::end_silent_children() {
       std::snprintf(text, sizeof text, "no status for %.1f s; ending it", silence);
       log_(child->spec.name, text);
     }
-    kill(child->pid, child->is_ending ? SIGKILL : SIGTERM);
+    kill(child->guard, child->is_ending ? kStopNow : SIGTERM);
     child->silent_since = now;
     child->is_ending = true;
   }
@@ -283,7 +381,7 @@ bool Supervisor::stop(std::chrono::milliseconds grace) {
 bool Supervisor::stop_together(const std::vector<Child*>& children, std::chrono::milliseconds grace) {
   const auto runs = [](const Child* child) { return child->pid > 0; };
   for (Child* child : children) {
-    if (runs(child)) kill(child->pid, SIGTERM);
+    if (runs(child)) kill(child->guard, SIGTERM);
   }
   const auto deadline = Clock::now() + grace;
   while (std::any_of(children.begin(), children.end(), runs) && Clock::now() < deadline) poll(milliseconds(20));
@@ -292,8 +390,8 @@ bool Supervisor::stop_together(const std::vector<Child*>& children, std::chrono:
     if (!runs(child)) continue;
     clean = false;
     log_(child->spec.name, "did not stop in time; killing it");
-    kill(child->pid, SIGKILL);
-    waitpid(child->pid, nullptr, 0);
+    kill(child->guard, kStopNow);
+    waitpid(child->guard, nullptr, 0);
     bury(*child);
   }
   return clean;

@@ -1,9 +1,9 @@
 // Starts, monitors, restarts and stops the processes of a rig. It does not use DDS: the caller decides when a process
 // is ready, and passes on its signs of life.
 //
-// Each child has a process group of its own, with a guard in it: a process that only waits. The group is killed when
-// the child ends. So the programs that a child starts end with it. If the supervisor itself dies, the guard does this.
-// Only a program that leaves the group (setsid) survives.
+// Each child has a process group of its own and a guard: a small process that is its parent. The programs that a child
+// starts end with it, also those that leave its group and session, because the kernel hands orphans to the guard. If
+// the supervisor itself dies, the guard stops the child.
 #pragma once
 
 #include <sys/types.h>

@@ -25,11 +25,13 @@ bool is_alive(const TrackerRow& row, Nanoseconds now) {
 
 }  // namespace
 
-void TrackerTable::add(const LoopStatus& status) {
+void TrackerTable::add(const LoopStatus& status, Nanoseconds now) {
   const auto strength = counter(status, "strength"), published = counter(status, "published");
   const auto health = counter(status, "health");
   if (!strength || !published || !health) return;
-  TrackerRow& row = rows_[std::string(get_text(status.module))];
+  TrackerRow* const known = table_.of(get_text(status.module), now);
+  if (known == nullptr) return;
+  TrackerRow& row = *known;
   if (row.epoch != status.stamp.epoch) row = {};
   row.heard = status.stamp.publish_time;
   const double elapsed = static_cast<double>(row.heard - row.counted) * 1e-9;
@@ -48,20 +50,20 @@ void TrackerTable::add(const LoopStatus& status) {
 
 void TrackerTable::add(const Skeleton& hand) {
   if (hand.hand.side > 1) return;
-  for (auto& [name, row] : rows_) {
+  for (auto& [name, row] : table_.rows()) {
     // A played motion that starts over counts its epoch up.
     if (row.user == hand.hand.user) row.owns[hand.hand.side] = hand.stamp.epoch - row.epoch < 1'000'000;
   }
 }
 
 bool TrackerTable::owns(const std::string& module) const {
-  const auto found = rows_.find(module);
-  return found != rows_.end() && (found->second.owns[0] || found->second.owns[1]);
+  const auto found = trackers().find(module);
+  return found != trackers().end() && (found->second.owns[0] || found->second.owns[1]);
 }
 
 std::string TrackerTable::hands_of(const std::string& module) const {
-  const auto found = rows_.find(module);
-  if (found == rows_.end() || !owns(module)) return "no hand";
+  const auto found = trackers().find(module);
+  if (found == trackers().end() || !owns(module)) return "no hand";
   const auto& [left, right] = found->second.owns;
   return fmt::format("{} of user {}",
                      left && right ? "both hands"
@@ -71,20 +73,20 @@ std::string TrackerTable::hands_of(const std::string& module) const {
 }
 
 std::optional<int> TrackerTable::strength_to_own(const std::string& module, Nanoseconds now) const {
-  const auto own = rows_.find(module);
-  if (own == rows_.end() || !is_alive(own->second, now)) return std::nullopt;
+  const auto own = trackers().find(module);
+  if (own == trackers().end() || !is_alive(own->second, now)) return std::nullopt;
   int strength = own->second.strength;
-  for (const auto& [name, row] : rows_)
+  for (const auto& [name, row] : trackers())
     if (name != module && row.user == own->second.user && is_alive(row, now))
       strength = std::max(strength, row.strength + 1);
   return strength;
 }
 
 std::string TrackerTable::text(Nanoseconds now) const {
-  if (rows_.empty()) return "no tracker found on this domain\n";
+  if (trackers().empty()) return "no tracker found on this domain\n";
   std::string out = fmt::format("{:<18} {:>4} {:>8} {:<8} {:>8} {:>8} {:>10}  {}\n", "module", "user", "strength",
                                 "health", "rate Hz", "age ms", "confidence", "owns");
-  for (const auto& [name, row] : rows_) {
+  for (const auto& [name, row] : trackers()) {
     out += fmt::format("{:<18} {:>4} {:>8} {:<8} {:>8.1f} {:>8} {:>10.2f}  {}\n", name, row.user, row.strength,
                        is_alive(row, now) ? kHealthNames[static_cast<std::size_t>(row.health)] : "gone", row.rate_hz,
                        row.age_ms < 0 ? "-" : fmt::format("{:.1f}", row.age_ms), row.confidence,

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "cli/module_table.hpp"
 #include "device/health.hpp"
 #include "messages/messages.hpp"
 
@@ -28,12 +29,12 @@ struct TrackerRow {
 
 class TrackerTable {
  public:
-  /// Statuses of other modules than trackers are ignored.
-  void add(const LoopStatus& status);
+  /// Statuses of other modules than trackers are ignored. `now`: time of reception.
+  void add(const LoopStatus& status, Nanoseconds now);
   /// A sample that readers get: its writer owns the hand.
   void add(const Skeleton& hand);
 
-  const std::map<std::string, TrackerRow>& trackers() const { return rows_; }
+  const std::map<std::string, TrackerRow>& trackers() const { return table_.rows(); }
   bool owns(const std::string& module) const;
   /// "the right hand of user 0"
   std::string hands_of(const std::string& module) const;
@@ -43,7 +44,7 @@ class TrackerTable {
   std::string text(Nanoseconds now) const;
 
  private:
-  std::map<std::string, TrackerRow> rows_;
+  ModuleTable<TrackerRow> table_;
 };
 
 }  // namespace softhand

@@ -25,7 +25,7 @@ class Watcher {
   void listen(milliseconds time) {
     for (const auto end = Clock::now() + time; Clock::now() < end;) {
       std::this_thread::sleep_for(milliseconds(5));
-      statuses_.take_all([this](const LoopStatus& status) { table_.add(status); });
+      statuses_.take_all([this](const LoopStatus& status) { table_.add(status, now()); });
       hands_.take_all([this](const Skeleton& hand) { table_.add(hand); });
     }
   }

@@ -16,6 +16,7 @@
 #include "bus/bus.hpp"
 #include "cli/check.hpp"
 #include "cli/commands.hpp"
+#include "cli/module_table.hpp"
 #include "cli/outcome.hpp"
 #include "cli/rig.hpp"
 #include "cli/rig_lock.hpp"
@@ -58,10 +59,10 @@ class Listener {
 
   /// `watched` gets the signs of life of its children.
   void poll(Supervisor* watched = nullptr) {
-    status_.take_all([&](const LoopStatus& status) {
+    status_.take_all([&, at = now()](const LoopStatus& status) {
       const std::string module(get_text(status.module));
       if (module == kRigModule || module.starts_with(std::string(kRigModule) + "-")) return;
-      modules_[module] = status;
+      if (LoopStatus* const known = modules_.of(module, at)) *known = status;
       if (watched != nullptr) watched->heard(module, static_cast<pid_t>(status.process_id));
     });
     if (!streams_) return;
@@ -75,7 +76,14 @@ class Listener {
     streams_->wrench.take_all([this](const BoneWrench& m) { outcome_.on_bone_wrench(m); });
     streams_->device.take_all([this](const DeviceState& m) { outcome_.on_device(m); });
   }
-  const std::map<std::string, LoopStatus>& modules() const { return modules_; }
+  /// The processes of `rig` are modules that always have a place.
+  void expect(const RigOptions& rig) {
+    std::set<std::string> names;
+    for (const RigProcess& process : rig.processes) names.insert(process.name);
+    modules_.expect(std::move(names));
+  }
+  const std::map<std::string, LoopStatus>& modules() const { return modules_.rows(); }
+  std::uint64_t refused_statuses() const { return modules_.refused(); }
   /// Call it after the processes have ended. Discards their last statuses too.
   void forget_modules() {
     poll();
@@ -84,7 +92,7 @@ class Listener {
   const Outcome& outcome() const { return outcome_; }
   /// Start of the motion of a tracker in `rig`, on the clock of this host; 0 = not received.
   Nanoseconds motion_start(const RigOptions& rig) const {
-    for (const auto& [name, status] : modules_) {
+    for (const auto& [name, status] : modules()) {
       // A counter of another host is on another clock.
       if (std::none_of(rig.processes.begin(), rig.processes.end(), [&name](auto& each) { return each.name == name; }))
         continue;
@@ -116,12 +124,12 @@ class Listener {
   std::uint32_t user_;
   bus::Reader<LoopStatus> status_;
   std::optional<Streams> streams_;
-  std::map<std::string, LoopStatus> modules_;
+  ModuleTable<LoopStatus> modules_;
   Outcome outcome_;
 };
 
 // Answers messages that concern the whole rig: choose another scene, or another process among those that share a name.
-// Its status lists the choices as counters "WHAT CHOICE", with the value 1 for the running ones.
+// It publishes what can be chosen.
 class RigControl {
  public:
   RigControl(const bus::Participant& participant, const UpArguments& arguments)
@@ -131,6 +139,7 @@ class RigControl {
         messages_(participant, bus::topics::message),
         replies_(participant, bus::topics::message_reply),
         statuses_(participant, bus::topics::loop_status),
+        choices_(participant, bus::topics::rig_choices),
         epoch_(participant.epoch()),
         clock_id_(clock_id()) {
     overrides_ = arguments.overrides;
@@ -143,15 +152,16 @@ class RigControl {
         scenes_.push_back(entry.path().stem().string());
     }
     std::sort(scenes_.begin(), scenes_.end());
-    for (const std::string& each : scenes_) {
-      if (choice_text("scene", each).size() >= sizeof(NamedValue::name))
-        say(kRigModule, "the status does not list the scene " + each + "; expected at most 25 characters");
-    }
+    // A message could not name it.
+    std::erase_if(scenes_, [](const std::string& each) {
+      if (each.size() < sizeof(ShortText)) return false;
+      say(kRigModule, "the scene " + each + " cannot be chosen; expected a name of at most 63 characters");
+      return true;
+    });
     const auto choices = static_cast<std::size_t>(std::count_if(
         rig_.processes.begin(), rig_.processes.end(), [](const RigProcess& each) { return !each.choice.empty(); }));
-    if (scenes_.size() + choices > kMaxCounters)
-      say(kRigModule,
-          fmt::format("the status lists {} of {} scenes and choices", kMaxCounters, scenes_.size() + choices));
+    if (scenes_.size() + choices > kMaxChoices)
+      say(kRigModule, fmt::format("{} of {} choices are published", kMaxChoices, scenes_.size() + choices));
   }
 
   const RigOptions& rig() const { return rig_; }
@@ -174,30 +184,42 @@ class RigControl {
       stamp(reply.stamp, ++replied_);
       replies_.write(reply);
     });
+    if (std::exchange(choices_due_, false)) publish_choices();
     if (Clock::now() < next_status_) return;
     next_status_ = Clock::now() + milliseconds(500);
     LoopStatus status;
     set_text(status.module, module_);
     status.process_id = static_cast<std::uint32_t>(getpid());
     status.input_age_ms = -1;
-    const std::string running = fs::path(rig_.scene).stem().string();
-    for (const std::string& each : scenes_) offer(status, "scene", each, each == running);
+    stamp(status.stamp, ++published_);
+    statuses_.write(status);
+  }
+
+ private:
+  void publish_choices() {
+    RigChoices message;
+    set_text(message.module, module_);
+    // Processes first: they are few.
     const std::vector<RigProcess> chosen = chosen_processes(rig_);
     for (const RigProcess& process : rig_.processes) {
       const auto is_it = [&process](const RigProcess& other) {
         return other.name == process.name && other.choice == process.choice;
       };
       if (!process.choice.empty())
-        offer(status, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
+        offer(message, process.name, process.choice, std::any_of(chosen.begin(), chosen.end(), is_it));
     }
-    stamp(status.stamp, ++published_);
-    statuses_.write(status);
+    const std::string running = fs::path(rig_.scene).stem().string();
+    for (const std::string& each : scenes_) offer(message, "scene", each, each == running);
+    stamp(message.stamp, ++offered_);
+    choices_.write(message);
   }
 
- private:
-  static void offer(LoopStatus& status, const std::string& what, const std::string& choice, bool runs) {
-    const std::string text = choice_text(what, choice);
-    if (text.size() < sizeof(NamedValue::name)) add_counter(status, text, runs ? 1 : 0);
+  static void offer(RigChoices& message, const std::string& what, const std::string& choice, bool runs) {
+    RigChoice each;
+    set_text(each.what, what);
+    set_text(each.choice, choice);
+    each.running = runs ? 1 : 0;
+    message.choices.push_back(each);
   }
 
   void stamp(Stamp& stamp, std::uint64_t sequence) const {
@@ -221,7 +243,7 @@ class RigControl {
     }
     const auto is_it = [&what](const RigProcess& process) { return process.name == what && !process.choice.empty(); };
     if (what != "scene" && std::none_of(rig_.processes.begin(), rig_.processes.end(), is_it))
-      return reply(kReplyIgnored, "unknown key; known: scene, and the process names in the status");
+      return reply(kReplyIgnored, "unknown key; known: scene, and the processes that have a choice");
     if (!arguments_.json.empty()) return reply(kReplyRefused, "a run with a summary (--json) cannot be changed");
     if (what == "scene") {
       if (std::find(scenes_.begin(), scenes_.end(), choice) == scenes_.end())
@@ -236,7 +258,7 @@ class RigControl {
     } else if (!choose(rig_, what, choice)) {
       return reply(kReplyRefused, "no such choice of " + what + " in the rig");
     }
-    changed_ = true;
+    changed_ = choices_due_ = true;
     return reply(kReplyApplied, "restarting with " + what + " " + choice);
   }
 
@@ -249,13 +271,16 @@ class RigControl {
   bus::Reader<Message> messages_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> statuses_;
+  bus::Writer<RigChoices> choices_;
   TimeControl time_control_;
   Clock::time_point next_status_{};
   std::uint64_t epoch_;
   std::uint32_t clock_id_;
   std::uint64_t replied_ = 0;
   std::uint64_t published_ = 0;
+  std::uint64_t offered_ = 0;
   bool changed_ = false;
+  bool choices_due_ = true;
   bool stop_requested_ = false;
 };
 
@@ -348,6 +373,7 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
     summary["overrides"].push_back({{"key", o.key}, {"before", o.before}, {"after", o.after}});
   summary["seconds"] = seconds;
   for (const auto& [name, status] : listener.modules()) summary["loops"][name] = status_json(status);
+  summary["refused_statuses"] = listener.refused_statuses();
   for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
   summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start(control.rig()))));
@@ -376,6 +402,7 @@ int run_up(const UpArguments& arguments) {
   bool clean = true;
   do {
     Supervisor supervisor(say);
+    listener.expect(control.rig());
     start_processes(supervisor, listener, control, stop);
     const auto started = Clock::now();
     const std::chrono::duration<double> run_time(arguments.seconds);

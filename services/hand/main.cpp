@@ -54,6 +54,9 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
   return choice;
 }
 
+// Of objects and of joints, taken in one step. A new one may arrive while another is taken, so a flood would not end.
+constexpr int kMostDescriptions = 32;
+
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
@@ -128,7 +131,7 @@ void run(int argc, char** argv) {
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
-    descriptions.take_all([&](const ObjectDescription& d) { shapes.request(d); });
+    descriptions.take_some(kMostDescriptions, [&](const ObjectDescription& d) { shapes.request(d); });
     const auto refuse = [&](const ObjectDescription& d, const std::string& problem) {
       ++refused_objects;
       if (!problem.empty()) log.line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
@@ -142,7 +145,7 @@ void run(int argc, char** argv) {
           }
         },
         refuse);
-    joints.take_all([&](const ObjectJointDescription& d) {
+    joints.take_some(kMostDescriptions, [&](const ObjectJointDescription& d) {
       try {
         flight.describe(kFlightJoint, d, [&] { loop.describe_joint(d); });
       } catch (const std::exception& error) {

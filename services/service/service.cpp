@@ -21,6 +21,10 @@ namespace softhand {
 namespace {
 
 constexpr Nanoseconds kStatusPeriod = 100'000'000;
+// Messages are taken and answered inside the loop. So a flood of them must not make a step late, neither by the work
+// nor by waiting for the thread that receives them.
+constexpr Nanoseconds kMessagePeriod = 10'000'000;
+constexpr int kMostAnswers = 4;  // each time
 
 // Rate-monotonic priorities: a loop at 1 kHz must not wait for the end of a step of the hand.
 int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 25 : 20; }
@@ -178,6 +182,7 @@ void Service::run(const Callbacks& callbacks) {
   std::uint64_t status_sequence = 0;
   std::uint64_t reply_sequence = 0;
   Nanoseconds next_status = now() + kStatusPeriod;
+  Nanoseconds next_messages = 0;
   const SimulatedClock real_clock;
   const SimulatedClock& own_clock = pacing_ == Pacing::simulated ? clock() : real_clock;
   Nanoseconds newest = 0;
@@ -190,15 +195,18 @@ void Service::run(const Callbacks& callbacks) {
     callbacks.step(newest);
   };
   const auto between = [&](Nanoseconds real) {
-    messages_.take_all([&](const Message& message) {
-      const bool may_reset = get_text(message.key) != "reset" || callbacks.reset;
-      const auto steered = may_reset ? time_control_.answer(message, module_, real) : std::nullopt;
-      reply = steered ? *steered : answer(message);
-      reply.stamp.sequence = ++reply_sequence;
-      reply.stamp.sample_time = real;
-      stamp(reply.stamp);
-      replies_.write(reply);
-    });
+    if (real >= next_messages) {
+      next_messages = real + kMessagePeriod;
+      messages_.take_some(kMostAnswers, [&](const Message& message) {
+        const bool may_reset = get_text(message.key) != "reset" || callbacks.reset;
+        const auto steered = may_reset ? time_control_.answer(message, module_, real) : std::nullopt;
+        reply = steered ? *steered : answer(message);
+        reply.stamp.sequence = ++reply_sequence;
+        reply.stamp.sample_time = real;
+        stamp(reply.stamp);
+        replies_.write(reply);
+      });
+    }
     if (real < next_status) return;
     next_status = real + kStatusPeriod;
     if (!status_requested()) return;

@@ -252,7 +252,7 @@ Frame encode(const BoneWrench& wrench) {
 
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
   Packer out(FrameType::loop_status, slot,
-             240 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
+             368 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
   out.stamp(status.stamp);
   for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99,
                              status.step_ms_p999, status.input_age_ms, static_cast<double>(status.input_drops),
@@ -267,6 +267,7 @@ Frame encode(const LoopStatus& status, std::uint32_t slot) {
   put_named(out, status.energies);
   put_named(out, status.ledger);
   put_named(out, status.counters);
+  out.text(status.second_writer);
   return out.finish();
 }
 
@@ -277,6 +278,20 @@ Frame encode(const MessageReply& reply, std::uint32_t slot) {
   out.integer(0);
   out.text(reply.module);
   out.text(reply.text);
+  return out.finish();
+}
+
+Frame encode(const RigChoices& choices, std::uint32_t slot) {
+  Packer out(FrameType::rig_choices, slot, 72 + 136 * choices.choices.size());
+  out.text(choices.module);
+  out.integer(static_cast<std::uint32_t>(choices.choices.size()));
+  out.integer(0);
+  for (const RigChoice& each : choices.choices) {
+    out.text(each.what);
+    out.text(each.choice);
+    out.integer(each.running);
+    out.integer(0);
+  }
   return out.finish();
 }
 

@@ -39,6 +39,7 @@ enum class FrameType : std::uint16_t {
   loop_status = 10,
   message_reply = 11,
   gateway = 12,
+  rig_choices = 13,
   // from the page
   show = 32,
   message = 33,
@@ -48,7 +49,8 @@ enum class FrameType : std::uint16_t {
 using TypeSet = std::uint32_t;
 constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsigned>(type); }
 /// The types that a page can request. `gateway` is sent without a request.
-inline constexpr TypeSet kShowable = (set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description);
+inline constexpr TypeSet kShowable =
+    ((set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description)) | set_of(FrameType::rig_choices);
 
 /// An encoded frame. Null if the content must not be shown (NaN or infinity). It is shared because several pages get
 /// it.
@@ -69,6 +71,7 @@ Frame encode(const BoneWrench& wrench);
 /// `slot`: the instance number of the module.
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);
+Frame encode(const RigChoices& choices, std::uint32_t slot);
 
 /// Draws an object that a hand owns at the pose of the hand's twin, because the world's copy lags behind it
 /// (docs/coupling-objects.md).

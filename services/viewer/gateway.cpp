@@ -100,6 +100,8 @@ class Gateway::Impl {
     pass(wrenches_, shown, Retain::no, [](const BoneWrench& each) { return encode(each); });
     pass(statuses_, shown, Retain::no,
          [this](const LoopStatus& each) { return encode(each, modules_.of(get_text(each.module))); });
+    pass(choices_, described_, Retain::yes,
+         [this](const RigChoices& each) { return encode(each, modules_.of(get_text(each.module))); });
     pass(replies_, shown, Retain::no,
          [this](const MessageReply& each) { return encode(each, modules_.of(get_text(each.module))); });
     for (Message& message : server_.take_messages()) {
@@ -199,6 +201,7 @@ class Gateway::Impl {
   Feed<ObjectCoupling> couplings_{participant_, bus::topics::object_coupling, FrameType::objects};
   Feed<BoneWrench> wrenches_{participant_, bus::topics::bone_wrench, FrameType::bone_wrench};
   Feed<LoopStatus> statuses_{participant_, bus::topics::loop_status, FrameType::loop_status};
+  Feed<RigChoices> choices_{participant_, bus::topics::rig_choices, FrameType::rig_choices};
   Feed<MessageReply> replies_{participant_, bus::topics::message_reply, FrameType::message_reply};
   bus::Writer<Message> messages_;
   struct Held {

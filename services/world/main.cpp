@@ -7,6 +7,7 @@
 #include "messages/newest_couplings.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
+#include "world/description_changes.hpp"
 #include "world/world_loop.hpp"
 
 namespace {
@@ -29,28 +30,18 @@ void run(int argc, char** argv) {
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
   bus::Writer joints(service.participant(), bus::topics::object_joint);
 
-  std::uint64_t described = 0;
-  const auto describe_objects = [&](Nanoseconds now) {
-    const std::uint64_t before = std::exchange(described, loop.descriptions_version());
-    if (described == before) return;
-    const auto write_changed = [&](auto& writer, const auto& list) {
-      for (const auto& each : list) {
-        if (each.stamp.sequence <= before) continue;  // unchanged; a hand releases every object that is described again
-        auto description = each;
-        service.stamp(description.stamp);
-        description.stamp.sample_time = now;
-        writer.write(description);
-      }
+  const auto stamped_to = [&service](auto& writer) {
+    return [&service, &writer](auto& description) {
+      service.stamp(description.stamp);
+      writer.write(description);
     };
-    write_changed(descriptions, loop.descriptions());
-    write_changed(joints, loop.joint_descriptions());
   };
-  describe_objects(0);
+  DescriptionChanges changes(loop, stamped_to(descriptions), stamped_to(joints));
 
   NewestCouplings newest(2 * bus::topics::kHands);  // as many as a reader follows
   auto out = std::make_unique<WorldObjects>();
   const auto step = [&](Nanoseconds now) {
-    describe_objects(now);
+    changes.pass_on(loop, now);
     bool is_new = false;
     couplings.take_all([&](const ObjectCoupling& each) {
       is_new = true;

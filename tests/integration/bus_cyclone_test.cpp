@@ -105,6 +105,14 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   EXPECT_EQ(number(lines, "step_ms_p99"), status->step_ms_p99);
   EXPECT_EQ(number(lines, "passivity_energy"), status->passivity_energy);
   EXPECT_EQ(number(lines, "ledger[last].value"), status->ledger[status->ledger.size() - 1].value);
+
+  const auto choices = stamped<RigChoices>(6);
+  RigChoice& choice = choices->choices[choices->choices.size() - 1];
+  choice.choice = {"lift"};
+  lines = through_cyclone(topics::rig_choices, *choices);
+  EXPECT_EQ(number(lines, "choices.length"), static_cast<double>(choices->choices.size()));
+  EXPECT_EQ(lines["choices[last].choice"], "lift");
+  EXPECT_EQ(number(lines, "choices[last].running"), choice.running);
 }
 
 }  // namespace

@@ -158,6 +158,23 @@ TEST(Bus, EveryMessageArrivesInOrder) {
   for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
 }
 
+TEST(Bus, TakesSomeAndLeavesTheOthers) {
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
+  Writer writer(here, topics::message);
+  Reader reader(there, topics::message);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  Message message;
+  for (message.id = 1; message.id <= 50; ++message.id) writer.write(message);
+  std::vector<std::uint64_t> ids;
+  const auto keep = [&](const Message& m) { ids.push_back(m.id); };
+  ASSERT_TRUE(eventually([&] {
+    EXPECT_LE(reader.take_some(4, keep), 4u);
+    return ids.size() >= 50;
+  }));
+  for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
+}
+
 TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
   const Participant here("here", testing::own_domain());
   Writer writer(here, topics::message);

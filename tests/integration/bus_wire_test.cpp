@@ -66,6 +66,8 @@ SOFTHAND_NAMED(Message);
 SOFTHAND_NAMED(MessageReply);
 SOFTHAND_NAMED(NamedValue);
 SOFTHAND_NAMED(LoopStatus);
+SOFTHAND_NAMED(RigChoice);
+SOFTHAND_NAMED(RigChoices);
 SOFTHAND_NAMED(HostClock);
 SOFTHAND_NAMED(ClockBeacon);
 SOFTHAND_NAMED(HandDescription);
@@ -195,7 +197,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
               !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply> || std::is_same_v<T, ClockBeacon>))
         << topic.name;
   });
-  EXPECT_EQ(names.size(), 17u);
+  EXPECT_EQ(names.size(), 18u);
 }
 
 /// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.
@@ -254,6 +256,7 @@ TEST(BusWire, BytesMatchFastsGenerator) {
   SOFTHAND_CHECK(Message);
   SOFTHAND_CHECK(MessageReply);
   SOFTHAND_CHECK(LoopStatus);
+  SOFTHAND_CHECK(RigChoices);
   SOFTHAND_CHECK(ObjectDescription);
   SOFTHAND_CHECK(ObjectJointDescription);
   SOFTHAND_CHECK(ClockBeacon);

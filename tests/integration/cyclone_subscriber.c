@@ -51,6 +51,12 @@ static void print_status(const void* sample) {
   printf("passivity_energy %.17g\nledger[last].value %.17g\n", s->passivity_energy,
          s->ledger._buffer[s->ledger._length - 1].value);
 }
+static void print_choices(const void* sample) {
+  const softhand_v1_RigChoices* s = sample;
+  const softhand_v1_RigChoice* last = &s->choices._buffer[s->choices._length - 1];
+  printf("choices.length %" PRIu32 "\nchoices[last].choice %s\nchoices[last].running %" PRIu32 "\n", s->choices._length,
+         last->choice, last->running);
+}
 static void print_nothing(const void* sample) { (void)sample; }
 
 static const struct {
@@ -71,6 +77,7 @@ static const struct {
     {"softhand/v1/message", &softhand_v1_Message_desc, print_nothing},
     {"softhand/v1/message_reply", &softhand_v1_MessageReply_desc, print_nothing},
     {"softhand/v1/loop_status", &softhand_v1_LoopStatus_desc, print_status},
+    {"softhand/v1/rig_choices", &softhand_v1_RigChoices_desc, print_choices},
     {"softhand/v1/clock_beacon", &softhand_v1_ClockBeacon_desc, print_nothing},
     {"softhand/v1/object_description", &softhand_v1_ObjectDescription_desc, print_nothing},
     {"softhand/v1/object_joint", &softhand_v1_ObjectJointDescription_desc, print_nothing},

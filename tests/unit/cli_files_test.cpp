@@ -236,8 +236,8 @@ TEST_F(FilesTest, RigsWithLongNamesAreRefused) {
   EXPECT_FALSE(reads(64, 63, 0));
   EXPECT_FALSE(reads(63, 64, 0));
   EXPECT_FALSE(reads(63, 0, 0));
-  EXPECT_TRUE(reads(63, 10, 20));
-  EXPECT_FALSE(reads(63, 10, 21));
+  EXPECT_TRUE(reads(63, 10, 63));
+  EXPECT_FALSE(reads(63, 10, 64));
 }
 
 TEST_F(FilesTest, OverridesReachTheSceneAndAreRemembered) {

@@ -307,7 +307,34 @@ TEST_F(SupervisorTest, AChildsHelpersEndWithIt) {
   EXPECT_TRUE(ends(next));
 }
 
-// A killed supervisor cannot stop its children. The kernel does it.
+// Two helpers that leave the group and the session of their child. The second one has lost its parent, too.
+constexpr const char* kRunaways = "setsid sleep 600 & echo $!; setsid sh -c 'sleep 600 & echo $!'; exec sleep 600";
+
+TEST_F(SupervisorTest, HelpersInSessionsOfTheirOwnEndWithTheirChildAlone) {
+  supervisor_.start(shell("parent", kRunaways));
+  supervisor_.start(shell("other", kRunaways));
+  ASSERT_TRUE(poll_until([this] { return lines_.size() == 4; }));
+  std::vector<pid_t> own, others;
+  for (const Line& line : lines_) (line.name == "parent" ? own : others).push_back(std::stoi(line.text));
+  ASSERT_EQ(own.size(), 2u);
+  ASSERT_EQ(others.size(), 2u);
+  const auto has_own_session = [](pid_t helper) { return getsid(helper) != getsid(0); };
+  ASSERT_TRUE(poll_until([&] {
+    return std::all_of(own.begin(), own.end(), has_own_session) &&
+           std::all_of(others.begin(), others.end(), has_own_session);
+  }));
+  kill(supervisor_.process_id("parent"), SIGKILL);
+  ASSERT_TRUE(poll_until([this] { return supervisor_.restarts("parent") == 1; }));
+  for (const pid_t helper : own) EXPECT_FALSE(runs(helper)) << "it ended before the restart";
+  for (const pid_t helper : others) EXPECT_TRUE(runs(helper)) << "its child lives";
+  ASSERT_TRUE(poll_until([this] { return lines_.size() == 7; }));
+  EXPECT_TRUE(supervisor_.stop());
+  for (const pid_t helper : others) EXPECT_FALSE(runs(helper));
+  EXPECT_FALSE(runs(std::stoi(lines_[5].text))) << "a helper after the restart";
+  EXPECT_FALSE(runs(std::stoi(lines_[6].text))) << "a helper after the restart";
+}
+
+// A killed supervisor cannot stop its children. The guards do it.
 TEST(SupervisorDeath, ChildrenDieWithTheirSupervisor) {
   int ends_of_pipe[2];
   ASSERT_EQ(pipe(ends_of_pipe), 0);
@@ -330,7 +357,9 @@ TEST(SupervisorDeath, ChildrenDieWithTheirSupervisor) {
   close(ends_of_pipe[1]);
 }
 
-TEST(SupervisorDeath, HelpersOfChildrenDieWithTheirSupervisor) {
+class HelpersOfAKilledSupervisor : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(HelpersOfAKilledSupervisor, End) {
   int ends_of_pipe[2];
   ASSERT_EQ(pipe(ends_of_pipe), 0);
   const pid_t middle = fork();
@@ -338,7 +367,7 @@ TEST(SupervisorDeath, HelpersOfChildrenDieWithTheirSupervisor) {
   if (middle == 0) {
     pid_t helper = -1;
     Supervisor supervisor([&helper](const std::string&, const std::string& line) { helper = std::stoi(line); });
-    supervisor.start({"child", {"/bin/sh", "-c", "sleep 600 & echo $!; exec sleep 600"}});
+    supervisor.start({"child", {"/bin/sh", "-c", GetParam()}});
     while (helper < 0) supervisor.poll(milliseconds(100));
     if (::write(ends_of_pipe[1], &helper, sizeof helper) != sizeof helper) _exit(1);
     for (;;) supervisor.poll(milliseconds(100));
@@ -352,6 +381,11 @@ TEST(SupervisorDeath, HelpersOfChildrenDieWithTheirSupervisor) {
   close(ends_of_pipe[0]);
   close(ends_of_pipe[1]);
 }
+
+INSTANTIATE_TEST_SUITE_P(Supervisor, HelpersOfAKilledSupervisor,
+                         ::testing::Values("sleep 600 & echo $!; exec sleep 600",
+                                           "setsid sleep 600 & echo $!; exec sleep 600",
+                                           "trap '' TERM; setsid sleep 600 & echo $!; sleep 600; sleep 600"));
 
 }  // namespace
 }  // namespace softhand

@@ -35,11 +35,11 @@ TEST(TrackerTable, ListsRatesAndOwners) {
   EXPECT_EQ(table.text(kStart), "no tracker found on this domain\n");
   for (int i = 0; i <= 20; ++i) {
     const Nanoseconds time = kStart + i * kSecond / 10;
-    table.add(status("camera", 1, Health::live, 9 * i, time, 7'000'000'000));
-    table.add(status("glove", 5, Health::degraded, 20 * i, time, 9'000'000'000));
+    table.add(status("camera", 1, Health::live, 9 * i, time, 7'000'000'000), time);
+    table.add(status("glove", 5, Health::degraded, 20 * i, time, 9'000'000'000), time);
     LoopStatus loop = status("hand", 0, Health::live, 0, time, 3);
     loop.counters.clear();
-    table.add(loop);
+    table.add(loop, time);
   }
   table.add(hand(7'000'000'003, 1));  // started over three times
   ASSERT_EQ(table.trackers().size(), 2u);
@@ -64,10 +64,10 @@ TEST(TrackerTable, ListsRatesAndOwners) {
 
 TEST(TrackerTable, FindsTheStrengthThatOwns) {
   TrackerTable table;
-  table.add(status("camera", 1, Health::live, 0, kStart, 1));
-  table.add(status("glove", 5, Health::live, 0, kStart, 2'000'000));
-  table.add(status("source", 50, Health::live, 0, kStart, 4'000'000, 2));  // of another user
-  table.add(status("dead", 70, Health::live, 0, kStart - 5 * kSecond, 6'000'000));
+  table.add(status("camera", 1, Health::live, 0, kStart, 1), kStart);
+  table.add(status("glove", 5, Health::live, 0, kStart, 2'000'000), kStart);
+  table.add(status("source", 50, Health::live, 0, kStart, 4'000'000, 2), kStart);  // of another user
+  table.add(status("dead", 70, Health::live, 0, kStart - 5 * kSecond, 6'000'000), kStart);
   EXPECT_EQ(table.strength_to_own("camera", kStart), 6);
   EXPECT_EQ(table.strength_to_own("glove", kStart), 5);
   EXPECT_EQ(table.strength_to_own("source", kStart), 50);

@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -10,8 +11,10 @@
 #include <chrono>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/exit_codes.hpp"
 #include "service/loop_log.hpp"
@@ -85,6 +88,37 @@ TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
     EXPECT_EQ(counter.value, get_text(counter.name) == "second_writer" ? 2 * refused : 0) << get_text(counter.name);
   const bus::Participant stranger("stranger", domain + 1);
   EXPECT_EQ(get_text(status_of(stranger).second_writer).substr(0, 24), "object_coupling: unknown");
+}
+
+// Each answer costs time of the loop, so a flood of messages must not come all at once.
+TEST(Service, AnswersFewMessagesBetweenTwoSteps) {
+  testing::use_own_domain();
+  const bus::Participant flooder("flooder");
+  bus::Writer messages(flooder, bus::topics::message);
+  ServiceArguments arguments;
+  arguments.role = "client";
+  arguments.module = "answering";
+  Service service(arguments, 100, Pacing::real, Urgency::ordinary);
+  for (int i = 0; i < 1000 && !messages.has_readers(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  ASSERT_TRUE(messages.has_readers());
+  constexpr int kSent = 50;
+  int steps = 0, answers = 0, most = 0, since_step = 0;
+  service.run({[&](Nanoseconds) {
+                 most = std::max(most, std::exchange(since_step, 0));
+                 if (++steps == 10) {
+                   Message message;
+                   set_text(message.module, "answering");
+                   for (message.id = 1; message.id <= kSent; ++message.id) messages.write(message);
+                 }
+                 if (answers == kSent || steps == 2000) raise(SIGTERM);
+               },
+               [&](const Message& message) {
+                 ++answers, ++since_step;
+                 return reply_to(message, "answering", kReplyApplied, "");
+               },
+               [](LoopStatus&, Nanoseconds) {}});
+  EXPECT_EQ(answers, kSent);
+  EXPECT_LE(most, 4);
 }
 
 // Nobody reads stderr for a while, and its pipe is full. A loop must not wait for the reader.

@@ -152,6 +152,7 @@ TEST(ViewerFrames, StatusKeepsItsValues) {
   in.energies.push_back(named("tissue", 0.5));
   in.ledger.push_back(named("work", 0.75));
   add_counter(in, "chord_steps", 7);
+  set_text(in.second_writer, "objects: world, process 7 on lab-pc");
   const Frame frame = encode(in, 4);
   expect_header(frame, FrameType::loop_status, 4);
   const auto real = [&frame](std::size_t index) { return at<double>(frame, 24 + 8 * index); };
@@ -173,6 +174,34 @@ TEST(ViewerFrames, StatusKeepsItsValues) {
     EXPECT_EQ(at<std::uint32_t>(frame, begin), 1u);
     EXPECT_EQ(at<double>(frame, begin + 8 + 32), (std::array{0.5, 0.75, 7.0}[list]));
   }
+  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + texts + 64 + 3 * 48),
+               "objects: world, process 7 on lab-pc");
+  EXPECT_EQ(frame->size(), kHeaderBytes + texts + 64 + 3 * 48 + 128);
+}
+
+TEST(ViewerFrames, ChoicesOfARig) {
+  RigChoices in;
+  set_text(in.module, "rig");
+  for (const char* name : {"pinch", "lift"}) {
+    RigChoice choice;
+    set_text(choice.what, "scene");
+    set_text(choice.choice, name);
+    choice.running = name[0] == 'l' ? 1 : 0;
+    in.choices.push_back(choice);
+  }
+  const Frame frame = encode(in, 9);
+  expect_header(frame, FrameType::rig_choices, 9);
+  const auto text = [&frame](std::size_t offset) {
+    return std::string(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + offset));
+  };
+  EXPECT_EQ(text(0), "rig");
+  EXPECT_EQ(at<std::uint32_t>(frame, 64), 2u);
+  constexpr std::size_t second = 72 + 136;
+  EXPECT_EQ(text(second), "scene");
+  EXPECT_EQ(text(second + 64), "lift");
+  EXPECT_EQ(at<std::uint32_t>(frame, second + 128), 1u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 72 + 128), 0u);
+  EXPECT_EQ(frame->size(), kHeaderBytes + 72 + 2 * 136);
 }
 
 TEST(ViewerFrames, EveryTopicHasAMatchingHeader) {

@@ -9,6 +9,7 @@ const NODES = 1 << 2;
 const DESCRIPTION = 1 << 1;
 const CONTACTS = 1 << 6;
 const STATUS = 1 << 10;
+const CHOICES = 1 << 13;
 const RATE = 59; // Hz, of the publisher; in one second it takes every phase relative to the gateway's 60 Hz
 const TYPE_OF_NODES = 2;
 const SEQUENCE_AT = 16; // in a stamp
@@ -105,6 +106,20 @@ test("a late page gets the description, and gets a slow rate if it asks for one"
   assert.equal(Math.ceil((6 * payload.readUInt32LE(36)) / 4) * 4, payload.length - 48);
   assert.ok(Math.abs(payload.readFloatLE(28) - 0.06) < 1e-6);
   await Promise.all([leave(fast), leave(slow)]);
+});
+
+test("a late page gets the choices of the rig, which are written only once", async () => {
+  const [early, late] = [await client(), await client()];
+  early.socket.send(show(CHOICES));
+  await until("choices", () => early.count.get(13) === 1);
+  await pause(500);
+  late.socket.send(show(CHOICES));
+  await until("choices of a late page", () => late.count.get(13) === 1);
+  const payload = late.frames.get(13);
+  assert.equal(payload.toString("latin1", 0, 4), "rig\0");
+  assert.equal(payload.readUInt32LE(64), 2);
+  assert.equal(payload.toString("latin1", 72 + 136 + 64, 72 + 136 + 74), "pinch_lift");
+  await Promise.all([leave(early), leave(late)]);
 });
 
 /** Share of the node samples published in the next `seconds` that arrived at each of `clients`. */

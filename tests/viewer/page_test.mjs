@@ -169,10 +169,18 @@ test("the panel shows the figures of the published status", async () => {
       "ledger work": "1.25 J",
       "ledger residual": "2e-9 J",
     },
-    haptic: { passivity: "-250 mJ" },
+    haptic: {
+      passivity: "-250 mJ",
+      "second writer": "42",
+      "second writer of": "bone_wrench: tracking, process 4711 on lab-pc",
+    },
   }))
     for (const [field, text] of Object.entries(figures))
       assert.equal(await physics(module, field), text, `${module}: ${field}`);
+  const drops = (module) => page.locator(`#modules tr[data-module="${module}"] [data-field="drops"]`);
+  assert.equal(await drops("haptic").getAttribute("class"), "bad");
+  assert.match(await drops("haptic").getAttribute("title"), /second writer of bone_wrench: tracking, process 4711/);
+  assert.equal((await drops("hand").getAttribute("class")) ?? "", "");
   assert.equal(await page.locator("#force-index").textContent(), "1.50");
   assert.equal(await page.locator('#modules tr[data-module="haptic"] [data-field="age"]').textContent(), "1235 s");
   // No part of the panel is cut off, and each figure is on one line.
@@ -293,7 +301,7 @@ test("the page selects another offered scene and switches motors off", async () 
 });
 
 test("the page shows the scenes that the rig offers now, with blanks in their names", async () => {
-  await tell("*", "offer", "scene my own");
+  await tell("*", "offer", "my own");
   const options = page.locator("#offer-scene option");
   await until("the offer", async () => (await options.allTextContents()).join() === "demo,my own");
   await page.selectOption("#offer-scene", "my own");

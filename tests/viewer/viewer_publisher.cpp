@@ -116,6 +116,7 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   bus::Writer objects(participant, bus::topics::objects);
   bus::Writer wrenches(participant, bus::topics::bone_wrench);
   bus::Writer statuses(participant, bus::topics::loop_status);
+  bus::Writer choices_writer(participant, bus::topics::rig_choices);
   bus::Reader messages(participant, bus::topics::message);
   bus::Writer replies(participant, bus::topics::message_reply);
   descriptions.write(*description_of(hand));
@@ -130,7 +131,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   LoopStatus status;
   double pace = 1;  // this value and the next ones change by message
   std::string chosen = "demo";
-  std::string other = "scene pinch_lift";  // the scene besides demo
+  std::string other = "pinch_lift";  // the scene besides demo
+  std::string offered;
   bool motors = true;
   bool listed = true;  // the cube is among the objects
   bool watched = false;
@@ -223,18 +225,29 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       add_counter(status, "chord_steps", 17);
       add_counter(status, "pace", pace);
       statuses.write(status);
-      // Modules whose counters the page offers for choosing and switching.
-      LoopStatus rig;
-      set_text(rig.module, "rig");
-      for (const std::string_view offer : {std::string_view("scene demo"), std::string_view(other)})
-        add_counter(rig, offer, offer.ends_with(chosen) ? 1 : 0);
-      statuses.write(rig);
+      // What the page offers for choosing. Written only after a change.
+      if (const std::string both = chosen + "/" + other; offered != both) {
+        offered = both;
+        RigChoices rig;
+        set_text(rig.module, "rig");
+        for (const std::string_view scene : {std::string_view("demo"), std::string_view(other)}) {
+          RigChoice choice;
+          set_text(choice.what, "scene");
+          set_text(choice.choice, scene);
+          choice.running = scene == chosen ? 1 : 0;
+          rig.choices.push_back(choice);
+        }
+        choices_writer.write(rig);
+      }
+      // A module whose counter the page offers for switching.
       LoopStatus haptic;
       set_text(haptic.module, "haptic");
       haptic.nominal_rate_hz = 1000;
       haptic.input_age_ms = 1'234'567.8;  // age for a hand that has not published for a long time
       haptic.passivity_energy = -0.25;
       add_counter(haptic, "motors", motors ? 1 : 0);
+      add_counter(haptic, "second_writer", 42);
+      set_text(haptic.second_writer, "bone_wrench: tracking, process 4711 on lab-pc");
       statuses.write(haptic);
     }
     messages.take_all([&](const Message& message) {

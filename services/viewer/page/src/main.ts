@@ -88,6 +88,10 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
     panel.status(status, performance.now());
     simulation.status(status);
   },
+  [Type.choices]: (payload) => {
+    const { module, choices } = protocol.choices(payload);
+    if (module === "rig") simulation.offer(choices);
+  },
   [Type.reply]: (payload) => panel.reply(protocol.reply(payload)),
   [Type.gateway]: (payload) => {
     const state = protocol.gateway(payload);
@@ -154,7 +158,7 @@ function subscribe(): void {
     if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
     if (shown.coupling) types.push(Type.wrench);
     // The head line and the keys of the simulation need the pace, whatever is shown.
-    types.push(Type.status);
+    types.push(Type.status, Type.choices);
     if (panelOpen) types.push(Type.reply);
   }
   connection.send(protocol.show(types, 0));

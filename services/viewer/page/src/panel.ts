@@ -69,6 +69,7 @@ class Physics {
       );
     if (status.couplingStretch > 0) figures.push(["coupling stretch", millimetres(status.couplingStretch, 2)]);
     if (status.passivity !== 0) figures.push(["passivity", energy(status.passivity)]);
+    if (status.secondWriter !== "") figures.push(["second writer of", status.secondWriter]);
     // Counters other than zero.
     for (const { name, value } of status.counters)
       if (value !== 0 && !(name === "pace" && value === 1))
@@ -171,7 +172,7 @@ export class Panel {
   }
 
   status(status: Status, now: number): void {
-    if (status.nominalRate === 0) return; // `softhand up` has no loop; its status only lists choices
+    if (status.nominalRate === 0) return; // `softhand up` has no loop
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
@@ -200,10 +201,12 @@ export class Panel {
     const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
     texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
     known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * pace * status.nominalRate);
-    const { iterations, couplingStretch, passivity, energies, ledger } = status;
+    const { iterations, couplingStretch, passivity, energies, ledger, secondWriter } = status;
+    known.row.cells[6]!.classList.toggle("bad", secondWriter !== "");
+    known.row.cells[6]!.title = secondWriter === "" ? "" : `refused second writer of ${secondWriter}`;
     if (!this.physics.has(status.module)) {
-      if (iterations === 0 && couplingStretch === 0 && passivity === 0 && energies.length === 0 && ledger.length === 0)
-        return;
+      const quantities = [iterations, couplingStretch, passivity, energies.length, ledger.length];
+      if (secondWriter === "" && quantities.every((quantity) => quantity === 0)) return;
       this.physics.set(status.module, new Physics(status));
     }
     this.physics.get(status.module)!.show(status);

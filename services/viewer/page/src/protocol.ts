@@ -20,6 +20,7 @@ export enum Type {
   status,
   reply,
   gateway,
+  choices,
   show = 32,
   message = 33,
 }
@@ -316,6 +317,7 @@ export interface Status {
   energies: Named[]; // J
   ledger: Named[]; // J
   counters: Named[];
+  secondWriter: string; // last refused second writer of an input: topic, process and host; empty: none
 }
 export function status(payload: DataView): Status {
   const r = new Reader(payload);
@@ -347,7 +349,33 @@ export function status(payload: DataView): Status {
     inverted: r.u32(),
   };
   r.at += 4;
-  return { ...head, module: r.text(64), energies: named(), ledger: named(), counters: named() };
+  return {
+    ...head,
+    module: r.text(64),
+    energies: named(),
+    ledger: named(),
+    counters: named(),
+    secondWriter: r.text(128),
+  };
+}
+
+/** What a message to a rig can choose. */
+export interface Choice {
+  what: string; // key of the message
+  choice: string; // its value
+  running: boolean;
+}
+export function choices(payload: DataView): { module: string; choices: Choice[] } {
+  const r = new Reader(payload);
+  const module = r.text(64);
+  const count = r.u32();
+  r.at += 4;
+  const choice = (): Choice => {
+    const read = { what: r.text(64), choice: r.text(64), running: r.u32() !== 0 };
+    r.at += 4;
+    return read;
+  };
+  return { module, choices: Array.from({ length: count }, choice) };
 }
 
 export interface Reply {

@@ -2,7 +2,7 @@
 // tracker, and the motors of the devices. The shown state comes from the status of the modules. Therefore all pages and
 // `softhand send` show and control the same state.
 import { element } from "./panel";
-import type { Status } from "./protocol";
+import type { Choice, Status } from "./protocol";
 
 const PACES: [number, string][] = [
   [1, "real time"],
@@ -24,7 +24,6 @@ export class Simulation {
   }
 
   status(status: Status): void {
-    if (status.module === "rig") this.offer(status);
     const motors = status.counters.find(({ name }) => name === "motors");
     if (motors) this.device(status.module, motors.value !== 0);
     const pace = status.counters.find(({ name }) => name === "pace")?.value;
@@ -63,18 +62,10 @@ export class Simulation {
     this.send("*", "reset", "now");
   }
 
-  /**
-   * The choices that `softhand up` offers as counters: "scene pinch_lift", "tracker webxr", 1 for the running ones. A
-   * choice restarts the processes of the rig.
-   */
-  private offer({ counters }: Status): void {
-    const offers = new Map<string, string[]>();
-    for (const { name } of counters) {
-      // The choice may contain spaces, because file names may.
-      const [what, choice] = [name.slice(0, name.indexOf(" ")), name.slice(name.indexOf(" ") + 1)];
-      offers.set(what, [...(offers.get(what) ?? []), choice]);
-    }
-    const running = new Set(counters.filter(({ value }) => value !== 0).map(({ name }) => name));
+  /** Shows the choices that `softhand up` offers: scenes, trackers. A choice restarts the processes of the rig. */
+  offer(offered: Choice[]): void {
+    const offers = new Map<string, Choice[]>();
+    for (const each of offered) offers.set(each.what, [...(offers.get(each.what) ?? []), each]);
     element("offers").hidden = false;
     for (const [what, choices] of offers) {
       let select = document.getElementById(`offer-${what}`) as HTMLSelectElement | null;
@@ -92,10 +83,10 @@ export class Simulation {
         element("offers").append(label);
         select = created;
       }
-      if ([...select.options].map(({ value }) => value).join("\n") !== choices.join("\n"))
-        select.replaceChildren(...choices.map((choice) => new Option(choice.replaceAll("_", " "), choice)));
-      if (document.activeElement !== select)
-        select.value = choices.find((choice) => running.has(`${what} ${choice}`)) ?? "";
+      const names = choices.map(({ choice }) => choice);
+      if ([...select.options].map(({ value }) => value).join("\n") !== names.join("\n"))
+        select.replaceChildren(...names.map((name) => new Option(name.replaceAll("_", " "), name)));
+      if (document.activeElement !== select) select.value = choices.find(({ running }) => running)?.choice ?? "";
     }
   }
 
