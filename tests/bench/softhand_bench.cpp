@@ -197,9 +197,9 @@ struct SecondHandCost {
   double work = 0;      ///< in turns of one step: each hand finds in the caches what other hands have left there
   double one_core = 0;  ///< in turns of a tenth of a second: a hand alone has the caches for itself
 };
-// Of two hands, 0.6 m apart and each told the other's contacts, over the mean of both hands alone in the same scene, in
-// two seconds of the scene from `from` s on. NaN if a step does not end at the residual of the same step alone, or if a
-// hand has done something for the other.
+// Of two hands, 0.6 m apart and each told the other's contacts, over the mean of both hands alone in the same scene. It
+// takes two seconds of the scene from `from` s on. NaN if a step does not end at the residual of the same step alone,
+// or if a hand has done something for the other.
 SecondHandCost second_hand_cost(const std::string& file, double from) {
   const auto hand = [&file](const char* side, double x, bool other_hands) {
     return read_scene(file, {fmt::format("hand.side={}", side), hand_setting(1450), "simulate.hand_phase=0",
