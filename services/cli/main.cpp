@@ -231,7 +231,7 @@ int main(int argc, char** argv) {
   std::string bench_json;
   command = app.add_subcommand("bench",
                                "Measure the cost of a step, compared with CHOLMOD and scalar kernels in the same run "
-                               "(docs/performance.md); takes about a minute");
+                               "(docs/performance.md); takes about two minutes");
   command->add_option("--json", bench_json, "File for the figures by name")->type_name("FILE");
   command->callback([&] {
     run = [&bench_json] {

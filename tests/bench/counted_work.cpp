@@ -2,6 +2,7 @@
 // Its argument selects the work:
 // - steps: Steps of the shipped hand of 400 nodes in the method's fast mode.
 // - slots: The same beside near objects.
+// - hands: The same beside a far hand.
 // - queries: Queries of the closest point on a convex hull.
 // - flight: A step of the hand of 1,450 nodes, and what the flight recorder does in a step.
 #include <valgrind/callgrind.h>
@@ -77,6 +78,33 @@ void count_slots() {
   }
 }
 
+// Rows: a step in the air and one that touches an object, without and with the option `other_hands`. With it, the hand
+// is told of another hand that touches an object elsewhere.
+void count_hands() {
+  for (const int touched : {0, 1}) {
+    for (const bool other_hands : {false, true}) {
+      softhand::HandOptions options = fast_mode();
+      options.simulation.other_hands = other_hands;
+      softhand::bench::Pressing hand(touched, 0, 0, "right_400.hand.json", options),
+          far(1, 0, 0, "right_400.hand.json", fast_mode());
+      hand.settle(kSettlingSteps);
+      far.settle(kSettlingSteps);
+      const auto other = std::make_unique<softhand::ObjectCoupling>(far.coupling());
+      other->hand.user = 1;
+      other->twins[0].object += 100;
+      if (other_hands) hand.hear({other.get(), 1});
+      CALLGRIND_START_INSTRUMENTATION;
+      CALLGRIND_ZERO_STATS;
+      hand.step([](auto&& work) { work(); });
+      CALLGRIND_DUMP_STATS;
+      CALLGRIND_STOP_INSTRUMENTATION;
+      std::printf("%d touched, %d twin of the other hand, %d patches written, %d used\n", hand.touched_objects(),
+                  static_cast<int>(other->twins.size()), static_cast<int>(hand.coupling().patches.size()),
+                  static_cast<int>(hand.simulation().work().patches_used));
+    }
+  }
+}
+
 void count_queries() {
   constexpr int kQueries = 1000;
   for (const int vertices : {16, 64, 256}) {
@@ -144,6 +172,8 @@ void count_flight() {
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "slots") {
     count_slots();
+  } else if (argc > 1 && std::string_view(argv[1]) == "hands") {
+    count_hands();
   } else if (argc > 1 && std::string_view(argv[1]) == "queries") {
     count_queries();
   } else if (argc > 1 && std::string_view(argv[1]) == "flight") {

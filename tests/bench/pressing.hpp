@@ -7,6 +7,7 @@
 #include <memory>
 #include <numbers>
 #include <set>
+#include <span>
 #include <string>
 
 #include "hand/hand_loop.hpp"
@@ -65,9 +66,13 @@ class Pressing {
       skeleton_->joints[j].orientation = to_wire(pose.orientation);
       skeleton_->joints[j].flags = kJointValid | kJointTracked;
     }
-    const HandInput input{skeleton_.get(), nullptr, world_.get()};
+    const HandInput input{skeleton_.get(), nullptr, world_.get(), other_hands_};
     return measure([&] { output_ = &loop_->step(now_, input, {true, true, true}); });
   }
+  /// The newest coupling of each other hand in all further steps. The span must stay valid.
+  void hear(std::span<const ObjectCoupling> other_hands) { other_hands_ = other_hands; }
+  /// Of the last step.
+  const ObjectCoupling& coupling() const { return output_->coupling; }
   /// Steps until the tissue is at rest around the touched balls.
   void settle(int steps = 30) {
     for (int i = 0; i < steps; ++i) step([](auto&& work) { work(); });
@@ -109,6 +114,7 @@ class Pressing {
   std::unique_ptr<HandLoop> loop_;
   std::unique_ptr<Skeleton> skeleton_ = std::make_unique<Skeleton>();
   std::unique_ptr<WorldObjects> world_ = std::make_unique<WorldObjects>();
+  std::span<const ObjectCoupling> other_hands_;
   const HandOutput* output_ = nullptr;
   Nanoseconds now_ = 1'000'000'000;
   std::uint32_t objects_ = 0;

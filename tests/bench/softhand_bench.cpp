@@ -62,6 +62,7 @@ struct Size {
 };
 constexpr Size kSizes[] = {{400, 400}, {750, 750}, {1450, 1450}, {3000, 3080}};
 
+constexpr const char* kFreeMotion = SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml";
 std::string scene_path(const std::string& name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }
 std::string hand_name(int file) { return fmt::format("right_{}.hand.json", file); }
 
@@ -124,76 +125,106 @@ GraspCost measure_grasp(const Size& size) {
   return cost;
 }
 
-// Median step in free motion over the median step of a held grasp, by wall-clock time. Two rigs take turns of a tenth
-// of a second, so that other load affects both alike.
-double idle_hand_cost_fraction(const Size& size) {
-  constexpr double kTurn = 0.1, kFreeFrom = 0.5;  // s
-  struct Side {
-    Side(const std::string& file, const std::string& hand_file, double from)
-        : scene(read_scene(file, {"hand.model=" + hand_file})),
-          hand(load_scene_hand(scene)),
-          rig(scene, hand,
-              std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene))),
-          begin(from) {
-      rig.run(from, {});
+std::string hand_setting(int file) { return "hand.model=" SOFTHAND_SOURCE_DIR "/config/hands/" + hand_name(file); }
+
+// A rig that is compared with others, and the steps of its hands from `from` seconds of the scene on. The time of a
+// step is the CPU time of the thread.
+class Side {
+ public:
+  // One scene for each hand, as its process reads it.
+  Side(const std::vector<Scene>& hands, double from) : steps(hands.size()), time_(from) {
+    for (Scene scene : hands) {
+      scene.options.hand.simulation.solver.clock = thread_seconds;
+      const HandModel hand = load_scene_hand(scene);
+      auto tracker =
+          std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene));
+      if (rig_) {
+        rig_->add_hand(scene, hand, std::move(tracker));
+      } else {
+        rig_ = std::make_unique<VirtualRig>(scene, hand, std::move(tracker));
+      }
     }
-    void go_on(double seconds) {
-      rig.run(begin + seconds,
-              [this](const HandStepView& view) { steps.push_back(view.output->report.timing.total()); });
-    }
-    Scene scene;
-    HandModel hand;
-    VirtualRig rig;
-    double begin;
-    std::vector<double> steps;
-  };
-  const std::string hand_file = SOFTHAND_SOURCE_DIR "/config/hands/" + hand_name(size.file);
-  Side held(scene_path("pinch_lift.toml"), hand_file, kGraspFrom),
-      free(SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml", hand_file, kFreeFrom);
-  for (double time = kTurn; time <= kGraspTo - kGraspFrom; time += kTurn) {
-    held.go_on(time);
-    free.go_on(time);
+    rig_->run(from, {});
   }
-  return median(free.steps) / median(held.steps);
+  void go_on(double seconds) {
+    rig_->run(time_ += seconds, [this](const HandStepView& view) { steps[view.hand].push_back(view.output->report); });
+  }
+  double median_seconds(std::size_t hand = 0) const {
+    std::vector<double> seconds;
+    for (const StepReport& step : steps[hand]) seconds.push_back(step.timing.total());
+    return median(seconds);
+  }
+  const VirtualRig& rig() const { return *rig_; }
+
+  std::vector<std::vector<StepReport>> steps;  // by hand
+
+ private:
+  double time_;  // s of the scene
+  std::unique_ptr<VirtualRig> rig_;
+};
+
+// The sides take turns, so that other load affects all of them alike.
+void take_turns(std::initializer_list<Side*> sides, double seconds, double turn = 0.1) {
+  for (long turns = std::lround(seconds / turn); turns > 0; --turns) {
+    for (Side* side : sides) side->go_on(turn);
+  }
+}
+
+// Median step in free motion over the median step of a held grasp.
+double idle_hand_cost_fraction(const Size& size) {
+  constexpr double kFreeFrom = 0.5;  // s
+  Side held({read_scene(scene_path("pinch_lift.toml"), {hand_setting(size.file)})}, kGraspFrom),
+      free({read_scene(kFreeMotion, {hand_setting(size.file)})}, kFreeFrom);
+  take_turns({&held, &free}, kGraspTo - kGraspFrom);
+  return free.median_seconds() / held.median_seconds();
 }
 
 // Median step of a scene with contact of skin with skin over the median step without it, from `from` to `to` seconds of
-// the scene. Two rigs take turns of a tenth of a second, so that other load affects both alike.
+// the scene.
 double skin_cost_ratio(const std::string& file, const std::vector<std::string>& overrides, double from, double to) {
-  constexpr double kTurn = 0.1;  // s
-  struct Side {
-    Side(const std::string& scene_file, std::vector<std::string> keys, const char* skin_contact)
-        : scene(by_thread_time(read_scene(scene_file, with(std::move(keys), skin_contact)))),
-          hand(load_scene_hand(scene)),
-          rig(scene, hand,
-              std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene))) {
-    }
-    static std::vector<std::string> with(std::vector<std::string> keys, const char* skin_contact) {
-      keys.push_back(std::string("hand.simulation.skin_contact=") + skin_contact);
-      keys.push_back("hand.model=" SOFTHAND_SOURCE_DIR "/config/hands/" + hand_name(1450));
-      return keys;
-    }
-    static Scene by_thread_time(Scene read) {
-      read.options.hand.simulation.solver.clock = thread_seconds;
-      return read;
-    }
-    void go_on(double until, double from_time) {
-      rig.run(until, [this, from_time](const HandStepView& view) {
-        if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 >= from_time)
-          steps.push_back(view.output->report.timing.total());
-      });
-    }
-    Scene scene;
-    HandModel hand;
-    VirtualRig rig;
-    std::vector<double> steps;
+  const auto side = [&](const char* skin_contact) {
+    std::vector<std::string> settings = overrides;
+    settings.push_back(std::string("hand.simulation.skin_contact=") + skin_contact);
+    settings.push_back(hand_setting(1450));
+    return Side({read_scene(file, settings)}, from);
   };
-  Side with(file, overrides, "true"), without(file, overrides, "false");
-  for (double time = kTurn; time <= to; time += kTurn) {
-    with.go_on(time, from);
-    without.go_on(time, from);
-  }
-  return median(with.steps) / median(without.steps);
+  Side with = side("true"), without = side("false");
+  take_turns({&with, &without}, to - from);
+  return with.median_seconds() / without.median_seconds();
+}
+
+struct SecondHandCost {
+  double work = 0;      ///< in turns of one step: each hand finds in the caches what other hands have left there
+  double one_core = 0;  ///< in turns of a tenth of a second: a hand alone has the caches for itself
+};
+// Of two hands, 0.6 m apart and each told the other's contacts, over the mean of both hands alone in the same scene. It
+// takes two seconds of the scene from `from` s on. NaN if a step does not end at the residual of the same step alone,
+// or if a hand has done something for the other.
+SecondHandCost second_hand_cost(const std::string& file, double from) {
+  const auto hand = [&file](const char* side, double x, bool other_hands) {
+    return read_scene(file, {fmt::format("hand.side={}", side), hand_setting(1450), "simulate.hand_phase=0",
+                             fmt::format("generator.object_position=[{}, 0.026, 0]", x),
+                             fmt::format("hand.simulation.other_hands={}", other_hands)});
+  };
+  Side two({hand("right", 0.3, true), hand("left", -0.3, true)}, from), right({hand("right", 0.3, false)}, from),
+      left({hand("left", -0.3, false)}, from);
+  const auto same = [](const StepReport& a, const StepReport& b) { return a.residual == b.residual; };
+  const auto ratio = [&](double turn) {
+    for (Side* side : {&two, &right, &left}) {
+      for (auto& steps : side->steps) steps.clear();
+    }
+    take_turns({&two, &right, &left}, 1, turn);
+    bool valid = true;
+    for (const std::size_t h : {0u, 1u}) {
+      const auto& alone = (h == 0 ? right : left).steps[0];
+      valid &= std::equal(two.steps[h].begin(), two.steps[h].end(), alone.begin(), alone.end(), same);
+      valid &= two.rig().hand(h).simulation().work().patches_used == 0;
+    }
+    const double both = two.median_seconds(0) + two.median_seconds(1);
+    return valid ? 2 * both / (right.median_seconds() + left.median_seconds()) : std::nan("");
+  };
+  const double work = ratio(1.0 / 90);
+  return {work, ratio(0.1)};
 }
 
 // Median default step of the solver over CHOLMOD's factorisation and solve of the same Hessian, without the objects.
@@ -516,10 +547,9 @@ Json run() {
   put("allocations_per_step", allocations_per_step(), "five objects touched");
 
   fmt::print("default step over CHOLMOD's factorisation and solve of the same Hessian\n");
-  const std::string free_motion = SOFTHAND_SOURCE_DIR "/tests/bench/free_motion.toml";
   put("step_over_cholmod_grasp_3080", step_over_cholmod(scene_path("pinch_lift.toml"), {3000, 3080}, kGraspFrom, 4.9),
       "held pinch");
-  put("step_over_cholmod_motion_3080", step_over_cholmod(free_motion, {3000, 3080}, 0.5, 2), "in the air");
+  put("step_over_cholmod_motion_3080", step_over_cholmod(kFreeMotion, {3000, 3080}, 0.5, 2), "in the air");
   put("step_over_cholmod_grasp_6000", step_over_cholmod(scene_path("pinch_lift.toml"), {6000, 6000}, kGraspFrom, 4.4),
       "held pinch");
 
@@ -554,10 +584,19 @@ Json run() {
       "step of a closed fist over the same without it, both to the same residual");
   put("fist_contact_over_chord_cost_ratio", skin_cost_ratio(closing, {}, kClosedFrom, kClosedTo),
       "the same if the hand without it takes chord steps, which end at a movement");
-  put("free_skin_cost_ratio", skin_cost_ratio(free_motion, {}, 0.5, 2.5),
+  put("free_skin_cost_ratio", skin_cost_ratio(kFreeMotion, {}, 0.5, 2.5),
       "step of a wandering hand whose fingers touch now and then, over the same without it");
   put("pinch_skin_cost_ratio", skin_cost_ratio(scene_path("pinch_lift.toml"), {}, 0.5, kGraspTo),
       "step of a pinch, where no skin touches skin, over the same without it");
+
+  fmt::print("two hands far from each other over one hand, each step to the same residual, 1,450 nodes\n");
+  const SecondHandCost moving = second_hand_cost(kFreeMotion, 0.5),
+                       holding = second_hand_cost(SOFTHAND_SOURCE_DIR "/tests/bench/two_cubes.toml", kGraspFrom);
+  put("second_hand_cost_ratio", moving.work, "in free motion, caches equally cold");
+  put("second_hand_holding_cost_ratio", holding.work, "the same, each hand holds a cube of its own");
+  put("second_hand_one_core_cost_ratio", moving.one_core,
+      "in free motion, in turns on a core; the hand alone has the core's caches for itself");
+  put("second_hand_holding_one_core_cost_ratio", holding.one_core, "the same, each hand holds a cube of its own");
 
   fmt::print("the same tetrahedra in Bullet's deformable bodies\n");
   for (const Size& size : kSizes) {

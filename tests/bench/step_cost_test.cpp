@@ -110,6 +110,20 @@ TEST(StepCost, NearObjectsInSlotsCostLittle) {
   EXPECT_LT(counts[1].second, 1.15 * counts[0].second);
 }
 
+TEST(StepCost, AFarHandCostsAlmostNothing) {
+  const auto counts = count("hands");
+  ASSERT_EQ(counts.size(), 4u);
+  for (const auto& [row, instructions] : counts) std::printf("%s: %.0f instructions\n", row.c_str(), instructions);
+  for (const std::size_t touched : {0u, 1u}) {
+    const auto &alone = counts[2 * touched], &beside = counts[2 * touched + 1];
+    const std::string row = std::to_string(touched) + " touched, 1 twin of the other hand, 0 patches written, 0 used";
+    EXPECT_EQ(alone.first, row);
+    EXPECT_EQ(beside.first, row);
+    EXPECT_GT(beside.second, alone.second) << "the option must be on";
+    EXPECT_LT(beside.second, 1.02 * alone.second);
+  }
+}
+
 TEST(StepCost, RecordingAStepCostsLessThanOnePercent) {
   const auto counts = count("flight");
   ASSERT_EQ(counts.size(), 4u);

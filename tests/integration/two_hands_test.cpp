@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -11,6 +13,7 @@
 #include "cli/commands.hpp"
 #include "cli/virtual_rig.hpp"
 #include "scene_file.hpp"
+#include "trackers/replay/replay_tracker.hpp"
 
 namespace softhand {
 namespace {
@@ -70,6 +73,44 @@ TEST(TwoHands, ASceneWithOneHandHasNoTermForOthers) {
   EXPECT_FALSE(summary.contains("soft"));
   const Scene scene = read_scene(SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml");
   EXPECT_FALSE(scene.options.hand.simulation.other_hands);
+}
+
+// Each hand holds a cube of its own, 0.6 m from the other hand.
+TEST(TwoHands, FarHandsDoNothingForEachOther) {
+  constexpr double kSeconds = 3;  // both cubes are in the air
+  using Nodes = std::vector<Eigen::Matrix3Xd>;
+  const auto scene = [](bool is_right, bool other_hands) {
+    return read_scene(
+        SOFTHAND_SOURCE_DIR "/tests/bench/two_cubes.toml",
+        {is_right ? "hand.side=right" : "hand.side=left", "simulate.hand_phase=0",
+         "hand.model=" SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json",
+         is_right ? "generator.object_position=[0.3,0.026,0]" : "generator.object_position=[-0.3,0.026,0]",
+         other_hands ? "hand.simulation.other_hands=true" : "hand.simulation.other_hands=false"});
+  };
+  const auto tracker = [](const Scene& of, const HandModel& hand) {
+    return std::make_unique<ReplayTracker>(make_scene_motion(of, hand), of.options.tracker, hand_key(of));
+  };
+  const Scene right = scene(true, true), left = scene(false, true);
+  const HandModel right_hand = load_scene_hand(right), left_hand = load_scene_hand(left);
+  VirtualRig rig(right, right_hand, tracker(right, right_hand));
+  rig.add_hand(left, left_hand, tracker(left, left_hand));
+  std::array<Nodes, 2> together;
+  std::size_t patches = 0;
+  rig.run(kSeconds, [&](const HandStepView& view) {
+    together[view.hand].push_back(view.simulation->state().node_positions);
+    patches += view.output->coupling.patches.size();
+  });
+  EXPECT_EQ(patches, 0u);
+  for (const std::size_t h : {0u, 1u}) {
+    EXPECT_EQ(rig.hand(h).simulation().work().patches_used, 0u);
+    EXPECT_GT(rig.hand(h).simulation().contact_count(), 0) << "the hand must hold its cube";
+    const Scene of = scene(h == 0, false);
+    const HandModel hand = h == 0 ? right_hand : left_hand;
+    VirtualRig alone(of, hand, tracker(of, hand));
+    Nodes nodes;
+    alone.run(kSeconds, [&](const HandStepView& view) { nodes.push_back(view.simulation->state().node_positions); });
+    EXPECT_TRUE(nodes == together[h]) << "hand " << h << " moves as it does alone, to the bit";
+  }
 }
 
 TEST(TwoHands, EachProcessReadsItsOwnHandOfTheScene) {
