@@ -50,6 +50,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("radius", m.radius);
   v.field("flags", m.flags);
   v.field("velocity_valid", m.velocity_valid);
+  v.field("confidence", m.confidence);
 }
 
 template <typename V, Is<Skeleton> M>
@@ -366,6 +367,32 @@ constexpr void visit_fields(V&& v, M& m) {
   v.key("module_name", m.module);
   v.field("stamp", m.stamp);
   v.field("choices", m.choices);
+}
+
+template <typename V, Is<SoftObjectDescription> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("object_id", m.object);
+  v.field("stamp", m.stamp);
+  v.field("owner", m.owner);
+  v.field("name", m.name);
+  v.field("file", m.file);
+  v.field("node_count", m.node_count);
+  v.field("mass", m.mass);
+  v.field("removed", m.removed);
+}
+
+template <typename V, Is<SoftObjectState> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("object_id", m.object);
+  v.field("stamp", m.stamp);
+  v.field("owner", m.owner);
+  v.field("centre", m.centre);
+  v.field("linear_velocity", m.linear_velocity);
+  v.field("hand_force", m.hand_force);
+  v.field("contact_count", m.contact_count);
+  v.field("inverted_elements", m.inverted_elements);
+  v.field("nodes", m.nodes);
+  v.field("velocities", m.velocities);
 }
 
 template <typename V, Is<HostClock> M>

@@ -48,7 +48,8 @@ inline constexpr auto late = Durability::transient_local;
 inline constexpr auto any = Writers::any;
 inline constexpr auto one = Writers::one;
 inline constexpr auto strongest = Writers::strongest;
-inline constexpr int kHands = 32;  ///< 16 users
+inline constexpr int kHands = 32;        ///< 16 users
+inline constexpr int kSoftObjects = 16;
 
 // clang-format off
 // Three lines per row: first the variable, then the topic name and type. The third line has the other members of
@@ -105,6 +106,12 @@ inline constexpr Topic<ObjectDescription> object_description{{
 inline constexpr Topic<ObjectJointDescription> object_joint{{
     "softhand/v1/object_joint", "softhand::v1::ObjectJointDescription",
     reliable,   late, 1, 256,     0,  0,    0, any,        0, "world", "hand, recorder"}};
+inline constexpr Topic<SoftObjectDescription> soft_object_description{{
+    "softhand/v1/soft_object_description", "softhand::v1::SoftObjectDescription",
+    reliable,   late, 1, kSoftObjects, 0, 0, 0, any,        0, "hand", "viewer, recorder"}};
+inline constexpr Topic<SoftObjectState> soft_object_state{{
+    "softhand/v1/soft_object_state", "softhand::v1::SoftObjectState",
+    best_effort, vol,  1, kSoftObjects, 0, 0, 0, one,      90, "hand", "viewer, cli, recorder"}};
 inline constexpr Topic<HandDescription> hand_description{{
     "softhand/v1/hand_description", "softhand::v1::HandDescription",
     reliable,   late, 1, kHands,  0,  0,    0, any,        0, "hand", "viewer, recorder"}};
@@ -116,7 +123,7 @@ void for_each(F&& f) {
   f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
       f(object_coupling), f(bone_wrench);
   f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(rig_choices), f(clock_beacon),
-      f(object_description), f(object_joint), f(hand_description);
+      f(object_description), f(object_joint), f(soft_object_description), f(soft_object_state), f(hand_description);
 }
 
 }  // namespace topics

@@ -13,6 +13,7 @@
 #include <type_traits>
 
 #include "model/joint_law.hpp"
+#include "model/object_model.hpp"
 #include "model/skeleton.hpp"
 
 namespace softhand {
@@ -85,6 +86,7 @@ struct JointSample {
   double radius = 0;        ///< metres; 0 = unknown
   std::uint32_t flags = 0;
   std::uint32_t velocity_valid = 0;
+  double confidence = 1;  ///< 0..1, scales the coupling of the joint's bone to this sample
 };
 
 /// tracked_skeleton, intermediate_skeleton, simulated_skeleton. `frame` says whether the joints are relative to a
@@ -432,6 +434,33 @@ struct RigChoices {
   ShortText module{};  ///< addressee of the message
   Stamp stamp;
   BoundedVector<RigChoice, kMaxChoices> choices;
+};
+
+inline constexpr std::uint32_t kFirstSoftObject = 65536;  ///< ids of flexible objects begin here
+/// soft_object_description: a flexible object (docs/soft-objects.md). The hand's process that simulates it writes it.
+/// Key: object id.
+struct SoftObjectDescription {
+  std::uint32_t object = 0;
+  Stamp stamp;
+  HandKey owner;     ///< the hand whose process simulates the object
+  ShortText name{};  ///< in the scene
+  ShapeFile file;    ///< its nodes, tetrahedra and material; link 0; the pose is that at the start, world
+  std::uint32_t node_count = 0;
+  double mass = 0;
+  std::uint32_t removed = 0;  ///< 1: the object was removed
+};
+/// soft_object_state: the nodes of a flexible object. Key: object id. About 96 kB.
+struct SoftObjectState {
+  std::uint32_t object = 0;
+  Stamp stamp;
+  HandKey owner;
+  Vec3 centre{};                    ///< centre of mass, m, world
+  Vec3 linear_velocity{};           ///< of the centre of mass, m/s
+  Vec3 hand_force{};                ///< from the hand on the object, N, world
+  std::uint32_t contact_count = 0;  ///< number of contact points between the hand and the object
+  std::uint32_t inverted_elements = 0;
+  BoundedVector<std::array<float, 3>, kMaxSoftNodes> nodes;       ///< m, relative to `centre`, order of the file
+  BoundedVector<std::array<float, 3>, kMaxSoftNodes> velocities;  ///< m/s, relative to `linear_velocity`
 };
 
 inline constexpr std::size_t kMaxHosts = 16;

@@ -113,6 +113,13 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   EXPECT_EQ(number(lines, "choices.length"), static_cast<double>(choices->choices.size()));
   EXPECT_EQ(lines["choices[last].choice"], "lift");
   EXPECT_EQ(number(lines, "choices[last].running"), choice.running);
+
+  const auto soft = stamped<SoftObjectState>(6);
+  lines = through_cyclone(topics::soft_object_state, *soft);
+  EXPECT_EQ(number(lines, "object_id"), soft->object);
+  EXPECT_EQ(number(lines, "nodes.length"), static_cast<double>(soft->nodes.size()));
+  EXPECT_FLOAT_EQ(static_cast<float>(number(lines, "velocities[last].z")),
+                  soft->velocities[soft->velocities.size() - 1][2]);
 }
 
 }  // namespace

@@ -22,6 +22,7 @@
 #include "messagePubSubTypes.h"
 #include "objectsPubSubTypes.h"
 #include "skeletonPubSubTypes.h"
+#include "soft_objectsPubSubTypes.h"
 #include "statusPubSubTypes.h"
 #include "tissuePubSubTypes.h"
 
@@ -68,6 +69,8 @@ SOFTHAND_NAMED(NamedValue);
 SOFTHAND_NAMED(LoopStatus);
 SOFTHAND_NAMED(RigChoice);
 SOFTHAND_NAMED(RigChoices);
+SOFTHAND_NAMED(SoftObjectDescription);
+SOFTHAND_NAMED(SoftObjectState);
 SOFTHAND_NAMED(HostClock);
 SOFTHAND_NAMED(ClockBeacon);
 SOFTHAND_NAMED(HandDescription);
@@ -259,6 +262,8 @@ TEST(BusWire, BytesMatchFastsGenerator) {
   SOFTHAND_CHECK(RigChoices);
   SOFTHAND_CHECK(ObjectDescription);
   SOFTHAND_CHECK(ObjectJointDescription);
+  SOFTHAND_CHECK(SoftObjectDescription);
+  SOFTHAND_CHECK(SoftObjectState);
   SOFTHAND_CHECK(ClockBeacon);
   SOFTHAND_CHECK(HandDescription);
 #undef SOFTHAND_CHECK

@@ -19,6 +19,7 @@
 #include "message.h"
 #include "objects.h"
 #include "skeleton.h"
+#include "soft_objects.h"
 #include "status.h"
 #include "tissue.h"
 
@@ -57,6 +58,11 @@ static void print_choices(const void* sample) {
   printf("choices.length %" PRIu32 "\nchoices[last].choice %s\nchoices[last].running %" PRIu32 "\n", s->choices._length,
          last->choice, last->running);
 }
+static void print_soft_object(const void* sample) {
+  const softhand_v1_SoftObjectState* s = sample;
+  printf("object_id %" PRIu32 "\nnodes.length %" PRIu32 "\nvelocities[last].z %.9g\n", s->object_id, s->nodes._length,
+         s->velocities._buffer[s->velocities._length - 1].z);
+}
 static void print_nothing(const void* sample) { (void)sample; }
 
 static const struct {
@@ -81,6 +87,8 @@ static const struct {
     {"softhand/v1/clock_beacon", &softhand_v1_ClockBeacon_desc, print_nothing},
     {"softhand/v1/object_description", &softhand_v1_ObjectDescription_desc, print_nothing},
     {"softhand/v1/object_joint", &softhand_v1_ObjectJointDescription_desc, print_nothing},
+    {"softhand/v1/soft_object_description", &softhand_v1_SoftObjectDescription_desc, print_nothing},
+    {"softhand/v1/soft_object_state", &softhand_v1_SoftObjectState_desc, print_soft_object},
     {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},
 };
 
