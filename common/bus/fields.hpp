@@ -125,6 +125,27 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("near", m.near);
 }
 
+template <typename V, Is<SkinRegion> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.field("region", m.region);
+  v.field("body", m.body);
+  v.field("object_id", m.object);
+  v.field("place", m.place);
+  v.field("normal", m.normal);
+  v.field("pressure", m.pressure);
+  v.field("shear", m.shear);
+  v.field("slip_velocity", m.slip_velocity);
+  v.field("area", m.area);
+  v.field("area_rate", m.area_rate);
+}
+
+template <typename V, Is<SkinTraction> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("hand", m.hand);
+  v.field("stamp", m.stamp);
+  v.field("regions", m.regions);
+}
+
 template <typename V, Is<ShapeFile> M>
 constexpr void visit_fields(V&& v, M& m) {
   v.field("name", m.name);

@@ -48,7 +48,7 @@ inline constexpr auto late = Durability::transient_local;
 inline constexpr auto any = Writers::any;
 inline constexpr auto one = Writers::one;
 inline constexpr auto strongest = Writers::strongest;
-inline constexpr int kHands = 32;        ///< 16 users
+inline constexpr int kHands = 32;  ///< 16 users
 inline constexpr int kSoftObjects = 16;
 
 // clang-format off
@@ -70,6 +70,9 @@ inline constexpr Topic<TissueSurface> tissue_surface{{
 inline constexpr Topic<Contacts> contacts{{
     "softhand/v1/contacts", "softhand::v1::Contacts",
     best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tracking, tactile, viewer, recorder"}};
+inline constexpr Topic<SkinTraction> skin_traction{{
+    "softhand/v1/skin_traction", "softhand::v1::SkinTraction",
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tactile, viewer, recorder"}};
 inline constexpr Topic<WorldObjects> objects{{
     "softhand/v1/objects", "softhand::v1::WorldObjects",
     best_effort, vol,  1, 16,      0,  0,    0, one,      250, "world", "hand, viewer, recorder"}};
@@ -120,8 +123,8 @@ inline constexpr Topic<HandDescription> hand_description{{
 /// Calls f(topic) for every row.
 template <typename F>
 void for_each(F&& f) {
-  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts), f(objects),
-      f(object_coupling), f(bone_wrench);
+  f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts),
+      f(skin_traction), f(objects), f(object_coupling), f(bone_wrench);
   f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(rig_choices), f(clock_beacon),
       f(object_description), f(object_joint), f(soft_object_description), f(soft_object_state), f(hand_description);
 }

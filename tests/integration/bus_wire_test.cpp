@@ -25,6 +25,7 @@
 #include "soft_objectsPubSubTypes.h"
 #include "statusPubSubTypes.h"
 #include "tissuePubSubTypes.h"
+#include "tractionPubSubTypes.h"
 
 namespace softhand::bus {
 namespace {
@@ -49,6 +50,8 @@ SOFTHAND_NAMED(Contact);
 SOFTHAND_NAMED(FingerContact);
 SOFTHAND_NAMED(NearContact);
 SOFTHAND_NAMED(Contacts);
+SOFTHAND_NAMED(SkinRegion);
+SOFTHAND_NAMED(SkinTraction);
 SOFTHAND_NAMED(ShapeFile);
 SOFTHAND_NAMED(Shape);
 SOFTHAND_NAMED(ObjectDescription);
@@ -200,7 +203,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
               !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply> || std::is_same_v<T, ClockBeacon>))
         << topic.name;
   });
-  EXPECT_EQ(names.size(), 18u);
+  EXPECT_EQ(names.size(), 19u);
 }
 
 /// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.
@@ -252,6 +255,7 @@ TEST(BusWire, BytesMatchFastsGenerator) {
   SOFTHAND_CHECK(HeadPose);
   SOFTHAND_CHECK(TissueSurface);
   SOFTHAND_CHECK(Contacts);
+  SOFTHAND_CHECK(SkinTraction);
   SOFTHAND_CHECK(WorldObjects);
   SOFTHAND_CHECK(ObjectCoupling);
   SOFTHAND_CHECK(BoneWrench);
