@@ -74,7 +74,7 @@ LoadedObject load_scene_object(const Scene& scene, const ObjectOptions& entry) {
   }
 }
 
-SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, ObjectModel&& model) {
+SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, LoadedObject&& loaded) {
   const auto refuse = [&](const char* field, const char* expected) {
     throw ConfigError(scene.path + ": objects." + entry.name + "." + field + ": the object is flexible; expected " +
                       expected);
@@ -87,7 +87,9 @@ SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, ObjectMod
   const Quaternion orientation(q[3], q[0], q[1], q[2]);
   if (!(std::abs(orientation.norm() - 1) < 1e-3)) refuse("orientation", "a unit quaternion xyzw");
   return {entry.name,
-          std::make_shared<const SoftBody>(std::move(*model.soft)),
+          loaded.model.name,
+          loaded.sha256,
+          std::make_shared<const SoftBody>(std::move(*loaded.model.soft)),
           {{p[0], p[1], p[2]}, orientation.normalized()},
           {g[0], g[1], g[2]}};
 }
@@ -109,7 +111,7 @@ void add_object_files(Scene& scene) {
       for (const SoftObject& other : scene.soft_objects)
         if (other.name == entry.name)
           throw ConfigError(scene.path + ": objects." + entry.name + ": the name is used twice");
-      scene.soft_objects.push_back(soft_object(scene, entry, std::move(loaded.model)));
+      scene.soft_objects.push_back(soft_object(scene, entry, std::move(loaded)));
       continue;
     }
     try {
@@ -215,6 +217,8 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
     scene.overrides.push_back(apply_override(scene.options, assignment));
   }
   add_object_files(scene);
+  // One process simulates the flexible objects: that of the first hand.
+  if (!scene.hands.empty() && !hands.chosen.empty() && hands.chosen != scene.hands.front()) scene.soft_objects.clear();
   if (!scene.options.judge.object.empty() && judged_object(scene.options) == nullptr) {
     throw ConfigError(path + ": judge.object: no object has the name '" + scene.options.judge.object + "'");
   }
@@ -239,14 +243,6 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
     hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
   return scene;
-}
-
-void refuse_soft_objects(const Scene& scene) {
-  if (scene.soft_objects.empty()) return;
-  throw ConfigError(scene.path + ": objects." + scene.soft_objects.front().name +
-                    ": a flexible object, which the topics of a rig do not carry yet. Play the scene with `softhand "
-                    "simulate " +
-                    scene.path + "`");
 }
 
 std::vector<std::string> object_folders(const Scene& scene) {

@@ -144,18 +144,15 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
   std::vector<std::string> ignored;         ///< sections of drivers that this program does not know
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
-  std::vector<SoftObject> soft_objects;     ///< the flexible ones; `options.objects` has the others
-  std::vector<std::string> hands;           ///< names of the tables `[[hands]]`. Empty: the scene has one hand
+  /// The flexible ones; `options.objects` has the others. Of several hands, the first one simulates them all.
+  std::vector<SoftObject> soft_objects;
+  std::vector<std::string> hands;  ///< names of the tables `[[hands]]`. Empty: the scene has one hand
 };
 
 /// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene
 /// and in the folder of its kind in config/. After these the working directory is searched. Entries of the shape
 /// file are replaced by the links and joints of their files, or become soft objects. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
-
-/// Throws ConfigError if processes cannot play the scene: no topic carries flexible objects yet. `softhand simulate`
-/// plays it.
-void refuse_soft_objects(const Scene& scene);
 
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);

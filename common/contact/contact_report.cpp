@@ -7,28 +7,13 @@
 
 namespace softhand {
 
-ContactReport::ContactReport(const ContactPoints& points, int slots, std::size_t most_anchors)
-    : points_(&points),
-      slots_(static_cast<std::size_t>(slots)),
-      finger_forces_(sums_.size() * static_cast<std::size_t>(slots), 0.0) {
-  sorted_.reserve(most_anchors);
-}
-
-void ContactReport::begin(Contacts& out) {
-  sums_.fill({});
-  std::fill(finger_forces_.begin(), finger_forces_.end(), 0.0);
-  out.contacts.clear();
-  out.dropped = 0;
-}
-
-void ContactReport::add(const ContactAnchor& anchor, const AnchorOffset& o, const Vector3& position,
-                        std::uint32_t object, Contacts& out) {
-  const ContactPoint& point = (*points_)[anchor.point];
-  const Finger finger = finger_of(static_cast<Body>(point.body));
+Contact contact_row(const ContactPoints& points, const ContactAnchor& anchor, const AnchorOffset& o,
+                    const Vector3& position, std::uint32_t object) {
+  const ContactPoint& point = points[anchor.point];
   Contact contact;
-  contact.node = static_cast<std::uint32_t>(points_->main_node(anchor.point));
+  contact.node = static_cast<std::uint32_t>(points.main_node(anchor.point));
   contact.body = point.body;
-  contact.finger = static_cast<std::uint32_t>(finger);
+  contact.finger = static_cast<std::uint32_t>(finger_of(static_cast<Body>(point.body)));
   contact.object = object;
   contact.flags = anchor.sliding ? 0u : kContactSticking;
   contact.point = to_wire(Vector3(position - o.offset));
@@ -37,19 +22,33 @@ void ContactReport::add(const ContactAnchor& anchor, const AnchorOffset& o, cons
   contact.penetration = std::max(0.0, -o.depth);
   contact.area = point.area;
   contact.slip_speed = anchor.slip_speed;
-  if (!out.contacts.push_back(contact)) ++out.dropped;
+  return contact;
+}
 
-  const double pressure = std::max(0.0, o.normal.dot(anchor.force));
-  Sums& sum = sums_[static_cast<std::size_t>(finger)];
-  sum.force += anchor.force;
+ContactReport::ContactReport(int objects)
+    : objects_(static_cast<std::size_t>(objects)), finger_forces_(sums_.size() * objects_, 0.0) {}
+
+void ContactReport::begin(Contacts& out) {
+  sums_.fill({});
+  std::fill(finger_forces_.begin(), finger_forces_.end(), 0.0);
+  out.contacts.clear();
+  out.dropped = 0;
+}
+
+void ContactReport::add(const Contact& contact, const Vector3& position, int place, Contacts& out) {
+  if (!out.contacts.push_back(contact)) ++out.dropped;
+  const Vector3 force = to_vector(contact.force), normal = to_vector(contact.normal);
+  const double pressure = std::max(0.0, normal.dot(force));
+  Sums& sum = sums_[contact.finger];
+  sum.force += force;
   sum.centre += pressure * position;
-  sum.normal += pressure * o.normal;
+  sum.normal += pressure * normal;
   sum.pressure += pressure;
-  sum.slip += pressure * anchor.slip_speed;
-  sum.area += point.area;
+  sum.slip += pressure * contact.slip_speed;
+  sum.area += contact.area;
   ++sum.count;
   // Slightly more than zero, so that an object touched without pressure comes before an object that is not touched.
-  finger_forces_[static_cast<std::size_t>(finger) * slots_ + static_cast<std::size_t>(anchor.slot)] +=
+  finger_forces_[contact.finger * objects_ + static_cast<std::size_t>(place)] +=
       pressure + std::numeric_limits<double>::min();
 }
 
@@ -66,17 +65,9 @@ void ContactReport::write_finger(std::size_t finger, FingerContact& out) const {
   out.slip_speed = sum.slip / sum.pressure;
 }
 
-int ContactReport::slot_of(std::size_t finger) const {
-  const auto first = finger_forces_.begin() + static_cast<std::ptrdiff_t>(finger * slots_);
-  return static_cast<int>(std::max_element(first, first + static_cast<std::ptrdiff_t>(slots_)) - first);
-}
-
-double ContactReport::quantile(double fraction) {
-  if (sorted_.empty()) return 0;
-  const auto nth = sorted_.begin() + static_cast<std::ptrdiff_t>(std::clamp(fraction, 0.0, 1.0) *
-                                                                 static_cast<double>(sorted_.size() - 1));
-  std::nth_element(sorted_.begin(), nth, sorted_.end());
-  return *nth;
+int ContactReport::place_of(std::size_t finger) const {
+  const auto first = finger_forces_.begin() + static_cast<std::ptrdiff_t>(finger * objects_);
+  return static_cast<int>(std::max_element(first, first + static_cast<std::ptrdiff_t>(objects_)) - first);
 }
 
 }  // namespace softhand

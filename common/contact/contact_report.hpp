@@ -1,6 +1,7 @@
-// What is published of the contacts: one row per contact, the sums per finger, and the penetration.
+// What is published of the contacts: one row per contact, and the sums per finger.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -10,30 +11,28 @@
 
 namespace softhand {
 
+/// The row of an anchor of the hand's skin. `position`: of the contact point, world. `object`: its id.
+Contact contact_row(const ContactPoints& points, const ContactAnchor& anchor, const AnchorOffset& offset,
+                    const Vector3& position, std::uint32_t object);
+
 /// Collects the contacts of one hand into a message. Allocates only at construction.
 class ContactReport {
  public:
-  ContactReport(const ContactPoints& points, int slots, std::size_t most_anchors);
+  /// `objects`: how many different objects the hand can touch.
+  explicit ContactReport(int objects);
 
   /// Starts a message. Does not touch its key and stamp.
   void begin(Contacts& out);
-  /// Adds a contact. `position`: of the point, world. `object`: its id.
-  void add(const ContactAnchor& anchor, const AnchorOffset& offset, const Vector3& position, std::uint32_t object,
-           Contacts& out);
-  /// Writes the sums per finger. `object_of(slot)` returns the id of the object in a slot.
-  template <typename ObjectOf>
-  void finish(ObjectOf&& object_of, Contacts& out) {
+  /// Adds a contact. `position`: of the skin, world. `place`: of the object, 0 to `objects` - 1.
+  void add(const Contact& contact, const Vector3& position, int place, Contacts& out);
+  /// Writes the sums per finger. `object_at(place)` returns the id of an object.
+  template <typename ObjectAt>
+  void finish(ObjectAt&& object_at, Contacts& out) const {
     for (std::size_t f = 0; f < sums_.size(); ++f) {
       write_finger(f, out.fingers[f]);
-      if (sums_[f].count > 0) out.fingers[f].object = object_of(slot_of(f));
+      if (sums_[f].count > 0) out.fingers[f].object = object_at(place_of(f));
     }
   }
-
-  /// Quantile of penetrations: call `begin_quantile`, `add_depth` for each contact, then `quantile`.
-  void begin_quantile() { sorted_.clear(); }
-  void add_depth(double depth) { sorted_.push_back(depth < 0 ? -depth : 0.0); }
-  /// `fraction`: 0 to 1; 1: the largest. 0 without contacts. m.
-  double quantile(double fraction);
 
  private:
   struct Sums {
@@ -42,14 +41,12 @@ class ContactReport {
     std::uint32_t count = 0;
   };
   void write_finger(std::size_t finger, FingerContact& out) const;
-  /// The slot of the object on which the finger presses most.
-  int slot_of(std::size_t finger) const;
+  /// The place of the object on which the finger presses most.
+  int place_of(std::size_t finger) const;
 
-  const ContactPoints* points_;
-  std::size_t slots_;
+  std::size_t objects_;
   std::array<Sums, 6> sums_;
-  std::vector<double> finger_forces_;  // by (finger, slot)
-  std::vector<double> sorted_;
+  std::vector<double> finger_forces_;  // by (finger, place)
 };
 
 }  // namespace softhand

@@ -36,7 +36,6 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
       points_(std::move(points)),
       blocks_(points_),
       candidates_(points_, slots),
-      report_(points_, slots, 2 * static_cast<std::size_t>(points_.count()) + kMostSharp),
       has_anchor_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points_.size()), 0) {
   if (!std::isfinite(stiffness) || !(stiffness > 0)) {
     throw std::invalid_argument("contact stiffness is " + std::to_string(stiffness) +
@@ -50,6 +49,7 @@ ContactSet::ContactSet(ContactPoints points, int node_count, double stiffness, i
   anchors_.reserve(2 * static_cast<std::size_t>(points_.count()) + kMostSharp);
   anchors_before_.reserve(anchors_.capacity());
   saved_.anchors.reserve(anchors_.capacity());
+  depths_.reserve(anchors_.capacity());
   saved_.slots.reserve(slots_.size());
 }
 
@@ -548,17 +548,20 @@ void ContactSet::bind(const BlockMatrix& matrix) {
 }
 
 double ContactSet::penetration_quantile(const State& state, double fraction) {
-  report_.begin_quantile();
-  for (const Anchor& anchor : anchors_) report_.add_depth(offset(anchor, state).depth);
-  return report_.quantile(fraction);
+  if (anchors_.empty()) return 0;
+  depths_.clear();
+  for (const Anchor& anchor : anchors_) depths_.push_back(std::max(0.0, -offset(anchor, state).depth));
+  const auto nth = depths_.begin() + static_cast<std::ptrdiff_t>(std::clamp(fraction, 0.0, 1.0) *
+                                                                 static_cast<double>(depths_.size() - 1));
+  std::nth_element(depths_.begin(), nth, depths_.end());
+  return *nth;
 }
 
-void ContactSet::write(const State& state, Contacts& out) {
-  report_.begin(out);
-  for (const Anchor& anchor : anchors_)
-    report_.add(anchor, offset(anchor, state), position(anchor, state), at(anchor.slot).id, out);
-  report_.finish([this](int slot) { return at(slot).id; }, out);
-  write_near(state, out);
+void ContactSet::write(const State& state, ContactReport& report, Contacts& out) const {
+  for (const Anchor& anchor : anchors_) {
+    const Vector3 place = position(anchor, state);
+    report.add(contact_row(points_, anchor, offset(anchor, state), place, at(anchor.slot).id), place, anchor.slot, out);
+  }
 }
 
 void ContactSet::write_near(const State& state, Contacts& out) const {

@@ -157,9 +157,10 @@ class ContactSet {
   std::uint64_t queries() const { return queries_ + candidates_.queries(); }
   /// Number of anchors since construction that were dropped because the list was full.
   std::uint64_t dropped() const { return dropped_; }
-  /// Writes contacts and sums per finger at the end of the last step, and the nearest object of each bone that touches
-  /// nothing, up to `near_gap`. Does not write key and stamp.
-  void write(const State& state, Contacts& out);
+  /// Adds the contacts at the end of the last step. The place of an object is its slot.
+  void write(const State& state, ContactReport& report, Contacts& out) const;
+  /// Writes the nearest object of each bone that touches nothing, up to `near_gap`. `out` has the contacts.
+  void write_near(const State& state, Contacts& out) const;
 
   /// Of the anchor's contact point, world.
   Vector3 position(const Anchor& anchor, const State& state) const {
@@ -196,7 +197,6 @@ class ContactSet {
                        static_cast<std::size_t>(point)];
   }
   void mark_anchors();
-  void write_near(const State& state, Contacts& out) const;
   double stiffness_of(int point) const {
     return stiffness_ * (point < points_.count() ? points_[point].area : sharp_area);
   }
@@ -223,7 +223,7 @@ class ContactSet {
   ContactPoints points_;
   PointBlocks blocks_;
   Candidates candidates_;
-  ContactReport report_;
+  std::vector<double> depths_;  // of `penetration_quantile`
   std::vector<Slot> slots_;
   std::vector<Anchor> anchors_;
   std::vector<std::uint8_t> has_anchor_;  // by (slot, point)

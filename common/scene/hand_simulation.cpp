@@ -92,6 +92,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
                                int static_slots, const ObjectSpring& object_spring, int object_joints,
                                std::vector<SoftObject> soft_objects)
     : hand_(hand),
+      report_(mirrored_slots + static_slots + static_cast<int>(SoftObjects::kMaxSoftObjects)),
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
@@ -572,7 +573,26 @@ bool HandSimulation::touched(int slot) const {
   return touches;
 }
 void HandSimulation::write_contacts(Contacts& out) const {
-  if (contacts_) contacts_->write(state_, out);
+  report_.begin(out);
+  out.near.clear();
+  if (contacts_) contacts_->write(state_, report_, out);
+  if (soft_) soft_->write_contacts(state_, slot_count(), report_, out);
+  report_.finish(
+      [this](int place) {
+        return place < slot_count() ? objects_[static_cast<std::size_t>(place)].id
+                                    : SoftObjects::id(place - slot_count());
+      },
+      out);
+  if (contacts_) contacts_->write_near(state_, out);
+}
+
+void HandSimulation::restart_soft_object(int object) {
+  const int first = soft_->first_node(object), nodes = soft_->node_count(object);
+  state_.node_positions.middleCols(first, nodes) = soft_->start_positions().middleCols(first, nodes);
+  state_.node_velocities.middleCols(first, nodes).setZero();
+  soft_->skin().reset();
+  if (soft_->contacts() != nullptr) soft_->contacts()->reset();
+  stored_is_valid_ = false;
 }
 
 void HandSimulation::write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const {

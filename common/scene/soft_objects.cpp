@@ -5,6 +5,8 @@
 #include <stdexcept>
 
 #include "energies/friction.hpp"
+#include "math/tetrahedron.hpp"
+#include "messages/convert.hpp"
 #include "model/skeleton.hpp"
 
 namespace softhand {
@@ -66,6 +68,11 @@ SoftObjects::SoftObjects(const HandModel& hand, std::vector<SoftObject> objects)
   alone_.nodes = all_.nodes;
   alone_.node_body = all_.node_body;
   masses_ = lumped_masses(all_);
+  start_.setZero(3, first_.back());
+  for (int i = 0; i < count(); ++i) {
+    for (int n = first_node(i); n < first_node(i + 1); ++n)
+      start_.col(n) = object(i).pose * all_.nodes[static_cast<std::size_t>(n)];
+  }
 }
 
 std::span<const std::array<std::int32_t, 3>> SoftObjects::surface(int i) const {
@@ -77,15 +84,6 @@ double SoftObjects::mass(int i) const {
   double sum = 0;
   for (int n = first_node(i); n < first_node(i + 1); ++n) sum += masses_[static_cast<std::size_t>(n)];
   return sum;
-}
-
-Eigen::Matrix3Xd SoftObjects::start_positions() const {
-  Eigen::Matrix3Xd positions = Eigen::Matrix3Xd::Zero(3, first_.back());
-  for (int i = 0; i < count(); ++i) {
-    for (int n = first_node(i); n < first_node(i + 1); ++n)
-      positions.col(n) = object(i).pose * all_.nodes[static_cast<std::size_t>(n)];
-  }
-  return positions;
 }
 
 SoftObjects::Ball SoftObjects::ball(int i, const State& state) const {
@@ -131,6 +129,72 @@ Vector3 SoftObjects::skin_force(int i) const {
     if (anchor.slot == part) sum -= anchor.force;
   }
   return sum;
+}
+
+void SoftObjects::write_contacts(const State& state, int first_place, ContactReport& report, Contacts& out) const {
+  for (const SkinAnchor& anchor : skin_->anchors()) {
+    const int of_point = skin_part(skin_->points()[anchor.point].body) - kSkinParts, of_skin = anchor.slot - kSkinParts;
+    if ((of_point < 0) == (of_skin < 0)) continue;  // two objects
+    const AnchorOffset offset = skin_->offset(anchor, state);
+    Vector3 position = skin_->points().at(anchor.point, state.node_positions);
+    const int object = std::max(of_point, of_skin);
+    Contact row = contact_row(skin_->points(), anchor, offset, position, id(object));
+    row.area /= 2;
+    if (of_skin < 0) {
+      // The point belongs to the object. The hand is touched at the anchor.
+      position -= offset.offset;
+      const auto& corners = skin_->search().corners(anchor.triangle);
+      const auto distance = [&](std::int32_t node) { return (state.node_positions.col(node) - position).norm(); };
+      const std::int32_t node = *std::min_element(
+          corners.begin(), corners.end(), [&](std::int32_t a, std::int32_t b) { return distance(a) < distance(b); });
+      row.node = static_cast<std::uint32_t>(node);
+      row.body = all_.node_body[static_cast<std::size_t>(node)];
+      row.finger = static_cast<std::uint32_t>(finger_of(static_cast<Body>(row.body)));
+      row.normal = to_wire(Vector3(-offset.normal));
+      row.force = to_wire(Vector3(-anchor.force));
+    }
+    report.add(row, position, first_place + object, out);
+  }
+}
+
+void SoftObjects::write_state(int i, const State& state, SoftObjectState& out) const {
+  out.object = id(i);
+  Vector3 centre = Vector3::Zero(), velocity = Vector3::Zero();
+  double mass = 0;
+  for (int n = first_node(i); n < first_node(i + 1); ++n) {
+    const double m = masses_[static_cast<std::size_t>(n)];
+    centre += m * state.node_positions.col(n);
+    velocity += m * state.node_velocities.col(n);
+    mass += m;
+  }
+  centre /= mass;
+  velocity /= mass;
+  out.centre = to_wire(centre);
+  out.linear_velocity = to_wire(velocity);
+  const auto as_float = [](const Vector3& v) -> std::array<float, 3> {
+    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+  };
+  out.nodes.clear();
+  out.velocities.clear();
+  for (int n = first_node(i); n < first_node(i + 1); ++n) {
+    out.nodes.push_back(as_float(state.node_positions.col(n) - centre));
+    out.velocities.push_back(as_float(state.node_velocities.col(n) - velocity));
+  }
+  const int part = kSkinParts + i;
+  Vector3 force = Vector3::Zero();
+  out.contact_count = 0;
+  for (const SkinAnchor& anchor : skin_->anchors()) {
+    const int of_point = skin_part(skin_->points()[anchor.point].body);
+    if (std::max(of_point, anchor.slot) != part || std::min(of_point, anchor.slot) >= kSkinParts) continue;
+    ++out.contact_count;
+    force += of_point == part ? anchor.force : Vector3(-anchor.force);
+  }
+  out.hand_force = to_wire(force);
+  out.inverted_elements = 0;
+  for (auto corners : object(i).body->tetrahedra) {
+    for (std::int32_t& corner : corners) corner += first_node(i);
+    if (tetrahedron_volume(state.node_positions, corners) < 0) ++out.inverted_elements;
+  }
 }
 
 }  // namespace softhand

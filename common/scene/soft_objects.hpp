@@ -11,9 +11,11 @@
 #include <string>
 #include <vector>
 
+#include "contact/contact_report.hpp"
 #include "energies/contact.hpp"
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
+#include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "model/object_model.hpp"
 #include "model/state.hpp"
@@ -22,7 +24,9 @@ namespace softhand {
 
 /// A flexible object and its place in the scene.
 struct SoftObject {
-  std::string name;
+  std::string name;         ///< in the scene
+  std::string file_name;    ///< of the object in its file
+  std::string file_sha256;  ///< of the file's bytes
   std::shared_ptr<const SoftBody> body;
   Pose pose;                          ///< of its frame in the world, where it starts at rest
   Vector3 gravity = Vector3::Zero();  ///< m/s^2
@@ -36,6 +40,9 @@ class SoftObjects {
 
   static constexpr std::size_t kMaxSoftObjects = 8;
 
+  /// Id on the topics.
+  static std::uint32_t id(int i) { return kFirstSoftObject + static_cast<std::uint32_t>(i); }
+
   int count() const { return static_cast<int>(objects_.size()); }
   const SoftObject& object(int i) const { return objects_[static_cast<std::size_t>(i)]; }
   /// First node of an object in the state; of `count()`: the number of all nodes of the state.
@@ -47,7 +54,7 @@ class SoftObjects {
   const std::vector<double>& node_masses() const { return masses_; }
   double mass(int i) const;
   /// At the start of the scene, world. The hand's columns are zero.
-  Eigen::Matrix3Xd start_positions() const;
+  const Eigen::Matrix3Xd& start_positions() const { return start_; }
   /// A ball around all nodes of an object in `state`.
   struct Ball {
     Vector3 centre = Vector3::Zero();
@@ -80,6 +87,12 @@ class SoftObjects {
   /// Force (N) of the hand and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
 
+  /// Adds the contacts between the hand and the objects at the end of the last step. Both sides have points, and each
+  /// side bears half of the force. So each point counts half of its area. The place of object i is `first_place` + i.
+  void write_contacts(const State& state, int first_place, ContactReport& report, Contacts& out) const;
+  /// Writes all but owner and stamp. Does not allocate.
+  void write_state(int i, const State& state, SoftObjectState& out) const;
+
  private:
   std::vector<SoftObject> objects_;
   std::vector<int> first_;
@@ -87,6 +100,7 @@ class SoftObjects {
   TissueModel all_;                          // of the hand and of the objects
   TissueModel alone_;                        // without the hand's tetrahedra, skin and contact points; with its nodes
   std::vector<double> masses_;
+  Eigen::Matrix3Xd start_;
   Tissue* tissue_ = nullptr;
   SkinContact* skin_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;

@@ -50,7 +50,7 @@ void check_object(const std::string& path) {
 
 void check_rig(const std::string& path) {
   const RigOptions rig = read_rig(path);
-  read_rig_scene(rig.scene);
+  read_checked_scene(rig.scene);
   fmt::print("{}: a rig of {} processes on scene {}\n", path, chosen_processes(rig).size(), rig.scene);
 }
 
@@ -127,12 +127,6 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
   if (options.direct) return scene;  // there is no intermediate layer to check
   try_start(path + ": tracking.input.", [&] { TrackedInput{tracking.input}; });
   try_start(path + ": ", [&] { check_stability(tracking, options.rate_hz, hand); });
-  return scene;
-}
-
-Scene read_rig_scene(const std::string& path, const std::vector<std::string>& overrides) {
-  Scene scene = read_checked_scene(path, overrides);
-  refuse_soft_objects(scene);
   return scene;
 }
 

@@ -10,9 +10,6 @@ namespace softhand {
 /// ConfigError or std::invalid_argument with file and reason.
 Scene read_checked_scene(const std::string& path, const std::vector<std::string>& overrides = {});
 
-/// The same for a scene that a rig will play (`refuse_soft_objects`).
-Scene read_rig_scene(const std::string& path, const std::vector<std::string>& overrides = {});
-
 /// True for a rig, false for a scene. A file that is not valid TOML also returns false: reading it as a scene then
 /// reports the syntax error.
 bool is_rig(const std::string& path);

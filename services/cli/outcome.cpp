@@ -92,6 +92,15 @@ std::array<Pose, kJointCount> poses_of(const Skeleton& skeleton) {
 
 }  // namespace
 
+void join_success(Json& summary, const char* part) {
+  if (!summary.contains(part) || !summary[part].contains("success")) return;
+  const Json of_part = summary[part];
+  summary["success"] = of_part["success"].get<bool>() && summary.value("success", true);
+  summary["success_because"] =
+      (summary.contains("success_because") ? summary["success_because"].get<std::string>() + "; " : "") +
+      of_part["success_because"].get<std::string>();
+}
+
 double percentile(std::vector<double> values, double q) {
   if (values.empty()) return std::nan("");
   const auto at = static_cast<std::size_t>(

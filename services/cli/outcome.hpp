@@ -130,6 +130,9 @@ class Outcome {
   double largest_hand_coupling_ = 0;    // N
 };
 
+/// The goals of a part of the summary, for example of a flexible object, come in addition to those of the object.
+void join_success(nlohmann::ordered_json& summary, const char* part);
+
 /// Value at fraction q of the sorted values. NaN if `values` is empty.
 double percentile(std::vector<double> values, double q);
 

@@ -57,6 +57,9 @@ void record(const RenderArguments& arguments, const std::string& path) {
     recording.add(0, viewer::encode(rig.world().descriptions()[i],
                                     object.model == nullptr ? nullptr : &object.model->links[object.link].mesh));
   }
+  const std::vector<SoftObjectDescription> soft = rig.hand().soft_object_descriptions();
+  for (std::size_t i = 0; i < soft.size(); ++i)
+    recording.add(0, viewer::encode(soft[i], scene.soft_objects[i].body.get()));
   auto objects = std::make_unique<WorldObjects>();
   rig.run(arguments.at + arguments.seconds + kBefore, [&](const HandStepView& view) {
     const double time = static_cast<double>(view.time - VirtualRig::kStart) * 1e-9;
@@ -69,6 +72,7 @@ void record(const RenderArguments& arguments, const std::string& path) {
     recording.add(since, viewer::encode(*objects));
     recording.add(since, viewer::encode(view.output->contacts));
     recording.add(since, viewer::encode(view.output->surface, false));
+    for (const SoftObjectState& each : view.output->soft_objects) recording.add(since, viewer::encode(each, false));
   });
   recording.close();
 }

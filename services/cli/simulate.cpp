@@ -115,7 +115,8 @@ int run_simulate(const SimulateArguments& arguments) {
   std::uint64_t inverted_steps = 0;
   std::vector<double> work_of_steps;
   SkinOutcome skin;
-  SoftOutcome soft;
+  std::optional<SoftOutcome> soft;
+  if (!scene.soft_objects.empty()) soft.emplace(scene.soft_objects.front());
   OutcomeFrame frame =
       outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
   const auto& g = scene.options.world.gravity;
@@ -131,7 +132,10 @@ int run_simulate(const SimulateArguments& arguments) {
     if (static_cast<double>(view.time - VirtualRig::kStart) * 1e-9 <
         motion->duration() - scene.options.tracker.start_time)
       skin.add(*view.simulation);
-    soft.add(*view.simulation);
+    if (soft) {
+      for (const SoftObjectState& each : view.output->soft_objects) soft->on_state(each);
+      soft->on_contacts(view.output->contacts);
+    }
   });
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
@@ -148,17 +152,9 @@ int run_simulate(const SimulateArguments& arguments) {
   json.update(rig.outcome().summary(frame));
   const HandSimulation& simulation = rig.hand().simulation();
   json["skin"] = skin.summary(scene.options.judge.skin, scene.options.hand.simulation.skin_friction);
-  if (Json of_soft = soft.summary(scene.options.judge.soft); !of_soft.is_null()) json["soft"] = std::move(of_soft);
+  if (soft) json["soft"] = soft->summary(scene.options.judge.soft, frame);
   if (rig.hand_count() > 1) json["hands"] = hands.summary(scene.options.judge.hands);
-  // Goals of the skin, of a flexible object and of two hands come in addition to those of the object.
-  for (const char* part : {"skin", "soft", "hands"}) {
-    if (!json.contains(part) || !json[part].contains("success")) continue;
-    const Json of_part = json[part];
-    json["success"] = of_part["success"].get<bool>() && json.value("success", true);
-    json["success_because"] =
-        (json.contains("success_because") ? json["success_because"].get<std::string>() + "; " : "") +
-        of_part["success_because"].get<std::string>();
-  }
+  for (const char* part : {"skin", "soft", "hands"}) join_success(json, part);
   json["inverted_end"] = simulation.inverted_elements();
   json["inverted_steps_fraction"] =
       static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));

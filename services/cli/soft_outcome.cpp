@@ -9,6 +9,9 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "cli/outcome.hpp"
+#include "messages/convert.hpp"
+
 namespace softhand {
 namespace {
 
@@ -30,15 +33,18 @@ const std::array<Vector3, kDirections>& directions() {
 
 }  // namespace
 
-SoftOutcome::Widths SoftOutcome::widths_of(const SoftObjects& soft, const State& state) {
-  Vector3 centre = Vector3::Zero();
-  for (int n = soft.first_node(0); n < soft.first_node(1); ++n)
-    centre += soft.node_masses()[static_cast<std::size_t>(n)] * state.node_positions.col(n);
-  centre /= soft.mass(0);
+SoftOutcome::SoftOutcome(const SoftObject& object)
+    : nodes_(static_cast<std::uint32_t>(object.body->nodes.size())), surface_(boundary(object.body->tetrahedra)) {}
+
+void SoftOutcome::on_state(const SoftObjectState& state) {
+  if (state.object != SoftObjects::id(0) || state.nodes.size() != nodes_) return;
   // By direction: where the line through the centre leaves the object, forwards and backwards, m.
   std::array<double, kDirections> forwards{}, backwards{};
-  for (const auto& triangle : soft.surface(0)) {
-    const auto corner = [&](std::size_t k) { return Vector3(state.node_positions.col(triangle[k]) - centre); };
+  for (const auto& triangle : surface_) {
+    const auto corner = [&](std::size_t k) {
+      const auto& node = state.nodes[static_cast<std::size_t>(triangle[k])];
+      return Vector3(node[0], node[1], node[2]);
+    };
     const Vector3 a = corner(0), b = corner(1), c = corner(2);
     // The line along d meets the triangle if d is on the same side of the planes through the centre and each edge.
     const Vector3 ab = a.cross(b), bc = b.cross(c), ca = c.cross(a);
@@ -53,42 +59,51 @@ SoftOutcome::Widths SoftOutcome::widths_of(const SoftObjects& soft, const State&
       backwards[i] = std::max(backwards[i], -place);
     }
   }
-  Widths widths{std::numeric_limits<double>::infinity(), 0};
+  Sample sample{state.stamp.sample_time, std::numeric_limits<double>::infinity(), 0, state.contact_count,
+                state.inverted_elements > 0};
   for (std::size_t i = 0; i < kDirections; ++i) {
-    widths.least = std::min(widths.least, forwards[i] + backwards[i]);
-    widths.greatest = std::max(widths.greatest, forwards[i] + backwards[i]);
+    sample.least_width = std::min(sample.least_width, forwards[i] + backwards[i]);
+    sample.greatest_width = std::max(sample.greatest_width, forwards[i] + backwards[i]);
   }
-  return widths;
+  samples_.push_back(sample);
 }
 
-void SoftOutcome::add(const HandSimulation& simulation) {
-  const SoftObjects* soft = simulation.soft();
-  if (soft == nullptr) return;
-  last_ = widths_of(*soft, simulation.state());
-  if (!is_on_) {
-    first_ = last_;
-    least_ = last_.least;
-  }
-  is_on_ = true;
-  least_ = std::min(least_, last_.least);
-  for (const SkinAnchor& anchor : soft->skin().anchors()) strongest_ = std::max(strongest_, anchor.force.norm());
-  most_contacts_ = std::max(most_contacts_, soft->skin().anchors().size());
-  touched_at_end_ = !soft->skin().anchors().empty();
-  if (soft->tissue().inverted_elements(simulation.state()) > 0) ++inverted_steps_;
+void SoftOutcome::on_contacts(const Contacts& contacts) {
+  Force force{contacts.stamp.sample_time};
+  for (const Contact& each : contacts.contacts)
+    if (each.object == SoftObjects::id(0)) force.strongest = std::max(force.strongest, to_vector(each.force).norm());
+  if (force.strongest > 0) forces_.push_back(force);
 }
 
-nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal) const {
+nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal, const OutcomeFrame& frame) const {
   nlohmann::ordered_json json;
-  if (!is_on_) return json;
-  const double squeezed = least_ / first_.least;
-  const double off = std::max(std::abs(last_.least / first_.least - 1), std::abs(last_.greatest / first_.greatest - 1));
-  json["least_width_first_mm"] = first_.least * 1e3;
-  json["least_width_mm"] = least_ * 1e3;
+  Nanoseconds end = std::numeric_limits<Nanoseconds>::max();
+  if (!frame.phases.empty()) end = frame.motion_start + static_cast<Nanoseconds>(1e9 * (frame.phases.back().end + 0.5));
+  if (samples_.empty() || samples_.front().time > end) return json;
+  const Sample& first = samples_.front();
+  Sample last = first;
+  double least = first.least_width, strongest = 0;
+  std::uint32_t most_contacts = 0;
+  std::uint64_t inverted_steps = 0;
+  for (const Sample& each : samples_) {
+    if (each.time > end) break;
+    least = std::min(least, each.least_width);
+    most_contacts = std::max(most_contacts, each.contacts);
+    inverted_steps += each.inverted ? 1 : 0;
+    last = each;
+  }
+  for (const Force& each : forces_)
+    if (each.time <= end) strongest = std::max(strongest, each.strongest);
+  const double squeezed = least / first.least_width;
+  const double off = std::max(std::abs(last.least_width / first.least_width - 1),
+                              std::abs(last.greatest_width / first.greatest_width - 1));
+  json["least_width_first_mm"] = first.least_width * 1e3;
+  json["least_width_mm"] = least * 1e3;
   json["squeezed_to_fraction"] = squeezed;
   json["end_off_fraction"] = off;
-  json["contacts_max"] = most_contacts_;
-  json["point_force_max_n"] = strongest_;
-  json["inverted_steps"] = inverted_steps_;
+  json["contacts_max"] = most_contacts;
+  json["point_force_max_n"] = strongest;
+  json["inverted_steps"] = inverted_steps;
   if (!goal.any()) return json;
   bool success = true;
   std::string because;
@@ -98,10 +113,10 @@ nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal) const {
                           100 * goal.squeezed);
   }
   if (goal.recovers > 0) {
-    success = success && off <= goal.recovers && !touched_at_end_;
+    success = success && off <= goal.recovers && last.contacts == 0;
     because += fmt::format("{}its widths at the end differ by {:.2f} % from the first ones (allowed: {:.1f} %){}",
                            because.empty() ? "" : "; ", 100 * off, 100 * goal.recovers,
-                           touched_at_end_ ? "; the hand still touched it" : "; the hand let go of it");
+                           last.contacts > 0 ? "; the hand still touched it" : "; the hand let go of it");
   }
   json["success"] = success;
   json["success_because"] = because;

@@ -1,13 +1,17 @@
-// Judges how a flexible object was squeezed in a run. The messages do not carry its nodes, so only `simulate` can do
-// this.
+// Judges from the messages how a flexible object was squeezed in a run. So `simulate` and `up` use the same rules.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
 
-#include "scene/hand_simulation.hpp"
+#include "messages/messages.hpp"
+#include "scene/soft_objects.hpp"
 
 namespace softhand {
+
+struct OutcomeFrame;
 
 /// What a scene asks of its first flexible object. Zero = not asked for. A width is the length of a line through the
 /// centre of mass, from surface to surface.
@@ -17,28 +21,32 @@ struct SoftGoal {
   bool any() const { return squeezed > 0 || recovers > 0; }
 };
 
+/// Not for real-time threads.
 class SoftOutcome {
  public:
-  /// After each step.
-  void add(const HandSimulation& simulation);
-  /// Keys and meaning: docs/outcome.md. Null without a flexible object. With a goal it has `success` and
-  /// `success_because`.
-  nlohmann::ordered_json summary(const SoftGoal& goal) const;
+  /// `object`: the first flexible object of the scene.
+  explicit SoftOutcome(const SoftObject& object);
+  void on_state(const SoftObjectState& state);
+  void on_contacts(const Contacts& contacts);
+  /// Keys and meaning: docs/outcome.md. Null without a message. With a goal it has `success` and `success_because`.
+  /// Messages from more than half a second after the motion do not count, because the tracker may repeat it.
+  nlohmann::ordered_json summary(const SoftGoal& goal, const OutcomeFrame& frame) const;
 
  private:
-  /// Lengths of the lines through the centre of mass, from surface to surface, m.
-  struct Widths {
-    double least = 0, greatest = 0;
+  struct Sample {
+    Nanoseconds time = 0;
+    double least_width = 0, greatest_width = 0;  // m, of the lines through the centre of mass
+    std::uint32_t contacts = 0;                  // points between the hand and the object
+    bool inverted = false;
   };
-  static Widths widths_of(const SoftObjects& soft, const State& state);
-
-  bool is_on_ = false;
-  Widths first_, last_;
-  double least_ = 0;               // m
-  double strongest_ = 0;           // N, of one touching point
-  std::size_t most_contacts_ = 0;  // touching points of the hand and of the object
-  bool touched_at_end_ = false;
-  std::uint64_t inverted_steps_ = 0;
+  struct Force {
+    Nanoseconds time = 0;
+    double strongest = 0;  // N, of one touching point
+  };
+  std::uint32_t nodes_;
+  std::vector<std::array<std::int32_t, 3>> surface_;
+  std::vector<Sample> samples_;
+  std::vector<Force> forces_;
 };
 
 }  // namespace softhand

@@ -20,6 +20,7 @@
 #include "cli/outcome.hpp"
 #include "cli/rig.hpp"
 #include "cli/rig_lock.hpp"
+#include "cli/soft_outcome.hpp"
 #include "cli/status_table.hpp"
 #include "cli/supervisor.hpp"
 #include "cli/topic_recording.hpp"
@@ -51,10 +52,14 @@ void say(std::string_view name, std::string_view text) {
 // do not compute topics without a subscriber.
 class Listener {
  public:
-  /// `user`: of the hands that are judged. Tracked hands of other users are the sources of a fusion.
-  Listener(const bus::Participant& participant, bool everything, std::uint32_t user)
-      : user_(user), status_(participant, with_history(bus::topics::loop_status, kHistory)) {
-    if (everything) streams_.emplace(participant);
+  /// The hands of the scene's user are judged. Tracked hands of other users are the sources of a fusion.
+  Listener(const bus::Participant& participant, bool everything, const Scene& scene)
+      : user_(hand_key(scene).user), status_(participant, with_history(bus::topics::loop_status, kHistory)) {
+    if (!everything) return;
+    streams_.emplace(participant);
+    if (scene.soft_objects.empty()) return;
+    soft_states_.emplace(participant, with_history(bus::topics::soft_object_state, kHistory));
+    soft_outcome_.emplace(scene.soft_objects.front());
   }
 
   /// `watched` gets the signs of life of its children.
@@ -70,7 +75,11 @@ class Listener {
       if (m.hand.user == user_) outcome_.on_tracked(m);
     });
     streams_->simulated.take_all([this](const Skeleton& m) { outcome_.on_simulated(m); });
-    streams_->contacts.take_all([this](const Contacts& m) { outcome_.on_contacts(m); });
+    streams_->contacts.take_all([this](const Contacts& m) {
+      outcome_.on_contacts(m);
+      if (soft_outcome_) soft_outcome_->on_contacts(m);
+    });
+    if (soft_outcome_) soft_states_->take_all([this](const SoftObjectState& m) { soft_outcome_->on_state(m); });
     streams_->coupling.take_all([this](const ObjectCoupling& m) { outcome_.on_coupling(m); });
     streams_->objects.take_all([this](const WorldObjects& m) { outcome_.on_objects(m); });
     streams_->wrench.take_all([this](const BoneWrench& m) { outcome_.on_bone_wrench(m); });
@@ -90,6 +99,8 @@ class Listener {
     modules_.clear();
   }
   const Outcome& outcome() const { return outcome_; }
+  /// Null: the scene has no flexible object, or the run has no summary.
+  const SoftOutcome* soft_outcome() const { return soft_outcome_ ? &*soft_outcome_ : nullptr; }
   /// Start of the motion of a tracker in `rig`, on the clock of this host; 0 = not received.
   Nanoseconds motion_start(const RigOptions& rig) const {
     for (const auto& [name, status] : modules()) {
@@ -126,6 +137,8 @@ class Listener {
   std::optional<Streams> streams_;
   ModuleTable<LoopStatus> modules_;
   Outcome outcome_;
+  std::optional<bus::Reader<SoftObjectState>> soft_states_;
+  std::optional<SoftOutcome> soft_outcome_;
 };
 
 // Answers messages that concern the whole rig: choose another scene, or another process among those that share a name.
@@ -145,7 +158,7 @@ class RigControl {
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
-    scene_ = read_rig_scene(rig_.scene, overrides_);
+    scene_ = read_checked_scene(rig_.scene, overrides_);
     const fs::path folder = fs::path(rig_.scene).parent_path();
     for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {
       if (entry.path().extension() == ".toml" && !is_rig(entry.path().string()))
@@ -250,7 +263,7 @@ class RigControl {
         return reply(kReplyRefused, "no such scene in the folder of the present scene: " + choice);
       const std::string path = (fs::path(rig_.scene).parent_path() / (choice + ".toml")).string();
       try {
-        scene_ = read_rig_scene(path, overrides_);
+        scene_ = read_checked_scene(path, overrides_);
       } catch (const std::exception& error) {
         return reply(kReplyRefused, error.what());
       }
@@ -376,7 +389,12 @@ nlohmann::ordered_json summary_of(const UpArguments& arguments, const RigControl
   summary["refused_statuses"] = listener.refused_statuses();
   for (const RigProcess& process : chosen_processes(control.rig()))
     summary["restarts"][process.name] = supervisor.restarts(process.name);
-  summary.update(listener.outcome().summary(outcome_frame(control.scene(), listener.motion_start(control.rig()))));
+  const OutcomeFrame frame = outcome_frame(control.scene(), listener.motion_start(control.rig()));
+  summary.update(listener.outcome().summary(frame));
+  if (const SoftOutcome* soft = listener.soft_outcome()) {
+    summary["soft"] = soft->summary(control.scene().options.judge.soft, frame);
+    join_success(summary, "soft");
+  }
   return summary;
 }
 
@@ -397,7 +415,7 @@ int run_up(const UpArguments& arguments) {
                arguments.replace ? "it was asked to stop and has not stopped" : "stop it, or start with --replace");
     return kExitHeld;
   }
-  Listener listener(participant, !arguments.json.empty(), hand_key(control.scene()).user);
+  Listener listener(participant, !arguments.json.empty(), control.scene());
   nlohmann::ordered_json summary;
   bool clean = true;
   do {

@@ -11,7 +11,7 @@ namespace softhand {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 
 // One list of the fields serves writing and reading.
 template <typename Header, typename Visit>

@@ -45,6 +45,9 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
       tracked_(options.tracked_input) {
   output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
       output_.surface.hand = key_;
+  if (const SoftObjects* soft = simulation_->soft())
+    output_.soft_objects.resize(static_cast<std::size_t>(soft->count()));
+  for (SoftObjectState& each : output_.soft_objects) each.owner = key_;
 }
 
 HandLoop::~HandLoop() = default;
@@ -70,6 +73,7 @@ void HandLoop::reset(Nanoseconds time) {
   simulation_->clear_targets();
   any_skeleton_ = reposition_asked_ = false;
   mirror_.release_all();
+  for (int i = 0; i < static_cast<int>(output_.soft_objects.size()); ++i) simulation_->restart_soft_object(i);
 }
 
 void HandLoop::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
@@ -239,6 +243,12 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
       surface.nodes.push_back({relative.x(), relative.y(), relative.z()});
     }
   }
+  if (requested.soft_objects) {
+    for (std::size_t i = 0; i < output_.soft_objects.size(); ++i) {
+      output_.soft_objects[i].stamp = stamp;
+      simulation_->soft()->write_state(static_cast<int>(i), simulation_->state(), output_.soft_objects[i]);
+    }
+  }
   if (writes_wrench) {
     BoneWrench& wrench = output_.bone_wrench;
     wrench.stamp = stamp;
@@ -273,7 +283,21 @@ MessageReply HandLoop::answer(const Message& message, const std::string& module)
     reposition_asked_ = true;
     return reply_to(message, module, kReplyApplied, "the hand goes to its target at once");
   }
-  return reply_to(message, module, kReplyIgnored, "unknown key; known: reposition");
+  if (get_text(message.key) == "object.reset") return restart_soft_objects(message, module);
+  return reply_to(message, module, kReplyIgnored, "unknown key; known: reposition, object.reset");
+}
+
+MessageReply HandLoop::restart_soft_objects(const Message& message, const std::string& module) {
+  const std::string_view name = get_text(message.value);
+  int restarted = 0;
+  for (int i = 0; i < static_cast<int>(output_.soft_objects.size()); ++i) {
+    if (name != "*" && name != simulation_->soft()->object(i).name) continue;
+    simulation_->restart_soft_object(i);
+    ++restarted;
+  }
+  // The world has the other objects.
+  if (restarted == 0) return reply_to(message, module, kReplyIgnored, "no such flexible object");
+  return reply_to(message, module, kReplyApplied, "back at its start");
 }
 
 void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
@@ -328,6 +352,26 @@ HandDescription HandLoop::description() const {
                              static_cast<std::uint32_t>(triangle[2])});
   }
   return out;
+}
+
+std::vector<SoftObjectDescription> HandLoop::soft_object_descriptions() const {
+  std::vector<SoftObjectDescription> all(output_.soft_objects.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const SoftObjects& soft = *simulation_->soft();
+    const int k = static_cast<int>(i);
+    const SoftObject& object = soft.object(k);
+    SoftObjectDescription& out = all[i];
+    out.object = SoftObjects::id(k);
+    out.owner = key_;
+    set_text(out.name, object.name);
+    set_text(out.file.name, object.file_name);
+    set_text(out.file.sha256, object.file_sha256);
+    out.file.position = to_wire(object.pose.position);
+    out.file.orientation = to_wire(object.pose.orientation);
+    out.node_count = static_cast<std::uint32_t>(soft.node_count(k));
+    out.mass = soft.mass(k);
+  }
+  return all;
 }
 
 template <typename Self, typename Visit>

@@ -29,6 +29,7 @@ struct RequestedOutputs {
   bool surface = true;
   bool contacts = true;
   bool bone_wrench = true;
+  bool soft_objects = true;
   bool ledger = true;  ///< the energy ledger of the status
 };
 
@@ -39,6 +40,7 @@ struct HandOutput {
   Contacts contacts;
   BoneWrench bone_wrench;  ///< written only if the intermediate layer is left out
   TissueSurface surface;
+  std::vector<SoftObjectState> soft_objects;  ///< one for each flexible object
   StepReport report;
 };
 
@@ -109,11 +111,15 @@ class HandLoop {
   HandOutput& step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested);
 
   /// Returns to the initial state: without objects, and with an unknown pose until a skeleton arrives that was sampled
-  /// after `time`. World samples up to `time` are ignored.
+  /// after `time`. World samples up to `time` are ignored. Flexible objects are back where they started.
   void reset(Nanoseconds time);
 
   HandDescription description() const;
-  /// Answers `reposition` with any value: the hand moves to its target at once and releases what it holds.
+  /// Of all flexible objects.
+  std::vector<SoftObjectDescription> soft_object_descriptions() const;
+  /// Answers messages. Keys:
+  /// - `reposition` with any value: the hand moves to its target at once and releases what it holds.
+  /// - `object.reset` NAME or *: a flexible object is back where it started, at rest. The world answers for the others.
   MessageReply answer(const Message& message, const std::string& module);
   /// Adds input age, results of the last step's solver, state figures, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
@@ -135,6 +141,7 @@ class HandLoop {
   void take_world(Nanoseconds now, const WorldObjects& world);
   void set_targets(Nanoseconds now);
   void write_outputs(Nanoseconds now, const RequestedOutputs& requested);
+  MessageReply restart_soft_objects(const Message& message, const std::string& module);
 
   HandOptions options_;
   HandKey key_;

@@ -60,7 +60,6 @@ constexpr int kMostDescriptions = 32;
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
-  refuse_soft_objects(scene);
   HandOptions options = scene.options.hand;
   const HandKey key = hand_key(scene);
 
@@ -79,6 +78,12 @@ void run(int argc, char** argv) {
   bus::Writer surface_writer(p, bus::topics::tissue_surface);
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
+  std::optional<bus::Writer<SoftObjectState>> soft_writer;
+  std::optional<bus::Writer<SoftObjectDescription>> soft_description_writer;
+  if (!scene.soft_objects.empty()) {
+    soft_writer.emplace(p, bus::topics::soft_object_state);
+    soft_description_writer.emplace(p, bus::topics::soft_object_description);
+  }
 
   // Measure with the urgency of the service, because the loop will run with it. A late step is worse than a slightly
   // less exact step. Therefore the period is converted into an amount of work, once.
@@ -110,11 +115,15 @@ void run(int argc, char** argv) {
 
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
   // service has set its urgency, because the helper inherits that urgency.
-  HandLoop loop(hand, options, key, object_spring(scene.options.world));
+  HandLoop loop(hand, options, key, object_spring(scene.options.world), scene.soft_objects);
   Flight flight(loop, recorder.get());
   const auto description = std::make_unique<HandDescription>(loop.description());
   service.stamp(description->stamp);
   description_writer.write(*description);
+  for (SoftObjectDescription& each : loop.soft_object_descriptions()) {
+    service.stamp(each.stamp);
+    soft_description_writer->write(each);
+  }
 
   auto skeleton = std::make_unique<Skeleton>();
   auto world = std::make_unique<WorldObjects>();
@@ -170,6 +179,7 @@ void run(int argc, char** argv) {
     const RequestedOutputs requested{.surface = surface_writer.has_readers(),
                                      .contacts = contacts_writer.has_readers(),
                                      .bone_wrench = options.direct && wrench_writer.has_readers(),
+                                     .soft_objects = soft_writer && soft_writer->has_readers(),
                                      .ledger = service.status_requested()};
     HandOutput& output =
         flight.step(now, {input, requested}, [&]() -> HandOutput& { return loop.step(now, input, requested); });
@@ -179,6 +189,7 @@ void run(int argc, char** argv) {
     publish(coupling_writer, output.coupling);
     publish(contacts_writer, output.contacts);
     publish(surface_writer, output.surface);
+    for (SoftObjectState& each : output.soft_objects) publish(*soft_writer, each);
     if (options.direct) publish(wrench_writer, output.bone_wrench);
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
@@ -194,6 +205,11 @@ void run(int argc, char** argv) {
   };
   service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); }, fill_status,
                [&](Nanoseconds time) { flight.reset(time); }});
+  for (SoftObjectDescription& each : loop.soft_object_descriptions()) {
+    each.removed = 1;
+    service.stamp(each.stamp);
+    soft_description_writer->write(each);
+  }
   if (recorder && !arguments.flight.empty()) recorder->finish("the process was stopped");
 }
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <optional>
 
+#include "bus/topics.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 
@@ -93,51 +94,47 @@ bool read_text(std::span<const std::uint8_t> bytes, ShortText& out) {
   return text.size() < out.size() && std::all_of(text.begin(), text.end(), [](char c) { return c >= ' ' && c <= '~'; });
 }
 
-}  // namespace
-
-Frame encode(const HandDescription& description, std::span<const Vector3> rest_nodes) {
-  const std::size_t vertices = description.vertex_nodes.size();
-  const std::size_t triangles = description.triangles.size();
-  if (description.vertex_weights.size() != vertices) return nullptr;
-  Packer out(FrameType::hand_description, instance_of(description.hand),
-             16 + 12 * rest_nodes.size() + 24 * vertices + 6 * triangles);
-  out.integer(description.node_count);
-  out.integer(static_cast<std::uint32_t>(vertices));
-  out.integer(static_cast<std::uint32_t>(triangles));
+// Appends a mesh whose vertices are weighted means of nodes. Returns false if an index is out of range.
+template <typename VertexNodes, typename Weights, typename Triangles>
+bool put_skin(Packer& out, std::uint32_t node_count, std::span<const Vector3> rest_nodes, const Weights& vertex_weights,
+              const VertexNodes& vertex_nodes, const Triangles& triangles) {
+  out.integer(node_count);
+  out.integer(static_cast<std::uint32_t>(vertex_nodes.size()));
+  out.integer(static_cast<std::uint32_t>(triangles.size()));
   out.integer(static_cast<std::uint32_t>(rest_nodes.size()));
   for (const Vector3& node : rest_nodes) out.reals(to_wire(node));
-  for (const auto& weights : description.vertex_weights) out.reals(weights);
-  for (const auto& nodes : description.vertex_nodes) {
-    for (const std::uint32_t node : nodes) {
-      if (node >= description.node_count) return nullptr;
-      out.put(static_cast<std::uint16_t>(node));
+  for (const auto& weights : vertex_weights) out.reals(weights);
+  const auto put_indices = [&out](const auto& indices, std::size_t end) {
+    for (const std::uint32_t index : indices) {
+      if (index >= end) return false;
+      out.put(static_cast<std::uint16_t>(index));
     }
-  }
-  for (const auto& triangle : description.triangles) {
-    for (const std::uint32_t vertex : triangle) {
-      if (vertex >= vertices) return nullptr;
-      out.put(static_cast<std::uint16_t>(vertex));
-    }
-  }
-  return out.finish();
+    return true;
+  };
+  return std::all_of(vertex_nodes.begin(), vertex_nodes.end(),
+                     [&](const auto& nodes) { return put_indices(nodes, node_count); }) &&
+         std::all_of(triangles.begin(), triangles.end(),
+                     [&](const auto& triangle) { return put_indices(triangle, vertex_nodes.size()); });
 }
 
-Frame encode(const TissueSurface& surface, bool quantised) {
+template <typename Nodes>
+Frame encode_nodes(FrameType type, std::uint32_t instance, const Stamp& stamp, const Vec3& origin, const Nodes& nodes,
+                   bool quantised) {
   float largest = 1e-6f;
-  for (const auto& node : surface.nodes) {
+  for (const auto& node : nodes) {
     for (const float x : node) {
       if (!std::isfinite(x)) return nullptr;
       largest = std::max(largest, std::abs(x));
     }
   }
-  Packer out(FrameType::nodes, instance_of(surface.hand), 64 + 12 * surface.nodes.size());
-  out.stamp(surface.stamp);
-  out.reals(surface.wrist_position);
-  out.integer(surface.nodes.count);
+  Packer out(type, instance, 64 + 12 * nodes.size());
+  out.stamp(stamp);
+  out.reals(origin);
+  out.integer(nodes.count);
   out.integer(quantised ? 1 : 0);
   const float step = quantised ? largest / 32767.0f : 1.0f;
   out.real(step);
-  for (const auto& node : surface.nodes) {
+  for (const auto& node : nodes) {
     if (!quantised) {
       out.reals(node);
       continue;
@@ -145,6 +142,66 @@ Frame encode(const TissueSurface& surface, bool quantised) {
     for (const float x : node) out.put(static_cast<std::int16_t>(std::lround(x / step)));
   }
   return out.finish();
+}
+
+// A reader of this topic has so many instances.
+bool is_soft_object(std::uint32_t id) {
+  return id >= kFirstSoftObject && id - kFirstSoftObject < static_cast<std::uint32_t>(bus::topics::kSoftObjects);
+}
+
+}  // namespace
+
+Frame encode(const HandDescription& description, std::span<const Vector3> rest_nodes) {
+  if (description.vertex_weights.size() != description.vertex_nodes.size()) return nullptr;
+  Packer out(FrameType::hand_description, instance_of(description.hand),
+             16 + 12 * rest_nodes.size() + 24 * description.vertex_nodes.size() + 6 * description.triangles.size());
+  const bool fits = put_skin(out, description.node_count, rest_nodes, description.vertex_weights,
+                             description.vertex_nodes, description.triangles);
+  return fits ? out.finish() : nullptr;
+}
+
+Frame encode(const SoftObjectDescription& description, const SoftBody* body) {
+  if (!is_soft_object(description.object)) return nullptr;
+  const std::uint32_t instance = description.object - kFirstSoftObject;
+  std::vector<std::array<std::uint32_t, 4>> nodes;
+  std::vector<std::array<float, 4>> weights;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::span<const Vector3> rest;
+  if (description.removed == 0) {
+    if (body == nullptr || body->nodes.size() != description.node_count) return nullptr;
+    rest = body->nodes;
+    // A vertex is a node of the surface.
+    constexpr std::uint32_t kNone = ~0u;
+    std::vector<std::uint32_t> vertex_of(body->nodes.size(), kNone);
+    for (const auto& corners : boundary(body->tetrahedra)) {
+      auto& triangle = triangles.emplace_back();
+      for (std::size_t k = 0; k < 3; ++k) {
+        std::uint32_t& vertex = vertex_of[static_cast<std::size_t>(corners[k])];
+        if (vertex == kNone) {
+          vertex = static_cast<std::uint32_t>(nodes.size());
+          const auto node = static_cast<std::uint32_t>(corners[k]);
+          nodes.push_back({node, node, node, node});
+          weights.push_back({1, 0, 0, 0});
+        }
+        triangle[k] = vertex;
+      }
+    }
+  }
+  Packer out(FrameType::soft_object_description, instance,
+             16 + 12 * rest.size() + 24 * nodes.size() + 6 * triangles.size());
+  const bool fits = put_skin(out, static_cast<std::uint32_t>(rest.size()), rest, weights, nodes, triangles);
+  return fits ? out.finish() : nullptr;
+}
+
+Frame encode(const TissueSurface& surface, bool quantised) {
+  return encode_nodes(FrameType::nodes, instance_of(surface.hand), surface.stamp, surface.wrist_position, surface.nodes,
+                      quantised);
+}
+
+Frame encode(const SoftObjectState& state, bool quantised) {
+  if (!is_soft_object(state.object)) return nullptr;
+  return encode_nodes(FrameType::soft_object_nodes, state.object - kFirstSoftObject, state.stamp, state.centre,
+                      state.nodes, quantised);
 }
 
 Frame encode(FrameType which, const Skeleton& skeleton) {

@@ -4,8 +4,8 @@
 // A frame is a header of 16 bytes and a payload. Both lengths are multiples of 4. The header:
 //   u32 magic "SHVF", u16 version, u16 type, u32 payload bytes, u32 instance
 // A WebSocket message from the gateway is one or more frames. A message to the gateway is exactly one frame. `instance`
-// distinguishes hands (2 * user + side), objects (id) and modules (slot). A newer frame replaces an older one of the
-// same type and instance, except for message_reply.
+// distinguishes hands (2 * user + side), objects (id), flexible objects (id minus kFirstSoftObject) and modules (slot).
+// A newer frame replaces an older one of the same type and instance, except for message_reply.
 #pragma once
 
 #include <array>
@@ -18,6 +18,7 @@
 
 #include "math/types.hpp"
 #include "messages/messages.hpp"
+#include "model/object_model.hpp"
 #include "model/triangle_mesh.hpp"
 
 namespace softhand::viewer {
@@ -40,6 +41,8 @@ enum class FrameType : std::uint16_t {
   message_reply = 11,
   gateway = 12,
   rig_choices = 13,
+  soft_object_description = 14,
+  soft_object_nodes = 15,
   // from the page
   show = 32,
   message = 33,
@@ -49,8 +52,9 @@ enum class FrameType : std::uint16_t {
 using TypeSet = std::uint32_t;
 constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsigned>(type); }
 /// The types that a page can request. `gateway` is sent without a request.
-inline constexpr TypeSet kShowable =
-    ((set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description)) | set_of(FrameType::rig_choices);
+inline constexpr TypeSet kShowable = ((set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description)) |
+                                     set_of(FrameType::rig_choices) | set_of(FrameType::soft_object_description) |
+                                     set_of(FrameType::soft_object_nodes);
 
 /// An encoded frame. Null if the content must not be shown (NaN or infinity). It is shared because several pages get
 /// it.
@@ -68,6 +72,11 @@ Frame encode(const WorldObjects& objects);
 /// `mesh`: the link of an object file in its own frame, else null. Returns null for a description of a file without it.
 Frame encode(const ObjectDescription& description, const TriangleMesh* mesh = nullptr);
 Frame encode(const BoneWrench& wrench);
+/// The surface of the flexible object, as in a hand's description. `body`: of its file. Null if `removed` is set: the
+/// frame then has no nodes. Returns null if the description has another number of nodes than the body, or a wrong id.
+Frame encode(const SoftObjectDescription& description, const SoftBody* body);
+/// As for a hand, relative to the centre of mass. Returns null for a wrong id.
+Frame encode(const SoftObjectState& state, bool quantised);
 /// `slot`: the instance number of the module.
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);

@@ -86,6 +86,9 @@ class Gateway::Impl {
          [this](const HandDescription& each) { return encode(each, rest_nodes_of(each)); });
     pass(object_descriptions_, described_, Retain::yes,
          [this](const ObjectDescription& each) { return encode(each, mesh_of(each)); });
+    pass(soft_descriptions_, described_, Retain::yes,
+         [this](const SoftObjectDescription& each) { return encode(each, body_of(each)); });
+    pass(soft_objects_, shown, Retain::no, [this](const SoftObjectState& each) { return encode(each, quantised_); });
     pass(surfaces_, shown, Retain::no, [this](const TissueSurface& each) { return encode(each, quantised_); });
     for (Feed<Skeleton>* feed : {&tracked_, &intermediate_, &simulated_})
       pass(*feed, shown, Retain::no, [feed](const Skeleton& each) { return encode(feed->type(), each); });
@@ -154,10 +157,20 @@ class Gateway::Impl {
     });
   }
 
-  // The mesh of a link of an object file. A file that cannot be used is named once, and gives null.
   const TriangleMesh* mesh_of(const ObjectDescription& description) {
     if (description.shape.file.empty() || description.removed != 0) return nullptr;
     const ShapeFile& file = description.shape.file[0];
+    const ObjectModel* model = model_of(file);
+    return model != nullptr && file.link < model->links.size() ? &model->links[file.link].mesh : nullptr;
+  }
+
+  const SoftBody* body_of(const SoftObjectDescription& description) {
+    const ObjectModel* model = description.removed == 0 ? model_of(description.file) : nullptr;
+    return model != nullptr && model->soft ? &*model->soft : nullptr;
+  }
+
+  // The content of an object file. A file that cannot be used is named once, and gives null.
+  const ObjectModel* model_of(const ShapeFile& file) {
     const std::string name(get_text(file.name)), sha256(get_text(file.sha256));
     if (files_.size() >= kMostFiles) files_.clear();  // anybody on the domain can invent names
     const auto [known, is_new] = files_.try_emplace(name + " " + sha256);
@@ -169,8 +182,7 @@ class Gateway::Impl {
         std::fprintf(stderr, "softhand-viewer: object '%s' refused: %s\n", name.c_str(), problem.what());
       }
     }
-    if (!known->second || file.link >= known->second->model.links.size()) return nullptr;
-    return &known->second->model.links[file.link].mesh;
+    return known->second ? &known->second->model : nullptr;
   }
 
   std::span<const Vector3> rest_nodes_of(const HandDescription& description) const {
@@ -192,6 +204,9 @@ class Gateway::Impl {
   Feed<HandDescription> hand_descriptions_{participant_, bus::topics::hand_description, FrameType::hand_description};
   Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description,
                                                FrameType::object_description};
+  Feed<SoftObjectDescription> soft_descriptions_{participant_, bus::topics::soft_object_description,
+                                                 FrameType::soft_object_description};
+  Feed<SoftObjectState> soft_objects_{participant_, bus::topics::soft_object_state, FrameType::soft_object_nodes};
   Feed<TissueSurface> surfaces_{participant_, bus::topics::tissue_surface, FrameType::nodes};
   Feed<Skeleton> tracked_{participant_, bus::topics::tracked_skeleton, FrameType::tracked_skeleton};
   Feed<Skeleton> intermediate_{participant_, bus::topics::intermediate_skeleton, FrameType::intermediate_skeleton};

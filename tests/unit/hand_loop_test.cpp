@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "messages/convert.hpp"
+#include "support/soft_bodies.hpp"
 #include "unit/hand_loop_rig.hpp"
 
 namespace softhand {
@@ -223,6 +225,57 @@ TEST(HandLoop, ChainIsCompleteInDirectModeToo) {
   EXPECT_EQ(chain.intermediate_published, 0);
   EXPECT_EQ(chain.wrench_published, kSecond + 5'000'000);
   EXPECT_EQ(output.simulated.stamp.chain.tracker_sample, kSecond);
+}
+
+MessageReply reset_object(HandLoop& loop, const char* name) {
+  Message message;
+  set_text(message.module, "hand");
+  set_text(message.key, "object.reset");
+  set_text(message.value, name);
+  return loop.answer(message, "hand");
+}
+
+TEST(HandLoop, PublishesAFlexibleObjectAndPutsItBackOnRequestAndOnAReset) {
+  const SoftObject block{.name = "block",
+                         .file_name = "foam",
+                         .file_sha256 = "abc",
+                         .body = testing::soft_box({2, 2, 2}, Vector3::Constant(0.04), testing::soft_material(1e4)),
+                         .pose = {.position = {0, 1, 0}},
+                         .gravity = testing::kGravity};
+  HandLoop loop(hand(), loop_options(), {2, 1}, {}, {block});
+  const std::vector<SoftObjectDescription> described = loop.soft_object_descriptions();
+  ASSERT_EQ(described.size(), 1u);
+  EXPECT_EQ(described[0].object, kFirstSoftObject);
+  EXPECT_EQ(get_text(described[0].name), "block");
+  EXPECT_EQ(get_text(described[0].file.name), "foam");
+  EXPECT_EQ(described[0].owner, (HandKey{2, 1}));
+  EXPECT_EQ(described[0].node_count, 27u);
+  EXPECT_NEAR(described[0].mass, 100 * 0.04 * 0.04 * 0.04, 1e-9);
+
+  Nanoseconds now = kSecond;
+  const auto run = [&](int steps) -> const SoftObjectState& {
+    for (int i = 0; i < steps; ++i) {
+      now += 11'111'111;
+      const Skeleton sample = skeleton_at(hand(), {}, now, static_cast<std::uint64_t>(now));
+      loop.step(now, {&sample}, {});
+    }
+    return loop.step(now += 11'111'111, {}, {}).soft_objects.front();
+  };
+  const SoftObjectState& state = run(20);
+  EXPECT_EQ(state.stamp.sample_time, now);
+  EXPECT_EQ(state.nodes.size(), 27u);
+  const double fallen = 1 - state.centre[1];
+  EXPECT_GT(fallen, 0.2) << "nothing holds it";
+
+  EXPECT_EQ(reset_object(loop, "cube").result, kReplyIgnored) << "an object of the world";
+  EXPECT_EQ(reset_object(loop, "block").result, kReplyApplied);
+  EXPECT_GT(run(1).centre[1], 0.99);
+  run(20);
+  EXPECT_EQ(reset_object(loop, "*").result, kReplyApplied);
+  EXPECT_GT(run(1).centre[1], 0.99);
+  run(20);
+  loop.reset(now);
+  EXPECT_GT(run(1).centre[1], 0.99);
 }
 
 TEST(HandLoop, UnwantedOutputsAreNotComputed) {

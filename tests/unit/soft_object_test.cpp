@@ -4,6 +4,7 @@
 
 #include "energies/skin_contact.hpp"
 #include "geometry/shape.hpp"
+#include "messages/convert.hpp"
 #include "messages/plain_bytes.hpp"
 #include "support/cores.hpp"
 #include "support/count_allocations.hpp"
@@ -177,6 +178,73 @@ TEST(SoftObject, TheHandCarriesItsWeight) {
     EXPECT_EQ(simulation->inverted_elements(), 0) << modulus;
     EXPECT_LE(simulation->soft()->skin().deepest_penetration(simulation->state()), 2e-4) << modulus;
   }
+}
+
+// What the topics say of the cube on the hand.
+TEST(SoftObject, ItsContactsAndNodesAreReported) {
+  const auto simulation = on_the_hand(2e4, options());
+  const SoftObjects& soft = *simulation->soft();
+  for (int i = 0; i < 180; ++i) ASSERT_TRUE(simulation->step(kStep).state_changed);
+  auto contacts = std::make_unique<Contacts>();
+  auto state = std::make_unique<SoftObjectState>();
+  allocations = 0;
+  counting = true;
+  simulation->write_contacts(*contacts);
+  soft.write_state(0, simulation->state(), *state);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  Vector3 of_contacts = Vector3::Zero(), of_fingers = Vector3::Zero();
+  double area = 0;
+  for (const Contact& each : contacts->contacts) {
+    EXPECT_EQ(each.object, kFirstSoftObject);
+    EXPECT_LT(each.node, static_cast<std::uint32_t>(simulation->hand().node_count()));
+    EXPECT_LT(each.body, static_cast<std::uint32_t>(kBodyCount));
+    EXPECT_GE(to_vector(each.force).dot(to_vector(each.normal)), 0) << "the normal points out of the cube";
+    of_contacts += to_vector(each.force);
+    area += each.area;
+  }
+  for (const FingerContact& finger : contacts->fingers) {
+    of_fingers += to_vector(finger.force);
+    if (finger.contact_count > 0) EXPECT_EQ(finger.object, kFirstSoftObject);
+  }
+  const Vector3 on_cube = soft.skin_force(0);
+  EXPECT_GT(on_cube.y(), 0.5 * soft.mass(0) * 9.81);
+  EXPECT_LE((of_contacts + on_cube).norm(), 1e-9);
+  EXPECT_LE((of_fingers + on_cube).norm(), 1e-9);
+  EXPECT_LE((to_vector(state->hand_force) - on_cube).norm(), 1e-12);
+  EXPECT_EQ(state->contact_count, contacts->contacts.size());
+  EXPECT_GT(area, 0);
+  EXPECT_LT(area, 1.2 * kEdge * kEdge) << "a place that is touched from both sides counts once";
+
+  ASSERT_EQ(static_cast<int>(state->nodes.size()), soft.node_count(0));
+  double farthest = 0;
+  for (int n = 0; n < soft.node_count(0); ++n) {
+    const auto& relative = state->nodes[static_cast<std::size_t>(n)];
+    const Vector3 place = to_vector(state->centre) + Vector3(relative[0], relative[1], relative[2]);
+    farthest = std::max(farthest, (place - simulation->state().node_positions.col(soft.first_node(0) + n)).norm());
+  }
+  EXPECT_LT(farthest, 1e-8);
+  EXPECT_LE((to_vector(state->centre) - centre_of_mass(soft, 0, simulation->state())).norm(), 1e-12);
+}
+
+TEST(SoftObject, GoesBackToItsStart) {
+  const auto simulation = on_the_hand(2e4, options());
+  const SoftObjects& soft = *simulation->soft();
+  for (int i = 0; i < 60; ++i) ASSERT_TRUE(simulation->step(kStep).state_changed);
+  const auto nodes_of = [&](const Eigen::Matrix3Xd& all) {
+    return Eigen::Matrix3Xd(all.middleCols(soft.first_node(0), soft.node_count(0)));
+  };
+  ASSERT_NE(nodes_of(simulation->state().node_positions), nodes_of(soft.start_positions()));
+  allocations = 0;
+  counting = true;
+  simulation->restart_soft_object(0);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  EXPECT_EQ(nodes_of(simulation->state().node_positions), nodes_of(soft.start_positions()));
+  EXPECT_EQ(nodes_of(simulation->state().node_velocities).norm(), 0);
+  EXPECT_TRUE(soft.skin().anchors().empty());
+  for (int i = 0; i < 180; ++i) ASSERT_TRUE(simulation->step(kStep).state_changed);
+  EXPECT_NEAR(soft.skin_force(0).y() / (soft.mass(0) * 9.81), 1, 0.05) << "it lies on the hand again";
 }
 
 // The cube starts 3 mm inside the hand and comes out without a bang.

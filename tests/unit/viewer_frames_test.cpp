@@ -103,6 +103,46 @@ TEST(ViewerFrames, DoesNotSendFramesWithNaNOrInfinity) {
   EXPECT_EQ(encode(status, 0), nullptr);
 }
 
+TEST(ViewerFrames, AFlexibleObjectHasTheFramesOfASkin) {
+  SoftBody body;
+  body.nodes = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}};
+  body.tetrahedra = {{0, 1, 2, 3}, {1, 4, 2, 3}};
+  SoftObjectDescription described;
+  described.object = kFirstSoftObject + 2;
+  described.node_count = 5;
+  const Frame frame = encode(described, &body);
+  expect_header(frame, FrameType::soft_object_description, 2);
+  EXPECT_EQ(at<std::uint32_t>(frame, 0), 5u);
+  EXPECT_EQ(at<std::uint32_t>(frame, 4), 5u) << "vertices: all nodes are on the surface";
+  EXPECT_EQ(at<std::uint32_t>(frame, 8), 6u) << "triangles";
+  EXPECT_EQ(at<std::uint32_t>(frame, 12), 5u) << "nodes at rest";
+  EXPECT_EQ(at<float>(frame, 16 + 12 * 5), 1) << "a vertex follows one node";
+  EXPECT_EQ(at<float>(frame, 16 + 12 * 5 + 4), 0);
+
+  described.node_count = 6;
+  EXPECT_EQ(encode(described, &body), nullptr) << "another file";
+  EXPECT_EQ(encode(described, nullptr), nullptr) << "no file";
+  described.removed = 1;
+  EXPECT_EQ(at<std::uint32_t>(encode(described, nullptr), 0), 0u);
+  described.object = 3;
+  EXPECT_EQ(encode(described, nullptr), nullptr) << "not the id of a flexible object";
+
+  auto state = std::make_unique<SoftObjectState>();
+  state->object = kFirstSoftObject + 2;
+  state->centre = {1, 2, 3};
+  state->nodes.push_back({0.25f, 0, -0.125f});
+  const Frame nodes = encode(*state, false);
+  expect_header(nodes, FrameType::soft_object_nodes, 2);
+  EXPECT_EQ(at<float>(nodes, 28), 2);
+  EXPECT_EQ(at<std::uint32_t>(nodes, 36), 1u);
+  EXPECT_EQ(at<float>(nodes, 48), 0.25f);
+  state->nodes[0][1] = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(encode(*state, true), nullptr);
+  state->nodes[0][1] = 0;
+  state->object = kFirstSoftObject + 1000;
+  EXPECT_EQ(encode(*state, true), nullptr) << "anybody can write any id";
+}
+
 TEST(ViewerFrames, DescriptionHoldsSkinAndRestNodes) {
   auto in = std::make_unique<HandDescription>();
   in->node_count = 5;

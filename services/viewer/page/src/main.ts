@@ -64,7 +64,7 @@ const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
 let sent = 0; // bytes, total of the gateway
 const apply: Record<number, (payload: DataView, instance: number) => void> = {
-  [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.handDescription(payload)),
+  [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.skinDescription(payload)),
   [Type.nodes]: (payload, instance) => {
     stage.deform(instance, protocol.nodes(payload));
     ++counts.nodes;
@@ -79,6 +79,9 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
   },
   [Type.objects]: (payload, instance) => stage.place(instance, protocol.objects(payload).objects),
   [Type.objectDescription]: (payload, instance) => stage.describeObject(instance, protocol.objectDescription(payload)),
+  [Type.softDescription]: (payload, instance) =>
+    stage.describeSoftObject(instance, protocol.skinDescription(payload)),
+  [Type.softNodes]: (payload, instance) => stage.deformSoftObject(instance, protocol.nodes(payload)),
   [Type.wrench]: (payload, instance) => {
     const { valid, bones } = protocol.wrench(payload);
     stage.couple(instance, valid, bones);
@@ -151,7 +154,7 @@ function subscribe(): void {
   const types: Type[] = [];
   if (!document.hidden) {
     if (shown.hand) types.push(Type.handDescription, Type.nodes);
-    if (shown.objects) types.push(Type.objectDescription, Type.objects);
+    if (shown.objects) types.push(Type.objectDescription, Type.objects, Type.softDescription, Type.softNodes);
     if (shown.tracked) types.push(Type.tracked);
     if (shown.intermediate) types.push(Type.intermediate);
     if (shown.simulated) types.push(Type.simulated);

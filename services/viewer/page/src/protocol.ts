@@ -21,6 +21,8 @@ export enum Type {
   reply,
   gateway,
   choices,
+  softDescription,
+  softNodes,
   show = 32,
   message = 33,
 }
@@ -106,14 +108,15 @@ function finite(value: number): number {
   return value;
 }
 
-export interface HandDescription {
-  nodeCount: number;
+/** A surface whose vertices follow nodes: the skin of a hand, or a flexible object. */
+export interface SkinDescription {
+  nodeCount: number; // 0: the flexible object was removed
   restNodes: Float32Array; // 3 N values, or empty
   weights: Float32Array; // 4 V values
   nodes: Uint16Array; // 4 V values
   triangles: Uint16Array; // 3 T values
 }
-export function handDescription(payload: DataView): HandDescription {
+export function skinDescription(payload: DataView): SkinDescription {
   const r = new Reader(payload);
   const nodeCount = r.u32();
   const vertices = r.u32();
@@ -133,21 +136,21 @@ export function handDescription(payload: DataView): HandDescription {
 
 export interface Nodes {
   stamp: Stamp;
-  wrist: Float32Array;
-  positions: Float32Array; // 3 N values, relative to the wrist
+  origin: Float32Array; // wrist, or centre of mass
+  positions: Float32Array; // 3 N values, relative to the origin
 }
 export function nodes(payload: DataView): Nodes {
   const r = new Reader(payload);
   const stamp = r.stamp();
-  const wrist = r.f32s(3);
+  const origin = r.f32s(3);
   const count = r.u32();
   const quantised = r.u32() === 1;
   const step = r.f32();
-  if (!quantised) return { stamp, wrist, positions: r.f32s(3 * count) };
+  if (!quantised) return { stamp, origin, positions: r.f32s(3 * count) };
   const raw = new Int16Array(r.bytes(6 * count));
   const positions = new Float32Array(raw.length);
   for (let i = 0; i < raw.length; ++i) positions[i] = raw[i]! * step;
-  return { stamp, wrist, positions };
+  return { stamp, origin, positions };
 }
 
 export interface Joint {
@@ -173,9 +176,12 @@ export function skeleton(payload: DataView): Skeleton {
   return { stamp, source, frame, joints };
 }
 
+/** Ids of flexible objects begin here. Their frames have the instance id - FIRST_SOFT_OBJECT. */
+export const FIRST_SOFT_OBJECT = 65536;
 export const FINGERS = ["thumb", "index", "middle", "ring", "little", "palm"];
 export interface Contact {
   node: number;
+  object: number;
   point: Float32Array;
   force: Float32Array;
   penetration: number;
@@ -201,7 +207,8 @@ export function contacts(payload: DataView): Contacts {
   const list: Contact[] = [];
   for (let i = 0; i < count; ++i) {
     const node = r.u32();
-    r.at += 8; // object, finger
+    const object = r.u32();
+    r.at += 4; // finger
     const sticking = (r.u32() & 1) !== 0;
     const point = r.f32s(3);
     r.at += 12; // normal
@@ -209,7 +216,7 @@ export function contacts(payload: DataView): Contacts {
     const penetration = r.f32();
     const area = r.f32();
     r.at += 4; // slip speed
-    list.push({ node, point, force, penetration, area, sticking });
+    list.push({ node, object, point, force, penetration, area, sticking });
   }
   return { stamp, fingers, contacts: list };
 }

@@ -1,11 +1,11 @@
-// The skin of a hand. It is deformed here from the tissue's nodes with the weights of the description. So a smooth hand
+// The skin of a hand, or the surface of a flexible object. It is deformed here from the tissue's nodes with the weights of the description. So a smooth hand
 // needs only the bytes of a coarse one.
 import * as THREE from "three";
 import type { Quality } from "./stage";
-import type { Contacts, HandDescription, Nodes } from "./protocol";
+import type { Contact, Nodes, SkinDescription } from "./protocol";
 
 export type Colouring = "skin" | "pressure" | "strain";
-const SKIN = new THREE.Color(0xd3a488);
+export const SKIN_COLOUR = 0xd3a488;
 
 // From pale skin over orange and red to violet, darker and darker. It resembles magma in reverse order.
 const MAP = [0xf1dcc4, 0xfdc58b, 0xfb9b62, 0xf0645c, 0xcf4070, 0x9c2e7f, 0x5f187f].map((hex) => new THREE.Color(hex));
@@ -35,8 +35,9 @@ export class Skin {
   private readonly restEdges: Float32Array | null;
 
   constructor(
-    private readonly description: HandDescription,
+    private readonly description: SkinDescription,
     quality: Quality,
+    private readonly plain: number, // colour where nothing is measured
   ) {
     const vertices = description.weights.length / 4;
     this.positions = new Float32Array(3 * vertices);
@@ -50,7 +51,7 @@ export class Skin {
     geometry.setAttribute("position", new THREE.BufferAttribute(this.positions, 3).setUsage(THREE.DynamicDrawUsage));
     geometry.setAttribute("color", new THREE.BufferAttribute(this.colours, 3).setUsage(THREE.DynamicDrawUsage));
     const material =
-      quality === "high"
+      quality === "high" && plain === SKIN_COLOUR
         ? new THREE.MeshPhysicalMaterial({
             vertexColors: true,
             roughness: 0.52,
@@ -62,14 +63,15 @@ export class Skin {
           })
         : new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.6 });
     // Light that enters flesh comes out red, most where the surface turns away from the viewer.
-    material.onBeforeCompile = (shader) => {
-      shader.fragmentShader = shader.fragmentShader.replace(
-        "#include <emissivemap_fragment>",
-        `#include <emissivemap_fragment>
+    if (plain === SKIN_COLOUR)
+      material.onBeforeCompile = (shader) => {
+        shader.fragmentShader = shader.fragmentShader.replace(
+          "#include <emissivemap_fragment>",
+          `#include <emissivemap_fragment>
         float turned = 1.0 - saturate(dot(normal, normalize(vViewPosition)));
         totalEmissiveRadiance += diffuseColor.rgb * vec3(0.22, 0.05, 0.03) * (0.25 + 0.75 * turned * turned);`,
-      );
-    };
+        );
+      };
     this.mesh = new THREE.Mesh(geometry, material);
     this.mesh.castShadow = true;
     this.mesh.receiveShadow = true;
@@ -85,17 +87,40 @@ export class Skin {
   deform(nodes: Nodes): boolean {
     if (nodes.positions.length !== 3 * this.description.nodeCount) return false;
     this.interpolate(nodes.positions, this.positions);
-    this.mesh.position.fromArray(nodes.wrist);
+    this.mesh.position.fromArray(nodes.origin);
     this.mesh.geometry.getAttribute("position").needsUpdate = true;
     this.mesh.geometry.computeVertexNormals();
     this.mesh.visible = true;
     return true;
   }
 
-  press(contacts: Contacts): void {
+  /** `contacts`: those of the hand. */
+  press(contacts: Contact[]): void {
+    this.pressNodes(contacts, ({ node }) => node);
+  }
+
+  /** `contacts`: of a hand, those with this flexible object. Each presses on the nearest vertex. */
+  pressNearest(contacts: Contact[]): void {
+    const x = this.positions;
+    const { position } = this.mesh;
+    this.pressNodes(contacts, ({ point }) => {
+      const [px, py, pz] = [point[0]! - position.x, point[1]! - position.y, point[2]! - position.z];
+      let nearest = 0;
+      let least = Infinity;
+      for (let v = 0; v < this.values.length; ++v) {
+        const distance = (x[3 * v]! - px) ** 2 + (x[3 * v + 1]! - py) ** 2 + (x[3 * v + 2]! - pz) ** 2;
+        if (distance < least) [least, nearest] = [distance, v];
+      }
+      return this.description.nodes[4 * nearest]!;
+    });
+  }
+
+  private pressNodes(contacts: Contact[], nodeOf: (contact: Contact) => number): void {
     this.nodePressure.fill(0);
     this.nodeArea.fill(0);
-    for (const { node, force, area } of contacts.contacts) {
+    for (const contact of contacts) {
+      const { force, area } = contact;
+      const node = nodeOf(contact);
       if (node >= this.nodePressure.length || !(area > 0)) continue;
       this.nodePressure[node]! += Math.hypot(force[0]!, force[1]!, force[2]!);
       this.nodeArea[node]! += area;
@@ -114,7 +139,7 @@ export class Skin {
 
   /** Colours the skin by the measured values. Values from `full` on get the last colour of the map. */
   paint(colouring: Colouring, full: number): void {
-    const colour = new THREE.Color().copy(SKIN);
+    const colour = new THREE.Color(this.plain);
     for (let v = 0; v < this.values.length; ++v) {
       if (colouring !== "skin") colourMap(this.values[v]! / full, colour);
       this.colours[3 * v] = colour.r;

@@ -8,16 +8,17 @@ import { toCreasedNormals } from "three/addons/utils/BufferGeometryUtils.js";
 import {
   type Bone,
   type Contacts,
-  type HandDescription,
   type Nodes,
   type ObjectDescription,
   type ObjectState,
   type Skeleton,
+  type SkinDescription,
   BONES,
+  FIRST_SOFT_OBJECT,
   JOINTS,
   Shape,
 } from "./protocol";
-import { type Colouring, Skin } from "./skin";
+import { type Colouring, SKIN_COLOUR, Skin } from "./skin";
 
 export type SkeletonKind = "tracked" | "intermediate" | "simulated";
 export const SKELETON_COLOURS: Record<SkeletonKind, number> = {
@@ -213,6 +214,7 @@ export class Stage {
   private readonly scene = new THREE.Scene();
   private readonly hands = new Map<number, Hand>();
   private readonly objects = new Map<number, { mesh: THREE.Mesh; description: ObjectDescription }>();
+  private readonly softObjects = new Map<number, { skin: Skin; nodes: Nodes | null }>();
   private readonly floor: THREE.Mesh;
   private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
   private readonly sky = new THREE.HemisphereLight(0xffffff, 0xb8a898, 1);
@@ -355,15 +357,16 @@ export class Stage {
       (mesh.material as THREE.Material).dispose();
     }
     this.objects.clear();
+    for (const instance of [...this.softObjects.keys()]) this.removeSoftObject(instance);
   }
 
-  describeHand(instance: number, description: HandDescription): void {
+  describeHand(instance: number, description: SkinDescription): void {
     const hand = this.hand(instance);
     if (hand.skin) {
       this.scene.remove(hand.skin.mesh);
       hand.skin.dispose();
     }
-    hand.skin = new Skin(description, this.quality);
+    hand.skin = new Skin(description, this.quality, SKIN_COLOUR);
     this.scene.add(hand.skin.mesh);
     if (hand.nodes) this.deform(instance, hand.nodes);
     this.applyShown();
@@ -388,7 +391,9 @@ export class Stage {
 
   touch(instance: number, contacts: Contacts): void {
     const hand = this.hand(instance);
-    hand.skin?.press(contacts);
+    hand.skin?.press(contacts.contacts);
+    for (const [object, { skin }] of this.softObjects)
+      skin.pressNearest(contacts.contacts.filter((contact) => contact.object === FIRST_SOFT_OBJECT + object));
     hand.contactArrows.clear();
     hand.fingerArrows.clear();
     const matrix = new THREE.Matrix4();
@@ -445,6 +450,35 @@ export class Stage {
     this.applyShown();
   }
 
+  describeSoftObject(instance: number, description: SkinDescription): void {
+    const nodes = this.softObjects.get(instance)?.nodes ?? null;
+    this.removeSoftObject(instance);
+    if (description.nodeCount === 0) return;
+    const colour = OBJECT_COLOURS[(instance + 1) % OBJECT_COLOURS.length]!;
+    const skin = new Skin(description, this.quality, colour);
+    this.softObjects.set(instance, { skin, nodes });
+    this.scene.add(skin.mesh);
+    if (nodes) this.deformSoftObject(instance, nodes);
+  }
+
+  deformSoftObject(instance: number, nodes: Nodes): void {
+    const object = this.softObjects.get(instance);
+    if (!object?.skin.deform(nodes)) return;
+    object.nodes = nodes;
+    object.skin.mesh.visible = this.shown.objects;
+    if (this.colouring === "skin") return;
+    object.skin.measure(this.colouring);
+    object.skin.paint(this.colouring, this.full);
+  }
+
+  private removeSoftObject(instance: number): void {
+    const object = this.softObjects.get(instance);
+    if (!object) return;
+    this.scene.remove(object.skin.mesh);
+    object.skin.dispose();
+    this.softObjects.delete(instance);
+  }
+
   /**
    * Places all objects of a world. An object that is not listed is hidden, even if nobody removed it. Static objects
    * are listed too. An object without a known place is not drawn.
@@ -473,9 +507,9 @@ export class Stage {
     }
   }
 
-  /** Colours all hands. The end of the map follows the large values in steps 1, 2, 5. */
+  /** Colours all hands and flexible objects. The end of the map follows the large values in steps 1, 2, 5. */
   repaint(): void {
-    const skins = [...this.hands.values()].flatMap(({ skin }) => skin ?? []);
+    const skins = [...this.hands.values(), ...this.softObjects.values()].flatMap(({ skin }) => skin ?? []);
     for (const skin of skins) skin.measure(this.colouring);
     const large = Math.max(0, ...skins.map((skin) => skin.large));
     const least = this.colouring === "pressure" ? 1000 : 0.05;
@@ -603,6 +637,7 @@ export class Stage {
     }
     for (const { mesh } of this.objects.values())
       mesh.visible = this.shown.objects && mesh.userData.world !== undefined;
+    for (const { skin, nodes } of this.softObjects.values()) skin.mesh.visible = this.shown.objects && nodes !== null;
     this.floor.visible = this.shown.floor && !this.seeThrough;
   }
 

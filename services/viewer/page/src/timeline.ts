@@ -10,6 +10,10 @@ interface Entry {
   frame: Frame;
 }
 
+// They always show the present, whatever the picture shows.
+const PRESENT = new Set([Type.status, Type.choices, Type.reply, Type.gateway]);
+// Data that a display needs once.
+const DESCRIPTIONS = new Set([Type.handDescription, Type.objectDescription, Type.softDescription]);
 const key = (frame: Frame): number => frame.type * 65536 + frame.instance;
 
 export class Timeline {
@@ -36,11 +40,11 @@ export class Timeline {
   ) {}
 
   add(time: number, frame: Frame): void {
-    const description = frame.type === Type.handDescription || frame.type === Type.objectDescription;
+    const description = DESCRIPTIONS.has(frame.type);
     if (description) this.descriptions.set(key(frame), frame);
     // The page's buttons act on modules. Therefore their present state is always applied, whatever the picture shows.
-    if (frame.type >= Type.status || (description && !this.opened && !this.stale)) this.apply(frame);
-    if (description || frame.type >= Type.status) return;
+    if (PRESENT.has(frame.type) || (description && !this.opened && !this.stale)) this.apply(frame);
+    if (description || PRESENT.has(frame.type)) return;
     this.newest.set(key(frame), { time, frame });
     if (this.opened || this.stale) return;
     // A picture may be paused for hours. Of the frames long after it only the newest are kept, for the time when it
@@ -172,7 +176,7 @@ export class Timeline {
       // A frame with such a time would never be shown.
       if (!Number.isFinite(time)) throw new Error("a time of the recording is not a number");
       for (const frame of split(file.slice(at + 12, at + 12 + length))) {
-        if (frame.type === Type.handDescription || frame.type === Type.objectDescription) descriptions.push(frame);
+        if (DESCRIPTIONS.has(frame.type)) descriptions.push(frame);
         else entries.push({ time, frame });
       }
       at += 12 + length;
