@@ -87,11 +87,11 @@ SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, LoadedObj
   const Quaternion orientation(q[3], q[0], q[1], q[2]);
   if (!(std::abs(orientation.norm() - 1) < 1e-3)) refuse("orientation", "a unit quaternion xyzw");
   return {entry.name,
-          loaded.model.name,
-          loaded.sha256,
           std::make_shared<const SoftBody>(std::move(*loaded.model.soft)),
           {{p[0], p[1], p[2]}, orientation.normalized()},
-          {g[0], g[1], g[2]}};
+          {g[0], g[1], g[2]},
+          loaded.model.name,
+          loaded.sha256};
 }
 
 // Replaces entries of the shape file by the links and joints of their files. Flexible objects become `soft_objects`.

@@ -35,8 +35,8 @@ HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::fun
   return choice;
 }
 
-double measure_fast_step(const HandModel& hand, const HandOptions& options, double enough,
-                         const std::function<double()>& clock) {
+double measure_fast_step(const HandModel& hand, const HandOptions& options, const std::vector<SoftObject>& soft_objects,
+                         double enough, const std::function<double()>& clock) {
   SimulationOptions fast = options.simulation;
   fast.solver.max_iterations = 1;
   fast.solver.keep_factor = false;
@@ -44,7 +44,7 @@ double measure_fast_step(const HandModel& hand, const HandOptions& options, doub
   fast.solver.measure_result = false;
   fast.solver.work_budget = 0;
   HandSimulation simulation(hand, fast, static_cast<int>(options.mirrored_objects),
-                            static_cast<int>(options.static_objects));
+                            static_cast<int>(options.static_objects), {}, 0, soft_objects);
   std::vector<double> samples;
   for (int k = 0; k < kWarmUp + kSamples; ++k) {
     const Vector3 offset(k % 2 == 0 ? kTargetAmplitude : -kTargetAmplitude, 0, 0);

@@ -7,6 +7,7 @@
 
 #include "hand/hand_options.hpp"
 #include "model/hand_model.hpp"
+#include "scene/soft_objects.hpp"
 
 namespace softhand {
 
@@ -22,10 +23,10 @@ struct HandSizeChoice {
 /// stops at the first size that is too fine.
 HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::function<double(std::size_t)>& measure);
 
-/// Median time of a fast step of this hand in the air, in seconds of `clock`. A fast step is one evaluation,
-/// factorisation and solve. Makes up to nine steps. Stops after three or more steps if all of them took longer than
-/// `enough`.
-double measure_fast_step(const HandModel& hand, const HandOptions& options, double enough,
-                         const std::function<double()>& clock);
+/// Median time of a fast step of this hand in the air, with the flexible objects of the scene, in seconds of `clock`. A
+/// fast step is one evaluation, factorisation and solve. Makes up to nine steps. Stops after three or more steps if all
+/// of them took longer than `enough`.
+double measure_fast_step(const HandModel& hand, const HandOptions& options, const std::vector<SoftObject>& soft_objects,
+                         double enough, const std::function<double()>& clock);
 
 }  // namespace softhand

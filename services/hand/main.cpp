@@ -39,7 +39,7 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
   const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, [&](std::size_t size) {
     const HandModel hand = load_scene_hand(scene, kHandSizes[size]);
     nodes.push_back(hand.node_count());
-    return measure_fast_step(hand, options, budget, seconds_now);
+    return measure_fast_step(hand, options, scene.soft_objects, budget, seconds_now);
   });
   std::string measured;
   for (std::size_t size = 0; size < nodes.size(); ++size) {
@@ -92,8 +92,9 @@ void run(int argc, char** argv) {
   if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
   const std::string model = chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model;
   const HandModel hand = load_scene_hand(scene, model);
-  const double fast_step = chooses_hand_size(scene) ? choice.fast_steps[choice.size]
-                                                    : measure_fast_step(hand, options, budget_seconds, seconds_now);
+  const double fast_step = chooses_hand_size(scene)
+                               ? choice.fast_steps[choice.size]
+                               : measure_fast_step(hand, options, scene.soft_objects, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
   if (work_budget == 0) work_budget = budget_seconds / fast_step;
   log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),

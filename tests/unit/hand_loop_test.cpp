@@ -237,11 +237,11 @@ MessageReply reset_object(HandLoop& loop, const char* name) {
 
 TEST(HandLoop, PublishesAFlexibleObjectAndPutsItBackOnRequestAndOnAReset) {
   const SoftObject block{.name = "block",
-                         .file_name = "foam",
-                         .file_sha256 = "abc",
                          .body = testing::soft_box({2, 2, 2}, Vector3::Constant(0.04), testing::soft_material(1e4)),
                          .pose = {.position = {0, 1, 0}},
-                         .gravity = testing::kGravity};
+                         .gravity = testing::kGravity,
+                         .file_name = "foam",
+                         .file_sha256 = "abc"};
   HandLoop loop(hand(), loop_options(), {2, 1}, {}, {block});
   const std::vector<SoftObjectDescription> described = loop.soft_object_descriptions();
   ASSERT_EQ(described.size(), 1u);

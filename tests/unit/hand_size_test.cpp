@@ -52,10 +52,10 @@ TEST(HandSize, MeasuresTheMedianFastStepOnTheGivenClock) {
   int clock_reads = 0;
   double time = 0;
   const auto clock = [&] { return time += ++clock_reads % 5 == 0 ? 0.1 : 1e-3; };
-  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, 1, clock), 1e-3, 1e-12);
+  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, {}, 1, clock), 1e-3, 1e-12);
   EXPECT_GE(clock_reads, 18);
   clock_reads = 0;
-  measure_fast_step(testing::block_hand(), {}, 1e-4, clock);
+  measure_fast_step(testing::block_hand(), {}, {}, 1e-4, clock);
   EXPECT_LT(clock_reads, 14) << "measuring stops early if the first steps are too slow";
 }
 

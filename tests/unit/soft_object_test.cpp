@@ -205,7 +205,7 @@ TEST(SoftObject, ItsContactsAndNodesAreReported) {
   }
   for (const FingerContact& finger : contacts->fingers) {
     of_fingers += to_vector(finger.force);
-    if (finger.contact_count > 0) EXPECT_EQ(finger.object, kFirstSoftObject);
+    EXPECT_EQ(finger.object, finger.contact_count > 0 ? kFirstSoftObject : 0u);
   }
   const Vector3 on_cube = soft.skin_force(0);
   EXPECT_GT(on_cube.y(), 0.5 * soft.mass(0) * 9.81);
