@@ -1,0 +1,113 @@
+// A rig of real processes with a flexible object: a ball of foam is squeezed, put back on request, and the hand's
+// process and the world are killed meanwhile.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "integration/rig_harness.hpp"
+#include "messages/convert.hpp"
+#include "runtime/object_store.hpp"
+#include "support/own_domain.hpp"
+
+namespace softhand::rig {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr double kWidth = 0.05;  // m, of the ball
+
+class SoftRig : public ::testing::Test {
+ protected:
+  SoftRig() {
+    testing::use_own_domain();
+    participant_.emplace("soft-test");
+    descriptions_.emplace(*participant_, bus::topics::soft_object_description);
+    states_.emplace(*participant_, bus::topics::soft_object_state);
+    contacts_.emplace(*participant_, bus::topics::contacts);
+  }
+
+  void poll() {
+    descriptions_->take_all([this](const SoftObjectDescription& each) { described_ = each; });
+    states_->take_all([this](const SoftObjectState& each) {
+      ++samples_;
+      finite_ = finite_ && all_finite(each.centre) && all_finite(each.hand_force);
+      centre_ = to_vector(each.centre);
+      touched_ = each.contact_count > 0;
+      if (each.nodes.size() != described_.node_count) return;
+      // Along x the fingers press.
+      const auto [low, high] = std::minmax_element(each.nodes.begin(), each.nodes.end(),
+                                                   [](const auto& a, const auto& b) { return a[0] < b[0]; });
+      width_ = (*high)[0] - (*low)[0];
+      finite_ = finite_ && std::isfinite(width_);
+    });
+    contacts_->take_all([this](const Contacts& each) {
+      for (const FingerContact& finger : each.fingers) felt_ = felt_ || finger.object == kFirstSoftObject;
+    });
+  }
+  // The scene's ball lies on the table.
+  bool at_start() const {
+    return (centre_ - Vector3(0, 0.025, 0)).norm() < 2e-3 && std::abs(width_ - kWidth) < 2e-3 && !touched_;
+  }
+
+  std::optional<bus::Participant> participant_;
+  std::optional<bus::Reader<SoftObjectDescription>> descriptions_;
+  std::optional<bus::Reader<SoftObjectState>> states_;
+  std::optional<bus::Reader<Contacts>> contacts_;
+  SoftObjectDescription described_;
+  std::uint64_t samples_ = 0;
+  Vector3 centre_ = Vector3::Zero();
+  double width_ = 0;
+  bool touched_ = false, felt_ = false, finite_ = true;
+};
+
+TEST_F(SoftRig, ABallIsSqueezedAndPutBackWhileProcessesAreKilled) {
+  RigListener listener;
+  Up up("config/rigs/demo.toml", {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set",
+                                  "hand.model=right_400.hand.json", "--set", "viewer.port=0"});
+  const auto waits = [&](std::chrono::milliseconds time, auto&& done) {
+    return listener.wait(time, [&] {
+      poll();
+      return done();
+    });
+  };
+  const auto squeezed = [this] { return width_ > 0 && width_ < 0.6 * kWidth; };
+  ASSERT_TRUE(waits(30s, squeezed)) << width_ << "\n" << up.output();
+  EXPECT_TRUE(felt_) << "the contacts name the ball";
+  EXPECT_TRUE(touched_);
+  EXPECT_EQ(get_text(described_.name), "ball");
+  const auto file = find_object(std::string(get_text(described_.file.name)),
+                                std::string(get_text(described_.file.sha256)), {SOFTHAND_SOURCE_DIR "/config/objects"});
+  ASSERT_TRUE(file && file->model.soft) << "name and SHA-256 lead to the file";
+  EXPECT_EQ(file->model.soft->nodes.size(), described_.node_count);
+
+  // Without its hand nobody moves the ball. The new process starts it at its place.
+  const auto hand = static_cast<pid_t>(listener.process_id("hand"));
+  ASSERT_EQ(kill(hand, SIGKILL), 0);
+  ASSERT_TRUE(waits(20s, [&] { return listener.process_id("hand") != hand; })) << up.output();
+  const std::uint64_t before = samples_;
+  ASSERT_TRUE(waits(20s, [&] { return samples_ > before + 20; })) << up.output();
+  // The motion starts again, and so does the ball. It is squeezed again while the world is restarted.
+  ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "reset", "now"}).exit_code, 0);
+  ASSERT_TRUE(waits(10s, [&] { return at_start(); })) << centre_.transpose() << ", " << width_ << "\n" << up.output();
+  const auto world = static_cast<pid_t>(listener.process_id("world"));
+  ASSERT_EQ(kill(world, SIGKILL), 0);
+  ASSERT_TRUE(waits(20s, squeezed)) << width_ << "\n" << up.output();
+  ASSERT_TRUE(waits(20s, [&] { return listener.process_id("world") != world; })) << up.output();
+
+  const Finished sent = run_program({SOFTHAND_PROGRAMS "/softhand", "send", "hand", "object.reset", "ball"});
+  EXPECT_EQ(sent.exit_code, 0) << sent.output;
+  EXPECT_TRUE(finite_);
+  EXPECT_EQ(listener.counter("hand", "failed_steps"), 0);
+
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(20s), 0) << up.output();
+  ASSERT_TRUE(waits(5s, [&] { return described_.removed == 1; })) << "the ball ends with its process";
+}
+
+}  // namespace
+}  // namespace softhand::rig
