@@ -6,7 +6,8 @@
 // - If reuse is too slow, only contact and friction are renewed. The rest is renewed only if this is not enough.
 // - If a float factor makes no progress, or hardly any, the next factor is in double.
 // - At first a step reserves the work of one new Hessian and factor. It spends the rest on cheaper iterations.
-// - After a step that was cut off by the budget, the next step reuses no factor: it takes plain Newton iterations.
+// - After a step that the budget cut off far from the minimum, the next step reuses no factor: it takes plain Newton
+//   iterations.
 #pragma once
 
 #include <cstdint>
@@ -58,9 +59,9 @@ class FactorPolicy {
 
   /// What one step leaves to the next.
   struct Carried {
-    double time_step = 0;       ///< of the factor to reuse, s; 0: none
-    bool was_cut_off = false;   ///< the budget stopped the last step
-    bool touches_much = false;  ///< since this contact began: more blocks than the condensed model has room for
+    double time_step = 0;          ///< of the factor to reuse, s; 0: none
+    bool was_cut_off_far = false;  ///< the budget stopped the last step far from the minimum
+    bool touches_much = false;     ///< since this contact began: more blocks than the condensed model has room for
   };
   void end_step(double time_step, const StepReport& report);
   /// No later step reuses the factor that exists now.

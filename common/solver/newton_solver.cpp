@@ -132,7 +132,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
   if (!touches) policy_.set_touches_much(false);
-  bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves() && options_.work_budget == 0;
+  bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves();
   const bool is_usable = condenses == factor_.is_without_kinks();
   if (!is_usable) policy_.drop_factor();
   policy_.begin_step(time_step, continues && report.factorisations > 0 && is_usable, touches);
