@@ -3,6 +3,7 @@
 #include <string>
 
 #include "support/device_process.hpp"
+#include "support/press.hpp"
 #include "tactile/bhaptics/simulated_player.hpp"
 
 namespace softhand {
@@ -10,7 +11,7 @@ namespace {
 
 using Motors = std::array<int, kGloveMotors>;
 
-class BhapticsProcess : public testing::DeviceProcess<Contacts> {
+class BhapticsProcess : public testing::DeviceProcess<SkinTraction> {
  protected:
   BhapticsProcess() : DeviceProcess("tactile-bhaptics") {}
   void start_driver() {
@@ -18,7 +19,7 @@ class BhapticsProcess : public testing::DeviceProcess<Contacts> {
     start({"port=" + std::to_string(player_->port()), "full_scale_force=4"});
     ASSERT_TRUE(counts("glove_connected", 1));
   }
-  void touch(std::size_t finger, double newton) { input_.fingers[finger].force = {0, newton, 0}; }
+  void touch(int finger, double newton) { testing::press(input_, static_cast<Finger>(finger), newton); }
   bool vibrates(const Motors& motors) {
     return push([&] { return player_->motors() == motors; });
   }

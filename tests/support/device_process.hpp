@@ -18,7 +18,7 @@ inline void stamp_input(Stamp& stamp) {
   stamp.sample_time = stamp.publish_time = now();
 }
 
-/// `Input` is BoneWrench or Contacts, of the hand of the scene.
+/// `Input` is BoneWrench or SkinTraction, of the hand of the scene.
 template <typename Input>
 class DeviceProcess : public ::testing::Test {
  protected:
@@ -107,7 +107,7 @@ class DeviceProcess : public ::testing::Test {
     if constexpr (std::is_same_v<Input, BoneWrench>) {
       return bus::topics::bone_wrench;
     } else {
-      return bus::topics::contacts;
+      return bus::topics::skin_traction;
     }
   }
 };
