@@ -28,7 +28,12 @@ Vector3 to_vector(const std::array<float, 3>& v) { return Eigen::Vector3f(v[0], 
 // A hand, its traction after each step, and sums over its regions in world axes.
 struct Rig {
   explicit Rig(int slots = 1, std::vector<SoftObject> soft_objects = {})
-      : simulation(model(), {}, slots, 0, {}, 0, std::move(soft_objects)), report(model()) {}
+      : simulation(model(), options(), slots, 0, {}, 0, std::move(soft_objects)), report(model()) {}
+  static SimulationOptions options() {
+    SimulationOptions options;
+    options.skin_contact = true;
+    return options;
+  }
 
   void aim(const Vector3& place) { testing::set_rest_targets(simulation, {place, Quaternion::Identity()}); }
   void step() {
@@ -156,7 +161,7 @@ TEST(SkinTraction, RatesAreTheChangeOfTheArea) {
   EXPECT_GT(fastest, rig.area()) << "m^2/s; the touch takes less than a second";
   EXPECT_NEAR(rig.area_by_rate, rig.area(), 0.1 * rig.area());
   rig.aim(Vector3::Zero());
-  rig.run(20);
+  for (int i = 0; i < 20 && rig.area() > 0; ++i) rig.step();
   EXPECT_EQ(rig.area(), 0);
   EXPECT_LT(rig.area_rate(), 0);
   for (const SkinRegion& region : rig.traction->regions) {
@@ -180,15 +185,15 @@ TEST(SkinTraction, AFirstMessageHasNoRates) {
   EXPECT_LE(std::abs(rig.area_rate()), 0.1 * rig.area());
 }
 
-// A corner of a cube enters the pad of the index finger between its contact points.
+// A corner of a cube enters the pad of the little finger between its contact points.
 TEST(SkinTraction, ACornerPressesTheNearestRegions) {
   Rig rig;
-  constexpr double kHalf = 0.01;
+  constexpr double kHalf = 0.006;
   const ShapeGeometry cube(testing::cube_shape(kHalf));
   rig.aim(Vector3::Zero());
-  const Pose& joint = model().rest_joints[testing::index(Joint::index_distal)];
+  const Pose& joint = model().rest_joints[testing::index(Joint::little_distal)];
   const Vector3 in = joint.orientation * Vector3::UnitY();
-  const Vector3 corner = joint * Vector3(0, -0.012, -0.009), diagonal = Vector3::Ones().normalized();
+  const Vector3 corner = joint * Vector3(0, -0.010, -0.009), diagonal = Vector3::Ones().normalized();
   const Quaternion turn = Quaternion::FromTwoVectors(diagonal, in);
   rig.simulation.set_slot(0, {.id = 3, .shape = &cube, .friction = 0.5});
   rig.simulation.set_slot_motion(0, {corner - std::sqrt(3) * kHalf * in, turn}, {0.02 * in, {0, 0, 0}});
@@ -206,7 +211,7 @@ TEST(SkinTraction, ACornerPressesTheNearestRegions) {
     }
     ASSERT_LE((rig.force() - sum).norm(), 1e-5 * size) << i;
     for (const SkinRegion& region : rig.traction->regions)
-      EXPECT_EQ(region.body, static_cast<std::uint32_t>(index_of(Body::index_distal)));
+      EXPECT_EQ(region.body, static_cast<std::uint32_t>(index_of(Body::little_distal)));
   }
   EXPECT_TRUE(is_sharp) << "a sharp point must touch";
 }
@@ -254,7 +259,7 @@ TEST(SkinTraction, AFlexibleObjectPresses) {
   ASSERT_LT(on_object.y(), -0.2) << "N";
   EXPECT_LE((rig.force() + on_object).norm(), 1e-4 * on_object.norm());
   for (const SkinRegion& region : rig.traction->regions)
-    if (region.area > 0) EXPECT_EQ(region.object, kFirstSoftObject);
+    EXPECT_EQ(region.object, region.area > 0 ? kFirstSoftObject : 0) << region.region;
 }
 
 TEST(SkinTraction, TheLeastForcesAreLeftOutIfThereIsNoRoom) {

@@ -69,7 +69,7 @@ TEST(TaxelMap, ForcesSumToThoseOfTheSkin) {
     };
     force +=
         joint.orientation * Vector3(region.area * (vector(region.shear) - region.pressure * vector(region.normal)));
-    press += region.area * region.pressure;
+    press += static_cast<double>(region.area) * region.pressure;
     area += region.area;
   }
   const auto touches = map.feel(of(regions));
@@ -148,7 +148,7 @@ TEST(TaxelMap, ADigitTaxelTakesAllOfItsDigitAndNothingElse) {
     const auto touches = map.feel(traction);
     for (int g = 0; g < 6; ++g)
       EXPECT_NEAR(touches[static_cast<std::size_t>(g)].press, g <= f ? g + 1 : 0, 1e-6) << f << " " << g;
-    EXPECT_NEAR(touches[static_cast<std::size_t>(f)].slip_speed(), 0.1, 1e-6);
+    EXPECT_NEAR(touches[static_cast<std::size_t>(f)].slip_speed(), 0.1, 1e-4);
   }
   // Metacarpals belong to the palm. Skin that is squeezed from two sides is pressed.
   Taxel place;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "messages/convert.hpp"
+
 namespace softhand {
 namespace {
 constexpr const char* kHeader =
