@@ -35,7 +35,7 @@ class TactileLogDriver : public TactileDriver {
   TactileLogDriver(const Options& options, const HandModel& hand);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, 1, options_.slew}; }
-  /// Commands the contact force divided by the full-scale force.
+  /// Commands the normal forces on each digit divided by the full-scale force.
   void command(const SkinTraction& input, std::span<double> requested) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
   void fill_status(LoopStatus& status) const override;
