@@ -1,4 +1,5 @@
 // softhand-tactile-bhaptics with a simulated Player: intensities, power cycles, a dead client, bad messages, the end.
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -98,6 +99,15 @@ TEST_F(BhapticsProcess, RefusesAndCountsBadMessages) {
   EXPECT_TRUE(counts("refused_size", 1));
   touch(1, 2);
   EXPECT_TRUE(vibrates({0, 50, 0, 0, 0, 0}));
+}
+
+TEST_F(BhapticsProcess, LeavesOutSkinThatItCannotUse) {
+  start_driver();
+  touch(1, 2);
+  touch(2, 2);
+  input_.regions[1].pressure = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_TRUE(vibrates({0, 50, 0, 0, 0, 0}));
+  EXPECT_TRUE(listener_.until([&] { write(); }, [&] { return listener_.counter("refused_regions") > 0; }));
 }
 
 }  // namespace
