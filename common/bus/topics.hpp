@@ -69,7 +69,7 @@ inline constexpr Topic<TissueSurface> tissue_surface{{
     best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "viewer, recorder"}};
 inline constexpr Topic<Contacts> contacts{{
     "softhand/v1/contacts", "softhand::v1::Contacts",
-    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tracking, tactile, viewer, recorder"}};
+    best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tracking, viewer, recorder"}};
 inline constexpr Topic<SkinTraction> skin_traction{{
     "softhand/v1/skin_traction", "softhand::v1::SkinTraction",
     best_effort, vol,  1, kHands,  0,  0,    0, one,       90, "hand", "tactile, viewer, recorder"}};

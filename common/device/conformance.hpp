@@ -60,13 +60,25 @@ inline void push(BoneWrench& input, double newton, double phase) {
     bone.contact_damping = 2;
   }
 }
-inline void push(Contacts& input, double newton, double) {
-  for (FingerContact& finger : input.fingers) {
-    finger.force = {0, newton, 0};
-    finger.normal = {0, 1, 0};
-    finger.area = 1e-4;
-    finger.object = 1;
-    finger.contact_count = newton > 0 ? 1 : 0;
+// The palmar skin of every bone is pressed with `newton` from all sides, and slips.
+inline void push(SkinTraction& input, double newton, double) {
+  constexpr std::uint32_t rows = 4, columns = 6;
+  constexpr float spacing = 0.006f, radius = 0.009f, area = 1e-5f;
+  input.regions.clear();
+  if (newton == 0) return;
+  for (std::uint32_t i = 0; i < kBodyCount * rows * columns; ++i) {
+    SkinRegion region;
+    region.region = i;
+    region.body = i / (rows * columns);
+    const double around = M_PI * (static_cast<double>(i % columns) / (columns - 1) - 0.5);
+    region.normal = {static_cast<float>(std::sin(around)), static_cast<float>(-std::cos(around)), 0};
+    region.place = {radius * region.normal[0], radius * region.normal[1],
+                    -spacing * static_cast<float>(i / columns % rows)};
+    region.area = area;
+    region.pressure = static_cast<float>(newton) / (rows * columns * area);
+    region.slip_velocity = {0, 0, 0.05f};
+    region.object = 1;
+    input.regions.push_back(region);
   }
 }
 

@@ -60,7 +60,7 @@ class DeviceDriver {
   /// Adds counters of the driver to the status. Must not allocate.
   virtual void fill_status(LoopStatus&) const {}
 };
-using TactileDriver = DeviceDriver<Contacts>;
+using TactileDriver = DeviceDriver<SkinTraction>;
 
 /// Adds the force against closing of each finger, N, thumb first: the sum of the coupling forces on the finger's bones,
 /// projected on the dorsal axis of the distal bone. Negative: the simulated finger pulls. Real-time.
@@ -145,10 +145,10 @@ class DeviceGuard {
   DeviceCounters counters_;
 };
 
-/// Coupling forces are only valid while the simulated hand is fresh. Contacts come from the simulation itself, so they
-/// are always live.
+/// Coupling forces are only valid while the simulated hand is fresh. The traction comes from the simulation itself, so
+/// it is always live.
 inline bool source_is_live(const BoneWrench& input) { return input.simulated_valid != 0; }
-inline bool source_is_live(const Contacts&) { return true; }
+inline bool source_is_live(const SkinTraction&) { return true; }
 
 /// What the loop does with its inputs at the rate of the device.
 template <typename Input>
@@ -156,11 +156,11 @@ class DeviceFeedback;
 
 /// Tactile devices do not move the user: their commands are those of the newest input.
 template <>
-class DeviceFeedback<Contacts> {
+class DeviceFeedback<SkinTraction> {
  public:
   DeviceFeedback(const DeviceLoopOptions&, const DeviceLimits& limits) : actuators_(limits.actuators) {}
   void measure(Nanoseconds, TactileDriver&, std::span<const double>) {}
-  void take(const Contacts& input, TactileDriver& driver) {
+  void take(const SkinTraction& input, TactileDriver& driver) {
     requested_.fill(0);
     driver.command(input, {requested_.data(), actuators_});
   }

@@ -161,19 +161,19 @@ struct Contacts {
 };
 
 inline constexpr std::size_t kMaxSkinRegions = 512;
-/// A small part of the skin. All vectors have the axes of the bone's joint. The force of the contacts on the region is
-/// area * (shear - pressure * normal).
+/// The skin around a contact point of the hand. All vectors have the axes of the bone's joint. The force of the
+/// contacts on it is area * (shear - pressure * normal).
 struct SkinRegion {
-  std::uint32_t region = 0;       ///< below kMaxSkinRegions; always the same part of the skin of this hand
-  std::uint32_t body = 0;         ///< nearest bone, `Body`
-  std::uint32_t object = 0;       ///< id of the object with the largest force; 0: none, or the hand's own skin
-  std::array<float, 3> place{};   ///< centre of the region at rest, m, from the origin of the bone's joint; fixed
-  std::array<float, 3> normal{};  ///< unit, outward of the skin where it touches now; zero if `area` is zero
-  float pressure = 0;             ///< on the touching skin, Pa
-  std::array<float, 3> shear{};   ///< on the touching skin, across the normal, Pa
+  std::uint32_t region = 0;              ///< number of the contact point in the hand file
+  std::uint32_t body = 0;                ///< nearest bone, `Body`
+  std::uint32_t object = 0;              ///< id of the object with the largest force; 0: none, or the hand's own skin
+  std::array<float, 3> place{};          ///< at rest, m, from the origin of the bone's joint; never changes
+  std::array<float, 3> normal{};         ///< unit, outward of the skin where it touches now; zero if `area` is zero
+  float pressure = 0;                    ///< on the touching skin, Pa
+  std::array<float, 3> shear{};          ///< on the touching skin, across the normal, Pa
   std::array<float, 3> slip_velocity{};  ///< of the skin over the object, across the normal, m/s, mean by pressure
   float area = 0;                        ///< m^2 of skin that touches
-  float area_rate = 0;                   ///< m^2/s; positive: the contact grows
+  float area_rate = 0;                   ///< m^2/s, low-passed; positive: the contact grows
 };
 /// skin_traction: only the regions that touch, and those whose contact just ended.
 struct SkinTraction {

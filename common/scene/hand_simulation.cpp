@@ -25,6 +25,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "scene/contact_patches.hpp"
+#include "scene/skin_traction.hpp"
 
 namespace softhand {
 namespace {
@@ -608,6 +609,37 @@ void HandSimulation::write_patches(int slot, BoundedVector<ContactPatch, kMaxPat
 
 Twist HandSimulation::carrying_velocity(const Vector3& place) const {
   return at_point(carpus_velocity_, place - state_.body_poses[index(Body::carpus)].position);
+}
+
+void HandSimulation::write_traction(double time_step, SkinTractionReport& report, SkinTraction& out) const {
+  report.begin(state_);
+  const std::size_t hand_points = hand_.contact_points.size(), hand_triangles = hand_.surface.size();
+  if (contacts_) {
+    for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
+      const SkinForce of{anchor.force, -contacts_->offset(anchor, state_).normal, anchor.slip_speed,
+                         objects_[static_cast<std::size_t>(anchor.slot)].id};
+      const auto point = static_cast<std::size_t>(anchor.point);
+      if (point < hand_points) {
+        report.add(point, of);
+      } else {  // a sharp point of the object
+        report.add(point - hand_points, contacts_->position(anchor, state_), of);
+      }
+    }
+  }
+  const auto object_of = [](int part) {
+    return part < kSkinParts ? 0u : kFirstSoftObject + static_cast<std::uint32_t>(part - kSkinParts);
+  };
+  for_each_skin([&](const SkinContact& skin) {
+    for (const SkinAnchor& anchor : skin.anchors()) {
+      const Vector3 normal = skin.offset(anchor, state_).normal;  // of the triangle
+      const auto point = static_cast<std::size_t>(anchor.point), triangle = static_cast<std::size_t>(anchor.triangle);
+      if (point < hand_points) report.add(point, {anchor.force, -normal, anchor.slip_speed, object_of(anchor.slot)});
+      if (triangle < hand_triangles)
+        report.add(triangle, skin.points().at(anchor.point, state_.node_positions),
+                   {-anchor.force, normal, anchor.slip_speed, object_of(skin_part(skin.points()[anchor.point].body))});
+    }
+  });
+  report.write(time_step, out);
 }
 
 void HandSimulation::set_planes(int slot, std::span<const NeighbourPlane> planes) {

@@ -33,6 +33,7 @@ class ObjectJointEnergy;
 class OtherHands;
 class PlaneContact;
 class SkinContact;
+class SkinTractionReport;
 class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
@@ -188,6 +189,9 @@ class HandSimulation {
   void restart_soft_object(int object);
   /// As in contact_patches.hpp, of the object in the slot.
   void write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const;
+  /// Writes the traction of the contacts on the hand's skin: with objects, flexible objects and the skin itself. Does
+  /// not write key and stamp. `time_step`: s since the last message.
+  void write_traction(double time_step, SkinTractionReport& report, SkinTraction& out) const;
   /// The flexible objects. Null: there are none.
   const SoftObjects* soft() const { return soft_.get(); }
   /// Contact of the skin with itself. Null: it is switched off.

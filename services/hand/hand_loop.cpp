@@ -41,10 +41,11 @@ HandLoop::HandLoop(const HandModel& hand, const HandOptions& options, HandKey ke
       simulation_(std::make_unique<HandSimulation>(hand, options.simulation, static_cast<int>(options.mirrored_objects),
                                                    static_cast<int>(options.static_objects), object_spring,
                                                    static_cast<int>(options.object_joints), std::move(soft_objects))),
+      traction_(simulation_->hand()),
       mirror_(*simulation_, options_, key_, symmetric_),
       tracked_(options.tracked_input) {
-  output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.bone_wrench.hand =
-      output_.surface.hand = key_;
+  output_.simulated.hand = output_.coupling.hand = output_.contacts.hand = output_.traction.hand =
+      output_.bone_wrench.hand = output_.surface.hand = key_;
   if (const SoftObjects* soft = simulation_->soft())
     output_.soft_objects.resize(static_cast<std::size_t>(soft->count()));
   for (SoftObjectState& each : output_.soft_objects) each.owner = key_;
@@ -55,6 +56,7 @@ HandLoop::~HandLoop() = default;
 void HandLoop::take_state(const HandLoop& other) {
   simulation_->take_state(*other.simulation_);
   tracked_ = other.tracked_;
+  traction_.load(other.traction_.save());
   mirror_.take_state(other.mirror_);
   skeleton_ = other.skeleton_;
   any_skeleton_ = other.any_skeleton_;
@@ -71,6 +73,7 @@ void HandLoop::reset(Nanoseconds time) {
   // The last valid joint poses say nothing about the place of the hand after the reset.
   skeleton_ = {};
   simulation_->clear_targets();
+  traction_.forget();
   any_skeleton_ = reposition_asked_ = false;
   mirror_.release_all();
   for (int i = 0; i < static_cast<int>(output_.soft_objects.size()); ++i) simulation_->restart_soft_object(i);
@@ -231,6 +234,12 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
     output_.contacts.stamp = stamp;
     simulation_->write_contacts(output_.contacts);
   }
+  if (requested.traction) {
+    output_.traction.stamp = stamp;
+    simulation_->write_traction(time_step_, traction_, output_.traction);
+  } else {
+    traction_.forget();
+  }
   if (requested.surface) {
     TissueSurface& surface = output_.surface;
     surface.stamp = stamp;
@@ -333,6 +342,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(mirror_.counters().without_slot));
   add_counter(status, "untangled_nodes", static_cast<double>(simulation_->untangled_nodes()));
+  add_counter(status, "dropped_regions", static_cast<double>(traction_.dropped()));
 }
 
 HandDescription HandLoop::description() const {
@@ -391,12 +401,18 @@ void HandLoop::save(ByteWriter& out) const {
   mirror_.save(out);
   visit_own(*this, [&out](const auto& value) { out.write(value); });
   simulation_->save(out);
+  out.write(traction_.save());
 }
 
 void HandLoop::load(ByteReader& in) {
   mirror_.load(in);
   visit_own(*this, [&in](auto& value) { in.read(value); });
   simulation_->load(in);
+  try {
+    traction_.load(in.take<SkinTractionReport::Memory>());
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(error.what());
+  }
 }
 
 }  // namespace softhand

@@ -13,6 +13,7 @@
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "scene/hand_simulation.hpp"
+#include "scene/skin_traction.hpp"
 
 namespace softhand {
 
@@ -28,6 +29,7 @@ struct HandInput {
 struct RequestedOutputs {
   bool surface = true;
   bool contacts = true;
+  bool traction = true;
   bool bone_wrench = true;
   bool soft_objects = true;
   bool ledger = true;  ///< the energy ledger of the status
@@ -38,6 +40,7 @@ struct HandOutput {
   Skeleton simulated;
   ObjectCoupling coupling;
   Contacts contacts;
+  SkinTraction traction;
   BoneWrench bone_wrench;  ///< written only if the intermediate layer is left out
   TissueSurface surface;
   std::vector<SoftObjectState> soft_objects;  ///< one for each flexible object
@@ -148,6 +151,7 @@ class HandLoop {
   bool symmetric_;
   double time_step_;
   std::unique_ptr<HandSimulation> simulation_;
+  SkinTractionReport traction_;
   ObjectMirror mirror_;
   TrackedInput tracked_;  // used only if the intermediate layer is left out
   Skeleton skeleton_;     // newest intermediate skeleton

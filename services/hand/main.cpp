@@ -75,6 +75,7 @@ void run(int argc, char** argv) {
   bus::Writer simulated_writer(p, bus::topics::simulated_skeleton);
   bus::Writer coupling_writer(p, bus::topics::object_coupling);
   bus::Writer contacts_writer(p, bus::topics::contacts);
+  bus::Writer traction_writer(p, bus::topics::skin_traction);
   bus::Writer surface_writer(p, bus::topics::tissue_surface);
   bus::Writer wrench_writer(p, bus::topics::bone_wrench);
   bus::Writer description_writer(p, bus::topics::hand_description);
@@ -179,6 +180,7 @@ void run(int argc, char** argv) {
     }
     const RequestedOutputs requested{.surface = surface_writer.has_readers(),
                                      .contacts = contacts_writer.has_readers(),
+                                     .traction = traction_writer.has_readers(),
                                      .bone_wrench = options.direct && wrench_writer.has_readers(),
                                      .soft_objects = soft_writer && soft_writer->has_readers(),
                                      .ledger = service.status_requested()};
@@ -189,6 +191,7 @@ void run(int argc, char** argv) {
     publish(simulated_writer, output.simulated);
     publish(coupling_writer, output.coupling);
     publish(contacts_writer, output.contacts);
+    publish(traction_writer, output.traction);
     publish(surface_writer, output.surface);
     for (SoftObjectState& each : output.soft_objects) publish(*soft_writer, each);
     if (options.direct) publish(wrench_writer, output.bone_wrench);

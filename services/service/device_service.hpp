@@ -11,9 +11,9 @@ namespace softhand {
 
 /// What a device of each kind receives.
 inline constexpr const bus::Topic<BoneWrench>& topic_of(const BoneWrench*) { return bus::topics::bone_wrench; }
-inline constexpr const bus::Topic<Contacts>& topic_of(const Contacts*) { return bus::topics::contacts; }
+inline constexpr const bus::Topic<SkinTraction>& topic_of(const SkinTraction*) { return bus::topics::skin_traction; }
 inline constexpr std::uint32_t kind_of(const BoneWrench*) { return 0; }
-inline constexpr std::uint32_t kind_of(const Contacts*) { return 1; }
+inline constexpr std::uint32_t kind_of(const SkinTraction*) { return 1; }
 
 /// The side of a device that pushes or touches: subscribes to its input, runs the safety loop around the driver, and
 /// publishes its commands.

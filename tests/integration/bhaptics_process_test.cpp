@@ -1,8 +1,10 @@
 // softhand-tactile-bhaptics with a simulated Player: intensities, power cycles, a dead client, bad messages, the end.
+#include <limits>
 #include <optional>
 #include <string>
 
 #include "support/device_process.hpp"
+#include "support/press.hpp"
 #include "tactile/bhaptics/simulated_player.hpp"
 
 namespace softhand {
@@ -10,7 +12,7 @@ namespace {
 
 using Motors = std::array<int, kGloveMotors>;
 
-class BhapticsProcess : public testing::DeviceProcess<Contacts> {
+class BhapticsProcess : public testing::DeviceProcess<SkinTraction> {
  protected:
   BhapticsProcess() : DeviceProcess("tactile-bhaptics") {}
   void start_driver() {
@@ -18,7 +20,7 @@ class BhapticsProcess : public testing::DeviceProcess<Contacts> {
     start({"port=" + std::to_string(player_->port()), "full_scale_force=4"});
     ASSERT_TRUE(counts("glove_connected", 1));
   }
-  void touch(std::size_t finger, double newton) { input_.fingers[finger].force = {0, newton, 0}; }
+  void touch(int finger, double newton) { testing::press(input_, static_cast<Finger>(finger), newton); }
   bool vibrates(const Motors& motors) {
     return push([&] { return player_->motors() == motors; });
   }
@@ -97,6 +99,15 @@ TEST_F(BhapticsProcess, RefusesAndCountsBadMessages) {
   EXPECT_TRUE(counts("refused_size", 1));
   touch(1, 2);
   EXPECT_TRUE(vibrates({0, 50, 0, 0, 0, 0}));
+}
+
+TEST_F(BhapticsProcess, LeavesOutSkinThatItCannotUse) {
+  start_driver();
+  touch(1, 2);
+  touch(2, 2);
+  input_.regions[1].pressure = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_TRUE(vibrates({0, 50, 0, 0, 0, 0}));
+  EXPECT_TRUE(listener_.until([&] { write(); }, [&] { return listener_.counter("refused_regions") > 0; }));
 }
 
 }  // namespace

@@ -88,6 +88,13 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   EXPECT_EQ(number(lines, "contacts[last].force.z"), contact.force[2]);
   EXPECT_EQ(number(lines, "contacts[last].slip_speed"), contact.slip_speed);
 
+  const auto traction = stamped<SkinTraction>(6);
+  lines = through_cyclone(topics::skin_traction, *traction);
+  const SkinRegion& region = traction->regions[traction->regions.size() - 1];
+  EXPECT_EQ(number(lines, "regions.length"), static_cast<double>(traction->regions.size()));
+  EXPECT_EQ(static_cast<float>(number(lines, "regions[last].shear.y")), region.shear[1]);
+  EXPECT_EQ(static_cast<float>(number(lines, "regions[last].area_rate")), region.area_rate);
+
   const auto objects = stamped<WorldObjects>(6);
   lines = through_cyclone(topics::objects, *objects);
   const ObjectState& object = objects->objects[objects->objects.size() - 1];

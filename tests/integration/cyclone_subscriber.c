@@ -22,6 +22,7 @@
 #include "soft_objects.h"
 #include "status.h"
 #include "tissue.h"
+#include "traction.h"
 
 static void print_skeleton(const void* sample) {
   const softhand_v1_Skeleton* s = sample;
@@ -35,6 +36,12 @@ static void print_contacts(const void* sample) {
   const softhand_v1_Contact* last = &s->contacts._buffer[s->contacts._length - 1];
   printf("fingers[5].area %.17g\ncontacts.length %" PRIu32 "\n", s->fingers[5].area, s->contacts._length);
   printf("contacts[last].force.z %.17g\ncontacts[last].slip_speed %.17g\n", last->force.z, last->slip_speed);
+}
+static void print_traction(const void* sample) {
+  const softhand_v1_SkinTraction* s = sample;
+  const softhand_v1_SkinRegion* last = &s->regions._buffer[s->regions._length - 1];
+  printf("regions.length %" PRIu32 "\nregions[last].shear.y %.9g\nregions[last].area_rate %.9g\n", s->regions._length,
+         last->shear.y, last->area_rate);
 }
 static void print_objects(const void* sample) {
   const softhand_v1_WorldObjects* s = sample;
@@ -75,6 +82,7 @@ static const struct {
     {"softhand/v1/simulated_skeleton", &softhand_v1_Skeleton_desc, print_skeleton},
     {"softhand/v1/tissue_surface", &softhand_v1_TissueSurface_desc, print_nothing},
     {"softhand/v1/contacts", &softhand_v1_Contacts_desc, print_contacts},
+    {"softhand/v1/skin_traction", &softhand_v1_SkinTraction_desc, print_traction},
     {"softhand/v1/objects", &softhand_v1_WorldObjects_desc, print_objects},
     {"softhand/v1/object_coupling", &softhand_v1_ObjectCoupling_desc, print_nothing},
     {"softhand/v1/bone_wrench", &softhand_v1_BoneWrench_desc, print_wrench},

@@ -40,7 +40,7 @@ class Rig : public ::testing::Test {
   }
   static void expect_all_finite(const RigListener& listener) {
     for (const auto& [topic, count] : listener.nonfinite) EXPECT_EQ(count, 0u) << topic;
-    for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts",
+    for (const char* topic : {"simulated_skeleton", "intermediate_skeleton", "bone_wrench", "contacts", "skin_traction",
                               "object_coupling", "objects", "device_state"}) {
       EXPECT_GT(listener.heard.count(topic) != 0 ? listener.heard.at(topic) : 0u, 0u) << topic;
     }

@@ -128,6 +128,7 @@ RigListener::RigListener()
       intermediate_(participant_, deep(bus::topics::intermediate_skeleton)),
       simulated_(participant_, deep(bus::topics::simulated_skeleton)),
       contacts_(participant_, deep(bus::topics::contacts)),
+      traction_(participant_, deep(bus::topics::skin_traction)),
       coupling_(participant_, deep(bus::topics::object_coupling)),
       objects_(participant_, deep(bus::topics::objects)),
       wrench_(participant_, deep(bus::topics::bone_wrench)),
@@ -190,6 +191,16 @@ void RigListener::poll() {
         !std::all_of(contacts.contacts.begin(), contacts.contacts.end(), finite)) {
       ++nonfinite["contacts"];
     }
+  });
+  traction_.take_all([this](const SkinTraction& traction) {
+    ++heard["skin_traction"];
+    const auto finite = [](const SkinRegion& region) {
+      const float values[] = {
+          region.shear[0], region.shear[1],         region.shear[2],         region.pressure,
+          region.area,     region.slip_velocity[0], region.slip_velocity[1], region.slip_velocity[2]};
+      return std::all_of(std::begin(values), std::end(values), [](float x) { return std::isfinite(x); });
+    };
+    if (!std::all_of(traction.regions.begin(), traction.regions.end(), finite)) ++nonfinite["skin_traction"];
   });
   coupling_.take_all([this](const ObjectCoupling& coupling) {
     ++heard["object_coupling"];

@@ -106,6 +106,7 @@ class RigListener {
   bus::Reader<Skeleton> intermediate_;
   bus::Reader<Skeleton> simulated_;
   bus::Reader<Contacts> contacts_;
+  bus::Reader<SkinTraction> traction_;
   bus::Reader<ObjectCoupling> coupling_;
   bus::Reader<WorldObjects> objects_;
   bus::Reader<BoneWrench> wrench_;

@@ -1,11 +1,9 @@
 // The sample glove: the page shows its code, forces of the simulation become packets, and every end is a zero force.
-#include <arpa/inet.h>
-#include <sys/socket.h>
-
 #include <fstream>
 #include <iterator>
 
 #include "runtime/clock.hpp"
+#include "support/force_packets.hpp"
 #include "support/tracker_process.hpp"
 
 namespace softhand {
@@ -25,38 +23,9 @@ TEST(SampleGlove, ThePageShowsItsCode) {
   }
 }
 
-// The glove's end of the wire.
-class Glove {
- public:
-  Glove() : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK, 0)) {
-    sockaddr_in here{};
-    here.sin_family = AF_INET;
-    here.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof here;
-    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&here), size), 0);
-    getsockname(socket_, reinterpret_cast<sockaddr*>(&here), &size);
-    port_ = ntohs(here.sin_port);
-  }
-  ~Glove() { close(socket_); }
-  Glove(const Glove&) = delete;
-  Glove& operator=(const Glove&) = delete;
-  std::uint16_t port() const { return port_; }
-  /// The newest forces, N.
-  const std::array<float, 5>& forces() {
-    std::array<float, 5> packet;
-    while (recv(socket_, packet.data(), sizeof packet, 0) == sizeof packet) forces_ = packet;
-    return forces_;
-  }
-
- private:
-  int socket_;
-  std::uint16_t port_ = 0;
-  std::array<float, 5> forces_{};
-};
-
 TEST(SampleGlove, ForcesReachTheGloveAndEveryEndIsZero) {
   testing::use_own_domain();
-  Glove glove;
+  testing::ForcePackets<5> glove;
   testing::Process driver(
       "softhand-haptic-sample",
       {"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml", "--set",

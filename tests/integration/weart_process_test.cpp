@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "support/device_process.hpp"
+#include "support/press.hpp"
 #include "tactile/weart/simulated_touchdiver.hpp"
 
 namespace softhand {
@@ -12,7 +13,7 @@ namespace {
 
 using Effects = std::map<std::string, std::string>;
 
-class WeartProcess : public testing::DeviceProcess<Contacts> {
+class WeartProcess : public testing::DeviceProcess<SkinTraction> {
  protected:
   WeartProcess() : DeviceProcess("tactile-weart") {}
   void start_driver(std::vector<std::string> settings = {}) {
@@ -22,10 +23,8 @@ class WeartProcess : public testing::DeviceProcess<Contacts> {
     start(settings);
     ASSERT_TRUE(counts("connections", 1));
   }
-  void touch(std::size_t finger, double newton, double slip = 0) {
-    input_.fingers[finger].force = {0, newton, 0};
-    input_.fingers[finger].slip_speed = slip;
-    input_.fingers[finger].contact_count = newton > 0 ? 1 : 0;
+  void touch(int finger, double newton, double slip = 0) {
+    testing::press(input_, static_cast<Finger>(finger), newton, slip);
   }
   bool acts(const Effects& effects) {
     return push([&] { return device_->effects() == effects; });

@@ -18,15 +18,15 @@ inline void stamp_input(Stamp& stamp) {
   stamp.sample_time = stamp.publish_time = now();
 }
 
-/// `Input` is BoneWrench or Contacts, of the hand of the scene.
+/// `Input` is BoneWrench or SkinTraction, of the hand of the scene.
 template <typename Input>
 class DeviceProcess : public ::testing::Test {
  protected:
   explicit DeviceProcess(std::string module) : module_(std::move(module)) { listener_.module = module_; }
   static void SetUpTestSuite() { use_own_domain(); }
 
-  /// `settings`: keys and values of the section of the driver.
-  void start(const std::vector<std::string>& settings) {
+  /// `settings`: keys and values of the section of the driver. `reads_line`: it prints a line at its start.
+  void start(const std::vector<std::string>& settings, bool reads_line = true) {
     std::string section = module_;
     section[section.find('-')] = '_';
     std::vector<std::string> arguments{"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml",
@@ -35,7 +35,7 @@ class DeviceProcess : public ::testing::Test {
       arguments.emplace_back("--set");
       arguments.push_back(section + "." + setting);
     }
-    driver_.emplace("softhand-" + module_, arguments, true);
+    driver_.emplace("softhand-" + module_, arguments, reads_line);
   }
   bool health(Health of) {
     return listener_.until([] {}, [&] { return listener_.counter("health") == static_cast<double>(of); });
@@ -107,7 +107,7 @@ class DeviceProcess : public ::testing::Test {
     if constexpr (std::is_same_v<Input, BoneWrench>) {
       return bus::topics::bone_wrench;
     } else {
-      return bus::topics::contacts;
+      return bus::topics::skin_traction;
     }
   }
 };

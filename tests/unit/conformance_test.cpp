@@ -16,6 +16,7 @@
 #include "model/hand_model.hpp"
 #include "tactile/bhaptics/bhaptics.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
+#include "tactile/sample/sample_pad.hpp"
 #include "tactile/weart/weart.hpp"
 
 namespace softhand {
@@ -32,10 +33,6 @@ TEST(Conformance, SimulatedHapticGlove) {
   EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<HapticLogDriver>(HapticLogOptions{}); }), "");
 }
 
-TEST(Conformance, SimulatedTactileGlove) {
-  EXPECT_EQ(text_of<Contacts>([] { return std::make_shared<TactileLogDriver>(TactileLogOptions{}); }), "");
-}
-
 TEST(Conformance, SampleGlove) {
   EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<SampleGlove>(SampleGloveOptions{}); }), "");
 }
@@ -43,6 +40,14 @@ TEST(Conformance, SampleGlove) {
 const HandModel& hand() {
   static const HandModel model = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
   return model;
+}
+
+TEST(Conformance, SimulatedTactileGlove) {
+  EXPECT_EQ(text_of<SkinTraction>([] { return std::make_shared<TactileLogDriver>(TactileLogOptions{}, hand()); }), "");
+}
+
+TEST(Conformance, SamplePad) {
+  EXPECT_EQ(text_of<SkinTraction>([] { return std::make_shared<SamplePad>(SamplePadOptions{}, hand()); }), "");
 }
 
 TEST(Conformance, OpenGloves) {
@@ -62,13 +67,13 @@ TEST(Conformance, Haply) {
 TEST(Conformance, Bhaptics) {
   BhapticsOptions options;
   options.port = 1;
-  EXPECT_EQ(text_of<Contacts>([&] { return std::make_shared<Bhaptics>(options, hand()); }), "");
+  EXPECT_EQ(text_of<SkinTraction>([&] { return std::make_shared<Bhaptics>(options, hand()); }), "");
 }
 
 TEST(Conformance, Weart) {
   WeartOptions options;
   options.port = 1;
-  EXPECT_EQ(text_of<Contacts>([&] { return std::make_shared<Weart>(options, hand()); }), "");
+  EXPECT_EQ(text_of<SkinTraction>([&] { return std::make_shared<Weart>(options, hand()); }), "");
 }
 
 TEST(Conformance, Dhd) {

@@ -12,6 +12,8 @@
 #include "haptics/log/haptic_log_driver.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
+#include "support/block_hand.hpp"
+#include "support/press.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 
 namespace softhand {
@@ -332,16 +334,15 @@ TEST(TactileLog, EventsBeginAndEnd) {
   TactileLogOptions options;
   options.file = ::testing::TempDir() + "softhand_tactile_log.csv";
   {
-    DeviceLoop<Contacts> loop({}, std::make_unique<TactileLogDriver>(options), 2, 1);
-    Contacts c;
+    DeviceLoop<SkinTraction> loop({}, std::make_unique<TactileLogDriver>(options, testing::block_hand(1)), 2, 1);
+    SkinTraction t;
     for (int i = 1; i <= 60; ++i) {
       const Nanoseconds now = kStart + i * 10 * kMillisecond;
-      c.stamp.sequence = static_cast<std::uint64_t>(i);
-      c.stamp.sample_time = c.stamp.publish_time = now;
-      c.fingers[1].force = {0, i >= 20 && i < 40 ? 2.5 : 0.0, 0};
-      c.fingers[1].object = 7;
-      const DeviceState& state = loop.step(now, &c);
-      EXPECT_NEAR(state.commands[1], i >= 22 && i < 40 ? 0.5 : state.commands[1], 1e-12);
+      t.stamp.sequence = static_cast<std::uint64_t>(i);
+      t.stamp.sample_time = t.stamp.publish_time = now;
+      testing::press(t, Finger::index, i >= 20 && i < 40 ? 2.5 : 0.0, 0.25);
+      const DeviceState& state = loop.step(now, &t);
+      EXPECT_NEAR(state.commands[1], i >= 22 && i < 40 ? 0.5 : state.commands[1], 1e-6);
       EXPECT_EQ(state.commands[0], 0);
     }
   }
@@ -351,7 +352,7 @@ TEST(TactileLog, EventsBeginAndEnd) {
     for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) ++n;
     return n;
   };
-  EXPECT_EQ(count("index,begin,0,2.5,0"), 1);
+  EXPECT_EQ(count("index,begin,2.5,-1.25,0,-2.5,0.25,0,1e-05,0,7,"), 1);
   EXPECT_EQ(count("index,end"), 1);
   EXPECT_GE(count("index,update"), 5);
   EXPECT_EQ(count("thumb"), 0);

@@ -281,9 +281,10 @@ TEST(HandLoop, PublishesAFlexibleObjectAndPutsItBackOnRequestAndOnAReset) {
 TEST(HandLoop, UnwantedOutputsAreNotComputed) {
   HandLoop loop(hand(), loop_options(), {});
   const Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
-  const HandOutput& output = loop.step(kSecond, {&sample}, {false, false, false});
+  const HandOutput& output = loop.step(kSecond, {&sample}, {.surface = false, .contacts = false, .traction = false});
   EXPECT_TRUE(output.surface.nodes.empty());
   EXPECT_EQ(output.contacts.stamp.sequence, 0u);
+  EXPECT_EQ(output.traction.stamp.sequence, 0u);
 }
 
 // An approach, a touch and a grip, with and without things that the scene does not need.
@@ -330,7 +331,7 @@ TEST(HandLoop, OmittedOutputsAndUntouchedObjectsChangeNoBit) {
     }
     return largest;
   };
-  const RequestedOutputs nothing{false, false, false, false}, everything{true, true, true, true};
+  const RequestedOutputs nothing{false, false, false, false, false}, everything;
   const Run plain = run(loop_options(), nothing, 0);
   ASSERT_TRUE(plain.touched);
   EXPECT_EQ(largest_difference(run(loop_options(), everything, 0), plain), 0) << "topics with readers";

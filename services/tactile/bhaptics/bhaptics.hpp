@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "device/device_loop.hpp"
+#include "device/taxel_map.hpp"
 #include "device/websocket_client.hpp"
 #include "model/hand_model.hpp"
 #include "tactile/bhaptics/bhaptics_options.hpp"
@@ -19,6 +20,7 @@ class Bhaptics final : public TactileDriver {
   Bhaptics(const Options& options, const HandModel& hand)
       : options_(options),
         side_(hand.side),
+        taxels_(hand, digit_taxels(hand, kGloveMotors)),
         player_({options.address, options.port, player_target("softhand")}, kLargestPlayerMessage, kSlots) {
     // JSON is decoded in the thread that receives, because its decoder allocates.
     player_.translate([this](const Arrival& message) {
@@ -34,9 +36,9 @@ class Bhaptics final : public TactileDriver {
 
   DeviceLimits limits() const override { return {kGloveMotors, 0, 1, options_.slew}; }
   /// The motor at the wrist vibrates if the palm touches.
-  void command(const Contacts& input, std::span<double> requested) override {
-    for (std::size_t f = 0; f < kGloveMotors; ++f)
-      requested[f] = to_vector(input.fingers[f].force).norm() / options_.full_scale_force;
+  void command(const SkinTraction& input, std::span<double> requested) override {
+    const auto touches = taxels_.feel(input);
+    for (std::size_t f = 0; f < kGloveMotors; ++f) requested[f] = touches[f].press / options_.full_scale_force;
   }
   // A frame outlives a dead client by its duration. So frames are short, and sent again while something vibrates.
   void write(Nanoseconds now, std::span<const double> commands) override {
@@ -51,6 +53,7 @@ class Bhaptics final : public TactileDriver {
   void fill_status(LoopStatus& status) const override {
     player_.fill_status(status);
     refusals_.fill_status(status, player_.counters().refused_size);
+    add_counter(status, "refused_regions", static_cast<double>(taxels_.refused()));
     add_counter(status, "glove_connected", is_connected_ ? 1 : 0);
     add_counter(status, "glove_intensity", intensity_);
   }
@@ -68,6 +71,7 @@ class Bhaptics final : public TactileDriver {
 
   Options options_;
   Side side_;
+  TaxelMap taxels_;
   PlayerReport report_;  // used by the thread of player_
   bool is_off_ = true, is_connected_ = false;
   int intensity_ = 0;  // largest of the motors, as the Player reports it

@@ -6,6 +6,7 @@
 
 #include "device/device_loop.hpp"
 #include "device/record_log.hpp"
+#include "device/taxel_map.hpp"
 
 namespace softhand {
 
@@ -31,12 +32,13 @@ class TactileLogDriver : public TactileDriver {
  public:
   using Options = TactileLogOptions;
   /// Throws std::runtime_error if the file cannot be written.
-  explicit TactileLogDriver(const Options& options);
+  TactileLogDriver(const Options& options, const HandModel& hand);
 
   DeviceLimits limits() const override { return {kFingerCount, 0, 1, options_.slew}; }
-  /// Commands the contact force divided by the full-scale force.
-  void command(const Contacts& input, std::span<double> requested) override;
+  /// Commands the normal forces on each digit divided by the full-scale force.
+  void command(const SkinTraction& input, std::span<double> requested) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
+  void fill_status(LoopStatus& status) const override;
 
  private:
   enum class Event : std::uint32_t { begin, update, end };
@@ -44,12 +46,13 @@ class TactileLogDriver : public TactileDriver {
     Nanoseconds time = 0;  // time of the simulation's sample
     std::uint32_t finger = 0;
     Event event = Event::begin;
-    FingerContact contact;
+    TaxelTouch touch;
     double command = 0;  // the last command that was written to the device
   };
   static void format(const Record& record, std::string& text);
 
   Options options_;
+  TaxelMap taxels_;  // of the digits
   std::array<bool, kFingerCount> touching_{};
   std::array<Nanoseconds, kFingerCount> last_logged_{};
   std::array<double, kFingerCount> commands_{};

@@ -8,6 +8,7 @@
 
 #include "device/device_loop.hpp"
 #include "device/intake.hpp"
+#include "device/taxel_map.hpp"
 #include "device/tracker_source.hpp"
 #include "tactile/weart/weart_messages.hpp"
 #include "tactile/weart/weart_options.hpp"
@@ -18,7 +19,11 @@ class Weart final : public TrackerSource, public TactileDriver {
  public:
   using Options = WeartOptions;
   Weart(const Options& options, const HandModel& hand)
-      : options_(options), side_(hand.side), points_(options.pro ? 6 : 3), lifter_(hand, hand.side) {
+      : options_(options),
+        side_(hand.side),
+        points_(options.pro ? 6 : 3),
+        taxels_(hand, digit_taxels(hand, points_)),
+        lifter_(hand, hand.side) {
     // JSON is decoded in the thread that receives, because its decoder allocates.
     intake_.translate([this](const Arrival& message) {
       report_ = decode_weart(message.bytes, side_);
@@ -46,6 +51,7 @@ class Weart final : public TrackerSource, public TactileDriver {
   void fill_status(LoopStatus& status) const override {
     intake_.fill_status(status);
     refusals_.fill_status(status, intake_.counters().refused_size);
+    add_counter(status, "refused_regions", static_cast<double>(taxels_.refused()));
     add_counter(status, "calibration", calibration_);
     add_counter(status, "status_code", status_code_);
     add_counter(status, "gloves", gloves_);
@@ -53,14 +59,13 @@ class Weart final : public TrackerSource, public TactileDriver {
 
   // Each point has a force, a temperature and a texture.
   DeviceLimits limits() const override { return {3 * points_, -1, 1, options_.slew}; }
-  void command(const Contacts& input, std::span<double> requested) override {
+  void command(const SkinTraction& input, std::span<double> requested) override {
+    const auto touches = taxels_.feel(input);
     for (std::size_t p = 0; p < points_; ++p) {
-      const FingerContact& finger = input.fingers[p];
-      const double force = to_vector(finger.force).norm();
-      if (!(force > 0)) continue;
-      requested[3 * p] = force / options_.full_scale_force;
+      if (!(touches[p].press > 0)) continue;
+      requested[3 * p] = touches[p].press / options_.full_scale_force;
       requested[3 * p + 1] = 2 * options_.temperature - 1;
-      requested[3 * p + 2] = options_.texture_volume > 0 ? finger.slip_speed / options_.full_scale_slip : 0;
+      requested[3 * p + 2] = options_.texture_volume > 0 ? touches[p].slip_speed() / options_.full_scale_slip : 0;
     }
   }
   // An effect lasts until the next message about it. So effects are sent when they change, zero at once, and all of
@@ -119,6 +124,7 @@ class Weart final : public TrackerSource, public TactileDriver {
   Options options_;
   Side side_;
   std::size_t points_;
+  TaxelMap taxels_;
   CurlLifter lifter_;
   WeartReport report_;  // used by the thread of intake_
   std::array<FingerCurl, kFingerCount> fingers_;
