@@ -16,8 +16,10 @@ constexpr double kSlowest = 0.9;  // cap on the ratio of two increments when the
 // changed, and a new factor would not help. A factor that is much too stiff or too soft does worse.
 constexpr double kShortest = 0.4;
 constexpr double kStalled = 0.5;  // ratio of two residuals
-// m, estimated remaining movement. At 2.5 mm a light object in a fist that closes was thrown at its fingers.
+// A step that was cut off is near the minimum if its estimated remaining movement (m) is below this.
 constexpr double kNearMinimum = 2.5e-4;
+// And if no node has moved farther in it, m. In a fist that closes fast, the estimates of truncated steps are wrong.
+constexpr double kSlowStep = 2e-3;
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
@@ -51,7 +53,7 @@ void FactorPolicy::begin_step(double time_step, bool has_factor, bool touches) {
   consecutive_kinks_ = reuses_ ? 0 : kMaxConsecutiveKinkFactors;
   reserved_ = touches ? contact_work_ + evaluation_work_ : 0.0;
   last_move_ = contraction_ = 0;
-  remaining_move_ = std::numeric_limits<double>::infinity();
+  remaining_move_ = estimated_move_ = std::numeric_limits<double>::infinity();
 }
 
 double FactorPolicy::remaining_work(const StepReport& report) const {
@@ -102,6 +104,7 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
   const double of_residual = iteration.residual_before > 0 ? report.residual / iteration.residual_before : 0.0;
   contraction_ = decision.renewal != Renewal::none || last_move_ == 0 ? of_residual : iteration.move / last_move_;
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
+  estimated_move_ = remaining_move_;
   last_move_ = iteration.move;
   const bool is_full = iteration.scale == 1;
   reuses_ = may_reuse_ && iteration.scale >= (iteration.condenses ? kShortest : 1.0) &&
@@ -129,11 +132,11 @@ bool FactorPolicy::has_converged(const StepReport& report) const {
   return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move_ <= 1;
 }
 
-void FactorPolicy::end_step(double time_step, const StepReport& report) {
+void FactorPolicy::end_step(double time_step, double moved, const StepReport& report) {
   // A failed step has no factor to reuse. A step that was cut off far from the minimum has none either: there only
   // plain Newton iterations make progress.
-  carried_.was_cut_off_far =
-      report.status == StepStatus::budget_spent && !(remaining_move_ * options_.movement_tolerance < kNearMinimum);
+  const bool is_near = moved < kSlowStep && estimated_move_ * options_.movement_tolerance < kNearMinimum;
+  carried_.was_cut_off_far = report.status == StepStatus::budget_spent && !is_near;
   const bool is_reusable = report.status != StepStatus::failed_factorisation && !carried_.was_cut_off_far;
   if (is_reusable && (reuses_ || has_whole_factor(report))) carried_.time_step = time_step;
 }

@@ -116,7 +116,10 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.chord = true;
     policy_.set_carried({});
   } else {
-    policy_.end_step(time_step, report);
+    const double moved = layout_.node_count > 0
+                             ? (state.node_positions - potential_.start().node_positions).lpNorm<Eigen::Infinity>()
+                             : 0.0;
+    policy_.end_step(time_step, moved, report);
     if (may_be_chord && !linkage_.any_touching() && report.factorisations > report.kink_factors &&
         !factor_.is_fallback() && report.shifts == 0)
       predictor_.keep_factor(time_step);
