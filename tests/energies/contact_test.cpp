@@ -8,6 +8,7 @@
 #include "energies/contact_rig.hpp"
 #include "energies/memory_suite.hpp"
 #include "math/rotation.hpp"
+#include "support/contact_message.hpp"
 
 namespace softhand {
 namespace {
@@ -271,8 +272,7 @@ TEST(Contact, PublishesForcesNormalsAndAreas) {
   NodesOnPlane scene(0.5);
   scene.gravity(0.2);
   scene.run(300, 1.0 / 90);
-  Contacts message{};
-  scene.rig.contacts.write(scene.rig.state, message);
+  Contacts message = testing::contact_message(scene.rig.contacts, scene.rig.state, {1});
   ASSERT_EQ(message.contacts.size(), 3u);
   const FingerContact& finger = message.fingers[static_cast<std::size_t>(Finger::index)];
   EXPECT_EQ(finger.contact_count, 3u);
@@ -286,7 +286,7 @@ TEST(Contact, PublishesForcesNormalsAndAreas) {
   EXPECT_NEAR(message.contacts[0].penetration, 0.01 * kGravity * std::cos(0.2) / 500, 1e-7);
 
   scene.rig.contacts.clear_object(0);
-  scene.rig.contacts.write(scene.rig.state, message);
+  message = testing::contact_message(scene.rig.contacts, scene.rig.state, {1});
   EXPECT_EQ(message.contacts.size(), 0u);
 }
 
@@ -303,8 +303,7 @@ TEST(Contact, NamesAnObjectTouchedWithoutPressure) {
   rig.contacts.begin_step(rig.state, 1.0 / 90);
   rig.state.node_positions.row(1).array() -= 2e-4;
   rig.contacts.end_step(rig.state);
-  Contacts message{};
-  rig.contacts.write(rig.state, message);
+  const Contacts message = testing::contact_message(rig.contacts, rig.state, {7, 9});
   const FingerContact& finger = message.fingers[static_cast<std::size_t>(Finger::index)];
   EXPECT_EQ(finger.contact_count, 12u);
   EXPECT_EQ(finger.object, 9u);

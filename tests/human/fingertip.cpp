@@ -14,6 +14,7 @@
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
 #include "support/box_mesh.hpp"
+#include "support/contact_message.hpp"
 #include "verification/supports.hpp"
 
 namespace softhand::human {
@@ -137,8 +138,7 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
       for (int round = 0; round < kContactRounds; ++round) verification::settle(solver, state, 1);
     }
     at = indentation;
-    Contacts touched;
-    contacts.write(state, touched);
+    const Contacts touched = testing::contact_message(contacts, state, {0});
     Press press;
     press.indentation = indentation;
     press.force = -normal.dot(contacts.wrench(0).force);

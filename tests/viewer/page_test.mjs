@@ -323,6 +323,33 @@ test("an object that the world no longer lists disappears", async () => {
   for (const id of on) await page.click(id);
 });
 
+test("a flexible object appears, changes its shape, shows its strain and disappears", async () => {
+  const others = ["#show-hand", "#show-contacts", "#show-coupling", "#show-simulated"];
+  const on = [];
+  for (const id of others) if (await pressed(id)) on.push(id);
+  for (const id of on) await page.click(id);
+  await drawn();
+  const without = await pixels();
+  await tell("*", "ball", "round");
+  await until("the ball", async () => difference(without, await pixels()) > 0.005);
+  await drawn();
+  const round = await pixels();
+  await tell("*", "ball", "flat");
+  await until("another shape", async () => difference(round, await pixels()) > 0.002);
+  await drawn();
+  const flat = await pixels();
+  await page.click("#colour-strain");
+  await until("its strain", async () => difference(flat, await pixels()) > 0.002);
+  await page.click("#colour-strain");
+  await until("its own colour", async () => difference(flat, await pixels()) < 0.0005);
+  await page.click("#show-objects");
+  await until("no objects", async () => difference(flat, await pixels()) > 0.005);
+  await page.click("#show-objects");
+  await tell("*", "ball", "removed");
+  await until("it is gone", async () => difference(without, await pixels()) < 0.0005);
+  for (const id of on) await page.click(id);
+});
+
 test("pause freezes the picture, steps move it, and live continues", async () => {
   await page.click("#pause");
   await drawn();

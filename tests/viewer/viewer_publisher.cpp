@@ -2,6 +2,7 @@
 // tests know:
 // - A hand at rest that sways by 5 cm at 0.5 Hz. Its skin is refined to VERTICES vertices.
 // - Objects, contacts and the status of modules.
+// - A flexible ball, after the message `ball` with another value than `removed`: `round` or `flat`.
 //
 // RATE is the number of samples per second (60). Every other sample comes a third of a period late, as on a busy
 // machine.
@@ -21,6 +22,7 @@
 #include "messages/convert.hpp"
 #include "model/hand_model.hpp"
 #include "runtime/clock.hpp"
+#include "runtime/object_store.hpp"
 #include "runtime/signals.hpp"
 
 namespace {
@@ -104,6 +106,16 @@ ObjectDescription box(std::uint32_t id, const char* name, const Vec3& half_exten
   return out;
 }
 
+// The shipped ball in its rest shape, or with half of its height.
+void shape_ball(const SoftBody& body, bool is_flat, SoftObjectState& out) {
+  out.object = kFirstSoftObject;
+  out.centre = {-0.05, 0.03, 0};
+  out.nodes.clear();
+  for (const Vector3& node : body.nodes)
+    out.nodes.push_back({static_cast<float>(node.x()), static_cast<float>((is_flat ? 0.5 : 1) * node.y()),
+                         static_cast<float>(node.z())});
+}
+
 void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   HandModel hand = load_hand(hand_file);
   refine_skin(hand, vertices);
@@ -117,11 +129,24 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   bus::Writer wrenches(participant, bus::topics::bone_wrench);
   bus::Writer statuses(participant, bus::topics::loop_status);
   bus::Writer choices_writer(participant, bus::topics::rig_choices);
+  bus::Writer soft_descriptions(participant, bus::topics::soft_object_description);
+  bus::Writer soft_states(participant, bus::topics::soft_object_state);
   bus::Reader messages(participant, bus::topics::message);
   bus::Writer replies(participant, bus::topics::message_reply);
   descriptions.write(*description_of(hand));
   object_descriptions.write(box(1, "table", {0.4, 0.02, 0.4}, true));
   object_descriptions.write(box(2, "cube", {0.02, 0.02, 0.02}, false));
+
+  const auto ball_file = find_object("sponge_ball", "", {SOFTHAND_SOURCE_DIR "/config/objects"});
+  const SoftBody& ball = ball_file.value().model.soft.value();
+  SoftObjectDescription ball_description;
+  ball_description.object = kFirstSoftObject;
+  set_text(ball_description.name, "ball");
+  set_text(ball_description.file.name, "sponge_ball");
+  set_text(ball_description.file.sha256, ball_file->sha256);
+  ball_description.node_count = static_cast<std::uint32_t>(ball.nodes.size());
+  auto ball_state = std::make_unique<SoftObjectState>();
+  std::string ball_shape = "removed";
 
   auto surface = std::make_unique<TissueSurface>();
   auto contacts = std::make_unique<Contacts>();
@@ -191,6 +216,11 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     cube.position = {0.02, 0.02, 0};
     if (listed) world->objects.push_back(cube);
     objects.write(*world);
+    if (ball_shape != "removed") {
+      shape_ball(ball, ball_shape == "flat", *ball_state);
+      ball_state->stamp = stamp;
+      soft_states.write(*ball_state);
+    }
     wrench.simulated_valid = 1;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       wrench.bones[b].intermediate_position =
@@ -256,6 +286,11 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "scene") chosen = get_text(message.value);
       if (get_text(message.key) == "offer") other = get_text(message.value);
       if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
+      if (get_text(message.key) == "ball") {
+        ball_shape = get_text(message.value);
+        ball_description.removed = ball_shape == "removed" ? 1 : 0;
+        soft_descriptions.write(ball_description);
+      }
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
       if (get_text(message.module) == "viewer") return;  // the viewer answers
       MessageReply reply;
