@@ -18,8 +18,8 @@ constexpr double kShortest = 0.4;
 constexpr double kStalled = 0.5;  // ratio of two residuals
 // A step that was cut off is near the minimum if its estimated remaining movement (m) is below this.
 constexpr double kNearMinimum = 2.5e-4;
-// And if no node has moved farther in it, m. In a fist that closes fast, the estimates of truncated steps are wrong.
-constexpr double kSlowStep = 2e-3;
+// And if no node is faster, m/s. In a fist that closes fast, the estimates of truncated steps are wrong.
+constexpr double kSlow = 0.2;
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
@@ -104,7 +104,7 @@ void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, c
   const double of_residual = iteration.residual_before > 0 ? report.residual / iteration.residual_before : 0.0;
   contraction_ = decision.renewal != Renewal::none || last_move_ == 0 ? of_residual : iteration.move / last_move_;
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
-  estimated_move_ = remaining_move_;
+  estimated_move_ = remaining_move_ * std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   last_move_ = iteration.move;
   const bool is_full = iteration.scale == 1;
   reuses_ = may_reuse_ && iteration.scale >= (iteration.condenses ? kShortest : 1.0) &&
@@ -132,10 +132,10 @@ bool FactorPolicy::has_converged(const StepReport& report) const {
   return options_.max_iterations > 1 && report.residual <= options_.residual_tolerance && remaining_move_ <= 1;
 }
 
-void FactorPolicy::end_step(double time_step, double moved, const StepReport& report) {
+void FactorPolicy::end_step(double time_step, double fastest, const StepReport& report) {
   // A failed step has no factor to reuse. A step that was cut off far from the minimum has none either: there only
   // plain Newton iterations make progress.
-  const bool is_near = moved < kSlowStep && estimated_move_ * options_.movement_tolerance < kNearMinimum;
+  const bool is_near = fastest < kSlow && estimated_move_ < kNearMinimum;
   carried_.was_cut_off_far = report.status == StepStatus::budget_spent && !is_near;
   const bool is_reusable = report.status != StepStatus::failed_factorisation && !carried_.was_cut_off_far;
   if (is_reusable && (reuses_ || has_whole_factor(report))) carried_.time_step = time_step;

@@ -63,8 +63,8 @@ class FactorPolicy {
     bool was_cut_off_far = false;  ///< the budget stopped the last step far from the minimum
     bool touches_much = false;     ///< since this contact began: more blocks than the condensed model has room for
   };
-  /// `moved`: m, the largest movement of a node in the step.
-  void end_step(double time_step, double moved, const StepReport& report);
+  /// `fastest`: m/s, speed of the fastest node at the end of the step.
+  void end_step(double time_step, double fastest, const StepReport& report);
   /// No later step reuses the factor that exists now.
   void drop_factor() { carried_.time_step = 0; }
   void set_touches_much(bool touches_much) { carried_.touches_much = touches_much; }
@@ -96,7 +96,7 @@ class FactorPolicy {
   double last_move_ = 0;
   double contraction_ = 0;
   double remaining_move_ = std::numeric_limits<double>::infinity();  // relative to the tolerance
-  double estimated_move_ = std::numeric_limits<double>::infinity();  // the same, but a revision does not forget it
+  double estimated_move_ = std::numeric_limits<double>::infinity();  // the same in m; a revision does not forget it
 };
 
 }  // namespace softhand

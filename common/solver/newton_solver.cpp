@@ -55,7 +55,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
-      compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
+      compliance_(potential_.hessian().core_count(),
+                  LocalNewton::condensed_room(prices_.per_operation, options_.work_budget)),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
@@ -116,10 +117,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     report.chord = true;
     policy_.set_carried({});
   } else {
-    const double moved = layout_.node_count > 0
-                             ? (state.node_positions - potential_.start().node_positions).lpNorm<Eigen::Infinity>()
-                             : 0.0;
-    policy_.end_step(time_step, moved, report);
+    const double fastest = layout_.node_count > 0 ? state.node_velocities.colwise().norm().maxCoeff() : 0.0;
+    policy_.end_step(time_step, fastest, report);
     if (may_be_chord && !linkage_.any_touching() && report.factorisations > report.kink_factors &&
         !factor_.is_fallback() && report.shifts == 0)
       predictor_.keep_factor(time_step);
@@ -186,6 +185,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       has_direction = find_direction(state, condenses, meter);
       if (!has_direction) {
         // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
+        if (iteration > 0 && !policy_.affords_whole_factor(report)) break;
         condenses = linearised = false;
         decision.renewal = FactorPolicy::Renewal::whole;
         continue;
@@ -206,6 +206,10 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     } while (!has_direction || (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report)));
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
+      break;
+    }
+    if (!has_direction) {
+      report.status = StepStatus::budget_spent;
       break;
     }
     if (scale == 0) {
