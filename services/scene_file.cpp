@@ -105,9 +105,9 @@ void add_object_files(Scene& scene) {
     LoadedObject loaded = load_scene_object(scene, entry);
     scene.object_folders.push_back(fs::path(loaded.path).parent_path().string());
     if (loaded.model.soft) {
-      if (scene.soft_objects.size() == SoftObjects::kMaxSoftObjects)
+      if (scene.soft_objects.size() == kMaxSoftObjects)
         throw ConfigError(scene.path + ": objects." + entry.name + ": expected at most " +
-                          std::to_string(SoftObjects::kMaxSoftObjects) + " flexible objects");
+                          std::to_string(kMaxSoftObjects) + " flexible objects");
       for (const SoftObject& other : scene.soft_objects)
         if (other.name == entry.name)
           throw ConfigError(scene.path + ": objects." + entry.name + ": the name is used twice");

@@ -49,7 +49,7 @@ inline constexpr auto any = Writers::any;
 inline constexpr auto one = Writers::one;
 inline constexpr auto strongest = Writers::strongest;
 inline constexpr int kHands = 32;  ///< 16 users
-inline constexpr int kSoftObjects = 16;
+inline constexpr int kSoftObjects = static_cast<int>(kMaxSoftObjects);
 
 // clang-format off
 // Three lines per row: first the variable, then the topic name and type. The third line has the other members of

@@ -16,11 +16,15 @@ std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); 
 // The palm has the metacarpals.
 int part_of(Body body) { return static_cast<int>(is_metacarpal(body) ? Finger::palm : finger_of(body)); }
 
-Vector3 to_vector(const std::array<float, 3>& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
-bool is_finite(const SkinRegion& region) {
-  return to_vector(region.place).allFinite() && to_vector(region.normal).allFinite() &&
-         std::isfinite(region.pressure) && to_vector(region.shear).allFinite() &&
-         to_vector(region.slip_velocity).allFinite() && std::isfinite(region.area) && std::isfinite(region.area_rate);
+// Whether a hand can have it. NaN is refused too.
+bool is_plausible(const SkinRegion& region) {
+  constexpr double kMostTraction = 1e8;  // Pa
+  constexpr double kFastest = 1e3;       // m/s
+  const double normal = to_vector(region.normal).norm();
+  return to_vector(region.place).norm() < kWholeHand && std::abs(region.pressure) < kMostTraction &&
+         to_vector(region.shear).norm() < kMostTraction && to_vector(region.slip_velocity).norm() < kFastest &&
+         region.area >= 0 && region.area < 1 && std::isfinite(region.area_rate) &&
+         (region.area > 0 ? std::abs(normal - 1) < 1e-3 : normal < 1.001);
 }
 
 // The distal phalanx of a finger. The radius changes evenly from the joint to the tip.
@@ -110,7 +114,7 @@ TaxelMap::TaxelMap(const HandModel& hand, const std::vector<Taxel>& taxels)
 }
 
 bool TaxelMap::add(const SkinRegion& region) {
-  if (region.body >= kBodyCount || !is_finite(region)) return false;
+  if (region.body >= kBodyCount || !is_plausible(region)) return false;
   const int part = part_of(static_cast<Body>(region.body));
   const Pose& joint = rest_[region.body];
   const Vector3 place = joint * to_vector(region.place);

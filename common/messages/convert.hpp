@@ -14,6 +14,10 @@ namespace softhand {
 
 inline Vector3 to_vector(const Vec3& v) { return {v[0], v[1], v[2]}; }
 inline Vec3 to_wire(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
+inline Vector3 to_vector(const std::array<float, 3>& v) { return {v[0], v[1], v[2]}; }
+inline std::array<float, 3> to_floats(const Vector3& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
 inline Quaternion to_quaternion(const Vec4& q) { return {q[3], q[0], q[1], q[2]}; }
 inline Vec4 to_wire(const Quaternion& q) { return {q.x(), q.y(), q.z(), q.w()}; }
 inline Pose to_pose(const Vec3& position, const Vec4& orientation) {

@@ -459,6 +459,7 @@ struct RigChoices {
 };
 
 inline constexpr std::uint32_t kFirstSoftObject = 65536;  ///< ids of flexible objects begin here
+inline constexpr std::size_t kMaxSoftObjects = 8;
 /// soft_object_description: a flexible object (docs/soft-objects.md). The hand's process that simulates it writes it.
 /// Key: object id.
 struct SoftObjectDescription {

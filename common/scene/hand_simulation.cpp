@@ -93,7 +93,7 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
                                int static_slots, const ObjectSpring& object_spring, int object_joints,
                                std::vector<SoftObject> soft_objects)
     : hand_(hand),
-      report_(mirrored_slots + static_slots + static_cast<int>(SoftObjects::kMaxSoftObjects)),
+      report_(mirrored_slots + static_slots + static_cast<int>(kMaxSoftObjects)),
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
       static_slots_(static_slots),
@@ -573,7 +573,7 @@ bool HandSimulation::touched(int slot) const {
   });
   return touches;
 }
-void HandSimulation::write_contacts(Contacts& out) const {
+void HandSimulation::write_contacts(Contacts& out) {
   report_.begin(out);
   out.near.clear();
   if (contacts_) contacts_->write(state_, report_, out);
@@ -626,9 +626,7 @@ void HandSimulation::write_traction(double time_step, SkinTractionReport& report
       }
     }
   }
-  const auto object_of = [](int part) {
-    return part < kSkinParts ? 0u : kFirstSoftObject + static_cast<std::uint32_t>(part - kSkinParts);
-  };
+  const auto object_of = [](int part) { return part < kSkinParts ? 0u : SoftObjects::id(part - kSkinParts); };
   for_each_skin([&](const SkinContact& skin) {
     for (const SkinAnchor& anchor : skin.anchors()) {
       const Vector3 normal = skin.offset(anchor, state_).normal;  // of the triangle

@@ -6,6 +6,7 @@
 
 #include "contact/skin_patches.hpp"
 #include "math/low_pass.hpp"
+#include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
@@ -16,9 +17,6 @@ constexpr double kLeastWeight = 1e-12;
 constexpr double kLeastRate = 0.1;  // 1/s, of the region's area; a slower change is none
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-std::array<float, 3> to_floats(const Vector3& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
 
 }  // namespace
 
@@ -175,6 +173,9 @@ void SkinTractionReport::write(double time_step, SkinTraction& out) {
 void SkinTractionReport::load(const Memory& memory) {
   if (memory.touched.size() != regions_.size() || memory.rates.size() != regions_.size())
     throw std::invalid_argument("the memory of the traction is that of another hand");
+  // A rate that is not finite would stay for ever.
+  if (!std::all_of(memory.rates.begin(), memory.rates.end(), [](double rate) { return std::isfinite(rate); }))
+    throw std::invalid_argument("the memory of the traction has a rate that is not finite");
   memory_ = memory;
 }
 

@@ -171,14 +171,11 @@ void SoftObjects::write_state(int i, const State& state, SoftObjectState& out) c
   velocity /= mass;
   out.centre = to_wire(centre);
   out.linear_velocity = to_wire(velocity);
-  const auto as_float = [](const Vector3& v) -> std::array<float, 3> {
-    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-  };
   out.nodes.clear();
   out.velocities.clear();
   for (int n = first_node(i); n < first_node(i + 1); ++n) {
-    out.nodes.push_back(as_float(state.node_positions.col(n) - centre));
-    out.velocities.push_back(as_float(state.node_velocities.col(n) - velocity));
+    out.nodes.push_back(to_floats(state.node_positions.col(n) - centre));
+    out.velocities.push_back(to_floats(state.node_velocities.col(n) - velocity));
   }
   const int part = kSkinParts + i;
   Vector3 force = Vector3::Zero();

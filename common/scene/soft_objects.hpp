@@ -38,8 +38,6 @@ class SoftObjects {
   /// more than kMaxSoftObjects.
   SoftObjects(const HandModel& hand, std::vector<SoftObject> objects);
 
-  static constexpr std::size_t kMaxSoftObjects = 8;
-
   /// Id on the topics.
   static std::uint32_t id(int i) { return kFirstSoftObject + static_cast<std::uint32_t>(i); }
 

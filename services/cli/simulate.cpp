@@ -116,7 +116,7 @@ int run_simulate(const SimulateArguments& arguments) {
   std::vector<double> work_of_steps;
   SkinOutcome skin;
   std::optional<SoftOutcome> soft;
-  if (!scene.soft_objects.empty()) soft.emplace(scene.soft_objects.front());
+  if (!scene.soft_objects.empty()) soft.emplace(*scene.soft_objects.front().body);
   OutcomeFrame frame =
       outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
   const auto& g = scene.options.world.gravity;

@@ -33,18 +33,21 @@ const std::array<Vector3, kDirections>& directions() {
 
 }  // namespace
 
-SoftOutcome::SoftOutcome(const SoftObject& object)
-    : nodes_(static_cast<std::uint32_t>(object.body->nodes.size())), surface_(boundary(object.body->tetrahedra)) {}
+SoftOutcome::SoftOutcome(const SoftBody& body)
+    : nodes_(static_cast<std::uint32_t>(body.nodes.size())), surface_(boundary(body.tetrahedra)) {}
 
 void SoftOutcome::on_state(const SoftObjectState& state) {
-  if (state.object != SoftObjects::id(0) || state.nodes.size() != nodes_) return;
+  if (state.object != kFirstSoftObject) return;
+  const bool is_finite =
+      std::all_of(state.nodes.begin(), state.nodes.end(), [](const auto& node) { return to_vector(node).allFinite(); });
+  if (state.nodes.size() != nodes_ || !is_finite) {
+    ++refused_;
+    return;
+  }
   // By direction: where the line through the centre leaves the object, forwards and backwards, m.
   std::array<double, kDirections> forwards{}, backwards{};
   for (const auto& triangle : surface_) {
-    const auto corner = [&](std::size_t k) {
-      const auto& node = state.nodes[static_cast<std::size_t>(triangle[k])];
-      return Vector3(node[0], node[1], node[2]);
-    };
+    const auto corner = [&](std::size_t k) { return to_vector(state.nodes[static_cast<std::size_t>(triangle[k])]); };
     const Vector3 a = corner(0), b = corner(1), c = corner(2);
     // The line along d meets the triangle if d is on the same side of the planes through the centre and each edge.
     const Vector3 ab = a.cross(b), bc = b.cross(c), ca = c.cross(a);
@@ -65,13 +68,14 @@ void SoftOutcome::on_state(const SoftObjectState& state) {
     sample.least_width = std::min(sample.least_width, forwards[i] + backwards[i]);
     sample.greatest_width = std::max(sample.greatest_width, forwards[i] + backwards[i]);
   }
-  samples_.push_back(sample);
+  if (sample.least_width > 0) samples_.push_back(sample);  // else the centre is not inside
 }
 
 void SoftOutcome::on_contacts(const Contacts& contacts) {
   Force force{contacts.stamp.sample_time};
   for (const Contact& each : contacts.contacts)
-    if (each.object == SoftObjects::id(0)) force.strongest = std::max(force.strongest, to_vector(each.force).norm());
+    if (each.object == kFirstSoftObject && all_finite(each.force))
+      force.strongest = std::max(force.strongest, to_vector(each.force).norm());
   if (force.strongest > 0) forces_.push_back(force);
 }
 
@@ -79,7 +83,14 @@ nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal, const OutcomeF
   nlohmann::ordered_json json;
   Nanoseconds end = std::numeric_limits<Nanoseconds>::max();
   if (!frame.phases.empty()) end = frame.motion_start + static_cast<Nanoseconds>(1e9 * (frame.phases.back().end + 0.5));
-  if (samples_.empty() || samples_.front().time > end) return json;
+  json["refused_states"] = refused_;
+  if (samples_.empty() || samples_.front().time > end) {
+    if (goal.any()) {
+      json["success"] = false;
+      json["success_because"] = "no message about the flexible object arrived";
+    }
+    return json;
+  }
   const Sample& first = samples_.front();
   Sample last = first;
   double least = first.least_width, strongest = 0;

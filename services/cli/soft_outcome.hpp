@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "messages/messages.hpp"
-#include "scene/soft_objects.hpp"
+#include "model/object_model.hpp"
 
 namespace softhand {
 
@@ -24,11 +24,12 @@ struct SoftGoal {
 /// Not for real-time threads.
 class SoftOutcome {
  public:
-  /// `object`: the first flexible object of the scene.
-  explicit SoftOutcome(const SoftObject& object);
+  /// `body`: of the first flexible object of the scene.
+  explicit SoftOutcome(const SoftBody& body);
+  /// Refuses a state with a number that is not finite.
   void on_state(const SoftObjectState& state);
   void on_contacts(const Contacts& contacts);
-  /// Keys and meaning: docs/outcome.md. Null without a message. With a goal it has `success` and `success_because`.
+  /// Keys and meaning: docs/outcome.md. With a goal it has `success` and `success_because`.
   /// Messages from more than half a second after the motion do not count, because the tracker may repeat it.
   nlohmann::ordered_json summary(const SoftGoal& goal, const OutcomeFrame& frame) const;
 
@@ -47,6 +48,7 @@ class SoftOutcome {
   std::vector<std::array<std::int32_t, 3>> surface_;
   std::vector<Sample> samples_;
   std::vector<Force> forces_;
+  std::uint64_t refused_ = 0;
 };
 
 }  // namespace softhand

@@ -59,7 +59,7 @@ class Listener {
     streams_.emplace(participant);
     if (scene.soft_objects.empty()) return;
     soft_states_.emplace(participant, with_history(bus::topics::soft_object_state, kHistory));
-    soft_outcome_.emplace(scene.soft_objects.front());
+    soft_outcome_.emplace(*scene.soft_objects.front().body);
   }
 
   /// `watched` gets the signs of life of its children.

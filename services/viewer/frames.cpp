@@ -6,7 +6,6 @@
 #include <cstring>
 #include <optional>
 
-#include "bus/topics.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 
@@ -144,10 +143,7 @@ Frame encode_nodes(FrameType type, std::uint32_t instance, const Stamp& stamp, c
   return out.finish();
 }
 
-// A reader of this topic has so many instances.
-bool is_soft_object(std::uint32_t id) {
-  return id >= kFirstSoftObject && id - kFirstSoftObject < static_cast<std::uint32_t>(bus::topics::kSoftObjects);
-}
+bool is_soft_object(std::uint32_t id) { return id >= kFirstSoftObject && id - kFirstSoftObject < kMaxSoftObjects; }
 
 }  // namespace
 

@@ -1,11 +1,11 @@
-// The skin of a hand, or the surface of a flexible object. It is deformed here from the tissue's nodes with the weights of the description. So a smooth hand
-// needs only the bytes of a coarse one.
+// The skin of a hand, or the surface of a flexible object. It is deformed here from the nodes with the weights of the
+// description. So a smooth hand needs only the bytes of a coarse one.
 import * as THREE from "three";
 import type { Quality } from "./stage";
 import type { Contact, Nodes, SkinDescription } from "./protocol";
 
 export type Colouring = "skin" | "pressure" | "strain";
-export const SKIN_COLOUR = 0xd3a488;
+const SKIN_COLOUR = 0xd3a488;
 
 // From pale skin over orange and red to violet, darker and darker. It resembles magma in reverse order.
 const MAP = [0xf1dcc4, 0xfdc58b, 0xfb9b62, 0xf0645c, 0xcf4070, 0x9c2e7f, 0x5f187f].map((hex) => new THREE.Color(hex));
@@ -37,7 +37,7 @@ export class Skin {
   constructor(
     private readonly description: SkinDescription,
     quality: Quality,
-    private readonly plain: number, // colour where nothing is measured
+    private readonly objectColour: number | null, // of a flexible object; null: the skin of a hand
   ) {
     const vertices = description.weights.length / 4;
     this.positions = new Float32Array(3 * vertices);
@@ -51,7 +51,7 @@ export class Skin {
     geometry.setAttribute("position", new THREE.BufferAttribute(this.positions, 3).setUsage(THREE.DynamicDrawUsage));
     geometry.setAttribute("color", new THREE.BufferAttribute(this.colours, 3).setUsage(THREE.DynamicDrawUsage));
     const material =
-      quality === "high" && plain === SKIN_COLOUR
+      quality === "high" && objectColour === null
         ? new THREE.MeshPhysicalMaterial({
             vertexColors: true,
             roughness: 0.52,
@@ -63,7 +63,7 @@ export class Skin {
           })
         : new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.6 });
     // Light that enters flesh comes out red, most where the surface turns away from the viewer.
-    if (plain === SKIN_COLOUR)
+    if (objectColour === null)
       material.onBeforeCompile = (shader) => {
         shader.fragmentShader = shader.fragmentShader.replace(
           "#include <emissivemap_fragment>",
@@ -139,7 +139,7 @@ export class Skin {
 
   /** Colours the skin by the measured values. Values from `full` on get the last colour of the map. */
   paint(colouring: Colouring, full: number): void {
-    const colour = new THREE.Color(this.plain);
+    const colour = new THREE.Color(this.objectColour ?? SKIN_COLOUR);
     for (let v = 0; v < this.values.length; ++v) {
       if (colouring !== "skin") colourMap(this.values[v]! / full, colour);
       this.colours[3 * v] = colour.r;

@@ -7,6 +7,7 @@ import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
 import { toCreasedNormals } from "three/addons/utils/BufferGeometryUtils.js";
 import {
   type Bone,
+  type Contact,
   type Contacts,
   type Nodes,
   type ObjectDescription,
@@ -18,7 +19,7 @@ import {
   JOINTS,
   Shape,
 } from "./protocol";
-import { type Colouring, SKIN_COLOUR, Skin } from "./skin";
+import { type Colouring, Skin } from "./skin";
 
 export type SkeletonKind = "tracked" | "intermediate" | "simulated";
 export const SKELETON_COLOURS: Record<SkeletonKind, number> = {
@@ -172,6 +173,7 @@ class Bones {
 interface Hand {
   skin: Skin | null;
   nodes: Nodes | null;
+  contacts: Contact[];
   bones: Record<SkeletonKind, Bones>;
   contactArrows: Arrows;
   fingerArrows: Arrows;
@@ -366,7 +368,7 @@ export class Stage {
       this.scene.remove(hand.skin.mesh);
       hand.skin.dispose();
     }
-    hand.skin = new Skin(description, this.quality, SKIN_COLOUR);
+    hand.skin = new Skin(description, this.quality, null);
     this.scene.add(hand.skin.mesh);
     if (hand.nodes) this.deform(instance, hand.nodes);
     this.applyShown();
@@ -392,8 +394,7 @@ export class Stage {
   touch(instance: number, contacts: Contacts): void {
     const hand = this.hand(instance);
     hand.skin?.press(contacts.contacts);
-    for (const [object, { skin }] of this.softObjects)
-      skin.pressNearest(contacts.contacts.filter((contact) => contact.object === FIRST_SOFT_OBJECT + object));
+    hand.contacts = contacts.contacts;
     hand.contactArrows.clear();
     hand.fingerArrows.clear();
     const matrix = new THREE.Matrix4();
@@ -456,7 +457,7 @@ export class Stage {
     if (description.nodeCount === 0) return;
     const colour = OBJECT_COLOURS[(instance + 1) % OBJECT_COLOURS.length]!;
     const skin = new Skin(description, this.quality, colour);
-    this.softObjects.set(instance, { skin, nodes });
+    this.softObjects.set(instance, { skin, nodes: null });
     this.scene.add(skin.mesh);
     if (nodes) this.deformSoftObject(instance, nodes);
   }
@@ -469,6 +470,12 @@ export class Stage {
     if (this.colouring === "skin") return;
     object.skin.measure(this.colouring);
     object.skin.paint(this.colouring, this.full);
+  }
+
+  private pressSoftObjects(): void {
+    const contacts = [...this.hands.values()].flatMap((hand) => hand.contacts);
+    for (const [instance, { skin }] of this.softObjects)
+      skin.pressNearest(contacts.filter(({ object }) => object === FIRST_SOFT_OBJECT + instance));
   }
 
   private removeSoftObject(instance: number): void {
@@ -509,6 +516,7 @@ export class Stage {
 
   /** Colours all hands and flexible objects. The end of the map follows the large values in steps 1, 2, 5. */
   repaint(): void {
+    if (this.colouring === "pressure") this.pressSoftObjects();
     const skins = [...this.hands.values(), ...this.softObjects.values()].flatMap(({ skin }) => skin ?? []);
     for (const skin of skins) skin.measure(this.colouring);
     const large = Math.max(0, ...skins.map((skin) => skin.large));
@@ -526,7 +534,7 @@ export class Stage {
     return this.hands.size;
   }
   get hasStrain(): boolean {
-    return [...this.hands.values()].some((hand) => hand.skin?.hasStrain);
+    return [...this.hands.values(), ...this.softObjects.values()].some(({ skin }) => skin?.hasStrain);
   }
 
   /**
@@ -594,6 +602,7 @@ export class Stage {
     hand = {
       skin: null,
       nodes: null,
+      contacts: [],
       bones: {
         tracked: new Bones("tracked"),
         intermediate: new Bones("intermediate"),
