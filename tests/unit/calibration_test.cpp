@@ -14,6 +14,7 @@
 #include "device/curl_lifter.hpp"
 #include "scene_file.hpp"
 #include "support/calibrating_person.hpp"
+#include "support/moving_hand.hpp"
 
 namespace softhand {
 namespace {
@@ -105,6 +106,40 @@ TEST(Calibration, MeasuresTheLengthsOfEveryBone) {
       EXPECT_EQ(user.joint_radii[at(Joint::index_tip)], 0.009);
     }
   }
+}
+
+// A recorded Quest hand opens and closes, and points. Its flat, closed and thumb-near frames stand for the postures.
+TEST(Calibration, MeasuresARecordedHand) {
+  if (!fs::exists(testing::recorded_hand_path())) GTEST_SKIP() << "no " << testing::recorded_hand_path();
+  const Recording recording = Recording::load(testing::recorded_hand_path());
+  HandMeasurement measurement;
+  std::array<int, kPostureCount> frames{};
+  for (const JointFrames& joints : recording.frames()) {
+    const auto flexion = [&joints](Joint first) {
+      const Quaternion turn = joints[at(first)].orientation.conjugate() * joints[at(first) + 3].orientation;
+      return std::abs(rotation_log(turn).x());
+    };
+    const double index = flexion(Joint::index_metacarpal), middle = flexion(Joint::middle_metacarpal);
+    const double thumb = (joints[at(Joint::thumb_tip)].position - joints[at(Joint::little_proximal)].position).norm();
+    const auto show = [&](Posture posture) {
+      measurement.add(posture, sample_of(joints));
+      ++frames[static_cast<std::size_t>(posture)];
+    };
+    show(Posture::relaxed);
+    if (index < 0.3 && middle < 0.5 && thumb > 0.11) show(Posture::flat);
+    // The index finger is closed in six frames only, so they count four times.
+    for (int i = 0; i < 4; ++i)
+      if (index > 1.6 && middle > 2) show(Posture::fist);
+    if (thumb < 0.08) show(Posture::thumb_across);
+  }
+  std::printf("%d flat, %d closed, %d with the thumb near, %d\n", frames[0], frames[1], frames[2], frames[3]);
+  const HandModel user = fitted(shipped_hand(), measurement.measure(Side::right));
+  const HandModel mean = fitted(shipped_hand(), measure_skeleton(recording.frames(), recording.radii()));
+  double worst = 0;
+  for (std::size_t j = at(Joint::thumb_metacarpal); j < kJointCount; ++j)
+    worst = std::max(worst, std::abs(bone_length(user.rest_joints, j) / bone_length(mean.rest_joints, j) - 1));
+  std::printf("worst difference of a length from the mean over the recording: %.3f %%\n", 100 * worst);
+  EXPECT_LT(worst, 0.01);
 }
 
 // A closed glove closes the hand to the user's own fist. Other ranges only grow.
