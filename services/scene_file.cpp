@@ -42,6 +42,12 @@ std::optional<Recording> load_recording(const Scene& scene) {
   return checked([&] { return Recording::load(find_file(scene, scene.options.motion, "motions")); });
 }
 
+Calibration load_calibration(const std::string& path) {
+  Calibration calibration{path, config_detail::read_whole_file(path), {}};
+  calibration.hand = read_user_hand(calibration.text, path);
+  return calibration;
+}
+
 // In a wrist frame with -Z forward and +Y dorsal, the thumb of a right hand lies at -X.
 Side side_of(const Recording& recording) {
   const JointFrames& frame = recording.frames().front();
@@ -171,6 +177,10 @@ void describe(OptionVisitor& v, SceneOptions& o) {
            "services/trackers/replay/recording.hpp. Empty = use the generator.");
   v.flag("fit_hand", o.fit_hand,
          "With a recorded motion, scale the hand to the bone lengths and thickness of the recording.");
+  v.string("calibration", o.calibration,
+           "The user's hand, to which the simulated hand is fitted: auto, none, or a file of `softhand calibrate` "
+           "(docs/calibration.md). auto: the processes of a rig take the file of the user if there is one, `softhand "
+           "simulate` takes none. Not used if the hand is fitted to a recording.");
   describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
   for (auto& [section, driver] : o.drivers) {
@@ -242,6 +252,17 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
     hand.static_objects = std::min(hand.static_objects, static_cast<std::int64_t>(objects.size()) - movable);
     hand.object_joints = std::min(hand.object_joints, static_cast<std::int64_t>(scene.options.joints.size()));
   }
+  const std::string& calibration = scene.options.calibration;
+  if (calibration != "auto" && calibration != "none")
+    scene.calibration = load_calibration(find_file(scene, calibration, "users"));
+  return scene;
+}
+
+Scene read_own_scene(const std::string& path, const std::vector<std::string>& overrides) {
+  Scene scene = read_scene(path, overrides);
+  if (scene.options.calibration != "auto") return scene;
+  const fs::path file = user_hand_path(hand_key(scene));
+  if (!file.empty() && fs::exists(file)) scene.calibration = load_calibration(file.string());
   return scene;
 }
 
@@ -280,8 +301,14 @@ HandModel load_scene_hand(const Scene& scene, const std::string& file) {
   const Side side = scene_side(scene, recording);
   if (hand.side != side) hand = mirrored(hand);
   if (recording && scene.options.fit_hand)
-    hand = fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
-  return hand;
+    return fitted(hand, measure_skeleton(recording->frames(), recording->radii()));
+  if (!scene.calibration) return hand;
+  try {
+    return fitted(hand, scene.calibration->hand);
+  } catch (const std::invalid_argument& problem) {
+    throw ConfigError(scene.calibration->path + ": " + problem.what() +
+                      "; calibrate again, or set calibration = \"none\"");
+  }
 }
 
 ObjectSpring object_spring(const WorldOptions& world) {

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -15,6 +16,7 @@
 #include "cli/soft_outcome.hpp"
 #include "device/device_loop.hpp"
 #include "device/driver.hpp"
+#include "device/user_hand.hpp"
 #include "hand/hand_options.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
@@ -113,6 +115,7 @@ struct SceneOptions {
   std::int64_t user = 0;
   std::string motion;  ///< file of a recording, or empty
   bool fit_hand = true;
+  std::string calibration = "auto";
   GeneratorOptions generator;
   ReplayOptions tracker;
   TrackingOptions tracking;
@@ -138,6 +141,12 @@ const Options& driver_options(const SceneOptions& scene) {
   throw std::logic_error("driver.cpp of this driver is not linked");
 }
 
+/// The file of a user's hand, as it was read.
+struct Calibration {
+  std::string path, text;
+  UserHand hand;
+};
+
 struct Scene {
   std::string path;
   SceneOptions options;
@@ -146,13 +155,17 @@ struct Scene {
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
   /// The flexible ones; `options.objects` has the others. Of several hands, the first one simulates them all.
   std::vector<SoftObject> soft_objects;
-  std::vector<std::string> hands;  ///< names of the tables `[[hands]]`. Empty: the scene has one hand
+  std::vector<std::string> hands;          ///< names of the tables `[[hands]]`. Empty: the scene has one hand
+  std::optional<Calibration> calibration;  ///< of the scene's hand; not used if the hand is fitted to a recording
 };
 
 /// Reads a scene and applies `--set` assignments. A relative path in the scene is searched in the folder of the scene
 /// and in the folder of its kind in config/. After these the working directory is searched. Entries of the shape
 /// file are replaced by the links and joints of their files, or become soft objects. Throws ConfigError.
 Scene read_scene(const std::string& path, const std::vector<std::string>& overrides = {});
+/// The same for a process that a person uses: with `calibration = "auto"` it takes the person's hand, if there is one.
+/// Without a person, results must not depend on the machine.
+Scene read_own_scene(const std::string& path, const std::vector<std::string>& overrides);
 
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);
@@ -170,8 +183,9 @@ inline constexpr std::array kHandSizes{"right_400.hand.json", "right_750.hand.js
 bool chooses_hand_size(const Scene& scene);
 
 /// Loads the hand of the scene and mirrors it to the scene's side. If the scene plays a recording, the hand is fitted
-/// to the recording's bones. With `hand.model = "auto"` this is the hand of 1,450 nodes: results without a clock must
-/// not depend on the machine, and other processes need only the bones. Throws with file and reason.
+/// to the recording's bones, otherwise to its calibration. With `hand.model = "auto"` this is the hand of 1,450 nodes:
+/// results without a clock must not depend on the machine, and other processes need only the bones. Throws with file
+/// and reason.
 HandModel load_scene_hand(const Scene& scene);
 /// The same with another hand file.
 HandModel load_scene_hand(const Scene& scene, const std::string& file);

@@ -40,7 +40,7 @@ inline void set_wrist(const Pose& wrist, Skeleton& out) {
   sample.position = to_wire(wrist.position);
   sample.orientation = to_wire(wrist.orientation);
   sample.flags = kJointValid | kJointTracked;
-  out.confidence = 1;
+  out.confidence = sample.confidence = 1;
 }
 
 /// A pose of a world whose Z axis is up, in ours, whose Y axis is up: x, y, z become x, z, -y. The axes of bodies turn

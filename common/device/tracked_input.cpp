@@ -8,6 +8,7 @@
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "model/kinematics.hpp"
 
 namespace softhand {
 namespace {
@@ -19,15 +20,12 @@ constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest han
 constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;
 constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
 constexpr double kPast = 1;                  // s; a sample older than this at its arrival comes from another clock
+constexpr double kConfidenceTime = 0.05;     // s, time constant; fast enough for a finger that is hidden for a moment
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// The joint that an unseen `joint` moves with: the joint of the parent bone; for the wrist, the middle metacarpal.
-Joint neighbour_of(Joint joint) {
-  if (joint == Joint::wrist) return Joint::middle_metacarpal;
-  const Body body = body_of(joint);
-  return joint_of(body) == joint ? joint_of(parent_of(body)) : joint_of(body);
-}
+// The joint that an unseen `joint` moves with.
+Joint neighbour_of(Joint joint) { return joint == Joint::wrist ? Joint::middle_metacarpal : parent_of(joint); }
 
 Pose mount(const std::array<double, 3>& position, const std::array<double, 4>& orientation, const char* key) {
   const Pose pose = to_pose(position, orientation);
@@ -168,14 +166,14 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const JointSample& joint = sample.joints[j];
     if ((joint.flags & kJointValid) == 0) continue;
-    if (!all_finite(joint.position) || !all_finite(joint.orientation)) {
+    if (!all_finite(joint.position) || !all_finite(joint.orientation) || !std::isfinite(joint.confidence)) {
       ++counters_.refused_nonfinite;
       continue;
     }
     const Quaternion orientation = to_quaternion(joint.orientation);
     const double norm = orientation.coeffs().stableNorm();
     if (!(to_vector(joint.position).cwiseAbs().maxCoeff() <= kMaximumCoordinate) ||
-        !(norm >= kShortestQuaternion && norm <= kLongestQuaternion)) {
+        !(norm >= kShortestQuaternion && norm <= kLongestQuaternion) || joint.confidence < 0 || joint.confidence > 1) {
       ++counters_.refused_implausible;
       continue;
     }
@@ -237,7 +235,10 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
       track.from_neighbour = poses[n].inverse() * poses[j];
       track.attached = true;
     }
-    if (good[j]) track.seen = true;
+    if (!good[j]) continue;
+    track.confidence = std::max(sample.joints[j].confidence, kLeastConfidence);
+    if (!track.seen) track.filtered_confidence = track.confidence;
+    track.seen = true;
   }
   stamp_ = sample.stamp;
   time_ = time;
@@ -257,11 +258,16 @@ Pose TrackedInput::pose_of(const Track& track, Nanoseconds time) const {
 
 const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now) {
   const bool held = any_ && age(now) > options_.extrapolation_limit;
+  const double elapsed = static_cast<double>(std::max<Nanoseconds>(now - targets_time_, 0)) * kSecondsPerNanosecond;
+  const double gain = 1 - std::exp(-elapsed / kConfidenceTime);
+  targets_time_ = now;
+  for (Track& track : tracks_) track.filtered_confidence += gain * (track.confidence - track.filtered_confidence);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Track& track = tracks_[index(joint_of(static_cast<Body>(b)))];
     BodyTarget& target = targets_[b];
     target.valid = track.seen;
     if (!track.seen) continue;
+    target.confidence = track.filtered_confidence;
     target.pose = pose_of(track, now);
     target.velocity = track.blend.velocity(now, options_.blend_time);
     if (held) continue;

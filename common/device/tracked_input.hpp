@@ -31,11 +31,17 @@ struct TrackedInputOptions {
 };
 void describe(OptionVisitor& v, TrackedInputOptions& o);
 
+/// A coupling is never weaker than this part of its strength, so no bone floats.
+inline constexpr double kLeastConfidence = 0.05;
+
 /// Target of one body: the world pose and velocity of its joint frame.
 struct BodyTarget {
   Pose pose;
   /// Of the joint's origin, world axes. Zero while the sample is older than the extrapolation limit.
   Twist velocity;
+  /// Of the joint, kLeastConfidence to 1, low-pass filtered with a time constant of 50 ms: the part of its strength
+  /// that the coupling to this target has.
+  double confidence = 1;
   bool valid = false;  ///< false until the joint was seen once
 };
 
@@ -43,7 +49,7 @@ struct BodyTarget {
 struct TrackedInputCounters {
   std::uint64_t accepted = 0;           ///< samples
   std::uint64_t refused_nonfinite = 0;  ///< joints with NaN or infinity
-  /// joints beyond 1 km, with |q| outside [0.5, 2], or more than 0.5 m from their wrist
+  /// joints beyond 1 km, with |q| outside [0.5, 2], a confidence outside [0, 1], or more than 0.5 m from their wrist
   std::uint64_t refused_implausible = 0;
   std::uint64_t refused_order = 0;       ///< samples with an old or equal sequence or time
   std::uint64_t refused_mount = 0;       ///< samples in an unknown frame, or in the headset frame without a head pose
@@ -94,6 +100,7 @@ class TrackedInput {
     visit(self.targets_);
     visit(self.stamp_);
     visit(self.time_);
+    visit(self.targets_time_);
     visit(self.source_);
     visit(self.confidence_);
     visit(self.any_);
@@ -113,6 +120,8 @@ class TrackedInput {
                           // sample with both
     PoseBlend blend;      // from the former tracker
     PoseFilter filter;
+    double confidence = 1;           // at least kLeastConfidence, of the newest sample in which the joint was seen
+    double filtered_confidence = 1;  // at the time of the targets
     bool seen = false;
     bool attached = false;  // from_neighbour is known
   };
@@ -129,7 +138,8 @@ class TrackedInput {
   std::array<Track, kJointCount> tracks_{};
   std::array<BodyTarget, kBodyCount> targets_{};
   Stamp stamp_;
-  Nanoseconds time_ = 0;  // of the newest accepted sample; its arrival time if its own clock is implausible
+  Nanoseconds time_ = 0;          // of the newest accepted sample; its arrival time if its own clock is implausible
+  Nanoseconds targets_time_ = 0;  // of the newest targets
   std::uint32_t source_ = 0;
   double confidence_ = 0;
   bool any_ = false;

@@ -6,6 +6,9 @@
 
 namespace softhand {
 
+/// Confidence of a joint for which the device delivers a pose and says that it does not see it.
+inline constexpr double kGuessedConfidence = 0.5;
+
 /// Takes the samples of a tracker.
 ///
 /// The source sets `stamp.sample_time` to the time of the measurement, not of the delivery, on the clock of `poll`'s
@@ -13,7 +16,8 @@ namespace softhand {
 /// head.
 ///
 /// For a hand it fills in `hand.side`, `frame`, `confidence` and the joints. kJointValid is not set on joints that the
-/// device does not see. So a wrist alone, single joints, or fingers without a wrist are hands too.
+/// device does not see. So a wrist alone, single joints, or fingers without a wrist are hands too. The confidence of a
+/// joint stays 1 unless the device knows better.
 ///
 /// For the head it fills in `position`, `orientation` and `valid`.
 ///

@@ -32,6 +32,11 @@ Matrix3 exact_stiffness(const CappedSpring& spring, const Vector3& stretch) {
   return result;
 }
 
+CouplingGains scaled(const CouplingGains& gains, double strength) {
+  return {strength * gains.linear_stiffness, strength * gains.angular_stiffness, strength * gains.linear_damping,
+          strength * gains.angular_damping,  strength * gains.force_cap,         strength * gains.torque_cap};
+}
+
 void check_gains(const std::string& name, const CouplingGains& gains) {
   const auto refuse = [&name](const char* field, double value, const char* expected) {
     throw std::invalid_argument(name + ": " + field + " is " + std::to_string(value) + ", expected " + expected);
@@ -65,8 +70,9 @@ BodyCoupling::BodyCoupling(std::string name, std::vector<CouplingSite> sites, Do
   saved_.sites.reserve(sites_.size());
 }
 
-void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocity) {
+void BodyCoupling::set_target(int site, const Pose& target, const Twist& velocity, double strength) {
   Site& s = at(site);
+  s.strength = strength;
   s.active = true;
   s.target = target;
   s.target_velocity = velocity;
@@ -102,9 +108,9 @@ void BodyCoupling::bind(const BlockMatrix& matrix) {
 double BodyCoupling::spring_energy(const Site& site, const Pose& body, const Pose& target) {
   const Pose frame = body * site.body_from_frame;
   const double turn = rotation_log(frame.orientation * target.orientation.conjugate()).norm();
-  return capped_spring(site.gains.linear_stiffness, site.gains.force_cap, (frame.position - target.position).norm())
+  return capped_spring(site.acting.linear_stiffness, site.acting.force_cap, (frame.position - target.position).norm())
              .energy +
-         capped_spring(site.gains.angular_stiffness, site.gains.torque_cap, turn).energy;
+         capped_spring(site.acting.angular_stiffness, site.acting.torque_cap, turn).energy;
 }
 
 void BodyCoupling::begin_step(const State& state, double time_step) {
@@ -112,6 +118,7 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
   for (Site& s : sites_) {
     s.pulls = s.active;
     if (!s.pulls) continue;
+    s.acting = scaled(s.gains, s.strength);
     s.start = state.body_poses[static_cast<std::size_t>(s.body)];
     // If the body is not where the last step left it, body and target were repositioned. A target that jumped (kJump)
     // has no unique path either. In both cases no work is computed along the path. The change of the springs' energy
@@ -122,10 +129,10 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     s.start_target = continues ? s.end_target : s.target;
     s.start_energy = spring_energy(s, s.start, s.start_target);
     const Pose start = s.start * s.body_from_frame;
-    const double damping = s.gains.linear_damping / time_step;
-    const double angular_damping = s.gains.angular_damping / time_step;
-    s.stiffness = s.gains.linear_stiffness + damping;
-    s.angular_stiffness = s.gains.angular_stiffness + angular_damping;
+    const double damping = s.acting.linear_damping / time_step;
+    const double angular_damping = s.acting.angular_damping / time_step;
+    s.stiffness = s.acting.linear_stiffness + damping;
+    s.angular_stiffness = s.acting.angular_stiffness + angular_damping;
     s.position_target = s.target.position;
     if (damping > 0) {
       s.position_target +=
@@ -136,7 +143,7 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
       const Quaternion advanced = rotation_exp(time_step * s.target_velocity.angular) * start.orientation;
       const Vector3 arc = rotation_log(s.target.orientation * advanced.conjugate());
       s.orientation_target =
-          (rotation_exp(s.gains.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
+          (rotation_exp(s.acting.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
     }
   }
 }
@@ -151,8 +158,8 @@ BodyCoupling::Pull BodyCoupling::pull_of(const Site& s, const State& state) {
   const Pose frame = state.body_poses[static_cast<std::size_t>(s.body)] * s.body_from_frame;
   const Vector3 stretch = frame.position - s.position_target;
   const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
-  const CappedSpring linear = capped_spring(s.stiffness, s.gains.force_cap, stretch.norm());
-  const CappedSpring angular = capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm());
+  const CappedSpring linear = capped_spring(s.stiffness, s.acting.force_cap, stretch.norm());
+  const CappedSpring angular = capped_spring(s.angular_stiffness, s.acting.torque_cap, turn.norm());
   return {linear.energy + angular.energy, {-linear.secant * stretch, -angular.secant * turn}};
 }
 
@@ -204,9 +211,10 @@ void BodyCoupling::end_step(State& state) {
     s.end_target = s.target;
     const Vector3 stretch = frame.position - s.target.position;
     const Vector3 turn = rotation_log(frame.orientation * s.target.orientation.conjugate());
-    const Vector3 spring = capped_spring(s.gains.linear_stiffness, s.gains.force_cap, stretch.norm()).secant * stretch;
+    const Vector3 spring =
+        capped_spring(s.acting.linear_stiffness, s.acting.force_cap, stretch.norm()).secant * stretch;
     const Vector3 angular_spring =
-        capped_spring(s.gains.angular_stiffness, s.gains.torque_cap, turn.norm()).secant * turn;
+        capped_spring(s.acting.angular_stiffness, s.acting.torque_cap, turn.norm()).secant * turn;
     const Wrench whole = wrench(site, state);
     const Vector3 damper = -whole.force - spring;
     const Vector3 angular_damper = -whole.torque - angular_spring;
@@ -229,8 +237,8 @@ void BodyCoupling::add_hessian(const State& state, BlockMatrix& hessian, Curvatu
     const Vector3 arm = body.orientation * s.body_from_frame.position;
     const Vector3 stretch = frame.position - s.position_target;
     const Vector3 turn = rotation_log(frame.orientation * s.orientation_target.conjugate());
-    const CappedSpring linear = capped_spring(s.stiffness, s.gains.force_cap, stretch.norm());
-    const CappedSpring angular = capped_spring(s.angular_stiffness, s.gains.torque_cap, turn.norm());
+    const CappedSpring linear = capped_spring(s.stiffness, s.acting.force_cap, stretch.norm());
+    const CappedSpring angular = capped_spring(s.angular_stiffness, s.acting.torque_cap, turn.norm());
     const Matrix3 lever = -skew(arm);  // d(frame position)/d(rotation)
 
     Matrix3 translation = linear.secant * Matrix3::Identity();

@@ -57,8 +57,9 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   int body(int site) const { return at(site).body; }
 
   // Call these only between steps; they do not allocate. Changes take effect at the next `begin_step`.
-  /// Frame and velocity of the copy, both at the END of the coming step. The caller extrapolates them by their age.
-  void set_target(int site, const Pose& target, const Twist& velocity);
+  /// Frame and velocity of the copy, both at the END of the coming step. The caller extrapolates them by their age. All
+  /// gains of the site, also the caps, are multiplied by `strength`, > 0.
+  void set_target(int site, const Pose& target, const Twist& velocity, double strength = 1);
   /// The site exerts no more force. Used for a joint that is not tracked and for an empty object slot.
   void clear_target(int site) { at(site).active = false; }
   bool has_target(int site) const { return at(site).active; }
@@ -76,6 +77,7 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
       bool active = false;
       Pose target;
       Twist target_velocity;
+      double strength = 1;
       // At the end of the last step.
       bool pulled = false;
       Pose end;  // of the body
@@ -114,6 +116,7 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
     Clique<2> blocks;
     // Fixed within the step.
     bool pulls = false;
+    CouplingGains acting;  // the gains times the strength
     Vector3 position_target = Vector3::Zero();
     Quaternion orientation_target = Quaternion::Identity();
     double stiffness = 0;

@@ -7,20 +7,12 @@
 #include "math/rotation.hpp"
 #include "math/tetrahedron.hpp"
 #include "model/hand_model.hpp"
+#include "model/kinematics.hpp"
 
 namespace softhand {
 namespace {
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
-// The joint in whose frame the offset of `joint` is given.
-Joint offset_frame(Joint joint) {
-  if (joint == Joint::wrist) return Joint::wrist;
-  if (joint == Joint::palm) return Joint::middle_metacarpal;
-  const Body body = body_of(joint);
-  if (joint_of(body) != joint) return joint_of(body);  // a tip
-  return joint_of(parent_of(body));
-}
 
 // Maps the surroundings of a bone from the old rest pose to the new one.
 //   p -> new_origin + turn * S * (p - old_origin)
@@ -156,7 +148,7 @@ MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>>
   user.radii = radii;
   user.orientations.resize(frames.size());
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    const std::size_t parent = index(offset_frame(static_cast<Joint>(j)));
+    const std::size_t parent = index(parent_of(static_cast<Joint>(j)));
     Vector3 offset = Vector3::Zero();
     for (std::size_t f = 0; f < frames.size(); ++f) {
       const Pose local = frames[f][parent].inverse() * frames[f][j];
@@ -174,7 +166,7 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   // on the axes that are held.
   for (std::size_t j = 2; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
-    const std::size_t frame = index(offset_frame(joint));
+    const std::size_t frame = index(parent_of(joint));
     Pose& pose = out.rest_joints[j];
     pose.position = out.rest_joints[frame] * user.offsets[j];
     Quaternion rest = hand.rest_joints[frame].orientation.conjugate() * hand.rest_joints[j].orientation;

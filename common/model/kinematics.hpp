@@ -5,6 +5,13 @@
 
 namespace softhand {
 
+/// The joint in whose frame the pose of `joint` is given: that of the next bone towards the wrist. For a tip it is its
+/// own distal joint, for the palm the middle metacarpal, for the wrist itself.
+constexpr Joint parent_of(Joint joint) {
+  const Body body = body_of(joint);
+  return joint_of(body) == joint ? joint_of(parent_of(body)) : joint_of(body);
+}
+
 /// Rotation vectors of the bodies against their rest-aligned parents, as in `JointModel`, in radians: x flexion
 /// (negative = flexed), y abduction, z twist. Zero is the rest pose.
 using JointAngles = std::array<Vector3, kBodyCount>;

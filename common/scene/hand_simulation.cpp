@@ -287,8 +287,8 @@ void HandSimulation::restore(const State& state) {
   restored_ = true;
 }
 
-void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity) {
-  coupling_->set_target(index_of(body), joint, velocity);
+void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity, double strength) {
+  coupling_->set_target(index_of(body), joint, velocity, strength);
 }
 
 void HandSimulation::clear_targets() {

@@ -98,8 +98,8 @@ class HandSimulation {
   void restore(const State& state);
 
   /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. It is valid
-  /// until changed.
-  void set_target(Body body, const Pose& joint, const Twist& velocity);
+  /// until changed. `strength`: part of the gains and caps of the hand file, > 0 and at most 1.
+  void set_target(Body body, const Pose& joint, const Twist& velocity, double strength = 1);
   /// Clears the targets of all bones. A bone is not pulled until it has a target again.
   void clear_targets();
 

@@ -42,6 +42,13 @@ struct TrackersArguments {
 };
 int run_trackers(const TrackersArguments& arguments);
 
+/// `softhand calibrate`: measures the hands of a user in guided steps.
+struct CalibrateArguments {
+  std::uint32_t user = 0;
+  double seconds = 20;  ///< of all steps
+};
+int run_calibrate(const CalibrateArguments& arguments);
+
 /// `softhand check FILE`: validates a scene, rig, network, hand or object file.
 int run_check(const std::string& path);
 

@@ -97,6 +97,19 @@ int main(int argc, char** argv) {
       command->add_subcommand("use", "Make a tracker stronger than all others of its user, so that it owns the hand");
   command->add_option("module", trackers.use, "Name of the tracker in the list")->required();
 
+  CalibrateArguments calibrate;
+  command = app.add_subcommand("calibrate",
+                               "Measure the bone lengths and the range of motion of a user's hands in four guided "
+                               "steps, and keep them for the rigs that start from now on (docs/calibration.md)");
+  command->add_option("--user", calibrate.user, "User of the tracked hands")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 15));
+  command->add_option("--seconds", calibrate.seconds, "Duration of the four steps together")
+      ->capture_default_str()
+      ->type_name("S")
+      ->check(CLI::Range(4.0, 600.0));
+  command->callback([&] { run = [&calibrate] { return run_calibrate(calibrate); }; });
+
   std::string file;
   command =
       app.add_subcommand("check",

@@ -21,6 +21,7 @@ void for_each_field(Header& header, Visit&& visit) {
   visit("scene", header.scene);
   visit("scene_text", header.scene_text);
   visit("overrides", header.overrides);
+  visit("calibration", header.calibration);
   visit("hand", header.hand);
   visit("build", header.build);
   visit("instruction_set", header.instruction_set);
@@ -39,17 +40,28 @@ std::string hash_text(const HandModel& hand) {
   return text.data();
 }
 
-FlightHeader flight_header(std::string loop, std::string module, const std::string& scene,
-                           std::vector<std::string> overrides, const HandModel* hand) {
+FlightHeader flight_header(std::string loop, std::string module, const Scene& scene, std::vector<std::string> overrides,
+                           const HandModel* hand) {
   FlightHeader header;
   header.loop = std::move(loop);
   header.module = std::move(module);
-  header.scene = std::filesystem::absolute(scene).lexically_normal().string();
-  header.scene_text = config_detail::read_whole_file(scene);
+  header.scene = std::filesystem::absolute(scene.path).lexically_normal().string();
+  header.scene_text = config_detail::read_whole_file(scene.path);
   header.overrides = std::move(overrides);
+  if (hand != nullptr && scene.calibration) header.calibration = scene.calibration->text;
   if (hand != nullptr) header.hand = hash_text(*hand);
   header.instruction_set = to_string(widest_instruction_set());
   return header;
+}
+
+Scene scene_of(const FlightHeader& header) {
+  std::vector<std::string> overrides = header.overrides;
+  overrides.emplace_back("calibration=none");
+  Scene scene = read_scene_text(header.scene, header.scene_text, overrides);
+  if (header.calibration.empty()) return scene;
+  const std::string path = "the calibration in the flight file";
+  scene.calibration = Calibration{path, header.calibration, read_user_hand(header.calibration, path)};
+  return scene;
 }
 
 std::string to_json(const FlightHeader& header) {

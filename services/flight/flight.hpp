@@ -36,14 +36,17 @@ struct FlightHeader {
   std::string scene;                   ///< absolute path; files that the scene names are searched beside it
   std::string scene_text;              ///< TOML
   std::vector<std::string> overrides;  ///< of the command line, and what the process chose at its start
+  std::string calibration;             ///< text of the user's file, to which the hand was fitted; empty: none
   std::string hand;                    ///< hash of the hand model; empty for a loop without a hand
   std::string build = kFlightBuild;
   std::string instruction_set;  ///< the widest one of this machine's processor
   std::string reason;           ///< of the file
 };
-/// The header of a process that runs now.
-FlightHeader flight_header(std::string loop, std::string module, const std::string& scene,
-                           std::vector<std::string> overrides, const HandModel* hand);
+/// The header of a process that runs now. `hand` is null for a loop without a hand.
+FlightHeader flight_header(std::string loop, std::string module, const Scene& scene, std::vector<std::string> overrides,
+                           const HandModel* hand);
+/// The scene of a file. Files that it names are read as they are now, except the calibration.
+Scene scene_of(const FlightHeader& header);
 std::string to_json(const FlightHeader& header);
 /// Throws std::runtime_error if the text is not a header.
 FlightHeader flight_header_from_json(const std::string& text);

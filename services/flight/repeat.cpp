@@ -159,7 +159,7 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
                     "tolerance",
                     options.path, foreign));
   const bool within_tolerance = !foreign.empty();
-  const Scene scene = read_scene_text(header.scene, header.scene_text, header.overrides);
+  const Scene scene = scene_of(header);
   const HandKey key = hand_key(scene);
   std::optional<HandModel> hand;
   if (!header.hand.empty()) {

@@ -22,8 +22,8 @@ constexpr double kSettlingTime = 0.1;
 
 bool usable(const JointSample& joint) {
   return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
-         all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
-         std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
+         all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) && joint.confidence >= 0 &&
+         joint.confidence <= 1 && std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
 }
 
 Twist twist_of(const JointSample& joint) {
@@ -148,7 +148,8 @@ void HandLoop::set_targets(Nanoseconds now) {
       any_skeleton_ = true;
     }
     for (std::size_t b = 0; b < kBodyCount; ++b) {
-      if (targets[b].valid) simulation_->set_target(static_cast<Body>(b), targets[b].pose, targets[b].velocity);
+      const BodyTarget& target = targets[b];
+      if (target.valid) simulation_->set_target(static_cast<Body>(b), target.pose, target.velocity, target.confidence);
     }
     return;
   }
@@ -162,7 +163,7 @@ void HandLoop::set_targets(Nanoseconds now) {
     const Twist velocity = twist_of(joint);
     simulation_->set_target(static_cast<Body>(b),
                             increment(to_pose(joint), ahead * velocity.linear, ahead * velocity.angular),
-                            moving ? velocity : Twist{});
+                            moving ? velocity : Twist{}, std::max(joint.confidence, kLeastConfidence));
   }
 }
 
@@ -220,7 +221,8 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
                            to_wire(velocity.angular),
                            simulation_->hand().joint_radii[j],
                            kJointValid,
-                           1};
+                           1,
+                           1.0};
   }
 
   ObjectCoupling& coupling = output_.coupling;
@@ -279,7 +281,9 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
       sample.coupling_force = to_wire(Vector3(-coupled.force));
       sample.coupling_torque = to_wire(Vector3(-coupled.torque));
       const BodyModel& model = simulation_->hand().bodies[b];
-      write_local_model(contacts[b], {model.coupling_linear_stiffness, model.coupling_force_cap, model.mass},
+      const double strength = targets[b].confidence;
+      write_local_model(contacts[b],
+                        {strength * model.coupling_linear_stiffness, strength * model.coupling_force_cap, model.mass},
                         (pose.position - targets[b].pose.position).norm(), Vector3::Zero(), sample);
       sample.contact_force = to_wire(simulation_->bone_contact_forces()[b]);
     }

@@ -59,7 +59,7 @@ constexpr int kMostDescriptions = 32;
 
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
-  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const Scene scene = read_own_scene(arguments.config, arguments.overrides);
   HandOptions options = scene.options.hand;
   const HandKey key = hand_key(scene);
 
@@ -112,7 +112,7 @@ void run(int argc, char** argv) {
   chosen.push_back("hand.model=" + model);
   chosen.push_back(fmt::format("hand.simulation.solver.work_budget={:.17g}", work_budget));
   const auto recorder = make_flight_recorder(
-      scene.options.flight, flight_header("hand", arguments.module, arguments.config, chosen, &hand), arguments.flight);
+      scene.options.flight, flight_header("hand", arguments.module, scene, chosen, &hand), arguments.flight);
   HandInvariants invariants(scene.options.flight);
 
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the

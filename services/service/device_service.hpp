@@ -75,7 +75,7 @@ int run_device(int argc, char** argv, const std::string& module, OptionsOf optio
     constexpr const Input* kInput = nullptr;
     const char* const role = kind_of(kInput) == 0 ? "haptic" : "tactile";
     const DeviceArguments arguments = parse_device_arguments(argc, argv, role, module);
-    const Scene scene = read_scene(arguments.config, arguments.overrides);
+    const Scene scene = read_own_scene(arguments.config, arguments.overrides);
     const auto& options = options_of(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);
     const auto driver = make_driver<Driver>(options.driver, scene);
@@ -101,7 +101,7 @@ template <typename Device>
 int run_tracking_device(int argc, char** argv, const std::string& module) {
   return guarded_main("softhand-" + module, [&] {
     const TrackingDeviceArguments arguments = parse_tracking_device_arguments(argc, argv, module);
-    const Scene scene = read_scene(arguments.config, arguments.overrides);
+    const Scene scene = read_own_scene(arguments.config, arguments.overrides);
     const HandKey hand = hand_key(scene);
     const auto& options = driver_options<DeviceOptions<typename Device::Options>>(scene.options);
     Service service(arguments, options.loop.rate_hz, Pacing::real);

@@ -120,7 +120,7 @@ void TrackerFace::stamp(Stamp& stamp) const {
 int run_tracker(int argc, char** argv, const TrackerProgram& program) {
   return guarded_main("softhand-tracker-" + program.name, [&] {
     const TrackerArguments arguments = parse_tracker_arguments(argc, argv, program.about);
-    const Scene scene = read_scene(arguments.config, arguments.overrides);
+    const Scene scene = read_own_scene(arguments.config, arguments.overrides);
     Service service(arguments, kPollRate, program.pacing);
     const std::unique_ptr<TrackerSource> source = program.make_source(scene, service.participant());
     TrackerFace face(service, program.pacing, arguments, hand_key(scene).user);

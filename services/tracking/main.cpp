@@ -10,14 +10,14 @@ using namespace softhand;
 void run(int argc, char** argv) {
   const ServiceArguments arguments =
       parse_arguments(argc, argv, "tracking", "Tracking loop; owns the intermediate skeleton");
-  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const Scene scene = read_own_scene(arguments.config, arguments.overrides);
   const HandKey hand = hand_key(scene);
   const HandModel model = load_scene_hand(scene);
   TrackingLoop loop(scene.options.tracking, scene.options.hand.rate_hz, model, hand);
 
   Service service(arguments, scene.options.tracking.rate_hz, Pacing::simulated);
   const auto recorder = make_flight_recorder(
-      scene.options.flight, flight_header("tracking", arguments.module, arguments.config, arguments.overrides, &model),
+      scene.options.flight, flight_header("tracking", arguments.module, scene, arguments.overrides, &model),
       arguments.flight);
   Flight flight(loop, recorder.get());
   std::uint64_t refused_nonfinite = 0;

@@ -189,13 +189,20 @@ double TrackingLoop::Spring::energy(const Vector3& stretch, const Vector3& turn)
 }
 
 TrackingLoop::Spring TrackingLoop::tracked_spring(const Bone& bone) const {
-  return {bone.tracked_linear, bone.tracked_angular, options_.stiffness_ratio * bone.force_cap,
-          options_.stiffness_ratio * bone.torque_cap};
+  const double c = bone.confidence;
+  return {c * bone.tracked_linear, c * bone.tracked_angular, c * options_.stiffness_ratio * bone.force_cap,
+          c * options_.stiffness_ratio * bone.torque_cap};
 }
 
 TrackingLoop::Spring TrackingLoop::feedback_spring(const Bone& bone) const {
-  return {feedback_ratio_ * bone.coupling_linear, feedback_ratio_ * bone.coupling_angular,
-          feedback_ratio_ * bone.force_cap, feedback_ratio_ * bone.torque_cap};
+  const double ratio = bone.confidence * feedback_ratio_;
+  return {ratio * bone.coupling_linear, ratio * bone.coupling_angular, ratio * bone.force_cap, ratio * bone.torque_cap};
+}
+
+// The spring with which the simulated bone follows this one.
+TrackingLoop::Spring TrackingLoop::coupling_of(const Bone& bone) const {
+  const double c = bone.confidence;
+  return {c * bone.coupling_linear, c * bone.coupling_angular, c * bone.force_cap, c * bone.torque_cap};
 }
 
 void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh,
@@ -203,6 +210,7 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   const double h = time_step_;
   const bool feedback = simulated_fresh && bone.simulated_seen && feedback_ratio_ > 0;
   const Pose copy = feedback ? simulated_at(bone, simulated_age) : Pose{};
+  const bool springs_change = std::exchange(bone.confidence, target.confidence) != target.confidence;
   const Spring tracked = tracked_spring(bone), back = feedback_spring(bone);
   const Pose start = bone.pose;
   const Twist start_velocity = bone.velocity;
@@ -257,11 +265,12 @@ void TrackingLoop::move(Bone& bone, const BodyTarget& target, double simulated_a
   // its stretch at the start of this step.
   const auto pull = [&](const Spring& spring, double k, double a, bool was_attached, Pose& end_before, const Pose& end,
                         double& energy) {
-    if (!was_attached) {
-      end_before = end;
-      energy =
-          spring.energy(start.position - end.position, rotation_log(start.orientation * end.orientation.conjugate()));
-      flow->work += energy;
+    if (!was_attached) end_before = end;
+    if (!was_attached || springs_change) {
+      const double before =
+          std::exchange(energy, spring.energy(start.position - end_before.position,
+                                              rotation_log(start.orientation * end_before.orientation.conjugate())));
+      flow->work += was_attached ? energy - before : energy;
     }
     const Vector3 stretch_now = bone.pose.position - end.position;
     const Vector3 turn_now = rotation_log(bone.pose.orientation * end.orientation.conjugate());
@@ -337,6 +346,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
       release(bone, flow);
       bone.pose = targets[b].pose;
       bone.velocity = targets[b].velocity;
+      bone.confidence = targets[b].confidence;
       bone.placed = true;
     } else {
       move(bone, targets[b], age, fresh, input.ledger_requested ? &flow : nullptr);
@@ -374,6 +384,7 @@ void TrackingLoop::publish_skeleton(Nanoseconds now) {
     joint.linear_velocity = to_wire(Vector3(bone.velocity.linear + bone.velocity.angular.cross(lever)));
     joint.angular_velocity = to_wire(bone.velocity.angular);
     joint.radius = radii_[j];
+    joint.confidence = bone.confidence;
   }
 }
 
@@ -406,11 +417,12 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
     sample.simulated_orientation = to_wire(copy.orientation);
     const Vector3 stretch = copy.position - bone.pose.position;
     const Vector3 turn = rotation_log(copy.orientation * bone.pose.orientation.conjugate());
-    sample.coupling_force = to_wire(Vector3(capped(bone.coupling_linear, stretch.norm(), bone.force_cap) * stretch));
-    sample.coupling_torque = to_wire(Vector3(capped(bone.coupling_angular, turn.norm(), bone.torque_cap) * turn));
+    const Spring spring = coupling_of(bone);
+    sample.coupling_force = to_wire(Vector3(capped(spring.stiffness, stretch.norm(), spring.cap) * stretch));
+    sample.coupling_torque = to_wire(Vector3(capped(spring.angular_stiffness, turn.norm(), spring.torque_cap) * turn));
     if (!contacts_fresh) continue;
     sample.contact_force = to_wire(bone_contacts_[b].force);
-    const BoneCoupling coupling{bone.coupling_linear, bone.force_cap, bone.mass / options_.mass_fraction};
+    const BoneCoupling coupling{spring.stiffness, spring.cap, bone.mass / options_.mass_fraction};
     write_local_model(bone_contacts_[b], coupling, stretch.norm(), bone.pose.position - bone.simulated.position,
                       sample);
   }

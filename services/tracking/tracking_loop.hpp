@@ -112,6 +112,7 @@ class TrackingLoop {
     double tracked_angular = 0;
     double damping_linear = 0;   // N s/m
     double damping_angular = 0;  // N m s/rad
+    double confidence = 1;       // of the joint: multiplies both springs, and the coupling to the simulated bone
     Pose pose;                   // joint frame in the world
     Twist velocity;
     Pose simulated;  // copy, at its own sample time
@@ -135,6 +136,7 @@ class TrackingLoop {
   };
   Spring tracked_spring(const Bone& bone) const;
   Spring feedback_spring(const Bone& bone) const;
+  Spring coupling_of(const Bone& bone) const;
   void move(Bone& bone, const BodyTarget& target, double simulated_age, bool simulated_fresh, EnergyFlow* flow) const;
   static void release(Bone& bone, EnergyFlow& flow);
   void publish_skeleton(Nanoseconds now);

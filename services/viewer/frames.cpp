@@ -6,6 +6,7 @@
 #include <cstring>
 #include <optional>
 
+#include "device/answer.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 
@@ -345,6 +346,23 @@ Frame encode(const RigChoices& choices, std::uint32_t slot) {
     out.integer(each.running);
     out.integer(0);
   }
+  return out.finish();
+}
+
+std::optional<Prompt> read_prompt(std::string_view value) {
+  const std::size_t space = value.find(' ');
+  const std::optional<double> seconds = parse_number(value.substr(0, space));
+  if (space == std::string_view::npos || !seconds || *seconds < 0 || *seconds > 600) return std::nullopt;
+  Prompt prompt;
+  prompt.seconds = *seconds;
+  set_text(prompt.text, value.substr(space + 1));
+  return prompt;
+}
+
+Frame encode(const Prompt& prompt) {
+  Packer out(FrameType::prompt, 0, 68);
+  out.real(prompt.seconds);
+  out.text(prompt.text);
   return out.finish();
 }
 

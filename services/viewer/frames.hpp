@@ -11,6 +11,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <variant>
@@ -43,6 +44,7 @@ enum class FrameType : std::uint16_t {
   rig_choices = 13,
   soft_object_description = 14,
   soft_object_nodes = 15,
+  prompt = 16,
   // from the page
   show = 32,
   message = 33,
@@ -54,7 +56,7 @@ constexpr TypeSet set_of(FrameType type) { return TypeSet{1} << static_cast<unsi
 /// The types that a page can request. `gateway` is sent without a request.
 inline constexpr TypeSet kShowable = ((set_of(FrameType::message_reply) << 1) - set_of(FrameType::hand_description)) |
                                      set_of(FrameType::rig_choices) | set_of(FrameType::soft_object_description) |
-                                     set_of(FrameType::soft_object_nodes);
+                                     set_of(FrameType::soft_object_nodes) | set_of(FrameType::prompt);
 
 /// An encoded frame. Null if the content must not be shown (NaN or infinity). It is shared because several pages get
 /// it.
@@ -81,6 +83,15 @@ Frame encode(const SoftObjectState& state, bool quantised);
 Frame encode(const LoopStatus& status, std::uint32_t slot);
 Frame encode(const MessageReply& reply, std::uint32_t slot);
 Frame encode(const RigChoices& choices, std::uint32_t slot);
+
+/// What a person is asked to do, for a time.
+struct Prompt {
+  double seconds = 0;
+  ShortText text{};  ///< empty: nothing any more
+};
+/// Reads the value of the message `prompt`: the seconds, 0 to 600, a space, and the text. Empty if it is anything else.
+std::optional<Prompt> read_prompt(std::string_view value);
+Frame encode(const Prompt& prompt);
 
 /// Draws an object that a hand owns at the pose of the hand's twin, because the world's copy lags behind it
 /// (docs/coupling-objects.md).

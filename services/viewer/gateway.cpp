@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/object_store.hpp"
@@ -130,6 +131,17 @@ class Gateway::Impl {
     if (!outgoing_.empty()) server_.publish(std::exchange(outgoing_, {}));
   }
 
+  MessageReply answer(const Message& message, const std::string& module) {
+    if (!is_addressed(message, module)) return reply_to(message, module, kReplyIgnored, "not for this module");
+    if (get_text(message.key) != "prompt")
+      return reply_to(message, module, kReplyIgnored, "unknown key; known: prompt");
+    const std::optional<Prompt> prompt = read_prompt(get_text(message.value));
+    if (!prompt)
+      return reply_to(message, module, kReplyRefused, "prompt: expected seconds from 0 to 600, a space, and a text");
+    outgoing_.push_back({FrameType::prompt, 0, encode(*prompt)});
+    return reply_to(message, module, kReplyApplied, "shown on the pages");
+  }
+
   void fill_status(LoopStatus& status) const {
     const ServerCounters counters = server_.counters();
     status.input_age_ms = -1;
@@ -241,6 +253,9 @@ Gateway::Gateway(const bus::Participant& participant, Server& server, std::vecto
           std::make_unique<Impl>(participant, server, std::move(hands), key, quantised, rate_hz, std::move(folders))) {}
 Gateway::~Gateway() = default;
 void Gateway::step(Nanoseconds now) { impl_->step(now); }
+MessageReply Gateway::answer(const Message& message, const std::string& module) {
+  return impl_->answer(message, module);
+}
 void Gateway::fill_status(LoopStatus& status) const { impl_->fill_status(status); }
 
 }  // namespace softhand::viewer

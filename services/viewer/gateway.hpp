@@ -39,6 +39,8 @@ class Gateway {
 
   /// Passes on new samples, and messages of pages to modules.
   void step(Nanoseconds now);
+  /// Answers `prompt`: the pages show it to a person (`read_prompt`).
+  MessageReply answer(const Message& message, const std::string& module);
   void fill_status(LoopStatus& status) const;
 
  private:

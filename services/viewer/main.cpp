@@ -21,7 +21,7 @@ std::string built_page() {
 
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "viewer", "Shows hands and objects in a browser");
-  const Scene scene = read_scene(arguments.config, arguments.overrides);
+  const Scene scene = read_own_scene(arguments.config, arguments.overrides);
   const ViewerOptions& options = scene.options.viewer;
 
   Service service(arguments, kPollsPerPeriod * options.rate_hz, Pacing::real, Urgency::ordinary);
@@ -33,6 +33,7 @@ void run(int argc, char** argv) {
   for (const std::string& url : server.urls_elsewhere()) std::printf("elsewhere at %s\n", url.c_str());
   std::fflush(stdout);
   service.run({.step = [&](Nanoseconds now) { gateway.step(now); },
+               .answer = [&](const Message& message) { return gateway.answer(message, arguments.module); },
                .fill_status = [&](LoopStatus& status, Nanoseconds) { gateway.fill_status(status); }});
 }
 }  // namespace

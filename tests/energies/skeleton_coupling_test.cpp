@@ -221,6 +221,29 @@ TEST(BodyCoupling, TeleportPullsNoHarderThanTheCap) {
   }
 }
 
+TEST(BodyCoupling, StrengthMultipliesAllGainsAndCaps) {
+  const Twist velocity{Vector3(0.3, -0.1, 0.2), Vector3(0.02, 0.01, -0.03)};
+  for (const double stretch : {0.002, 0.2}) {  // below the caps and beyond them
+    Coupled weakened({500, 0.5, 3, 0.01, 4, 0.2}), weak({100, 0.1, 0.6, 0.002, 0.8, 0.04});
+    const Pose target = increment(weak.frame(), Vector3(stretch, 0, 0), Vector3(0, stretch, 0));
+    weakened.coupling.set_target(0, target, velocity, 0.2);
+    weak.coupling.set_target(0, target, velocity);
+    testing::check_term(weakened.coupling, weakened.state, kTimeStep);
+    for (Coupled* each : {&weakened, &weak}) {
+      each->coupling.begin_step(each->state, kTimeStep);
+      each->state = testing::perturbed(each->state, 3, 0.005, 2e-3);
+    }
+    const Wrench is = weakened.coupling.wrench(0, weakened.state), expected = weak.coupling.wrench(0, weak.state);
+    ASSERT_GT(expected.force.norm(), 0.1);
+    EXPECT_LE((is.force - expected.force).norm(), 1e-12);
+    EXPECT_LE((is.torque - expected.torque).norm(), 1e-12);
+    EXPECT_NEAR(weakened.coupling.value(weakened.state), weak.coupling.value(weak.state), 1e-12);
+    weakened.coupling.set_target(0, target, velocity);
+    weakened.coupling.begin_step(weakened.state, kTimeStep);
+    EXPECT_GT(weakened.coupling.wrench(0, weakened.state).force.norm(), 4 * is.force.norm());
+  }
+}
+
 TEST(BodyCoupling, MemoryRepeatsTheBits) {
   Coupled c({500, 0.5, 3, 0.01, 4, 0.2});
   Inertia inertia({1.0, 1.0}, 2);

@@ -107,7 +107,9 @@ std::string Program::output() const { return text_of(log_); }
 
 namespace {
 std::vector<std::string> up_command(const std::string& rig, const std::vector<std::string>& arguments) {
-  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand", "up", SOFTHAND_SOURCE_DIR "/" + rig};
+  // The results must not depend on the hands that the user of this machine has calibrated.
+  std::vector<std::string> command{SOFTHAND_PROGRAMS "/softhand", "up", SOFTHAND_SOURCE_DIR "/" + rig, "--set",
+                                   "calibration=none"};
   command.insert(command.end(), arguments.begin(), arguments.end());
   return command;
 }

@@ -152,6 +152,28 @@ TEST_F(Fusion, PutsFingersOnTheWristOfAnotherSource) {
   EXPECT_EQ(out_.hand.side, 1u);
 }
 
+TEST_F(Fusion, AJointHasTheConfidenceOfItsSource) {
+  start("1", "2");
+  const JointFrames real = posed(hand_, {}, 0.3);
+  const auto compose = [&](double time, double of_the_tip) {
+    Skeleton wrist = testing::only_wrist(real), fingers = testing::only_fingers(real);
+    wrist.joints[at(Joint::wrist)].confidence = 0.9;
+    for (JointSample& joint : fingers.joints) joint.confidence = 0.7;
+    fingers.joints[at(Joint::index_tip)].confidence = of_the_tip;
+    send(wrist, time, time);
+    send(fingers, time, time);
+    return fusion_->compose(clock_at(time), out_);
+  };
+  ASSERT_TRUE(compose(0, 0.2));
+  EXPECT_EQ(out_.joints[at(Joint::wrist)].confidence, 0.9);
+  EXPECT_EQ(out_.joints[at(Joint::index_tip)].confidence, 0.2);
+  EXPECT_EQ(out_.joints[at(Joint::middle_tip)].confidence, 0.7);
+  for (const double bad : {std::nan(""), -1.0, 2.0}) {
+    ASSERT_TRUE(compose(0.01 + std::abs(std::isnan(bad) ? 0 : bad) / 100, bad));
+    EXPECT_EQ(out_.joints[at(Joint::index_tip)].confidence, 1) << bad;
+  }
+}
+
 // The glove dies and comes back. The camera sees the whole hand all the time, with other fingers than the glove.
 TEST_F(Fusion, BridgesADeadGloveWithoutAJump) {
   start("3", "2 3");

@@ -83,6 +83,29 @@ TEST(HandLoop, RefusesABoneWithNaNAndFollowsTheOthers) {
   EXPECT_TRUE(all_finite(loop.simulation().state()));
 }
 
+// The intermediate skeleton may come from another program.
+TEST(HandLoop, RefusesABoneWithoutAnHonestConfidenceAndWeakensOneInDoubt) {
+  const auto force_with = [](double confidence, std::uint64_t refused) {
+    HandLoop loop(hand(), loop_options(), {});
+    for (int i = 0; i <= 10; ++i) {
+      const Nanoseconds now = kSecond + i * 11'111'111;
+      Skeleton sample = skeleton_at(hand(), {}, now, static_cast<std::uint64_t>(i) + 1);
+      JointSample& joint = sample.joints[index(Joint::index_distal)];
+      if (i > 0) joint.position[1] += 0.003;
+      if (i > 0) joint.confidence = confidence;
+      loop.step(now, {&sample}, {});
+    }
+    EXPECT_EQ(loop.counters().refused_nonfinite, refused) << confidence;
+    return loop.simulation().coupling_wrench(Body::index_distal).force.norm();
+  };
+  const double sure = force_with(1, 0), doubtful = force_with(0.1, 0);
+  EXPECT_GT(sure, 0.1);
+  EXPECT_LT(doubtful, 0.3 * sure);
+  EXPECT_GT(force_with(0, 0), 0) << "a bone never floats";
+  for (const double bad : {std::nan(""), -0.1, 1.5})
+    EXPECT_LT(force_with(bad, 10), 0.05) << "it stays at its last pose";
+}
+
 TEST(HandLoop, OldSamplesAreRefused) {
   HandLoop loop(hand(), loop_options(), {});
   const Skeleton sample = skeleton_at(hand(), {}, kSecond, 5);

@@ -486,6 +486,17 @@ TEST_F(Motive, AWristThatIsNotTrackedIsNoHandAndOtherBonesLowerTheConfidence) {
   scene.skeletons[1].bones.back().is_tracked = false;
   show(scene);
   EXPECT_NEAR(sink_.hands[1].confidence, 15.0 / 16, 1e-12);
+  const auto guessed = [&](int side) {
+    const auto& joints = sink_.hands[static_cast<std::size_t>(side)].joints;
+    return std::count_if(joints.begin(), joints.end(),
+                         [](const JointSample& joint) { return joint.confidence == kGuessedConfidence; });
+  };
+  EXPECT_EQ(guessed(0), 0);
+  EXPECT_EQ(guessed(1), 1);
+  scene.skeletons[1].bones.back().is_tracked = true;
+  show(scene);
+  EXPECT_EQ(guessed(1), 0);
+  scene.skeletons[1].bones.back().is_tracked = false;
   for (NatNetBody& bone : scene.skeletons[1].bones)
     if (motive_bones()[static_cast<std::size_t>(bone.id) - 1].name == "RHand") bone.is_tracked = false;
   show(scene);

@@ -90,6 +90,8 @@ TEST_F(OpenXr, FlagsSayWhatIsSeen) {
   EXPECT_EQ(sink_.hands[0].confidence, 0);
   EXPECT_NEAR(sink_.hands[1].confidence, 24.0 / 26, 1e-12);
   EXPECT_EQ(sink_.hands[1].joints[10].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(sink_.hands[1].joints[10].confidence, kGuessedConfidence);
+  EXPECT_EQ(sink_.hands[1].joints[9].confidence, 1);
   EXPECT_EQ(sink_.hands[1].joints[15].flags, 0u);
   EXPECT_EQ(sink_.hands[1].joints[4].velocity_valid, 0u);
   EXPECT_EQ(sink_.newest_head.valid, 0u);
@@ -101,7 +103,10 @@ TEST_F(OpenXr, AHandThatHoldsAControllerIsInferred) {
   each.hands[0].is_from_controller = true;
   take(each);
   EXPECT_EQ(sink_.hands[0].confidence, 0.5);
-  for (const JointSample& joint : sink_.hands[0].joints) EXPECT_EQ(joint.flags, kJointValid | kJointInferred);
+  for (const JointSample& joint : sink_.hands[0].joints) {
+    EXPECT_EQ(joint.flags, kJointValid | kJointInferred);
+    EXPECT_EQ(joint.confidence, kGuessedConfidence);
+  }
   EXPECT_EQ(sink_.hands[1].confidence, 1);
 }
 

@@ -23,8 +23,6 @@ const HandModel& model() {
   return hand;
 }
 
-Vector3 to_vector(const std::array<float, 3>& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
-
 // A hand, its traction after each step, and sums over its regions in world axes.
 struct Rig {
   explicit Rig(int slots = 1, std::vector<SoftObject> soft_objects = {})

@@ -100,6 +100,8 @@ TEST_F(Streamer, TheDocumentedDatagramIsAHand) {
   // The tip of the little finger is not among the 21 points.
   EXPECT_EQ(hand.joints[at(Joint::little_tip)].flags, kJointValid | kJointInferred);
   EXPECT_EQ(hand.joints[at(Joint::ring_tip)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(hand.joints[at(Joint::little_distal)].confidence, kGuessedConfidence);
+  EXPECT_EQ(hand.joints[at(Joint::ring_distal)].confidence, 1);
 }
 
 TEST_F(Streamer, OnlyALittleFingerFromItsMetacarpalIsMended) {

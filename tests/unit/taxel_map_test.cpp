@@ -6,6 +6,7 @@
 #include <limits>
 #include <random>
 
+#include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
 #include "support/press.hpp"
 
@@ -15,9 +16,6 @@ namespace {
 const HandModel& right() {
   static const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   return hand;
-}
-std::array<float, 3> to_floats(const Vector3& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
 // Presses the skin at a taxel with `newton`. `shear`: N along its axes. `slip`: m/s along its axes.

@@ -44,6 +44,60 @@ TEST(Tracking, NonFiniteBoneIsRefusedAndTheOthersAreTracked) {
   }
 }
 
+// A first-order low-pass filter with a time constant of 50 ms, above a floor of 0.05. Its steps are those of the loop.
+TEST(Tracking, ConfidenceOfAJointIsLowPassFiltered) {
+  TrackedInput input({});
+  std::uint64_t sequence = 0;
+  double last = 1;
+  const auto confidence_at = [&](int millisecond, double confidence) {
+    const Nanoseconds now = kStart + millisecond * kMillisecond;
+    if (millisecond % 11 == 0) {
+      Skeleton sample = skeleton_at(still(), ++sequence, now);
+      sample.joints[kIndexDistal].confidence = confidence;
+      EXPECT_TRUE(input.add_sample(sample, now));
+    }
+    const auto& targets = input.targets(now);
+    EXPECT_EQ(targets[7].confidence, 1) << "another joint";
+    EXPECT_EQ(input.targets(now)[8].confidence, targets[8].confidence) << "no time has passed";
+    EXPECT_LE(std::abs(targets[8].confidence - std::exchange(last, targets[8].confidence)), 0.02) << millisecond;
+    return targets[8].confidence;
+  };
+  for (int i = 0; i < 110; ++i) EXPECT_EQ(confidence_at(i, 1), 1);
+  for (int i = 110; i < 660; ++i)
+    EXPECT_NEAR(confidence_at(i, 0.2), 0.2 + 0.8 * std::exp(-(i - 109) / 50.0), 1e-9) << i;
+  for (int i = 660; i < 1650; ++i) EXPECT_GE(confidence_at(i, 0), kLeastConfidence);
+  EXPECT_NEAR(last, kLeastConfidence, 1e-6);
+  for (int i = 1650; i < 2640; ++i) confidence_at(i, 1);
+  EXPECT_NEAR(last, 1, 1e-6);
+}
+
+TEST(Tracking, AFirstConfidenceHasNoPast) {
+  TrackedInput input({});
+  Skeleton sample = skeleton_at(still(), 1, kStart);
+  sample.joints[kIndexDistal].confidence = 0.3;
+  ASSERT_TRUE(input.add_sample(sample, kStart));
+  EXPECT_EQ(input.targets(kStart)[8].confidence, 0.3);
+}
+
+TEST(Tracking, AJointWithoutAnHonestConfidenceIsRefused) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), -0.01, 1.01, 1e308}) {
+    TrackedInput input({});
+    ASSERT_TRUE(input.add_sample(skeleton_at(still(), 1, kStart), kStart));
+    Pose moved = still();
+    moved.position.x() += 0.01;
+    const Nanoseconds now = kStart + 11 * kMillisecond;
+    Skeleton sample = skeleton_at(moved, 2, now);
+    sample.joints[kIndexDistal].confidence = bad;
+    ASSERT_TRUE(input.add_sample(sample, now));
+    EXPECT_EQ(input.counters().refused_nonfinite, std::isfinite(bad) ? 0u : 1u) << bad;
+    EXPECT_EQ(input.counters().refused_implausible, std::isfinite(bad) ? 1u : 0u) << bad;
+    EXPECT_EQ(input.counters().inferred, 1u) << bad;
+    const BodyTarget& target = input.targets(now)[8];
+    EXPECT_EQ(target.confidence, 1) << bad;
+    EXPECT_LT((target.pose.position - (moved * hand().rest_joints[kIndexDistal]).position).norm(), 1e-9) << bad;
+  }
+}
+
 TEST(Tracking, QuaternionsOfAnyReasonableLengthAreNormalised) {
   struct Case {
     double length;

@@ -218,6 +218,64 @@ TEST(Tracking, WrenchHasThePlaneOfABonesContactsWhileTheyAreFresh) {
   EXPECT_NEAR(with_plane, 800 + 40, 2);  // stale after 40 ms
 }
 
+// Both springs of the bone weaken alike, so it stays where it is. The force on the user weakens with them, and the hand
+// is told to weaken its own spring.
+TEST(Tracking, ConfidenceOfAJointScalesTheCouplingOfItsBone) {
+  const auto run_with = [](double confidence) {
+    TrackingLoop loop({}, kHandRate, hand(), {});
+    TrackingOutput last;
+    for (int i = 0; i < 1000; ++i) {
+      const Nanoseconds now = kStart + i * kMillisecond;
+      const auto sequence = static_cast<std::uint64_t>(i) + 1;
+      Skeleton tracked = skeleton_at(still(), sequence, now);
+      tracked.joints[kIndexDistal].confidence = confidence;
+      Pose held = still();
+      held.position.y() += 0.004;
+      const Skeleton simulated = skeleton_at(held, sequence, now);
+      TrackingInput input;
+      input.tracked = &tracked;
+      input.simulated = &simulated;
+      last = loop.step(now, input);
+    }
+    return last;
+  };
+  const TrackingOutput sure = run_with(1), doubtful = run_with(0.2), none = run_with(0);
+  const double force = sure.wrench.bones[8].coupling_force[1];
+  ASSERT_GT(force, 1);
+  EXPECT_NEAR(doubtful.wrench.bones[8].coupling_force[1], 0.2 * force, 1e-6);
+  EXPECT_NEAR(none.wrench.bones[8].coupling_force[1], kLeastConfidence * force, 1e-6);
+  EXPECT_EQ(doubtful.wrench.bones[7].coupling_force, sure.wrench.bones[7].coupling_force) << "another bone";
+  EXPECT_NEAR(position(doubtful.intermediate, kIndexDistal).y(), position(sure.intermediate, kIndexDistal).y(), 1e-8);
+  EXPECT_EQ(sure.intermediate.joints[kIndexDistal].confidence, 1);
+  EXPECT_NEAR(doubtful.intermediate.joints[kIndexDistal].confidence, 0.2, 1e-6);
+  EXPECT_NEAR(doubtful.intermediate.joints[kIndexTip].confidence, 0.2, 1e-6);
+  EXPECT_EQ(doubtful.intermediate.joints[kIndexIntermediate].confidence, 1);
+}
+
+// The springs of all bones weaken and recover again and again while the hand is shaken.
+TEST(Tracking, EnergyLedgerClosesWhileTheConfidenceChanges) {
+  TrackingLoop loop(TrackingOptions{}, kHandRate, hand(), {});
+  Skeleton simulated;
+  for (int i = 0; i < 3000; ++i) {
+    const double t = 1e-3 * i;
+    const Nanoseconds now = kStart + i * kMillisecond;
+    const auto sequence = static_cast<std::uint64_t>(i) + 1;
+    const Vector3 place(0.02 * std::sin(12 * t), 1, 0.03 * t);
+    Skeleton sample = skeleton_at({place, rotation_exp(Vector3(0, 0.8 * std::sin(9 * t), 0.2))}, sequence, now);
+    for (JointSample& joint : sample.joints) joint.confidence = i / 200 % 2;
+    TrackingInput input;
+    if (i % 11 == 0) input.tracked = &sample;
+    if (i % 11 == 5) {
+      simulated = skeleton_at({place + Vector3(0.004, 0, 0), Quaternion::Identity()}, sequence, now);
+      input.simulated = &simulated;
+    }
+    loop.step(now, input);
+  }
+  ASSERT_GT(loop.ledger().total().damping, 1e-3);
+  EXPECT_LE(loop.ledger().defect(), 1e-3);
+  EXPECT_GT(loop.ledger().total().integrator, 0);
+}
+
 TEST(Tracking, WrenchIsCappedAndZeroWhenTheSimulationIsStale) {
   TrackingOptions options;
   TrackingLoop loop(options, kHandRate, hand(), {});

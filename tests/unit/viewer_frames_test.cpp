@@ -399,5 +399,19 @@ TEST(ViewerRequests, WrongContentIsRefused) {
   EXPECT_EQ(refusal(message_request(1, std::string(64, 'x'), "key", "")), Refusal::content) << "no terminating zero";
 }
 
+TEST(ViewerFrames, PromptsHaveSecondsAndAText) {
+  const auto prompt = read_prompt("2.5 Make a fist");
+  ASSERT_TRUE(prompt);
+  const Frame frame = encode(*prompt);
+  expect_header(frame, FrameType::prompt, 0);
+  EXPECT_EQ(at<float>(frame, 0), 2.5f);
+  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data()) + kHeaderBytes + 4, "Make a fist");
+  EXPECT_EQ(frame->size(), kHeaderBytes + 68);
+  ASSERT_TRUE(read_prompt("0 "));
+  EXPECT_EQ(read_prompt("0 ")->text[0], 0);
+  for (const char* bad : {"", "5", "Make a fist", "-1 x", "601 x", "nan x", "inf x", " x", "5x y"})
+    EXPECT_FALSE(read_prompt(bad)) << bad;
+}
+
 }  // namespace
 }  // namespace softhand::viewer

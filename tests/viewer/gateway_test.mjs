@@ -208,7 +208,7 @@ test("bad frames are refused and counted, and the connection goes on", async () 
   await leave(other);
 });
 
-test("a module without own messages answers that the key is unknown", async () => {
+test("a module answers that a key is unknown", async () => {
   const one = await client();
   const answers = [];
   one.socket.on("message", (data) => {

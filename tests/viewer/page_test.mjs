@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { networkInterfaces } from "node:os";
 import { after, before, test } from "node:test";
-import { Process, browser, frame, gateway, pause, publisher, until } from "./harness.mjs";
+import { Process, browser, build, frame, gateway, pause, publisher, source as folder, until } from "./harness.mjs";
 
 let chromium, source, viewer, page;
 const errors = [];
@@ -205,6 +205,44 @@ const lan = Object.values(networkInterfaces())
   .flat()
   .find(({ family, internal }) => family === "IPv4" && !internal)?.address;
 const skip = !lan && "no address";
+const prompt = () =>
+  page.evaluate(() => {
+    const [box, text, seconds] = ["prompt", "prompt-text", "prompt-seconds"].map((id) => document.getElementById(id));
+    return box.hidden ? null : { text: text.textContent, seconds: Number(seconds.textContent) };
+  });
+
+test("the prompts of a calibration are shown with a countdown", async () => {
+  assert.equal(await prompt(), null);
+  // A hand that pinches does not show the postures.
+  const tracker = new Process(`${build}/bin/softhand-tracker-replay`, "--config", `${folder}/config/scenes/pinch.toml`);
+  const calibration = new Process(`${build}/bin/softhand`, "calibrate", "--seconds", "24");
+  const first = await until("the first prompt", async () => {
+    const shown = await prompt();
+    return shown !== null && shown.text === "1/4 Stretch your hand flat and spread the fingers" && shown;
+  });
+  assert.ok(first.seconds > 1 && first.seconds <= 6, `${first.seconds} s`);
+  await until("the countdown", async () => (await prompt())?.seconds < first.seconds);
+  const size = () => parseFloat(getComputedStyle(document.getElementById("prompt")).fontSize);
+  assert.ok((await page.evaluate(size)) >= 28, "large letters");
+  await until("the end", async () => (await prompt())?.text === "Refused: the terminal says why", 30);
+  assert.equal(await calibration.ended, 1);
+  assert.match(calibration.output, /the right hand is refused: step [12] of 4/);
+  await tracker.end();
+  await until("no prompt", async () => (await prompt()) === null);
+});
+
+test("a prompt can be taken back, and a bad one is refused", async () => {
+  await tell("viewer", "prompt", "600 Wait");
+  await until("the prompt", async () => (await prompt())?.text === "Wait");
+  for (const bad of ["Wait", "-1 Wait", "601 Wait", "nan Wait", "5"]) await tell("viewer", "prompt", bad);
+  await until("the answers", async () => {
+    const replies = await page.locator("#replies").textContent();
+    return replies.split("viewer: refused, prompt: expected seconds").length === 6;
+  });
+  await tell("viewer", "prompt", "600 ");
+  await until("no prompt", async () => (await prompt()) === null);
+});
+
 test("a page on another machine sends messages with the token of its address", { skip }, async () => {
   const open = await gateway(0, "viewer.address=0.0.0.0", `viewer.hosts=${lan}`);
   const [, address] = await open.process.line(/elsewhere at (\S+)/);

@@ -2,7 +2,7 @@
 // softhand-tracker-webxr. They must arrive in tracked_skeleton and head_pose, in the world's frame.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { Client, Process, browser, build, gateway, pause, recorded, show, source, until } from "./harness.mjs";
+import { Client, Process, browser, build, gateway, message, pause, recorded, show, source, until } from "./harness.mjs";
 
 const TRACKED = 3;
 const WRIST = 1;
@@ -110,6 +110,15 @@ for (const mode of ["vr", "ar"]) {
     near([88, 96, 104].map((at) => pose.readDoubleLE(at)), HEAD_IN_WORLD, 1e-4, "position");
     const orientation = [112, 120, 128].map((at) => pose.readDoubleLE(at));
     near(orientation, [0, 0, 0], 1e-4, "orientation: the head looks along the world's -Z");
+  });
+
+  test(`a prompt is on a sign in an ${mode} session`, async () => {
+    const sign = () => page.evaluate(() => window.softhand.signIsVisible());
+    assert.equal(await sign(), false);
+    client.socket.send(message("viewer", "prompt", "600 Make a fist"));
+    await until("the sign", sign, 60);
+    client.socket.send(message("viewer", "prompt", "0 "));
+    await until("no sign", async () => !(await sign()), 60);
   });
 
   test(`recentring in an ${mode} session puts the world in front of the user again`, async () => {

@@ -7,6 +7,7 @@
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "model/kinematics.hpp"
 #include "runtime/config.hpp"
 
 namespace softhand {
@@ -17,11 +18,6 @@ constexpr std::uint32_t kMostUsers = 16;
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Nanoseconds nanoseconds(double seconds) { return static_cast<Nanoseconds>(seconds * 1e9); }
 
-// The joint that a joint's local pose refers to.
-Joint parent_of(Joint joint) {
-  const Body body = body_of(joint);
-  return joint_of(body) == joint ? joint_of(parent_of(body)) : joint_of(body);
-}
 // 0 = wrist, 1.. = thumb..; the palm belongs to the middle finger.
 std::size_t part_of(Joint joint) {
   return joint == Joint::wrist ? 0 : 1 + static_cast<std::size_t>(finger_of(body_of(joint)));
@@ -282,8 +278,10 @@ bool HandFusion::compose(Nanoseconds now, Skeleton& out) {
     joint.radius = radii_[j];
     joint.flags = kJointValid | kJointInferred;
     if (owner == nullptr || !is_valid(owner->newest.joints[j])) continue;
-    joint.flags = owner->newest.joints[j].flags;
-    if (owner->newest.joints[j].radius > 0) joint.radius = owner->newest.joints[j].radius;
+    const JointSample& newest = owner->newest.joints[j];
+    joint.flags = newest.flags;
+    if (newest.radius > 0) joint.radius = newest.radius;
+    if (newest.confidence >= 0 && newest.confidence <= 1) joint.confidence = newest.confidence;
   }
   out.hand.side = side_;
   out.stamp.sample_time = time;

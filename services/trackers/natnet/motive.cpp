@@ -247,16 +247,23 @@ bool MotiveDecoder::lift_hand(std::size_t side) {
   const Hand& hand = hand_bones_[side];
   HandBones bones;
   int tracked = 0, seen = 0;
-  const auto take = [&](std::int32_t id, Pose& pose) {
+  const auto take = [&](std::int32_t id, Joint joint, Pose& pose) {
     const auto place = bone_pose(id);
     if (!place) return;
     pose = *place;
     ++seen;
-    tracked += bones_[static_cast<std::size_t>(id)].is_tracked ? 1 : 0;
+    const bool is_tracked = bones_[static_cast<std::size_t>(id)].is_tracked;
+    tracked += is_tracked ? 1 : 0;
+    hand_.joints[static_cast<std::size_t>(index_of(joint))].confidence = is_tracked ? 1 : kGuessedConfidence;
   };
-  take(hand.wrist, bones.wrist);
-  for (std::size_t finger = 0; finger < kFingerCount; ++finger)
-    for (std::size_t k = 0; k < 3; ++k) take(hand.fingers[finger][k], bones.fingers[finger][k]);
+  take(hand.wrist, Joint::wrist, bones.wrist);
+  for (int finger = 0; finger < kFingerCount; ++finger) {
+    const auto f = static_cast<std::size_t>(finger);
+    const int first = index_of(tip_of(static_cast<Finger>(finger))) - 3;
+    for (int k = 0; k < 3; ++k)
+      take(hand.fingers[f][static_cast<std::size_t>(k)], static_cast<Joint>(first + k),
+           bones.fingers[f][static_cast<std::size_t>(k)]);
+  }
   constexpr int kBones = 1 + 3 * kFingerCount;
   const bool is_seen = seen == kBones && bones_[static_cast<std::size_t>(hand.wrist)].is_tracked;
   hand_.confidence = is_seen ? static_cast<double>(tracked) / kBones : 0;

@@ -73,6 +73,7 @@ bool OpenXrDecoder::read_hand(const OpenXrHand& from, Skeleton& out) {
     sample.orientation = to_wire(pose.orientation);
     sample.radius = radius;
     sample.flags = kJointValid | (is_tracked ? kJointTracked : kJointInferred);
+    if (!is_tracked) sample.confidence = kGuessedConfidence;
     const OpenXrVelocity& velocity = from.velocities[j];
     if ((velocity.flags & kVelocityValid) != kVelocityValid) continue;
     if (!read_velocity(velocity.linear, sample.linear_velocity) ||

@@ -179,9 +179,10 @@ StreamerRefusal StreamerDecoder::take_landmarks(const StreamerLine& wrist, const
   if (!lifters_[side].lift(points, hand_)) return StreamerRefusal::shape;
   const auto time = time_of(wrist, packet.time, side);
   if (!time) return StreamerRefusal::order;
-  if (lacks_tip) {
-    for (const Joint joint : {Joint::little_distal, Joint::little_tip})
-      hand_.joints[static_cast<std::size_t>(index_of(joint))].flags = kJointValid | kJointInferred;
+  for (const Joint joint : {Joint::little_distal, Joint::little_tip}) {
+    JointSample& guessed = hand_.joints[static_cast<std::size_t>(index_of(joint))];
+    if (lacks_tip) guessed.flags = kJointValid | kJointInferred;
+    guessed.confidence = lacks_tip ? kGuessedConfidence : 1;
   }
   hand_.hand.side = static_cast<std::uint32_t>(side);
   hand_.confidence = 1;  // the app sends nothing while it does not see the hand

@@ -9,6 +9,7 @@
 import { Connection } from "./connection";
 import { type Mode, Headset, offers } from "./headset";
 import { Panel, element, swatch } from "./panel";
+import { PromptSign } from "./prompt";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
 import { Simulation } from "./simulation";
@@ -58,6 +59,8 @@ const camera = query.get("camera")?.split(",").map(Number);
 if (camera?.length === 6 && camera.every(Number.isFinite))
   stage.lookFrom(camera.slice(0, 3) as [number, number, number], camera.slice(3) as [number, number, number]);
 const panel = new Panel();
+const prompts = new PromptSign();
+stage.add(prompts.sign);
 const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
 // ---- frames ----
@@ -136,7 +139,9 @@ const token = query.has("token") ? `?token=${encodeURIComponent(query.get("token
 const connection = new Connection(`${socketScheme}://${location.host}/stream${token}`, {
   frame: (frame) => {
     ++counts.frames;
-    timeline.add(performance.now(), frame);
+    // A prompt is for the person who looks at the page now, whatever time the picture shows.
+    if (frame.type === Type.prompt) prompts.show(protocol.prompt(frame.payload), performance.now());
+    else timeline.add(performance.now(), frame);
   },
   state: (state, text) => {
     const line = element("connection");
@@ -161,7 +166,7 @@ function subscribe(): void {
     if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
     if (shown.coupling) types.push(Type.wrench);
     // The head line and the keys of the simulation need the pace, whatever is shown.
-    types.push(Type.status, Type.choices);
+    types.push(Type.status, Type.choices, Type.prompt);
     if (panelOpen) types.push(Type.reply);
   }
   connection.send(protocol.show(types, 0));
@@ -421,6 +426,7 @@ function draw(now: number, frame?: XRFrame): void {
   const elapsed = now - last;
   last = now;
   timeline.advance(now, elapsed);
+  prompts.draw(now, stage.renderer.xr.isPresenting);
   stage.adapt(elapsed);
   stage.render();
   ++counts.drawn;
@@ -445,7 +451,17 @@ stage.renderer.setAnimationLoop(draw);
 declare global {
   interface Window {
     /** Access for tests and `softhand render`. */
-    softhand: { counts: typeof counts; handCount: () => number; seek: (seconds: number) => void };
+    softhand: {
+      counts: typeof counts;
+      handCount: () => number;
+      seek: (seconds: number) => void;
+      signIsVisible: () => boolean;
+    };
   }
 }
-window.softhand = { counts, handCount: () => stage.handCount, seek: (seconds) => timeline.seekTime(seconds) };
+window.softhand = {
+  counts,
+  handCount: () => stage.handCount,
+  seek: (seconds) => timeline.seekTime(seconds),
+  signIsVisible: () => prompts.sign.visible,
+};

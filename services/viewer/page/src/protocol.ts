@@ -23,6 +23,7 @@ export enum Type {
   choices,
   softDescription,
   softNodes,
+  prompt,
   show = 32,
   message = 33,
 }
@@ -383,6 +384,16 @@ export function choices(payload: DataView): { module: string; choices: Choice[] 
     return read;
   };
   return { module, choices: Array.from({ length: count }, choice) };
+}
+
+/** What a person is asked to do. An empty text: nothing any more. */
+export interface Prompt {
+  seconds: number;
+  text: string;
+}
+export function prompt(payload: DataView): Prompt {
+  const r = new Reader(payload);
+  return { seconds: r.f32(), text: r.text(64) };
 }
 
 export interface Reply {

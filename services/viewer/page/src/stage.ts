@@ -330,6 +330,11 @@ export class Stage {
     this.camera.position.setFromSpherical(seat).add(target);
   }
 
+  /** Adds something that the topics do not describe. */
+  add(object: THREE.Object3D): void {
+    this.scene.add(object);
+  }
+
   /** Removes all hands and objects. */
   clear(): void {
     for (const hand of this.hands.values()) {
