@@ -80,6 +80,14 @@ TEST_F(ObjectScene, FlexibleObjectsBelongToTheHandAndNotToTheWorld) {
   EXPECT_EQ(scene.options.hand.static_objects, 1);
 }
 
+TEST_F(ObjectScene, OfSeveralHandsTheFirstSimulatesTheFlexibleObjects) {
+  const std::string path =
+      write(kTable + kBall + "position = [0, 0.1, 0]\n[[hands]]\nname = \"right\"\n[[hands]]\nname = \"left\"\n");
+  EXPECT_EQ(read_scene(path).soft_objects.size(), 1u);
+  EXPECT_EQ(read_scene(path, {"plays=right"}).soft_objects.size(), 1u);
+  EXPECT_EQ(read_scene(path, {"plays=left"}).soft_objects.size(), 0u);
+}
+
 TEST_F(ObjectScene, RefusesWhatAFlexibleObjectCannotHave) {
   EXPECT_NE(complaint(kBall + "mass = 1\n").find("objects.ball.mass: the object is flexible"), std::string::npos);
   EXPECT_NE(complaint(kBall + "fixed = true\n").find("objects.ball.fixed"), std::string::npos);
