@@ -67,9 +67,8 @@ class SoftRig : public ::testing::Test {
 
 TEST_F(SoftRig, ABallIsSqueezedAndPutBackWhileProcessesAreKilled) {
   RigListener listener;
-  Up up("config/rigs/demo.toml",
-        {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set", "hand.model=right_400.hand.json",
-         "--set", "viewer.port=0", "--set", "tracker.repeat=true"});
+  Up up("config/rigs/demo.toml", {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set",
+                                  "hand.model=right_400.hand.json", "--set", "viewer.port=0"});
   const auto waits = [&](std::chrono::milliseconds time, auto&& done) {
     return listener.wait(time, [&] {
       poll();
