@@ -1,8 +1,11 @@
 #include "device/taxel_map.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 #include <string>
+
+#include "messages/convert.hpp"
 
 namespace softhand {
 namespace {

@@ -342,7 +342,9 @@ TEST(TactileLog, EventsBeginAndEnd) {
       t.stamp.sample_time = t.stamp.publish_time = now;
       testing::press(t, Finger::index, i >= 20 && i < 40 ? 2.5 : 0.0, 0.25);
       const DeviceState& state = loop.step(now, &t);
-      if (i < 20 || (i >= 22 && i < 40)) EXPECT_NEAR(state.commands[1], i < 20 ? 0 : 0.5, 1e-6) << i;
+      if (i < 20 || (i >= 22 && i < 40)) {
+        EXPECT_NEAR(state.commands[1], i < 20 ? 0 : 0.5, 1e-6) << i;
+      }
       EXPECT_EQ(state.commands[0], 0);
     }
   }
