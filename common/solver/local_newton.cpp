@@ -26,7 +26,6 @@ constexpr double kDenseEntry = 20;
 constexpr double kBlockOperations = 12'000;
 // A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
 constexpr double kMostCompliance = 2.5;
-constexpr double kBudgetShare = 0.5;  // and at most this share of a work budget
 constexpr double kPairOperations = 15'000;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
@@ -67,9 +66,8 @@ LocalNewton::LocalNewton(DofLayout layout)
   trial_ = empty_state(layout);
 }
 
-int LocalNewton::condensed_room(double per_operation, double work_budget) {
-  const double most = work_budget > 0 ? std::min(kMostCompliance, kBudgetShare * work_budget) : kMostCompliance;
-  const double pairs = most / (kPairOperations * per_operation);
+int LocalNewton::condensed_room(double per_operation) {
+  const double pairs = kMostCompliance / (kPairOperations * per_operation);
   return static_cast<int>(std::min<double>(kMaxCondensedBlocks, std::sqrt(pairs)));
 }
 

@@ -36,9 +36,8 @@ class LocalNewton {
   static constexpr int kMaxModes = 6;
   /// Most blocks of the core with which the condensed solve is cheaper than factors with contact, at most
   /// `kMaxCondensedBlocks`. `per_operation`: work of an operation of a float factorisation, in fast steps. The factors
-  /// of a large mesh are expensive, so its limit is high. `work_budget`: of a step, fast steps; 0: unlimited. Then a
-  /// new condensed matrix costs at most half of it.
-  static int condensed_room(double per_operation, double work_budget);
+  /// of a large mesh are expensive, so its limit is high.
+  static int condensed_room(double per_operation);
 
   explicit LocalNewton(DofLayout layout);
 

@@ -55,8 +55,7 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
-      compliance_(potential_.hessian().core_count(),
-                  LocalNewton::condensed_room(prices_.per_operation, options_.work_budget)),
+      compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
@@ -185,7 +184,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       has_direction = find_direction(state, condenses, meter);
       if (!has_direction) {
         // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
-        if (iteration > 0 && !policy_.affords_whole_factor(report)) break;
         condenses = linearised = false;
         decision.renewal = FactorPolicy::Renewal::whole;
         continue;
@@ -206,10 +204,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     } while (!has_direction || (scale == 0 && policy_.improve(decision, factor_.is_most_precise(), report)));
     if (!factorised) {
       report.status = StepStatus::failed_factorisation;
-      break;
-    }
-    if (!has_direction) {
-      report.status = StepStatus::budget_spent;
       break;
     }
     if (scale == 0) {
