@@ -573,7 +573,7 @@ bool HandSimulation::touched(int slot) const {
   });
   return touches;
 }
-void HandSimulation::write_contacts(Contacts& out) {
+void HandSimulation::write_contacts(Contacts& out) const {
   report_.begin(out);
   out.near.clear();
   if (contacts_) contacts_->write(state_, report_, out);

@@ -183,7 +183,7 @@ class HandSimulation {
   /// Whether any node of the hand or of a flexible object touched the object in the last step.
   bool touched(int slot) const;
   /// Contacts with the objects in the slots and with flexible objects.
-  void write_contacts(Contacts& out);
+  void write_contacts(Contacts& out) const;
   /// Puts a flexible object back to where it started, at rest. Its contacts and those of the other flexible objects
   /// end.
   void restart_soft_object(int object);
@@ -234,7 +234,7 @@ class HandSimulation {
   double tissue_energy(const StepReport& report) const;
 
   HandModel hand_;
-  ContactReport report_;
+  mutable ContactReport report_;       // scratch of `write_contacts`
   std::unique_ptr<SoftObjects> soft_;  // null: there are none
   ObjectSpring object_spring_;
   int mirrored_slots_;
