@@ -74,7 +74,7 @@ TEST(BudgetedScenes, AHeldPinchIsSeldomTruncated) {
 
 TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
   const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/sponge.toml",
-                                 {"hand.simulation.solver.work_budget=4"});
+                                 {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
