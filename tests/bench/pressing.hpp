@@ -67,7 +67,7 @@ class Pressing {
       skeleton_->joints[j].flags = kJointValid | kJointTracked;
     }
     const HandInput input{skeleton_.get(), nullptr, world_.get(), other_hands_};
-    return measure([&] { output_ = &loop_->step(now_, input, {true, true, true}); });
+    return measure([&] { output_ = &loop_->step(now_, input, {.traction = false}); });
   }
   /// The newest coupling of each other hand in all further steps. The span must stay valid.
   void hear(std::span<const ObjectCoupling> other_hands) { other_hands_ = other_hands; }
