@@ -384,7 +384,7 @@ TEST(FlightMessages, AnUnknownKeyIsAnsweredWithAllKnownKeys) {
   };
   EXPECT_EQ(text_of(world, "module"), "unknown key; known: object.reset, object.remove, object.teleport, flight.write");
   EXPECT_EQ(text_of(tracking, "*"), "unknown key; known: reposition, feedback_ratio, flight.write");
-  EXPECT_EQ(text_of(simulated, "module"), "unknown key; known: reposition, flight.write");
+  EXPECT_EQ(text_of(simulated, "module"), "unknown key; known: reposition, object.reset, flight.write");
   EXPECT_EQ(text_of(world, "other"), "not for this module");
 }
 
