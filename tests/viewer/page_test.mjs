@@ -369,22 +369,23 @@ test("a flexible object appears, changes its shape, shows its strain and disappe
   await drawn();
   const without = await pixels();
   await tell("*", "ball", "round");
-  await until("the ball", async () => difference(without, await pixels()) > 0.005);
+  // Beside the open panel the ball covers 0.4 % of the picture.
+  await until("the ball", async () => difference(without, await pixels()) > 0.002);
   await drawn();
   const round = await pixels();
   await tell("*", "ball", "flat");
-  await until("another shape", async () => difference(round, await pixels()) > 0.002);
+  await until("another shape", async () => difference(round, await pixels()) > 0.0005);
   await drawn();
   const flat = await pixels();
   await page.click("#colour-strain");
-  await until("its strain", async () => difference(flat, await pixels()) > 0.002);
+  await until("its strain", async () => difference(flat, await pixels()) > 0.001);
   await page.click("#colour-strain");
-  await until("its own colour", async () => difference(flat, await pixels()) < 0.0005);
+  await until("its own colour", async () => difference(flat, await pixels()) < 0.0002);
   await page.click("#show-objects");
-  await until("no objects", async () => difference(flat, await pixels()) > 0.005);
+  await until("no objects", async () => difference(flat, await pixels()) > 0.002);
   await page.click("#show-objects");
   await tell("*", "ball", "removed");
-  await until("it is gone", async () => difference(without, await pixels()) < 0.0005);
+  await until("it is gone", async () => difference(without, await pixels()) < 0.0002);
   for (const id of on) await page.click(id);
 });
 
