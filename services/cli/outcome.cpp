@@ -110,6 +110,9 @@ double percentile(std::vector<double> values, double q) {
 }
 
 void Outcome::on_tracked(const Skeleton& skeleton) {
+  const Stamp& stamp = skeleton.stamp;
+  tracker_samples_.push_back(
+      {stamp.chain.tracker_sample != 0 ? stamp.chain.tracker_sample : stamp.sample_time, stamp.publish_time});
   if (valid(skeleton)) tracked_.push_back({skeleton.stamp.sample_time, poses_of(skeleton)});
 }
 
@@ -203,6 +206,20 @@ void Outcome::on_device(const DeviceState& state) {
       {{ms(chain.tracker_sample, chain.tracked_published), ms(chain.tracked_published, chain.intermediate_published),
         ms(to_hand, chain.simulated_published), ms(chain.simulated_published, chain.wrench_published),
         ms(chain.wrench_published, state.stamp.publish_time), ms(chain.tracker_sample, state.stamp.publish_time)}});
+  commands_.push_back({chain.tracker_sample, state.stamp.publish_time});
+}
+
+std::vector<double> Outcome::first_effects_ms() const {
+  std::vector<double> effects;
+  auto command = commands_.begin();
+  for (const PublishedSample& sample : tracker_samples_) {
+    if (commands_.empty() || sample.published < commands_.front().published) continue;  // the rig was not complete
+    command = std::find_if(command, commands_.end(),
+                           [&sample](const PublishedSample& c) { return c.tracker_sample >= sample.tracker_sample; });
+    if (command == commands_.end()) break;
+    effects.push_back(static_cast<double>(command->published - sample.published) * 1e-6);
+  }
+  return effects;
 }
 
 double Outcome::longest_tracked_interval() const {
@@ -608,6 +625,9 @@ Json Outcome::summary(const OutcomeFrame& frame) const {
     }
     json[key] = entry;
   }
+  const std::vector<double> first_effects = first_effects_ms();
+  json["first_effect_ms_p50"] = number(percentile(first_effects, 0.50));
+  json["first_effect_ms_p99"] = number(percentile(first_effects, 0.99));
   return json;
 }
 

@@ -102,7 +102,15 @@ class Outcome {
   struct LatencySample {
     std::array<double, 6> hops_ms;  // tracker, tracking, hand, wrench, device, total
   };
+  // A sample of the tracker, or a command with the newest sample in it.
+  struct PublishedSample {
+    Nanoseconds tracker_sample;
+    Nanoseconds published;
+  };
 
+  /// For each sample of the tracker: time from its publication to the first command that contains the answer of the
+  /// simulated hand to it or to a newer one.
+  std::vector<double> first_effects_ms() const;
   /// Seconds. A longer interval between tracked samples is a gap. Nothing is compared with the tracker inside a gap.
   double longest_tracked_interval() const;
   /// Seconds on the clock of the messages: 0.5 s after the motion, or the end of the run if that is earlier. Later
@@ -125,6 +133,8 @@ class Outcome {
   std::vector<TwinSample> twins_;
   std::vector<ObjectSample> objects_;
   std::vector<LatencySample> latencies_;
+  std::vector<PublishedSample> tracker_samples_;
+  std::vector<PublishedSample> commands_;
   std::uint64_t nonfinite_ = 0;
   double largest_finger_coupling_ = 0;  // N
   double largest_hand_coupling_ = 0;    // N

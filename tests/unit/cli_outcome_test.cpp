@@ -423,6 +423,7 @@ TEST(OutcomePinch, ReportsNullWithoutInput) {
   }
   EXPECT_TRUE(json["motion_to_force_ms_p50"]["total"].is_null());
   EXPECT_TRUE(json["motion_to_force_ms_p50"]["hops"]["tracker"].is_null());
+  EXPECT_TRUE(json["first_effect_ms_p50"].is_null());
 }
 
 OutcomeFrame recorded_frame() {
@@ -578,6 +579,30 @@ TEST(OutcomeLatency, HandHopStartsAtTheTrackerWithoutTheIntermediateLayer) {
   const auto json = outcome.summary(pinch_frame());
   EXPECT_TRUE(json["motion_to_force_ms_p50"]["hops"]["tracking"].is_null());
   EXPECT_NEAR(json["motion_to_force_ms_p50"]["hops"]["hand"].get<double>(), 5, 1e-9);
+}
+
+TEST(OutcomeLatency, FirstEffectIsTheFirstCommandWithTheSampleOrANewerOne) {
+  Outcome outcome;
+  const auto command = [&outcome](Nanoseconds sample, Nanoseconds time) {
+    DeviceState state;
+    state.live = 1;
+    state.stamp.chain = {kStart + sample, kStart + sample, 0, kStart + time, kStart + time};
+    state.stamp.publish_time = kStart + time;
+    outcome.on_device(state);
+  };
+  for (const Nanoseconds sampled : {0, 10'000'000, 20'000'000, 30'000'000, 40'000'000}) {
+    Skeleton tracked = skeleton(0, [](std::size_t) { return Pose{}; });
+    tracked.stamp.chain.tracker_sample = kStart + sampled;
+    tracked.stamp.publish_time = kStart + sampled + 2'000'000;
+    outcome.on_tracked(tracked);
+  }
+  command(0, 7'000'000);  // before it the rig was not complete: the first sample does not count
+  command(10'000'000, 16'000'000);
+  command(10'000'000, 17'000'000);
+  command(30'000'000, 39'000'000);  // also the first answer to the sample at 20 ms; nothing answers the last sample
+  const auto json = outcome.summary(pinch_frame());
+  EXPECT_NEAR(json["first_effect_ms_p50"].get<double>(), 7, 1e-9);  // 4, 17 and 7 ms
+  EXPECT_NEAR(json["first_effect_ms_p99"].get<double>(), 17, 1e-9);
 }
 
 TEST(OutcomeFinite, CountsEveryMessageWithNaNOrInfinity) {
