@@ -31,6 +31,8 @@ class Schedule {
     misses_ += static_cast<std::uint64_t>(skipped) + 1;
     due_ += skipped * period_;
   }
+  /// Moves the grid: the steps after the one that is due now. Call it before `advance`.
+  void shift(Nanoseconds by) { due_ += by; }
   /// Number of steps that did not start on time: late or skipped.
   std::uint64_t misses() const { return misses_; }
 
@@ -79,6 +81,11 @@ class PeriodicLoop {
   /// Sets process id, rates, step times, steps and misses. Call it inside the step or after the run. Other fields are
   /// not changed.
   void fill(LoopStatus& status) const;
+
+  /// When the present step was due, on the clock of the loop. Call it inside the step.
+  Nanoseconds due() const { return schedule_.due(); }
+  /// Moves the grid of the later steps. Call it inside the step.
+  void shift(Nanoseconds by) { schedule_.shift(by); }
 
   std::uint64_t steps() const { return steps_; }
   std::uint64_t deadline_misses() const { return schedule_.misses(); }

@@ -127,6 +127,8 @@ class HandLoop {
   /// Adds input age, results of the last step's solver, state figures, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
   const HandSimulation& simulation() const { return *simulation_; }
+  /// Real time at which the tracker's sample of the newest step was published. 0: none yet.
+  Nanoseconds tracked_published() const { return output_.simulated.stamp.chain.tracked_published; }
   HandCounters counters() const {
     HandCounters result = counters_;
     result.refused_nonfinite += mirror_.counters().refused_nonfinite;

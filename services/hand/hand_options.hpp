@@ -14,6 +14,7 @@ struct HandOptions {
   std::string model = "right_1450.hand.json";  ///< or "auto"
   std::string side = "right";
   bool direct = false;
+  bool phase_lock = true;
   double extrapolation_limit = 0.05;
   TrackedInputOptions tracked_input;
   double stale_after = 0.1;
@@ -35,6 +36,9 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
   v.choice("side", o.side, {"left", "right"}, "Side of the hand. A file of the other side is mirrored.");
   v.flag("direct", o.direct,
          "Leave out the intermediate layer and couple to the tracked skeleton (figure 2B). For matched rates.");
+  v.flag("phase_lock", o.phase_lock,
+         "Start each step when the tracker's sample has just arrived. Needs a tracker of the same rate, or of a "
+         "fraction or a multiple of it.");
   v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
            "A target pose is extrapolated by its age, but at most by this time.");
   v.number("stale_after", o.stale_after, "s", {0.01, 10},

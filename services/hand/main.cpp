@@ -13,6 +13,7 @@
 #include "hand/object_shapes.hpp"
 #include "messages/convert.hpp"
 #include "messages/newest_couplings.hpp"
+#include "runtime/phase_lock.hpp"
 #include "scene_file.hpp"
 #include "service/loop_log.hpp"
 #include "service/service.hpp"
@@ -133,6 +134,11 @@ void run(int argc, char** argv) {
   NewestCouplings other_hands(couplings ? 2 * bus::topics::kHands : 0);  // as many as a reader follows
   std::uint64_t refused_objects = 0;
   LoopLog log("softhand-hand");
+  // The tracking loop passes a tracker's sample on within one of its own periods and the time of its step.
+  constexpr Nanoseconds kWayOfSample = 500'000;
+  const Nanoseconds way =
+      kWayOfSample + (options.direct ? 0 : static_cast<Nanoseconds>(1e9 / scene.options.tracking.rate_hz));
+  PhaseLock phase_lock(static_cast<Nanoseconds>(1e9 / options.rate_hz), way);
   const auto publish = [&service](auto& writer, auto& message) {
     if (!writer.has_readers()) return;
     service.stamp(message.stamp);
@@ -201,14 +207,22 @@ void run(int argc, char** argv) {
     count_inputs(status, p, skeletons, heads, worlds, descriptions, joints);
     if (couplings) add_counter(status, "patches_used", static_cast<double>(loop.simulation().work().patches_used));
     add_counter(status, "hand_nodes", hand.node_count());
+    add_counter(status, "phase_locked", phase_lock.locked() ? 1 : 0);
+    add_counter(status, "sample_wait_ms", static_cast<double>(phase_lock.wait()) * 1e-6);
     add_counter(status, "fast_step_ms", 1e3 * fast_step);
     add_counter(status, "work_budget", options.simulation.solver.work_budget);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
-  service.run({step, [&](const Message& message) { return flight.answer(message, arguments.module); }, fill_status,
-               [&](Nanoseconds time) { flight.reset(time); }});
+  const auto shift = [&](Nanoseconds due) {
+    return phase_lock.follow(due, service.clock().at(loop.tracked_published()));
+  };
+  service.run({.step = step,
+               .answer = [&](const Message& message) { return flight.answer(message, arguments.module); },
+               .fill_status = fill_status,
+               .reset = [&](Nanoseconds time) { flight.reset(time); },
+               .shift = options.phase_lock ? std::function<Nanoseconds(Nanoseconds)>(shift) : nullptr});
   for (SoftObjectDescription& each : loop.soft_object_descriptions()) {
     each.removed = 1;
     service.stamp(each.stamp);

@@ -193,6 +193,7 @@ void Service::run(const Callbacks& callbacks) {
     // A command that arrived after its effective time could move the clock backwards.
     newest = std::max(newest, start);
     callbacks.step(newest);
+    if (callbacks.shift) loop.shift(callbacks.shift(loop.due()));
   };
   const auto between = [&](Nanoseconds real) {
     if (real >= next_messages) {

@@ -79,6 +79,9 @@ class Service {
     /// Called between steps to start over, only with pacing `simulated`. Gets the time of the message `reset`. Samples
     /// up to that time must not be used.
     std::function<void(Nanoseconds)> reset = nullptr;
+    /// Called after each step with the time at which it was due. Returns by how much the later steps move. Both are on
+    /// the clock of the pacing (runtime/phase_lock.hpp).
+    std::function<Nanoseconds(Nanoseconds)> shift = nullptr;
   };
   /// Runs `step` at its rate until SIGTERM or SIGINT, answers messages, and publishes loop_status at 10 Hz. Late steps
   /// are counted. Missed steps are skipped and not repeated.

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <random>
 #include <string>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "runtime/periodic_loop.hpp"
+#include "runtime/phase_lock.hpp"
 #include "runtime/scheduling.hpp"
 #include "runtime/simulated_clock.hpp"
 #include "runtime/statistics.hpp"
@@ -142,6 +144,111 @@ TEST(PeriodicLoop, CountsAStallAndSkipsIt) {
 }
 
 constexpr Nanoseconds kSecond = 1'000'000'000;
+
+// A loop of 90 Hz and a tracker whose samples arrive at a rate with jitter. Returns the waits of the last steps: due
+// time minus arrival of the newest sample.
+struct PhaseRun {
+  std::vector<double> waits_ms;
+  double largest_shift = 0;  // of the period, after the first one
+  Nanoseconds moved = 0;
+  bool locked = false;
+};
+PhaseRun run_phase_lock(double source_hz, double jitter_ms, Nanoseconds first_arrival, Nanoseconds margin = 1'500'000,
+                        int steps = 400) {
+  constexpr Nanoseconds kPeriod = 11'111'111;
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> jitter(0, jitter_ms * 1e6);
+  PhaseLock lock(kPeriod, margin);
+  PhaseRun out;
+  Nanoseconds due = 1'000'000'000'000, arrival = 0;
+  const Nanoseconds begin = due;
+  std::int64_t sample = 0;
+  const auto arrives = [&](std::int64_t i) {
+    return begin + first_arrival + static_cast<Nanoseconds>(1e9 * static_cast<double>(i) / source_hz);
+  };
+  double late = jitter(random);
+  for (int i = 0; i < steps; ++i) {
+    for (; arrives(sample) + static_cast<Nanoseconds>(late) <= due; ++sample, late = jitter(random))
+      arrival = arrives(sample) + static_cast<Nanoseconds>(late);
+    const Nanoseconds shift = lock.follow(due, arrival);
+    if (i >= steps - 200) out.waits_ms.push_back(static_cast<double>(due - arrival) * 1e-6);
+    if (out.moved != 0) out.largest_shift = std::max(out.largest_shift, std::abs(static_cast<double>(shift)) / kPeriod);
+    out.moved += shift;
+    due += kPeriod + shift;
+  }
+  out.locked = lock.locked();
+  return out;
+}
+
+TEST(PhaseLock, StepsStartTheMarginAfterTheSamplesFromAnyPhase) {
+  for (Nanoseconds phase = 0; phase < 11'000'000; phase += 1'000'000) {
+    for (const double hz : {90.0, 30.0, 180.0, 90.1}) {
+      const PhaseRun run = run_phase_lock(hz, 0, phase);
+      EXPECT_TRUE(run.locked) << hz;
+      // A source of 30 Hz brings a sample to each third step.
+      const double least = *std::min_element(run.waits_ms.begin(), run.waits_ms.end());
+      // At 90.1 Hz the phase drifts by 12 us in each step, and the estimate looks back over 32 samples.
+      EXPECT_NEAR(least, 1.5, hz == 90.1 ? 0.6 : 0.15) << hz << " Hz, " << phase;
+      EXPECT_LE(run.largest_shift, 0.005);
+    }
+  }
+}
+
+TEST(PhaseLock, JitterCostsItsOwnLength) {
+  auto run = run_phase_lock(90, 3, 4'000'000);
+  EXPECT_TRUE(run.locked);
+  std::sort(run.waits_ms.begin(), run.waits_ms.end());
+  EXPECT_LT(run.waits_ms[run.waits_ms.size() / 2], 1.5 + 3);
+  // At most one of ten samples misses its step: the step has a sample that is a period old.
+  EXPECT_LT(run.waits_ms[run.waits_ms.size() * 85 / 100], 1.5 + 3);
+  EXPECT_GE(run.waits_ms.front(), 0);
+}
+
+TEST(PhaseLock, ASourceWithoutACommonPhaseMovesNothing) {
+  for (const double hz : {60.0, 72.0, 120.0}) {
+    const PhaseRun run = run_phase_lock(hz, 0.5, 4'000'000);
+    EXPECT_FALSE(run.locked) << hz;
+    EXPECT_EQ(run.moved, 0) << hz;
+  }
+  EXPECT_EQ(run_phase_lock(90, 11, 4'000'000, 1'500'000, 100).locked, false);  // jitter as long as the period
+}
+
+TEST(PhaseLock, ForgetsASilentSourceAndIgnoresTimesThatCannotBe) {
+  constexpr Nanoseconds kPeriod = 11'111'111;
+  PhaseLock lock(kPeriod, 1'500'000);
+  constexpr Nanoseconds kBegin = 1'000'000'000'000;
+  Nanoseconds due = kBegin + 5'000'000;
+  const auto run = [&](int steps, auto arrival) {
+    for (int i = 0; i < steps; ++i) due += kPeriod + lock.follow(due, arrival());
+  };
+  const auto newest = [&due] { return due - (due - kBegin) % kPeriod; };
+  run(100, newest);
+  EXPECT_TRUE(lock.locked());
+  run(20, [] { return Nanoseconds{0}; });  // no sample
+  EXPECT_TRUE(lock.locked());
+  run(100, [] { return Nanoseconds{0}; });
+  EXPECT_FALSE(lock.locked());
+  EXPECT_EQ(lock.wait(), 0);
+  run(50, [] { return std::numeric_limits<Nanoseconds>::max() / 4; });
+  EXPECT_FALSE(lock.locked());
+  run(50, newest);
+  EXPECT_TRUE(lock.locked());
+}
+
+TEST(PeriodicLoop, AShiftMovesAllLaterSteps) {
+  PeriodicLoop loop(100);
+  std::atomic<bool> stop = false;
+  std::vector<Nanoseconds> due;
+  loop.run(stop, [&](Nanoseconds) {
+    due.push_back(loop.due());
+    if (due.size() == 2) loop.shift(3'000'000);
+    if (due.size() == 5) stop = true;
+  });
+  // A busy machine may skip steps of the grid.
+  EXPECT_EQ((due[1] - due[0]) % 10'000'000, 0);
+  EXPECT_EQ((due[2] - due[1]) % 10'000'000, 3'000'000);
+  EXPECT_EQ((due[4] - due[2]) % 10'000'000, 0);
+}
 
 TEST(SimulatedClock, IsRealTimeUntilCommanded) {
   const SimulatedClock clock;
