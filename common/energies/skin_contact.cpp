@@ -103,6 +103,19 @@ double SkinContact::friction_of(int point, int part) const {
   return part < kSkinParts ? of_part(own) : std::sqrt(of_part(own) * of_part(part));
 }
 
+void SkinContact::set_passing(int object, bool on) {
+  const std::uint32_t bit = 1U << object;
+  passing_ = on ? passing_ | bit : passing_ & ~bit;
+}
+
+// A point has at most one contact with a part. The hand passes through some flexible objects.
+bool SkinContact::cannot_begin(int point, int part) {
+  if (has_anchor(point, part) != 0) return true;
+  if (passing_ == 0) return false;
+  const int own = skin_part(points_[point].body), object = std::max(own, part) - kSkinParts;
+  return object >= 0 && std::min(own, part) < kSkinParts && passing(object);
+}
+
 void SkinContact::add_pattern(BlockPattern& pattern) const {
   constexpr int kLoosePerPoint = 4;  // a fist has contact at about a tenth of its points, with twelve blocks each
   blocks_.add_pattern(pattern);
@@ -171,7 +184,7 @@ void SkinContact::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
   found_deep_ = false;
   search_.begin_step(state, time_step, is_deep_ ? SkinPatches::deepest : kReach);
-  search_.for_each_predicted([this](int point, int part) { return has_anchor(point, part) != 0; },
+  search_.for_each_predicted([this](int point, int part) { return cannot_begin(point, part); },
                              [this](const SkinCandidate& candidate) {
                                found_deep_ = found_deep_ || candidate.recess > kReach;
                                create(candidate);
@@ -196,7 +209,7 @@ void SkinContact::begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eig
 template <typename Found>
 void SkinContact::find_crossed(const State& state, Found&& found) {
   search_.set_ends(state);
-  search_.for_each_crossed([this](int point, int part) { return has_anchor(point, part) != 0; },
+  search_.for_each_crossed([this](int point, int part) { return cannot_begin(point, part); },
                            [&](const SkinCandidate& candidate) {
                              if (SkinAnchor* anchor = create(candidate)) found(*anchor);
                            });
@@ -322,6 +335,7 @@ const SkinContact::Memory& SkinContact::save() const {
   saved_.anchors.clear();
   for (const SkinAnchor& anchor : in_step_ ? anchors_before_ : anchors_)
     saved_.anchors.push_back({static_cast<const AnchorMemory&>(anchor), anchor.triangle});
+  saved_.passing = passing_;
   saved_.is_deep = is_deep_;
   saved_.dissipated = dissipated_;
   saved_.cleared = in_step_ ? cleared_before_ : cleared_;
@@ -350,6 +364,7 @@ void SkinContact::load(const Memory& memory) {
     anchors_.push_back(anchor);
   }
   mark_anchors();
+  passing_ = memory.passing;
   is_deep_ = memory.is_deep;
   dissipated_ = memory.dissipated;
   cleared_ = memory.cleared;

@@ -71,6 +71,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
       std::int32_t triangle = 0;
     };
     std::vector<Item> anchors;           // in the order in which they began
+    std::uint32_t passing = 0;           // flexible objects that the hand passes through, one bit each
     bool is_deep = true;                 // points may be far inside another part
     double dissipated = 0, cleared = 0;  // J
   };
@@ -79,6 +80,9 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   void load(const Memory& memory);
   /// All contacts end. Call it after nodes were teleported. The next step looks for points that are far inside.
   void reset();
+  /// While `on`, no contact begins between the hand and a flexible object. Present contacts stay.
+  void set_passing(int object, bool on);
+  bool passing(int object) const { return (passing_ >> object & 1U) != 0; }
 
   /// In the order in which they began.
   std::span<const SkinAnchor> anchors() const { return anchors_; }
@@ -103,6 +107,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
                        static_cast<std::size_t>(part)];
   }
   double friction_of(int point, int part) const;
+  bool cannot_begin(int point, int part);
   SkinAnchor* create(const SkinCandidate& candidate);
   void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
   template <typename Found>
@@ -128,6 +133,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   std::vector<std::array<BlockSlot, 6>> corner_blocks_;  // by triangle: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2)
   std::vector<SkinAnchor> anchors_;
   std::vector<std::uint8_t> has_anchor_;  // by (point, part)
+  std::uint32_t passing_ = 0;
   double time_step_ = 0;
   bool is_deep_ = true;
   bool found_deep_ = false;  // in this step

@@ -412,6 +412,7 @@ StepReport HandSimulation::step(double time_step) {
     untangled_nodes_ +=
         static_cast<std::uint64_t>(untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_));
   }
+  if (soft_) soft_->update_passing(state_, passes_soft_objects_);
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;
@@ -592,6 +593,7 @@ void HandSimulation::restart_soft_object(int object) {
   state_.node_positions.middleCols(first, nodes) = soft_->start_positions().middleCols(first, nodes);
   state_.node_velocities.middleCols(first, nodes).setZero();
   soft_->skin().reset();
+  soft_->skin().set_passing(object, true);
   if (soft_->contacts() != nullptr) soft_->contacts()->reset();
   stored_is_valid_ = false;
 }

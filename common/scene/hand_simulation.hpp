@@ -185,8 +185,11 @@ class HandSimulation {
   /// Contacts with the objects in the slots and with flexible objects.
   void write_contacts(Contacts& out) const;
   /// Puts a flexible object back to where it started, at rest. Its contacts and those of the other flexible objects
-  /// end.
+  /// end. If the hand is there, the hand passes through it until it has left the box around the object.
   void restart_soft_object(int object);
+  /// While `on`, the hand passes through all flexible objects. Afterwards it still passes through those it is in, until
+  /// it has left them.
+  void pass_through_soft_objects(bool on) { passes_soft_objects_ = on; }
   /// As in contact_patches.hpp, of the object in the slot.
   void write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const;
   /// Writes the traction of the contacts on the hand's skin: with objects, flexible objects and the skin itself. Does
@@ -236,6 +239,7 @@ class HandSimulation {
   HandModel hand_;
   mutable ContactReport report_;       // scratch of `write_contacts`
   std::unique_ptr<SoftObjects> soft_;  // null: there are none
+  bool passes_soft_objects_ = false;
   ObjectSpring object_spring_;
   int mirrored_slots_;
   int static_slots_;

@@ -1,5 +1,6 @@
 #include "scene/soft_objects.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -119,6 +120,25 @@ void SoftObjects::add_terms(const TermOptions& options, std::vector<std::unique_
   auto skin = std::make_unique<SkinContact>(all_, masses_, options.contact_stiffness, std::move(frictions));
   skin_ = skin.get();
   terms.push_back(std::move(skin));
+}
+
+bool SoftObjects::overlaps_hand(int i, const State& state) const {
+  Eigen::AlignedBox3d box;
+  for (int n = first_node(i); n < first_node(i + 1); ++n) box.extend(state.node_positions.col(n));
+  for (int n = 0; n < first_node(0); ++n) {
+    if (box.contains(state.node_positions.col(n))) return true;
+  }
+  return false;
+}
+
+void SoftObjects::update_passing(const State& state, bool all) {
+  for (int i = 0; i < count(); ++i) skin_->set_passing(i, all || (skin_->passing(i) && overlaps_hand(i, state)));
+}
+
+int SoftObjects::passing() const {
+  int sum = 0;
+  for (int i = 0; i < count(); ++i) sum += skin_->passing(i) ? 1 : 0;
+  return sum;
 }
 
 Vector3 SoftObjects::skin_force(int i) const {

@@ -82,6 +82,12 @@ class SoftObjects {
 
   /// Whether any object touches something.
   bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
+  /// Before a step. With `all`, the hand passes through every object. Without, it passes only through those that it
+  /// passed through before and that still have a node of the hand in the box around their nodes.
+  void update_passing(const State& state, bool all);
+  /// The hand passes through this many objects.
+  int passing() const;
+
   /// Force (N) of the hand and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
 
@@ -92,6 +98,8 @@ class SoftObjects {
   void write_state(int i, const State& state, SoftObjectState& out) const;
 
  private:
+  bool overlaps_hand(int i, const State& state) const;
+
   std::vector<SoftObject> objects_;
   std::vector<int> first_;
   std::vector<std::size_t> first_triangle_;  // of `alone_.surface`, by object

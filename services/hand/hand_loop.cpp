@@ -17,7 +17,8 @@ namespace {
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
-// s after a reposition. The hand was placed in its rest pose, so its fingers move fast. They must not hit objects away.
+// s after a reposition. The hand was placed in its rest pose, so its fingers move fast. They must not hit objects away,
+// and pass through flexible ones.
 constexpr double kSettlingTime = 0.1;
 
 bool usable(const JointSample& joint) {
@@ -177,6 +178,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   mirror_.begin_step(now, settling_time_ > 0, input.other_hands);
   const double age = input_age_ms(now);
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
+  simulation_->pass_through_soft_objects(settling_time_ > 0);
   simulation_->enable_ledger(requested.ledger);
   output_.report = simulation_->step(time_step_);
   settling_time_ = std::max(0.0, settling_time_ - time_step_);
@@ -341,6 +343,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const WorkCounters work = simulation_->work();
   add_counter(status, "tissue_elements", static_cast<double>(work.tissue_elements));
   add_counter(status, "soft_elements", static_cast<double>(work.soft_elements));
+  if (simulation_->soft() != nullptr) add_counter(status, "passed_objects", simulation_->soft()->passing());
   add_counter(status, "contact_queries", static_cast<double>(work.contact_queries));
   add_counter(status, "factorised_steps", static_cast<double>(work.factorised_steps));
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));

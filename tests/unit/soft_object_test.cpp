@@ -247,6 +247,45 @@ TEST(SoftObject, GoesBackToItsStart) {
   EXPECT_NEAR(soft.skin_force(0).y() / (soft.mass(0) * 9.81), 1, 0.05) << "it lies on the hand again";
 }
 
+// The cube is put back into a hand that is there. Contact would turn its tetrahedra inside out.
+TEST(SoftObject, PassesThroughAHandItIsPutBackInto) {
+  const auto simulation = on_the_hand(2e4, options());
+  const SoftObjects& soft = *simulation->soft();
+  const Pose into{.position = {0, 0.5 * kEdge, 0}};
+  const auto advance = [&](const Pose& wrist, int steps) {
+    set_rest_targets(*simulation, wrist);
+    for (int i = 0; i < steps; ++i) {
+      ASSERT_TRUE(simulation->step(kStep).state_changed);
+      EXPECT_EQ(soft.tissue().inverted_elements(simulation->state()), 0);
+    }
+  };
+  simulation->reposition(into);
+  simulation->restart_soft_object(0);
+  advance(into, 3);  // without a table it falls
+  EXPECT_EQ(soft.passing(), 1);
+  EXPECT_TRUE(soft.skin().anchors().empty());
+
+  // The state of a copy goes on in the same way.
+  const auto copy = on_the_hand(2e4, options());
+  set_rest_targets(*copy, into);
+  copy->take_state(*simulation);
+  EXPECT_EQ(copy->soft()->passing(), 1);
+
+  // After the hand has left, the cube falls on it again.
+  simulation->reposition(kFarAway);
+  advance(kFarAway, 1);
+  EXPECT_EQ(soft.passing(), 0);
+  simulation->reposition({});
+  simulation->restart_soft_object(0);
+  advance({}, 180);
+  EXPECT_EQ(soft.passing(), 0);
+  EXPECT_NEAR(soft.skin_force(0).y() / (soft.mass(0) * 9.81), 1, 0.05);
+
+  simulation->pass_through_soft_objects(true);
+  advance({}, 1);
+  EXPECT_EQ(soft.passing(), 1);
+}
+
 // The cube starts 3 mm inside the hand and comes out without a bang.
 TEST(SoftObject, LeavesTheHandThatItStartsIn) {
   auto simulation = std::make_unique<HandSimulation>(
