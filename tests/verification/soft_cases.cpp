@@ -1,4 +1,4 @@
-// Flexible objects in the hand's simulation: weight, a cube under its own weight, and a sphere in Hertz contact.
+// Flexible objects in the hand's simulation: a cube under its own weight, and spheres in Hertz contact.
 #include <algorithm>
 #include <map>
 #include <memory>
@@ -171,6 +171,40 @@ std::vector<Measurement> hertz(const Parameters& p) {
           {"force on the upper plate over it", above / below, 1, 0.001, "1", {}}};
 }
 
+// Two equal spheres, one on the other, between two plates. The lower one is turned, so the nodes do not meet. Equal
+// spheres flatten each other like rigid plates, so Hertz's law holds for half of the approach of the middles.
+std::vector<Measurement> two_spheres(const Parameters& p) {
+  const double modulus = p["E"], ratio = p["nu"], approach = p["approach"] * kRadius;
+  auto body =
+      std::make_shared<SoftBody>(*soft_sphere(p.whole("subdivisions"), soft_material(modulus, ratio, kDensity)));
+  body->friction = 0.5;  // one sphere does not slip off the other
+  const Quaternion turned(Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()));
+  const auto simulation =
+      far_from_the_hand({{"lower", body, Pose{.position = {0, kRadius, 0}, .orientation = turned}, Vector3::Zero()},
+                         {"upper", body, Pose{.position = {0, 3 * kRadius, 0}}, Vector3::Zero()}},
+                        2, 1e-4);
+  for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0.5});
+  set_plate(*simulation, 0, -kThickness, 0);
+  constexpr int kSteps = 8, kRest = 8;
+  constexpr double kTimeStep = 0.05;
+  const double top = 4 * kRadius + kThickness, speed = -4 * approach / (kSteps * kTimeStep);
+  set_plate(*simulation, 1, top, speed);
+  for (int i = 0; i < kSteps; ++i) simulation->step(kTimeStep);
+  set_plate(*simulation, 1, top + speed * kSteps * kTimeStep, 0);
+  for (int i = 0; i < kRest; ++i) simulation->step(kTimeStep);
+  const SoftObjects& soft = *simulation->soft();
+  const auto middle = [&](int object) {
+    return Vector3(simulation->state().node_positions.col(soft.first_node(object)));
+  };
+  const double depth = 2 * kRadius - (middle(1) - middle(0)).norm();
+  const double reference =
+      4.0 / 3 * modulus / (2 * (1 - ratio * ratio)) * std::sqrt(0.5 * kRadius) * std::pow(depth, 1.5);
+  const double between = soft.skin_force(1).y();
+  return {{"force between the spheres", between, reference, 0.15 * reference, "N", {}},
+          {"force on the upper plate over it", simulation->contact_wrench(1).force.y() / between, 1, 0.001, "1", {}},
+          {"approach of the middles", depth, 2 * approach, 0.1 * approach, "m", {}}};
+}
+
 }  // namespace
 
 std::vector<Case> soft_cases() {
@@ -182,7 +216,11 @@ std::vector<Case> soft_cases() {
           {"soft_sphere_hertz",
            "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, d: approach of the middle to the plate",
            {{{"E", 1e5}, {"nu", 0.3}, {"approach", 0.05}, {"subdivisions", 3}}},
-           hertz}};
+           hertz},
+          {"two_soft_spheres_hertz",
+           "F = 4/3 E/(2 (1 - nu^2)) sqrt(R/2) d^1.5, d: approach of the middles",
+           {{{"E", 1e5}, {"nu", 0.3}, {"approach", 0.05}, {"subdivisions", 3}}},
+           two_spheres}};
 }
 
 }  // namespace softhand::verification
