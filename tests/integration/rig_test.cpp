@@ -37,6 +37,9 @@ TEST_F(Rig, DemoStartsFollowsAndStops) {
     EXPECT_TRUE(listener.wait(10s, [&] { return follows(listener, 0); }));
     EXPECT_TRUE(listener.wait(10s, [&] { return listener.device_is_on(kHaptic); }));
     EXPECT_TRUE(listener.wait(10s, [&] { return listener.device_is_on(kTactile); }));
+    EXPECT_TRUE(listener.wait(20s, [&] { return listener.counter("hand", "phase_locked") == 1; }))
+        << "tracker and hand have the same rate";
+    EXPECT_GT(listener.counter("hand", "sample_wait_ms"), 0);
     listener.listen(2s);  // rates are of the last second
     for (const std::string& module : kModules) {
       const LoopStatus& status = listener.modules.at(module);
@@ -92,6 +95,10 @@ TEST_F(Rig, SummaryHasLoopsAndMotionToForce) {
       EXPECT_TRUE(summary[key]["hops"].contains(hop)) << hop;
     std::printf("%s %.1f\n", key, summary[key]["total"].get<double>());
   }
+  const double first = summary["first_effect_ms_p50"].get<double>(),
+               total = summary["motion_to_force_ms_p50"]["total"].get<double>();
+  EXPECT_GT(first, 0.5);
+  EXPECT_LT(first, total) << "the first answer is newer than the commands that repeat it";
   EXPECT_EQ(summary["nonfinite_published"].get<int>(), 0);
   EXPECT_TRUE(summary["clean_stop"].get<bool>());
 }
