@@ -38,7 +38,7 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
          "Leave out the intermediate layer and couple to the tracked skeleton (figure 2B). For matched rates.");
   v.flag("phase_lock", o.phase_lock,
          "Start each step when the tracker's sample has just arrived. Needs a tracker of the same rate, or of a "
-         "fraction or a multiple of it.");
+         "fraction or a multiple of it. Not with hand.simulation.other_hands.");
   v.number("extrapolation_limit", o.extrapolation_limit, "s", {0, 0.2},
            "A target pose is extrapolated by its age, but at most by this time.");
   v.number("stale_after", o.stale_after, "s", {0.01, 10},

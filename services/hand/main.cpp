@@ -215,6 +215,8 @@ void run(int argc, char** argv) {
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
+  // Two hands that hold one object would step at the same moment, each with data of the other that are a period old.
+  const bool locks = options.phase_lock && !options.simulation.other_hands;
   const auto shift = [&](Nanoseconds due) {
     return phase_lock.follow(due, service.clock().at(loop.tracked_published()));
   };
@@ -222,7 +224,7 @@ void run(int argc, char** argv) {
                .answer = [&](const Message& message) { return flight.answer(message, arguments.module); },
                .fill_status = fill_status,
                .reset = [&](Nanoseconds time) { flight.reset(time); },
-               .shift = options.phase_lock ? std::function<Nanoseconds(Nanoseconds)>(shift) : nullptr});
+               .shift = locks ? std::function<Nanoseconds(Nanoseconds)>(shift) : nullptr});
   for (SoftObjectDescription& each : loop.soft_object_descriptions()) {
     each.removed = 1;
     service.stamp(each.stamp);
