@@ -13,11 +13,12 @@ namespace softhand {
 /// the arrival of a sample.
 ///
 /// It measures how long before each due time the newest sample arrived. Nine of ten samples arrive in time, so jitter
-/// costs only its own length. A source without a common phase (for example 60 Hz for a loop of 90 Hz) moves nothing:
-/// the wait, seen as an angle in the period, must have a resultant length of at least 0.8 (Mardia and Jupp,
-/// Directional Statistics, 2.3). Times are on the clock of the loop. No function allocates.
+/// costs only its own length. A source without a common phase moves nothing, for example 60 Hz for a loop of 90 Hz.
+/// The waits count as angles in the period. A common phase means a mean resultant length of at least 0.8 (Mardia and
+/// Jupp, Directional Statistics, 2.3). Times are in ns on the clock of the loop. No function allocates.
 class PhaseLock {
  public:
+  /// `period` of the loop, > 0. `margin` in 0..period/2.
   PhaseLock(Nanoseconds period, Nanoseconds margin) : period_(period), margin_(margin) {}
 
   /// Call it once in each step. `due`: when the step was due. `arrival`: when the newest sample arrived. Returns by how
@@ -36,7 +37,7 @@ class PhaseLock {
   Nanoseconds period_, margin_;
   Nanoseconds newest_ = 0;                    // arrival
   Nanoseconds moved_ = 0;                     // sum of all returned shifts
-  std::array<Nanoseconds, kWindow> waits_{};  // in 0..period, as if the grid had never moved
+  std::array<Nanoseconds, kWindow> waits_{};  // at most half a period, as if the grid had never moved
   std::size_t count_ = 0;                     // of samples since the start
   bool found_ = false;                        // the grid has moved to this source
   bool locked_ = false;

@@ -148,6 +148,18 @@ std::shared_ptr<const SoftBody> soft_sphere(int subdivisions, const Material& ma
   return body;
 }
 
+// The plates in slots 0 and 1 are below and above something of this height, and press it flatter by `by`.
+void press(HandSimulation& simulation, double height, double by) {
+  constexpr int kSteps = 8, kRest = 8;
+  constexpr double kTimeStep = 0.05;
+  const double top = height + kThickness;
+  set_plate(simulation, 0, -kThickness, 0);
+  set_plate(simulation, 1, top, -by / (kSteps * kTimeStep));
+  for (int i = 0; i < kSteps; ++i) simulation.step(kTimeStep);
+  set_plate(simulation, 1, top - by, 0);
+  for (int i = 0; i < kRest; ++i) simulation.step(kTimeStep);
+}
+
 // Two plates press a sphere, without friction. Hertz measures the approach to a far point of a half-space. The middle
 // of a sphere is only R away, so it moves less, and the sphere looks stiffer by about a tenth.
 std::vector<Measurement> hertz(const Parameters& p) {
@@ -156,14 +168,7 @@ std::vector<Measurement> hertz(const Parameters& p) {
   const auto simulation =
       far_from_the_hand({{"sphere", body, Pose{.position = {0, kRadius, 0}}, Vector3::Zero()}}, 2, 1e-4);
   for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0});
-  set_plate(*simulation, 0, -kThickness, 0);
-  constexpr int kSteps = 8, kRest = 8;
-  constexpr double kTimeStep = 0.05;
-  const double top = 2 * kRadius + kThickness, speed = -2 * approach / (kSteps * kTimeStep);
-  set_plate(*simulation, 1, top, speed);
-  for (int i = 0; i < kSteps; ++i) simulation->step(kTimeStep);
-  set_plate(*simulation, 1, top + speed * kSteps * kTimeStep, 0);
-  for (int i = 0; i < kRest; ++i) simulation->step(kTimeStep);
+  press(*simulation, 2 * kRadius, 2 * approach);
   const double depth = kRadius - simulation->state().node_positions(1, simulation->soft()->first_node(0));
   const double reference = 4.0 / 3 * modulus / (1 - ratio * ratio) * std::sqrt(kRadius) * std::pow(depth, 1.5);
   const double below = -simulation->contact_wrench(0).force.y(), above = simulation->contact_wrench(1).force.y();
@@ -184,14 +189,7 @@ std::vector<Measurement> two_spheres(const Parameters& p) {
                          {"upper", body, Pose{.position = {0, 3 * kRadius, 0}}, Vector3::Zero()}},
                         2, 1e-4);
   for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0.5});
-  set_plate(*simulation, 0, -kThickness, 0);
-  constexpr int kSteps = 8, kRest = 8;
-  constexpr double kTimeStep = 0.05;
-  const double top = 4 * kRadius + kThickness, speed = -4 * approach / (kSteps * kTimeStep);
-  set_plate(*simulation, 1, top, speed);
-  for (int i = 0; i < kSteps; ++i) simulation->step(kTimeStep);
-  set_plate(*simulation, 1, top + speed * kSteps * kTimeStep, 0);
-  for (int i = 0; i < kRest; ++i) simulation->step(kTimeStep);
+  press(*simulation, 4 * kRadius, 4 * approach);
   const SoftObjects& soft = *simulation->soft();
   const auto middle = [&](int object) {
     return Vector3(simulation->state().node_positions.col(soft.first_node(object)));
