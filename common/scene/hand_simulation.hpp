@@ -157,6 +157,8 @@ class HandSimulation {
     visit("ledger", ledger_);
   }
 
+  /// As `NewtonSolver::set_work_budget`.
+  void set_work_budget(double work_budget) { solver_->set_work_budget(work_budget); }
   StepReport step(double time_step);
   /// Whether steps are entered into the energy ledger from now on (off at first). Switching it on restarts the ledger.
   void enable_ledger(bool enable);

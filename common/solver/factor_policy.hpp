@@ -22,6 +22,8 @@ class FactorPolicy {
  public:
   FactorPolicy(const SolverOptions& options, const StepWork& prices);
 
+  /// Of the later steps, in fast steps, > 0.
+  void set_work_budget(double work_budget) { options_.work_budget = work_budget; }
   /// `has_factor`: a factor of this step exists. `touches`: the work of a solve of contact alone is reserved.
   void begin_step(double time_step, bool has_factor, bool touches);
   /// Whether this step may reuse a factor in several iterations.

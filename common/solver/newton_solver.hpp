@@ -60,6 +60,12 @@ class NewtonSolver {
   /// bodies: no contact began or ended.
   void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare);
 
+  /// Work budget of the later steps, in fast steps, > 0. Only for a solver whose options have a work budget.
+  void set_work_budget(double work_budget) {
+    options_.work_budget = work_budget;
+    policy_.set_work_budget(work_budget);
+  }
+
   /// Call between steps. Takes over the factor of `other` and all else that a step hands to the next, so that both
   /// continue alike. `other` must have the same terms and the same sparsity pattern. Does nothing if the linear solvers
   /// differ in kind.

@@ -25,6 +25,7 @@ struct FlightTraits<HandLoop> {
     write(from.input.world);
     out.write(static_cast<std::uint32_t>(from.input.other_hands.size()));
     for (const ObjectCoupling& coupling : from.input.other_hands) out.write(coupling);
+    out.write(from.input.work_budget);
   }
   /// Steps with a recorded input. Samples live in here, because they are large.
   class Repeater {
@@ -38,6 +39,7 @@ struct FlightTraits<HandLoop> {
       samples_->other_hands.resize(in.take<std::uint32_t>());
       for (ObjectCoupling& coupling : samples_->other_hands) in.read(coupling);
       input.other_hands = samples_->other_hands;
+      input.work_budget = in.take<double>();
       loop.step(now, input, requested);
     }
     void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {

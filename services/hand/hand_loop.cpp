@@ -180,6 +180,8 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   if (age < 0 || age > options_.stale_after * 1e3) ++counters_.stale_steps;
   simulation_->pass_through_soft_objects(settling_time_ > 0);
   simulation_->enable_ledger(requested.ledger);
+  if (input.work_budget > 0 && options_.simulation.solver.work_budget > 0)
+    simulation_->set_work_budget(input.work_budget);
   output_.report = simulation_->step(time_step_);
   settling_time_ = std::max(0.0, settling_time_ - time_step_);
   if (!output_.report.state_changed) ++counters_.failed_steps;

@@ -23,6 +23,8 @@ struct HandInput {
   const HeadPose* head = nullptr;      ///< used only without the intermediate layer
   const WorldObjects* world = nullptr;
   std::span<const ObjectCoupling> other_hands{};  ///< the newest coupling of each other hand, also if it is not new
+  /// Fast steps, from this step on. 0: as before. Ignored if the options have no work budget.
+  double work_budget = 0;
 };
 
 /// The outputs that have a subscriber. Other outputs are not computed.

@@ -11,6 +11,7 @@
 #include "hand/hand_loop.hpp"
 #include "hand/hand_size.hpp"
 #include "hand/object_shapes.hpp"
+#include "hand/work_price.hpp"
 #include "messages/convert.hpp"
 #include "messages/newest_couplings.hpp"
 #include "runtime/phase_lock.hpp"
@@ -88,7 +89,7 @@ void run(int argc, char** argv) {
   }
 
   // Measure with the urgency of the service, because the loop will run with it. A late step is worse than a slightly
-  // less exact step. Therefore the period is converted into an amount of work, once.
+  // less exact step. Therefore the period is converted into an amount of work. Live steps correct the price of work.
   const double budget_seconds = kBudgetFraction / options.rate_hz;
   HandSizeChoice choice;
   if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
@@ -98,9 +99,11 @@ void run(int argc, char** argv) {
                                ? choice.fast_steps[choice.size]
                                : measure_fast_step(hand, options, scene.soft_objects, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
-  if (work_budget == 0) work_budget = budget_seconds / fast_step;
-  log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps", hand.node_count(),
-           1e3 * fast_step, work_budget);
+  const bool learns_budget = work_budget == 0;
+  WorkPrice price(fast_step, budget_seconds);
+  if (learns_budget) work_budget = price.budget();
+  log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps at first",
+           hand.node_count(), 1e3 * fast_step, work_budget);
 
   // The shapes of the scene are ready before the loop starts. Others are built beside the loop.
   ObjectShapes shapes(object_folders(scene));
@@ -108,7 +111,7 @@ void run(int argc, char** argv) {
     shapes.prepare(make_solid(object).shape);
   }
 
-  // A repeated run takes what was measured here.
+  // A repeated run takes what was measured here. The input of each step has the budget of that step.
   auto chosen = arguments.overrides;
   chosen.push_back("hand.model=" + model);
   chosen.push_back(fmt::format("hand.simulation.solver.work_budget={:.17g}", work_budget));
@@ -190,8 +193,11 @@ void run(int argc, char** argv) {
                                      .bone_wrench = options.direct && wrench_writer.has_readers(),
                                      .soft_objects = soft_writer && soft_writer->has_readers(),
                                      .ledger = service.status_requested()};
+    if (learns_budget) input.work_budget = work_budget = price.budget();
+    const double started = seconds_now();
     HandOutput& output =
         flight.step(now, {input, requested}, [&]() -> HandOutput& { return loop.step(now, input, requested); });
+    if (learns_budget && output.valid) price.learn(seconds_now() - started, output.report.work);
     if (const char* wrong = recorder ? invariants.check(loop) : nullptr) flight.report(wrong);
     if (!output.valid) return;
     publish(simulated_writer, output.simulated);
@@ -209,8 +215,8 @@ void run(int argc, char** argv) {
     add_counter(status, "hand_nodes", hand.node_count());
     add_counter(status, "phase_locked", phase_lock.locked() ? 1 : 0);
     add_counter(status, "sample_wait_ms", static_cast<double>(phase_lock.wait()) * 1e-6);
-    add_counter(status, "fast_step_ms", 1e3 * fast_step);
-    add_counter(status, "work_budget", options.simulation.solver.work_budget);
+    add_counter(status, "fast_step_ms", 1e3 * price.fast_step());
+    add_counter(status, "work_budget", work_budget);
     add_counter(status, "refused_objects", static_cast<double>(refused_objects));
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers

@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <random>
 
+#include "hand/work_price.hpp"
 #include "scene_file.hpp"
 #include "support/block_hand.hpp"
 
@@ -47,16 +49,69 @@ TEST(HandSize, ChoosesTheCoarsestSizeOnASlowMachine) {
   EXPECT_NEAR(choice.budget_fast_steps, 7.0 / 9, 1e-12);
 }
 
-// Each reading of this clock is 1 ms after the previous one. Every fifth reading is late, by 100 ms.
-TEST(HandSize, MeasuresTheMedianFastStepOnTheGivenClock) {
+// Each reading of this clock is a tick after the previous one. Every fifth reading may be late, by 100 ms.
+TEST(HandSize, MeasuresTheMedianPriceOfWorkOnTheGivenClock) {
   int clock_reads = 0;
-  double time = 0;
-  const auto clock = [&] { return time += ++clock_reads % 5 == 0 ? 0.1 : 1e-3; };
-  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, {}, 1, clock), 1e-3, 1e-12);
+  double time = 0, tick = 1e-3, late = 0.1;
+  const auto clock = [&] { return time += ++clock_reads % 5 == 0 ? late : tick; };
+  const double fast_step = measure_fast_step(testing::block_hand(), {}, {}, 1, clock);
+  // A step with a budget of two fast steps takes one tick here, and the allowance is 1.5.
+  EXPECT_GT(fast_step, 1.5 * tick / 4);
+  EXPECT_LT(fast_step, 1.5 * tick);
   EXPECT_GE(clock_reads, 18);
+  clock_reads = 0;
+  late = tick;
+  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, {}, 1, clock), fast_step, 0.2 * fast_step)
+      << "late readings hardly count";
+  clock_reads = 0;
+  tick = late = 2e-3;
+  EXPECT_NEAR(measure_fast_step(testing::block_hand(), {}, {}, 1, clock), 2 * fast_step, 0.4 * fast_step);
   clock_reads = 0;
   measure_fast_step(testing::block_hand(), {}, {}, 1e-4, clock);
   EXPECT_LT(clock_reads, 14) << "measuring stops early if the first steps are too slow";
+}
+
+TEST(WorkPrice, NineOfTenStepsCostAtMostThePrice) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> cost(1e-3, 3e-3);  // s per fast step
+  WorkPrice price(1e-3, 8e-3);
+  EXPECT_NEAR(price.budget(), 8, 1e-12);
+  int within = 0, count = 0;
+  for (int step = 0; step < 20'000; ++step) {
+    const double seconds = cost(random) * price.budget();
+    if (step >= 2000) within += seconds <= price.fast_step() * price.budget(), ++count;
+    price.learn(seconds, price.budget());
+  }
+  EXPECT_NEAR(static_cast<double>(within) / count, 0.9, 0.02);
+  EXPECT_NEAR(price.fast_step(), 2.8e-3, 0.2e-3);
+}
+
+TEST(WorkPrice, FollowsASlowMachineWithinAThirdOfASecond) {
+  WorkPrice price(1e-3, 6.7e-3);
+  int steps = 0;
+  for (; price.fast_step() < 1.5e-3; ++steps) price.learn(1.6e-3 * price.budget(), price.budget());
+  EXPECT_LT(steps, 90 / 3);
+}
+
+TEST(WorkPrice, ASingleLongPauseHardlyChangesIt) {
+  WorkPrice price(1e-3, 6.7e-3);
+  price.learn(2, price.budget());
+  EXPECT_LT(price.fast_step(), 1.02e-3);
+}
+
+TEST(WorkPrice, SmallStepsTeachNothing) {
+  WorkPrice price(1e-3, 6.7e-3);
+  for (int step = 0; step < 100; ++step) price.learn(1e-2, 0.4 * price.budget());
+  EXPECT_EQ(price.fast_step(), 1e-3);
+}
+
+TEST(WorkPrice, KeepsABudgetWithWhichAStepCanReuseAFactor) {
+  WorkPrice price(1, 6.7e-3);
+  EXPECT_NEAR(price.budget(), 1.5, 1e-12);
+  for (int step = 0; step < 1000; ++step) price.learn(1, price.budget());
+  EXPECT_NEAR(price.budget(), 1.5, 1e-12);
+  for (int step = 0; step < 1000; ++step) price.learn(1e-3, price.budget());
+  EXPECT_GT(price.budget(), 4);
 }
 
 std::string scene_path(const char* name) { return std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name; }

@@ -378,6 +378,21 @@ TEST(NewtonSolver, WorkBudgetDoesNotDependOnTheClock) {
   EXPECT_TRUE(same_bits(run(1e-6), run(1e-3)));
 }
 
+TEST(NewtonSolver, TakesAnotherWorkBudgetBetweenSteps) {
+  Brick one, two;
+  one.shake(0.01, 7);
+  two.shake(0.01, 7);
+  SolverOptions options;
+  options.work_budget = 8;
+  NewtonSolver changed(one.terms(), one.state.layout(), options);
+  options.work_budget = 1;
+  NewtonSolver small(two.terms(), two.state.layout(), options);
+  changed.set_work_budget(1);
+  EXPECT_EQ(changed.step(one.state, 0.01).status, StepStatus::budget_spent);
+  small.step(two.state, 0.01);
+  EXPECT_TRUE(same_bits(one.state.node_positions, two.state.node_positions));
+}
+
 TEST(NewtonSolver, TruncatedStepsConvergeWhenTheInputHoldsStill) {
   Brick converged, cut;
   converged.shake(0.01, 7);
